@@ -1,0 +1,2 @@
+//! The `volcomp` command.
+fn main() {}

@@ -1,0 +1,1 @@
+//! The machine file, the volumetric error of a machine, and its correction.

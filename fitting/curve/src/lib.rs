@@ -1,0 +1,1 @@
+//! Error curves over an axis coordinate: value, derivative and range, without allocation in evaluation.

@@ -1,0 +1,1 @@
+//! Measurement files and ISO 230 evaluation: positioning, straightness, squareness, Abbe.
