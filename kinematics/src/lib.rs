@@ -1,2 +1,25 @@
-#![no_std]
-//! x
+#![cfg_attr(not(feature = "std"), no_std)]
+#![doc = include_str!("../README.md")]
+
+mod axis;
+mod chain;
+mod correction;
+mod error_form;
+mod math;
+mod pose;
+mod source;
+mod structure;
+mod twist;
+
+pub use axis::{AxisName, JointKind, MAX_AXES};
+pub use chain::{Chain, ChainError, Joint};
+pub use correction::{Correction, CorrectionOptions, SINGULAR_BELOW, correct};
+pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
+pub use nalgebra;
+pub use pose::{
+    Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,
+    vector_from_rotation,
+};
+pub use source::{Approach, ErrorMotion, ErrorSource, GivenErrors, State};
+pub use structure::{Side, Structure, StructureError, TypeNumbers};
+pub use twist::{Screw, Twist};

@@ -1,0 +1,224 @@
+//! The ideal chain: joints, tool and workpiece at machine zero.
+
+use arrayvec::ArrayVec;
+use nalgebra::Vector3;
+
+use crate::{
+    axis::{AxisName, JointKind, MAX_AXES},
+    pose::{Pose, rotation_about_axis},
+    source::State,
+    structure::{Side, Structure},
+    twist::Screw,
+};
+
+/// One axis of the chain, in MCS at machine zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Joint {
+    /// Its letter.
+    pub name: AxisName,
+    /// Sliding or turning.
+    pub kind: JointKind,
+    /// What it carries.
+    pub side: Side,
+    /// Unit direction u in MCS.
+    pub direction: Vector3<f64>,
+    /// Point c, mm in MCS: on the line of a rotary axis; of a linear axis the point of the
+    /// carriage at which its errors are stated.
+    pub point_mm: Vector3<f64>,
+}
+
+impl Joint {
+    /// J(q) = Trans(u·q) or Trans(c) Rot(u, q) Trans(−c); q in mm or rad.
+    pub fn motion(&self, q: f64) -> Pose {
+        match self.kind {
+            JointKind::Linear => Pose::from_translation(self.direction * q),
+            JointKind::Rotary => {
+                Pose::about_point(rotation_about_axis(&self.direction, q), self.point_mm)
+            }
+        }
+    }
+
+    /// The joint's screw at machine zero.
+    pub fn screw(&self) -> Screw {
+        match self.kind {
+            JointKind::Linear => Screw::Prismatic {
+                direction: self.direction,
+            },
+            JointKind::Rotary => Screw::Revolute {
+                direction: self.direction,
+                point_mm: self.point_mm,
+                pitch_mm: 0.0,
+            },
+        }
+    }
+}
+
+/// A serial machine from workpiece to tool with its tool and workpiece points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chain {
+    structure: Structure,
+    joints: ArrayVec<Joint, MAX_AXES>,
+    tool_tip_mm: Vector3<f64>,
+    tool_axis: Vector3<f64>,
+    workpiece_origin_mm: Vector3<f64>,
+}
+
+/// Why a chain cannot be built.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ChainError {
+    /// The chain has no such axis.
+    #[error("the structure `{structure}` has no axis {axis}")]
+    NoSuchAxis {
+        /// The axis asked for.
+        axis: AxisName,
+        /// The structure.
+        structure: Structure,
+    },
+    /// A direction that is zero or not finite.
+    #[error("{what} is [{}, {}, {}], expected finite numbers, not all zero", found[0], found[1], found[2])]
+    Direction {
+        /// Which direction.
+        what: &'static str,
+        /// The vector.
+        found: [f64; 3],
+    },
+    /// A point that is not finite.
+    #[error("{what} is [{}, {}, {}], expected finite numbers", found[0], found[1], found[2])]
+    Point {
+        /// Which point.
+        what: &'static str,
+        /// The vector.
+        found: [f64; 3],
+    },
+}
+
+impl Chain {
+    /// The orthogonal chain of a structure: directions of the letters, every point, the tool tip and
+    /// the workpiece origin at the MCS origin, the tool axis along +Z.
+    pub fn new(structure: Structure) -> Self {
+        let joints = structure
+            .axes()
+            .iter()
+            .enumerate()
+            .map(|(index, &name)| Joint {
+                name,
+                kind: name.kind(),
+                side: structure.side(index),
+                direction: name.default_direction(),
+                point_mm: Vector3::zeros(),
+            })
+            .collect();
+        Self {
+            structure,
+            joints,
+            tool_tip_mm: Vector3::zeros(),
+            tool_axis: Vector3::z(),
+            workpiece_origin_mm: Vector3::zeros(),
+        }
+    }
+
+    /// Sets the direction of an axis (MCS at machine zero; any length, made a unit vector).
+    ///
+    /// # Errors
+    /// [`ChainError::NoSuchAxis`], [`ChainError::Direction`].
+    pub fn set_direction(&mut self, axis: AxisName, direction: [f64; 3]) -> Result<(), ChainError> {
+        let unit = unit("direction", direction)?;
+        self.joint_mut(axis)?.direction = unit;
+        Ok(())
+    }
+
+    /// Sets the point of an axis (mm, MCS at machine zero).
+    ///
+    /// # Errors
+    /// [`ChainError::NoSuchAxis`], [`ChainError::Point`].
+    pub fn set_point(&mut self, axis: AxisName, point_mm: [f64; 3]) -> Result<(), ChainError> {
+        let point = finite("point", point_mm)?;
+        self.joint_mut(axis)?.point_mm = point;
+        Ok(())
+    }
+
+    /// Sets the tool tip (mm) and axis (from the tip to the spindle), MCS at machine zero.
+    ///
+    /// # Errors
+    /// [`ChainError::Point`], [`ChainError::Direction`].
+    pub fn set_tool(&mut self, tip_mm: [f64; 3], axis: [f64; 3]) -> Result<(), ChainError> {
+        self.tool_tip_mm = finite("tool tip", tip_mm)?;
+        self.tool_axis = unit("tool axis", axis)?;
+        Ok(())
+    }
+
+    /// Sets the workpiece origin (mm, MCS at machine zero).
+    ///
+    /// # Errors
+    /// [`ChainError::Point`].
+    pub fn set_workpiece_origin(&mut self, origin_mm: [f64; 3]) -> Result<(), ChainError> {
+        self.workpiece_origin_mm = finite("workpiece origin", origin_mm)?;
+        Ok(())
+    }
+
+    fn joint_mut(&mut self, axis: AxisName) -> Result<&mut Joint, ChainError> {
+        match self.structure.index_of(axis) {
+            Some(index) => Ok(&mut self.joints[index]),
+            None => Err(ChainError::NoSuchAxis {
+                axis,
+                structure: self.structure.clone(),
+            }),
+        }
+    }
+
+    /// The structure.
+    pub fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    /// The joints in chain order from the workpiece to the tool.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// Tool tip at machine zero, mm in MCS.
+    pub fn tool_tip_mm(&self) -> Vector3<f64> {
+        self.tool_tip_mm
+    }
+
+    /// Unit tool axis at machine zero, in MCS.
+    pub fn tool_axis(&self) -> Vector3<f64> {
+        self.tool_axis
+    }
+
+    /// Workpiece origin at machine zero, mm in MCS.
+    pub fn workpiece_origin_mm(&self) -> Vector3<f64> {
+        self.workpiece_origin_mm
+    }
+
+    /// T_ideal(q): tool side to workpiece side, in workpiece axes.
+    pub fn ideal_pose(&self, state: &State) -> Pose {
+        self.joints
+            .iter()
+            .zip(state.q)
+            .fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(q))
+    }
+
+    /// The ideal tool tip from the workpiece origin, mm in workpiece axes: T·tip − origin.
+    pub fn ideal_tip_mm(&self, state: &State) -> Vector3<f64> {
+        self.ideal_pose(state).transform_point(&self.tool_tip_mm) - self.workpiece_origin_mm
+    }
+}
+
+fn finite(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError> {
+    if found.iter().all(|x| x.is_finite()) {
+        Ok(Vector3::from(found))
+    } else {
+        Err(ChainError::Point { what, found })
+    }
+}
+
+fn unit(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError> {
+    // Scaled first, so that neither tiny nor huge vectors under- or overflow in the square.
+    let largest = found.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    if !found.iter().all(|x| x.is_finite()) || largest == 0.0 {
+        return Err(ChainError::Direction { what, found });
+    }
+    Ok((Vector3::from(found) / largest).normalize())
+}

@@ -1,0 +1,260 @@
+//! The three forms of the volumetric error: `exact`, `htm` and `twist`.
+
+use core::{fmt, str::FromStr};
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::{
+    axis::JointKind,
+    chain::{Chain, Joint},
+    pose::{
+        Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,
+        vector_from_rotation,
+    },
+    source::{ErrorMotion, ErrorSource, State},
+    structure::Side,
+};
+
+/// Which form of the model computes the volumetric error; all agree to first order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Form {
+    /// Products of exponentials (10.1177/0954405416663537).
+    #[default]
+    Exact,
+    /// The same products with small-angle matrices (10.1177/0954405414564407).
+    Htm,
+    /// The sum of the error twists (Procedia Engineering 24 (2011) 845–849).
+    Twist,
+}
+
+/// A form name that is none of `exact`, `htm`, `twist`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("unknown model form, expected exact, htm or twist")]
+pub struct UnknownForm;
+
+impl FromStr for Form {
+    type Err = UnknownForm;
+
+    fn from_str(name: &str) -> Result<Self, UnknownForm> {
+        match name {
+            "exact" => Ok(Self::Exact),
+            "htm" => Ok(Self::Htm),
+            "twist" => Ok(Self::Twist),
+            _ => Err(UnknownForm),
+        }
+    }
+}
+
+impl fmt::Display for Form {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Exact => "exact",
+            Self::Htm => "htm",
+            Self::Twist => "twist",
+        })
+    }
+}
+
+/// The volumetric error at one state, in workpiece axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VolumetricError {
+    /// ΔP = tip_actual − tip_ideal, mm.
+    pub position_mm: Vector3<f64>,
+    /// ρ, the rotation vector of R_actual · R_idealᵀ, rad.
+    pub rotation_rad: Vector3<f64>,
+}
+
+/// The volumetric error of a chain whose errors come from `source`.
+pub fn volumetric_error<S: ErrorSource>(
+    chain: &Chain,
+    source: &S,
+    state: &State,
+    form: Form,
+) -> VolumetricError {
+    match form {
+        Form::Exact => product_form::<Exponential, S>(chain, source, state),
+        Form::Htm => product_form::<SmallAngle, S>(chain, source, state),
+        Form::Twist => twist_sum(chain, source, state),
+    }
+}
+
+/// T_actual(q): the product of exponentials with every error in it.
+pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Pose {
+    actual_product::<Exponential, S>(chain, source, state)
+}
+
+/// What sets the `exact` and the `htm` products apart.
+trait SmallMotion {
+    fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64>;
+    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: JointKind) -> Vector3<f64>;
+    fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64>;
+}
+
+struct Exponential;
+struct SmallAngle;
+
+impl SmallMotion for Exponential {
+    fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
+        rotation_from_vector(r_rad)
+    }
+    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, _: JointKind) -> Vector3<f64> {
+        rotation_from_vector(tilt_rad) * direction
+    }
+    fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
+        vector_from_rotation(rotation)
+    }
+}
+
+impl SmallMotion for SmallAngle {
+    fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
+        small_rotation(r_rad)
+    }
+    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: JointKind) -> Vector3<f64> {
+        let tilted = direction + tilt_rad.cross(direction);
+        match kind {
+            JointKind::Linear => tilted,
+            JointKind::Rotary => tilted.normalize(),
+        }
+    }
+    fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
+        skew_part(rotation)
+    }
+}
+
+fn product_form<M: SmallMotion, S: ErrorSource>(
+    chain: &Chain,
+    source: &S,
+    state: &State,
+) -> VolumetricError {
+    let ideal = chain.ideal_pose(state);
+    let actual = actual_product::<M, S>(chain, source, state);
+    let tip = chain.tool_tip_mm();
+    VolumetricError {
+        position_mm: actual.transform_point(&tip) - ideal.transform_point(&tip),
+        rotation_rad: M::rotation_vector(&(actual.rotation * ideal.rotation.transpose())),
+    }
+}
+
+fn actual_product<M: SmallMotion, S: ErrorSource>(
+    chain: &Chain,
+    source: &S,
+    state: &State,
+) -> Pose {
+    let mut pose = Pose::identity();
+    for (index, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
+        let error = error_pose::<M>(&source.error_motion(index, state), &joint.point_mm);
+        let motion = actual_motion::<M>(joint, q, &source.location(index));
+        let assembly = source.assembly(index);
+        let assembly = Pose {
+            rotation: M::rotation(&assembly.angular_rad),
+            translation_mm: assembly.linear_mm,
+        };
+        // A linear axis's errors ride with its carriage, a rotary axis's stay in the frame that does
+        // not turn; the assembly error sits between an axis and what carries it.
+        pose = match (joint.side, joint.kind) {
+            (Side::Tool, JointKind::Linear) => pose * assembly * motion * error,
+            (Side::Tool, JointKind::Rotary) => pose * assembly * error * motion,
+            (Side::Workpiece, JointKind::Linear) => pose * error * motion * assembly,
+            (Side::Workpiece, JointKind::Rotary) => pose * motion * error * assembly,
+        };
+    }
+    pose
+}
+
+/// E(q) = Trans(c)·[Rot(ε), δ]·Trans(−c).
+fn error_pose<M: SmallMotion>(error: &ErrorMotion, point_mm: &Vector3<f64>) -> Pose {
+    let mut pose = Pose::about_point(M::rotation(&error.angular_rad), *point_mm);
+    pose.translation_mm += error.linear_mm;
+    pose
+}
+
+/// M(q): the joint's motion along or about its axis where that physically lies.
+fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) -> Pose {
+    let direction = M::tilted(&joint.direction, &location.angular_rad, joint.kind);
+    match joint.kind {
+        JointKind::Linear => Pose::from_translation(direction * q),
+        JointKind::Rotary => Pose::about_point(
+            rotation_about_axis(&direction, q),
+            joint.point_mm + location.linear_mm,
+        ),
+    }
+}
+
+/// A first-order motion of the functional point: its displacement (mm) and rotation (rad).
+#[derive(Clone, Copy)]
+struct Displacement {
+    linear_mm: Vector3<f64>,
+    angular_rad: Vector3<f64>,
+}
+
+/// The sum of the error twists. Walking from the tool to the workpiece, the functional point and
+/// what has been summed so far are carried through each ideal joint: the same as the adjoint of
+/// the chain before each axis, without forming a matrix for the linear ones.
+fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> VolumetricError {
+    let mut point = chain.tool_tip_mm();
+    let mut sum = Displacement {
+        linear_mm: Vector3::zeros(),
+        angular_rad: Vector3::zeros(),
+    };
+    for (index, joint) in chain.joints().iter().enumerate().rev() {
+        let q = state.q[index];
+        let error = source.error_motion(index, state);
+        let location = source.location(index);
+        let assembly = source.assembly(index);
+        let from_error = |at: &Vector3<f64>| acting_at(&error, &(at - joint.point_mm));
+        let from_assembly = |at: &Vector3<f64>| acting_at(&assembly, at);
+        match joint.kind {
+            JointKind::Linear => {
+                let before = point;
+                point += joint.direction * q;
+                let (error, assembly) = match joint.side {
+                    Side::Tool => (from_error(&before), from_assembly(&point)),
+                    Side::Workpiece => (from_error(&point), from_assembly(&before)),
+                };
+                let tilt = location.angular_rad.cross(&joint.direction) * q;
+                sum.linear_mm += error.linear_mm + assembly.linear_mm + tilt;
+                sum.angular_rad += error.angular_rad + assembly.angular_rad;
+            }
+            JointKind::Rotary => {
+                let turn = rotation_about_axis(&joint.direction, q);
+                if joint.side == Side::Workpiece {
+                    add(&mut sum, from_error(&point));
+                    add(&mut sum, from_assembly(&point));
+                }
+                // The line of the axis moves by the location error and does not turn with the
+                // joint, the body does: (I − Ad) of the location twist.
+                let lever = point - joint.point_mm;
+                let turned = turn * lever;
+                sum.linear_mm = turn * (sum.linear_mm - location_shift(&location, &lever))
+                    + location_shift(&location, &turned);
+                sum.angular_rad =
+                    turn * (sum.angular_rad - location.angular_rad) + location.angular_rad;
+                point = turned + joint.point_mm;
+                if joint.side == Side::Tool {
+                    add(&mut sum, from_error(&point));
+                    add(&mut sum, from_assembly(&point));
+                }
+            }
+        }
+    }
+    VolumetricError {
+        position_mm: sum.linear_mm,
+        rotation_rad: sum.angular_rad,
+    }
+}
+
+fn acting_at(error: &ErrorMotion, lever_mm: &Vector3<f64>) -> Displacement {
+    Displacement {
+        linear_mm: error.linear_mm + error.angular_rad.cross(lever_mm),
+        angular_rad: error.angular_rad,
+    }
+}
+
+fn location_shift(location: &ErrorMotion, lever_mm: &Vector3<f64>) -> Vector3<f64> {
+    location.linear_mm + location.angular_rad.cross(lever_mm)
+}
+
+fn add(sum: &mut Displacement, motion: Displacement) {
+    sum.linear_mm += motion.linear_mm;
+    sum.angular_rad += motion.angular_rad;
+}

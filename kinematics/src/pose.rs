@@ -1,0 +1,147 @@
+//! Rigid (and small-angle) transforms and the rotation vector.
+
+use core::ops::Mul;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::math::{atan2, sin_cos, sqrt};
+
+/// A transform x ↦ `rotation`·x + `translation_mm`.
+///
+/// Orthonormal in the `exact` form; in the `htm` form `rotation` may be a small-angle matrix
+/// I + ε^, so nothing here takes the transpose for an inverse except [`Pose::inverse`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// 3×3 rotation.
+    pub rotation: Matrix3<f64>,
+    /// Translation, mm.
+    pub translation_mm: Vector3<f64>,
+}
+
+impl Pose {
+    /// The transform that moves nothing.
+    pub fn identity() -> Self {
+        Self {
+            rotation: Matrix3::identity(),
+            translation_mm: Vector3::zeros(),
+        }
+    }
+
+    /// A pure translation, mm.
+    pub fn from_translation(translation_mm: Vector3<f64>) -> Self {
+        Self {
+            rotation: Matrix3::identity(),
+            translation_mm,
+        }
+    }
+
+    /// `rotation` about the fixed point `point_mm`: Trans(c) R Trans(−c).
+    pub fn about_point(rotation: Matrix3<f64>, point_mm: Vector3<f64>) -> Self {
+        Self {
+            rotation,
+            translation_mm: point_mm - rotation * point_mm,
+        }
+    }
+
+    /// The image of a point, mm.
+    pub fn transform_point(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * point_mm + self.translation_mm
+    }
+
+    /// The inverse of an orthonormal pose, (Rᵀ, −Rᵀp).
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let transposed = self.rotation.transpose();
+        Self {
+            rotation: transposed,
+            translation_mm: -(transposed * self.translation_mm),
+        }
+    }
+}
+
+impl Mul for Pose {
+    type Output = Self;
+
+    fn mul(self, right: Self) -> Self {
+        Self {
+            rotation: self.rotation * right.rotation,
+            translation_mm: self.rotation * right.translation_mm + self.translation_mm,
+        }
+    }
+}
+
+/// The rotation matrix exp(r^) of a rotation vector `r_rad` (Rodrigues' formula).
+pub fn rotation_from_vector(r_rad: &Vector3<f64>) -> Matrix3<f64> {
+    let angle_squared = r_rad.norm_squared();
+    // Series below 1e-4 rad: the closed quotients lose digits there, three terms do not.
+    let (sine_quotient, cosine_quotient) = if angle_squared < 1e-8 {
+        (1.0 - angle_squared / 6.0, 0.5 - angle_squared / 24.0)
+    } else {
+        let angle = sqrt(angle_squared);
+        let (sin, cos) = sin_cos(angle);
+        (sin / angle, (1.0 - cos) / angle_squared)
+    };
+    let hat = r_rad.cross_matrix();
+    Matrix3::identity() + hat * sine_quotient + hat * hat * cosine_quotient
+}
+
+/// The rotation about the unit vector `axis` by `angle_rad`.
+pub fn rotation_about_axis(axis: &Vector3<f64>, angle_rad: f64) -> Matrix3<f64> {
+    let (sin, cos) = sin_cos(angle_rad);
+    let s = axis * sin;
+    let v = axis * (1.0 - cos);
+    Matrix3::new(
+        cos + v.x * axis.x,
+        v.x * axis.y - s.z,
+        v.x * axis.z + s.y,
+        v.y * axis.x + s.z,
+        cos + v.y * axis.y,
+        v.y * axis.z - s.x,
+        v.z * axis.x - s.y,
+        v.z * axis.y + s.x,
+        cos + v.z * axis.z,
+    )
+}
+
+/// The small-angle matrix I + r^.
+pub fn small_rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(
+        1.0, -r_rad.z, r_rad.y, //
+        r_rad.z, 1.0, -r_rad.x, //
+        -r_rad.y, r_rad.x, 1.0,
+    )
+}
+
+/// ½(R − Rᵀ)^∨: sin θ times the axis for a rotation, the linear part of the `htm` form.
+pub fn skew_part(rotation: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(
+        rotation[(2, 1)] - rotation[(1, 2)],
+        rotation[(0, 2)] - rotation[(2, 0)],
+        rotation[(1, 0)] - rotation[(0, 1)],
+    ) * 0.5
+}
+
+/// The rotation vector of a rotation matrix, rad, of length 0 to π.
+///
+/// Full precision at small angles, where an arc cosine of the trace would leave half the digits.
+pub fn vector_from_rotation(rotation: &Matrix3<f64>) -> Vector3<f64> {
+    let skew = skew_part(rotation);
+    let sin = skew.norm();
+    let cos = 0.5 * (rotation.trace() - 1.0);
+    let angle = atan2(sin, cos);
+    if sin < 1e-7 && cos < 0.0 {
+        return axis_of_half_turn(rotation) * angle;
+    }
+    // θ/sin θ → 1 + θ²/6, whose second term is below one rounding under 1e-8 rad.
+    let scale = if sin < 1e-8 { 1.0 } else { angle / sin };
+    skew * scale
+}
+
+/// The axis of a rotation by about π, from the column of R + I with the largest diagonal.
+fn axis_of_half_turn(rotation: &Matrix3<f64>) -> Vector3<f64> {
+    let symmetric = (rotation + rotation.transpose()) * 0.5 + Matrix3::identity();
+    let largest = symmetric.diagonal().imax();
+    let axis = symmetric.column(largest).normalize();
+    let skew = skew_part(rotation);
+    if axis.dot(&skew) < 0.0 { -axis } else { axis }
+}

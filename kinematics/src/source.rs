@@ -1,0 +1,126 @@
+//! The seam of the model: where a chain asks for its errors.
+
+use nalgebra::Vector3;
+
+use crate::axis::MAX_AXES;
+
+/// The direction of the last motion of an axis; it selects the branch of a bidirectional curve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Approach {
+    /// The axis came in its positive direction.
+    Positive,
+    /// The axis came in its negative direction.
+    Negative,
+    /// Not known: the mean of both branches.
+    #[default]
+    Unknown,
+}
+
+/// Where every axis of a chain stands, in chain order.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Commanded coordinates: mm for linear axes, rad for rotary ones. Places beyond the chain are 0.
+    pub q: [f64; MAX_AXES],
+    /// Directions of approach.
+    pub approach: [Approach; MAX_AXES],
+}
+
+impl State {
+    /// A state from the coordinates (mm, rad) of the first axes, the others at 0, approach unknown.
+    /// Coordinates beyond [`MAX_AXES`] are not looked at.
+    pub fn from_coordinates(coordinates: &[f64]) -> Self {
+        let mut state = Self::default();
+        for (place, &q) in state.q.iter_mut().zip(coordinates) {
+            *place = q;
+        }
+        state
+    }
+}
+
+/// Three translations and three rotations along and about the axes of the MCS.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorMotion {
+    /// δ = (EXN, EYN, EZN), mm.
+    pub linear_mm: Vector3<f64>,
+    /// ε = (EAN, EBN, ECN), rad.
+    pub angular_rad: Vector3<f64>,
+}
+
+impl ErrorMotion {
+    /// No error.
+    pub const ZERO: Self = Self {
+        linear_mm: Vector3::new(0.0, 0.0, 0.0),
+        angular_rad: Vector3::new(0.0, 0.0, 0.0),
+    };
+
+    /// From three linear errors in µm and three angular errors in µrad, the order of ISO 230-1:
+    /// X, Y, Z, A, B, C.
+    pub fn from_um_urad(six: [f64; 6]) -> Self {
+        Self {
+            linear_mm: Vector3::new(six[0], six[1], six[2]) * 1e-3,
+            angular_rad: Vector3::new(six[3], six[4], six[5]) * 1e-6,
+        }
+    }
+}
+
+/// The errors of the axes of one chain, asked for by the axis's place in the chain.
+///
+/// Signs and frames are those of ISO 230-1 as the crate's front page states them: every error
+/// motion is that of the tool side relative to the workpiece side, a location error is where the
+/// axis line physically lies.
+pub trait ErrorSource {
+    /// The six error motions `E?N` of an axis at a state (mm, rad), stated at the axis's point.
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion;
+
+    /// The location errors `E?0N` of an axis: offset o of its line (mm) and its tilt ω (rad).
+    fn location(&self, _axis: usize) -> ErrorMotion {
+        ErrorMotion::ZERO
+    }
+
+    /// The assembly errors of an axis: offsets (mm) and angles (rad) about the MCS origin.
+    fn assembly(&self, _axis: usize) -> ErrorMotion {
+        ErrorMotion::ZERO
+    }
+}
+
+/// Given error values, one set for each axis in chain order: for tables of numbers, tests and
+/// controllers that evaluate their curves elsewhere. Axes beyond the given ones have none.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GivenErrors {
+    /// Error motions.
+    pub motion: [ErrorMotion; MAX_AXES],
+    /// Location errors.
+    pub location: [ErrorMotion; MAX_AXES],
+    /// Assembly errors.
+    pub assembly: [ErrorMotion; MAX_AXES],
+}
+
+impl Default for ErrorMotion {
+    fn default() -> Self {
+        Self::ZERO
+    }
+}
+
+impl ErrorSource for GivenErrors {
+    fn error_motion(&self, axis: usize, _state: &State) -> ErrorMotion {
+        self.motion.get(axis).copied().unwrap_or_default()
+    }
+    fn location(&self, axis: usize) -> ErrorMotion {
+        self.location.get(axis).copied().unwrap_or_default()
+    }
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        self.assembly.get(axis).copied().unwrap_or_default()
+    }
+}
+
+impl<S: ErrorSource + ?Sized> ErrorSource for &S {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        (**self).error_motion(axis, state)
+    }
+    fn location(&self, axis: usize) -> ErrorMotion {
+        (**self).location(axis)
+    }
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        (**self).assembly(axis)
+    }
+}

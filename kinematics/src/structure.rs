@@ -1,0 +1,291 @@
+//! The structural code of ISO 10791 and the type numbers of the generalised model.
+
+use core::{fmt, str::FromStr};
+
+use arrayvec::ArrayVec;
+
+use crate::axis::{AxisName, JointKind, MAX_AXES};
+
+/// On which side of the bed an axis stands: what it carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Side {
+    /// Left of `b`: the axis carries the workpiece (written with a prime).
+    Workpiece,
+    /// Right of `b`: the axis carries the tool.
+    Tool,
+}
+
+/// A serial chain from the workpiece to the tool, for example `w C' X' b Y Z B t`.
+///
+/// ```
+/// use volcomp_kinematics::Structure;
+/// let gantry: Structure = "w X b Y Z t".parse()?;
+/// assert_eq!(gantry.to_string(), "w X' b Y Z t");
+/// # Ok::<(), volcomp_kinematics::StructureError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Structure {
+    axes: ArrayVec<AxisName, MAX_AXES>,
+    workpiece_axes: usize,
+}
+
+/// Why a structural code or a type number cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum StructureError {
+    /// A character that is no axis, no `w`, `b`, `t`, no prime.
+    #[error(
+        "found `{found}` at character {position}, expected w, b, t, an axis X Y Z A B C U V W or a prime"
+    )]
+    UnknownCharacter {
+        /// The character.
+        found: char,
+        /// Its place in the code, from 1.
+        position: usize,
+    },
+    /// `w`, `b` or `t` is missing, repeated or out of place.
+    #[error(
+        "found `{found}` at character {position}, expected the order: w, axes with a prime, b, axes, t"
+    )]
+    OutOfPlace {
+        /// The character.
+        found: char,
+        /// Its place in the code, from 1.
+        position: usize,
+    },
+    /// The code ended before `t`.
+    #[error("`{missing}` is missing, expected the order: w, axes with a prime, b, axes, t")]
+    Missing {
+        /// The letter that was expected.
+        missing: char,
+    },
+    /// The same axis twice.
+    #[error("axis {axis} stands twice in the structure, expected each letter once")]
+    RepeatedAxis {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// A prime on an axis right of `b`.
+    #[error(
+        "axis {axis} has a prime right of b, expected primes on the workpiece side only: left of b"
+    )]
+    PrimeOnToolSide {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// A prime that follows no axis.
+    #[error(
+        "prime at character {position} follows no axis, expected it right behind an axis letter"
+    )]
+    StrayPrime {
+        /// Its place in the code, from 1.
+        position: usize,
+    },
+    /// No axis at all.
+    #[error("the structure has no axis, expected at least one between w and t")]
+    NoAxes,
+    /// A type number outside its range.
+    #[error("{name} = {found}, expected 0, 1, 2 or 3")]
+    TypeNumber {
+        /// `translational` or `rotary`.
+        name: &'static str,
+        /// The number.
+        found: u8,
+    },
+    /// The wrong number or kind of rotary axes for the type.
+    #[error(
+        "rotary = {rotary} with {found} rotary axes, expected {expected} different letters of A B C"
+    )]
+    RotaryAxes {
+        /// The rotary type.
+        rotary: u8,
+        /// How many different rotary letters were given.
+        found: usize,
+        /// How many the type has.
+        expected: usize,
+    },
+}
+
+/// The type numbers of the generalised model (Xiang et al., 10.1177/0954405414564407):
+/// 4 three-axis and 12 five-axis types.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct TypeNumbers {
+    /// 0 to 3: how many of X, Y, Z, in that order, carry the workpiece.
+    pub translational: u8,
+    /// 0 none; 1 both rotary axes before the linear ones (table); 2 both after (spindle); 3 one each.
+    pub rotary: u8,
+    /// The rotary letters in chain order from `w` to `t`.
+    pub rotary_axes: ArrayVec<AxisName, 2>,
+}
+
+impl Structure {
+    /// A structure from its axes in chain order, the first `workpiece_axes` of them left of the bed.
+    ///
+    /// # Errors
+    /// [`StructureError::NoAxes`] and [`StructureError::RepeatedAxis`].
+    pub fn new(workpiece: &[AxisName], tool: &[AxisName]) -> Result<Self, StructureError> {
+        let mut axes = ArrayVec::new();
+        for &axis in workpiece.iter().chain(tool) {
+            if axes.contains(&axis) {
+                return Err(StructureError::RepeatedAxis { axis });
+            }
+            axes.push(axis); // nine different letters exist, so nine places are enough
+        }
+        if axes.is_empty() {
+            return Err(StructureError::NoAxes);
+        }
+        Ok(Self {
+            axes,
+            workpiece_axes: workpiece.len(),
+        })
+    }
+
+    /// The structure that the type numbers stand for.
+    ///
+    /// # Errors
+    /// A number above 3, or rotary letters that do not fit the rotary type.
+    pub fn from_type(
+        translational: u8,
+        rotary: u8,
+        rotary_axes: &[AxisName],
+    ) -> Result<Self, StructureError> {
+        for (name, found) in [("translational", translational), ("rotary", rotary)] {
+            if found > 3 {
+                return Err(StructureError::TypeNumber { name, found });
+            }
+        }
+        let expected = if rotary == 0 { 0 } else { 2 };
+        let different = AxisName::ALL
+            .into_iter()
+            .filter(|a| a.kind() == JointKind::Rotary && rotary_axes.contains(a))
+            .count();
+        if different != expected || rotary_axes.len() != expected {
+            return Err(StructureError::RotaryAxes {
+                rotary,
+                found: different,
+                expected,
+            });
+        }
+        let before = match rotary {
+            1 => 2,
+            3 => 1,
+            _ => 0,
+        };
+        let (rotary_before, rotary_after) = rotary_axes.split_at(before);
+        let linear = [AxisName::X, AxisName::Y, AxisName::Z];
+        let (left, right) = linear.split_at(usize::from(translational));
+        let join = |a: &[AxisName], b: &[AxisName]| -> ArrayVec<AxisName, 5> {
+            a.iter().chain(b).copied().collect()
+        };
+        Self::new(&join(rotary_before, left), &join(right, rotary_after))
+    }
+
+    /// The type numbers of this structure, `None` for a chain outside the 16 types.
+    pub fn type_numbers(&self) -> Option<TypeNumbers> {
+        let rotary_axes: ArrayVec<AxisName, MAX_AXES> = self
+            .axes
+            .iter()
+            .copied()
+            .filter(|a| a.kind() == JointKind::Rotary)
+            .collect();
+        let numbers = (0..=3).flat_map(|t| (0..=3).map(move |r| (t, r)));
+        numbers
+            .into_iter()
+            .find(|&(t, r)| Self::from_type(t, r, &rotary_axes).as_ref() == Ok(self))
+            .map(|(translational, rotary)| TypeNumbers {
+                translational,
+                rotary,
+                rotary_axes: rotary_axes.iter().copied().collect(),
+            })
+    }
+
+    /// The axes in chain order from the workpiece to the tool.
+    pub fn axes(&self) -> &[AxisName] {
+        &self.axes
+    }
+
+    /// The place of an axis in the chain.
+    pub fn index_of(&self, axis: AxisName) -> Option<usize> {
+        self.axes.iter().position(|&a| a == axis)
+    }
+
+    /// The side of the bed that the axis at `index` stands on.
+    pub fn side(&self, index: usize) -> Side {
+        if index < self.workpiece_axes {
+            Side::Workpiece
+        } else {
+            Side::Tool
+        }
+    }
+}
+
+impl fmt::Display for Structure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (workpiece, tool) = self.axes.split_at(self.workpiece_axes);
+        write!(f, "w")?;
+        for axis in workpiece {
+            write!(f, " {axis}'")?;
+        }
+        write!(f, " b")?;
+        for axis in tool {
+            write!(f, " {axis}")?;
+        }
+        write!(f, " t")
+    }
+}
+
+/// Where the parser stands in `w … b … t`.
+#[derive(Clone, Copy, PartialEq)]
+enum Stage {
+    Start,
+    Workpiece,
+    Tool,
+    End,
+}
+
+impl FromStr for Structure {
+    type Err = StructureError;
+
+    /// Reads a structural code. Blanks are free, primes on the workpiece side are optional,
+    /// and `'`, `’` and `′` are all primes.
+    fn from_str(code: &str) -> Result<Self, StructureError> {
+        let mut stage = Stage::Start;
+        let mut sides: [ArrayVec<AxisName, MAX_AXES>; 2] = Default::default();
+        let mut last_axis = None;
+        for (index, found) in code.chars().enumerate() {
+            let position = index + 1;
+            let behind = last_axis.take();
+            let letter = AxisName::from_letter(found);
+            stage = match (stage, found, letter) {
+                (stage, c, _) if c.is_whitespace() => stage,
+                (Stage::Start, 'w', _) => Stage::Workpiece,
+                (Stage::Workpiece, 'b', _) => Stage::Tool,
+                (Stage::Tool, 't', _) => Stage::End,
+                (stage, '\'' | '’' | '′', _) => match (behind, stage) {
+                    (Some(_), Stage::Workpiece) => stage,
+                    (Some(axis), _) => return Err(StructureError::PrimeOnToolSide { axis }),
+                    (None, _) => return Err(StructureError::StrayPrime { position }),
+                },
+                (stage @ (Stage::Workpiece | Stage::Tool), _, Some(axis)) => {
+                    if sides.iter().any(|side| side.contains(&axis)) {
+                        return Err(StructureError::RepeatedAxis { axis });
+                    }
+                    sides[usize::from(stage == Stage::Tool)].push(axis);
+                    last_axis = letter;
+                    stage
+                }
+                (_, 'w' | 'b' | 't', _) | (_, _, Some(_)) => {
+                    return Err(StructureError::OutOfPlace { found, position });
+                }
+                _ => return Err(StructureError::UnknownCharacter { found, position }),
+            };
+        }
+        let missing = match stage {
+            Stage::Start => 'w',
+            Stage::Workpiece => 'b',
+            Stage::Tool => 't',
+            Stage::End => return Self::new(&sides[0], &sides[1]),
+        };
+        Err(StructureError::Missing { missing })
+    }
+}
