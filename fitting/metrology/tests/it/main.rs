@@ -1,0 +1,4 @@
+//! Behaviour of the crate, seen from outside.
+
+mod renishaw;
+mod samples;
