@@ -1,17 +1,27 @@
 //! Measurement files and ISO 230 evaluation: positioning, straightness, squareness, Abbe.
 
+mod abbe;
 mod csv_file;
 mod encoding;
 mod error;
+mod iso230_2;
 mod measurement;
 mod number;
+mod outliers;
 mod read;
 mod renishaw;
+mod squareness;
+mod straightness;
 
+pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
 pub use csv_file::{parse_csv, write_csv};
 pub use error::{Finding, MetrologyError};
+pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
 pub use measurement::{
     DeviationUnit, Direction, Environment, Measurement, Metadata, Reading, StartEnd,
 };
+pub use outliers::{OutlierHint, outlier_hints};
 pub use read::{READ_EXTENSIONS, read_file};
 pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
+pub use squareness::{squareness_parts, squareness_urad};
+pub use straightness::{ReferenceLine, TiltReading, angular_method_um, tilt_sign};

@@ -168,16 +168,64 @@ impl Measurement {
         mean(&means.into_iter().flatten().collect::<Vec<_>>())
     }
 
-    /// Targets and their means, ascending: each target counts once, however often it was measured.
+    /// Targets and their means over what was run, ascending: each target counts once, however often it was measured.
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
-        let at = |target| Some((target, self.mean_of_directions_at(target)?));
-        self.targets().into_iter().filter_map(at).collect()
+        let at = |readings: &TargetReadings| {
+            let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
+            Some((
+                readings.target,
+                mean(&means.into_iter().flatten().collect::<Vec<_>>())?,
+            ))
+        };
+        self.by_target().iter().filter_map(at).collect()
     }
 
     /// Targets and means of one direction, ascending; empty when the direction was not run.
     pub fn mean_curve_in(&self, direction: Direction) -> Vec<(f64, f64)> {
-        let at = |target| Some((target, self.mean_at(target, direction)?));
-        self.targets().into_iter().filter_map(at).collect()
+        let at = |readings: &TargetReadings| {
+            Some((readings.target, mean(&readings.deviations(direction))?))
+        };
+        self.by_target().iter().filter_map(at).collect()
+    }
+
+    /// The readings sorted by target, within it by run.
+    pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
+        let mut sorted: Vec<&Reading> = self.readings.iter().collect();
+        sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));
+        let of = |readings: &[&Reading], direction| {
+            let here = readings.iter().filter(|r| r.direction == direction);
+            here.map(|r| (r.run, r.deviation)).collect()
+        };
+        let groups = sorted.chunk_by(|a, b| a.target == b.target);
+        let group = |readings: &[&Reading]| TargetReadings {
+            target: readings[0].target,
+            forward: of(readings, Direction::Forward),
+            backward: of(readings, Direction::Backward),
+        };
+        groups.map(group).collect()
+    }
+}
+
+/// All readings at one target, as (run, deviation).
+pub(crate) struct TargetReadings {
+    pub(crate) target: f64,
+    forward: Vec<(u32, f64)>,
+    backward: Vec<(u32, f64)>,
+}
+
+impl TargetReadings {
+    pub(crate) fn of(&self, direction: Direction) -> &[(u32, f64)] {
+        match direction {
+            Direction::Forward => &self.forward,
+            Direction::Backward => &self.backward,
+        }
+    }
+
+    pub(crate) fn deviations(&self, direction: Direction) -> Vec<f64> {
+        self.of(direction)
+            .iter()
+            .map(|(_, deviation)| *deviation)
+            .collect()
     }
 }
 
