@@ -35,11 +35,17 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         .from_reader(text.as_bytes());
     let mut table = Table::default();
     let mut full = None;
+    let mut lines = LineCounter {
+        text: text.as_bytes(),
+        counted: 0,
+        line: 1,
+    };
     for record in rows.records() {
         let record = record.map_err(|e| unreadable_record(name, &e))?;
-        let line = record
-            .position()
-            .map_or(1, |p| usize::try_from(p.line()).unwrap_or(usize::MAX));
+        if record.len() == 1 && record[0].is_empty() {
+            continue;
+        }
+        let line = lines.line_of(&record);
         let place = Place { file: name, line };
         match full {
             None => full = Some(header_is_full(place, &record)?),
@@ -79,6 +85,31 @@ pub fn write_csv(measurement: &Measurement) -> String {
         let _ = writeln!(text, "{target},{run},{direction},{deviation}");
     }
     text
+}
+
+/// Line numbers of records; the position of a record may stand before the blank lines above it.
+struct LineCounter<'t> {
+    text: &'t [u8],
+    counted: usize,
+    line: usize,
+}
+
+impl LineCounter<'_> {
+    fn line_of(&mut self, record: &::csv::StringRecord) -> usize {
+        let start = record
+            .position()
+            .and_then(|p| usize::try_from(p.byte()).ok())
+            .unwrap_or(0);
+        let rest = self.text.get(start..).unwrap_or_default();
+        let record_start = start + rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
+        let passed = self
+            .text
+            .get(self.counted..record_start)
+            .unwrap_or_default();
+        self.line += passed.split(|b| *b == b'\n').count() - 1;
+        self.counted = record_start;
+        self.line
+    }
 }
 
 #[derive(Default)]

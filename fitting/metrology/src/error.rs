@@ -54,13 +54,13 @@ pub enum MetrologyError {
     },
     /// The extension does not say how to read the file.
     #[error(
-        "{file}: found the extension `{found}`, expected one that is read: {}",
+        "{file}: found {found}, expected one that is read: {}",
         crate::READ_EXTENSIONS
     )]
     Extension {
         /// The file as it was named by the caller.
         file: String,
-        /// The extension found, empty without one.
+        /// The extension found, or that there is none.
         found: String,
     },
     /// Larger than any measurement file.

@@ -28,6 +28,14 @@ pub enum Direction {
 impl Direction {
     /// Both directions, forward first.
     pub const BOTH: [Self; 2] = [Self::Forward, Self::Backward];
+
+    /// `forward` or `backward`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Forward => "forward",
+            Self::Backward => "backward",
+        }
+    }
 }
 
 impl std::fmt::Display for Direction {

@@ -54,7 +54,8 @@ pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
         let rms = (residuals.iter().map(|r| r.value.powi(2)).sum::<f64>() / count).sqrt();
         if rms > (2.0 + 4.0 / count.sqrt()) * scatter {
             let text = format!(
-                "run {run} {direction} differs from the other runs by {rms:.2}{unit} (root mean square; usual scatter {scatter:.2}{unit})"
+                "{} run {run} differs from the other runs by {rms:.2}{unit} (root mean square; usual scatter {scatter:.2}{unit})",
+                direction.name()
             );
             hints.push(OutlierHint {
                 run,
@@ -71,7 +72,8 @@ pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
         {
             let Residual { target, value, .. } = residual;
             let text = format!(
-                "target {target} in run {run} {direction} differs from the other runs by {value:.2}{unit} (usual scatter {scatter:.2}{unit})"
+                "target {target} in {} run {run} differs from the other runs by {value:.2}{unit} (usual scatter {scatter:.2}{unit})",
+                direction.name()
             );
             hints.push(OutlierHint {
                 run,

@@ -30,7 +30,7 @@ pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
         "csv" => parse_csv(&bytes_of(path, &name)?, &name),
         _ => Err(MetrologyError::Extension {
             file: name,
-            found: extension,
+            found: extension_found(&extension),
         }),
     }
 }
@@ -53,4 +53,12 @@ fn bytes_of(path: &Path, name: &str) -> Result<Vec<u8>, MetrologyError> {
         });
     }
     Ok(bytes)
+}
+
+fn extension_found(extension: &str) -> String {
+    if extension.is_empty() {
+        "no extension".into()
+    } else {
+        format!("the extension `{extension}`")
+    }
 }

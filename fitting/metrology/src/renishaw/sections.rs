@@ -26,7 +26,7 @@ pub(super) fn targets(document: &Document<'_>) -> Result<Targets, MetrologyError
     let (flags_line, flags) = section.required_value(file, "flags", "Flags")?;
     let values = target_list(section, file)?;
     if values.len() as u64 != u64::from(count) {
-        let found = format!("Target-count {count}");
+        let found = format!("`{count}`");
         let expected = format!("{}, the number of targets listed", values.len());
         return Err(MetrologyError::Count(
             Place {

@@ -1,7 +1,7 @@
 //! Small measurement files, written by hand.
 
 /// Three targets (one negative), two bidirectional runs, reverse runs in the order of travel.
-pub const BIDIRECTIONAL_RTL: &str = "HEADER::\r
+pub(crate) const BIDIRECTIONAL_RTL: &str = "HEADER::\r
 File type  : rtl\r
 Owner      : Example\r
 Version no : 1.0\r
@@ -52,7 +52,7 @@ EOF::\r
 ";
 
 /// The same file with one piece of text changed; the piece must be there.
-pub fn rtl_with(from: &str, to: &str) -> String {
+pub(crate) fn rtl_with(from: &str, to: &str) -> String {
     assert!(
         BIDIRECTIONAL_RTL.contains(from),
         "no {from:?} in the sample"
