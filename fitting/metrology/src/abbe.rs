@@ -1,0 +1,72 @@
+//! Abbe's principle: what angular errors add to a linear error measured away from the point it is stated at.
+
+/// Where the measured point stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Rides {
+    /// It rides with the carriage that the error belongs to: the tool-side component of an axis right of `b`, the
+    /// workpiece-side component left of it.
+    #[default]
+    Carriage,
+    /// It stands on the other side of the joint.
+    Other,
+}
+
+/// Which side of the machine an axis carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CarriedSide {
+    /// The tool: the axis stands right of `b` in the structure.
+    Tool,
+    /// The workpiece: left of `b`.
+    Workpiece,
+}
+
+impl CarriedSide {
+    /// σ: −1 for a tool-side axis, +1 for a workpiece-side axis.
+    fn sign(self) -> f64 {
+        match self {
+            Self::Tool => -1.0,
+            Self::Workpiece => 1.0,
+        }
+    }
+}
+
+/// The measured axis at one target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Travel {
+    /// Which side the axis carries.
+    pub side: CarriedSide,
+    /// Unit direction u of the axis, MCS.
+    pub direction_mcs: [f64; 3],
+    /// Coordinate q, mm.
+    pub position_mm: f64,
+}
+
+/// The lever from the point at which a linear axis's errors are stated to the measured point, mm along the MCS axes.
+///
+/// `point_mcs` is m, the measured point with the measured axis at 0 and every other axis where it stood;
+/// `carriage_point_mcs` is c̃, the axis's own `point` carried along by the held axes between `b` and it. The lever is
+/// m − c̃ for a point that rides with the carriage, else m + σ u q − c̃.
+pub fn lever_mm(
+    point_mcs: [f64; 3],
+    carriage_point_mcs: [f64; 3],
+    rides: Rides,
+    travel: Travel,
+) -> [f64; 3] {
+    let passed_mm = match rides {
+        Rides::Carriage => 0.0,
+        Rides::Other => travel.side.sign() * travel.position_mm,
+    };
+    std::array::from_fn(|i| {
+        point_mcs[i] + travel.direction_mcs[i] * passed_mm - carriage_point_mcs[i]
+    })
+}
+
+/// What the angular errors add to the measured linear errors: δ_measured − δ = ε × lever, µm along the MCS axes.
+///
+/// `tilts_urad` is ε = (EAN, EBN, ECN) at the target, µrad; `lever_mm` from [`lever_mm`].
+pub fn abbe_um(tilts_urad: [f64; 3], lever_mm: [f64; 3]) -> [f64; 3] {
+    const UM_PER_MM_URAD: f64 = 1e-3;
+    let [a, b, c] = tilts_urad;
+    let [x, y, z] = lever_mm;
+    [b * z - c * y, c * x - a * z, a * y - b * x].map(|component| component * UM_PER_MM_URAD)
+}

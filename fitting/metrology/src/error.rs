@@ -1,0 +1,156 @@
+use crate::Direction;
+
+/// Where in a file something is wrong, what stands there and what should.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Finding {
+    /// The file as it was named by the caller.
+    pub file: String,
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// The item concerned: a key, a column, a section.
+    pub what: String,
+    /// The text found there, shortened when long.
+    pub found: String,
+    /// What the format asks for.
+    pub expected: String,
+}
+
+impl std::fmt::Display for Finding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            file,
+            line,
+            what,
+            found,
+            expected,
+        } = self;
+        write!(
+            f,
+            "{file}:{line}: {what}: found {found}, expected {expected}"
+        )
+    }
+}
+
+/// Everything that can be wrong with a measurement file or with what is asked of it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MetrologyError {
+    /// The operating system does not give the file.
+    #[error("{file}: cannot be read: {source}")]
+    Unreadable {
+        /// The file as it was named by the caller.
+        file: String,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A directory stands where a file should.
+    #[error(
+        "{file}: found a directory, expected a measurement file ({})",
+        crate::READ_EXTENSIONS
+    )]
+    Directory {
+        /// The path as it was named by the caller.
+        file: String,
+    },
+    /// The extension does not say how to read the file.
+    #[error(
+        "{file}: found {found}, expected one that is read: {}",
+        crate::READ_EXTENSIONS
+    )]
+    Extension {
+        /// The file as it was named by the caller.
+        file: String,
+        /// The extension found, or that there is none.
+        found: String,
+    },
+    /// Larger than any measurement file.
+    #[error(
+        "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
+    )]
+    TooLarge {
+        /// The file as it was named by the caller.
+        file: String,
+        /// The limit.
+        limit_mib: u64,
+    },
+    /// No data at all.
+    #[error("{file}: found nothing in the file, expected {expected}")]
+    Empty {
+        /// The file as it was named by the caller.
+        file: String,
+        /// What should be there.
+        expected: String,
+    },
+    /// The bytes are not a text file of a known encoding.
+    #[error("{0}")]
+    Encoding(Finding),
+    /// The content is of another kind than the extension or the caller says.
+    #[error("{0}")]
+    Kind(Finding),
+    /// A line or key breaks the grammar.
+    #[error("{0}")]
+    Structure(Finding),
+    /// A number is not a number, not finite or out of its range.
+    #[error("{0}")]
+    Number(Finding),
+    /// A declared count differs from what the file holds.
+    #[error("{0}")]
+    Count(Finding),
+    /// A target, a reading or a key stands twice.
+    #[error("{0}")]
+    Repeated(Finding),
+    /// The file ends before it is complete.
+    #[error("{0}")]
+    Truncated(Finding),
+    /// The order of the targets of a run contradicts what the file says about directions.
+    #[error("{0}")]
+    TargetOrder(Finding),
+    /// A target was measured in one direction only, though the other direction was run.
+    #[error(
+        "{name}: target {target}: found no reading in direction {direction}, expected every target in each direction that was run"
+    )]
+    TargetLacking {
+        /// The measurement's name.
+        name: String,
+        /// The target, mm or deg.
+        target: f64,
+        /// The direction without readings.
+        direction: Direction,
+    },
+    /// Readings that cannot be evaluated (only possible when built in code).
+    #[error("{name}: {what}: found {found}, expected {expected}")]
+    Readings {
+        /// The measurement's or argument's name.
+        name: String,
+        /// The item concerned.
+        what: String,
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: String,
+    },
+    /// The targets are not one bridge length apart.
+    #[error(
+        "straightness by the angular method, targets {from} and {to}: found a spacing of {found} mm, expected the bridge length {bridge_mm} mm within 1 %"
+    )]
+    BridgeSpacing {
+        /// First target of the pair, mm.
+        from: f64,
+        /// Second target of the pair, mm.
+        to: f64,
+        /// Their distance, mm.
+        found: f64,
+        /// Foot spacing of the bridge, mm.
+        bridge_mm: f64,
+    },
+    /// An error name has no meaning in this place.
+    #[error("{what}: found `{found}`, expected {expected}")]
+    ErrorName {
+        /// What the name was meant for.
+        what: String,
+        /// The name found.
+        found: String,
+        /// The names that fit.
+        expected: String,
+    },
+}

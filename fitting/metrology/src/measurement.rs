@@ -1,0 +1,242 @@
+/// Unit of the deviations of a measurement, as they are held in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DeviationUnit {
+    /// Micrometre.
+    Um,
+    /// Microradian.
+    Urad,
+}
+
+impl std::fmt::Display for DeviationUnit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Um => "µm",
+            Self::Urad => "µrad",
+        })
+    }
+}
+
+/// Direction of approach to a target (ISO 230-2: ↑ and ↓).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Direction {
+    /// Towards larger coordinates, `+` in files, ↑ in the standard.
+    Forward,
+    /// Towards smaller coordinates, `-` in files, ↓ in the standard.
+    Backward,
+}
+
+impl Direction {
+    /// Both directions, forward first.
+    pub const BOTH: [Self; 2] = [Self::Forward, Self::Backward];
+
+    /// `forward` or `backward`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Forward => "forward",
+            Self::Backward => "backward",
+        }
+    }
+}
+
+impl std::fmt::Display for Direction {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Forward => "+",
+            Self::Backward => "-",
+        })
+    }
+}
+
+/// One reading: the deviation at one target in one run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Target position, mm or deg.
+    pub target: f64,
+    /// Number of the run among the runs of its direction, from 1.
+    pub run: u32,
+    /// Direction of approach.
+    pub direction: Direction,
+    /// Measured minus target, µm or µrad ([`Measurement::unit`]).
+    pub deviation: f64,
+}
+
+/// What a file says about itself and its machine; free text, `None` where absent or blank.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Metadata {
+    /// File type of the header (`rtl`, `rta`).
+    pub format: Option<String>,
+    /// Owner: the program that wrote the file.
+    pub owner: Option<String>,
+    /// Version number of that program or format.
+    pub version: Option<String>,
+    /// Machine.
+    pub machine: Option<String>,
+    /// Serial number of the machine.
+    pub serial: Option<String>,
+    /// Date, as written.
+    pub date: Option<String>,
+    /// Who measured.
+    pub by: Option<String>,
+    /// Axis.
+    pub axis: Option<String>,
+    /// Location.
+    pub location: Option<String>,
+    /// Title.
+    pub title: Option<String>,
+}
+
+/// A quantity at the start and at the end of the test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StartEnd {
+    /// Value at the start.
+    pub start: f64,
+    /// Value at the end.
+    pub end: f64,
+    /// The file's unit code, where it gives one.
+    pub unit_code: Option<i64>,
+}
+
+/// The surroundings during the test, in the file's units (°C, kPa, %, µm/(m·K) in the files known).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Environment {
+    /// Air temperature.
+    pub air_temperature: Option<StartEnd>,
+    /// Air pressure.
+    pub air_pressure: Option<StartEnd>,
+    /// Relative air humidity.
+    pub air_humidity: Option<StartEnd>,
+    /// Material temperatures 1 to 3; `None` where no sensor was connected (the file says −10.000000).
+    pub material_temperature: [Option<StartEnd>; 3],
+    /// Expansion coefficient of the material.
+    pub expansion_coefficient: Option<StartEnd>,
+    /// Environment factor: laser wavelength in air, µm / 2.
+    pub environment_factor: Option<StartEnd>,
+    /// Start and end time, as written.
+    pub date_time: Option<String>,
+}
+
+/// One measurement of one error of one axis: all readings of all runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Measurement {
+    /// The file it came from, for messages.
+    pub name: String,
+    /// Unit of the deviations; `None` when the file does not say (CSV).
+    pub unit: Option<DeviationUnit>,
+    /// All readings, in the order of the file.
+    pub readings: Vec<Reading>,
+    /// What the file says about itself and its machine.
+    pub metadata: Metadata,
+    /// The surroundings during the test.
+    pub environment: Environment,
+    /// What a person should know about how the file was read.
+    pub notes: Vec<String>,
+}
+
+impl Measurement {
+    /// The targets, mm or deg, ascending, each once.
+    pub fn targets(&self) -> Vec<f64> {
+        let mut targets: Vec<f64> = self.readings.iter().map(|r| r.target).collect();
+        targets.sort_by(f64::total_cmp);
+        targets.dedup_by(|a, b| a == b);
+        targets
+    }
+
+    /// The numbers of the runs of one direction, ascending, each once.
+    pub fn runs(&self, direction: Direction) -> Vec<u32> {
+        let in_direction = self.readings.iter().filter(|r| r.direction == direction);
+        let mut runs: Vec<u32> = in_direction.map(|r| r.run).collect();
+        runs.sort_unstable();
+        runs.dedup();
+        runs
+    }
+
+    /// Whether any reading was taken in this direction.
+    pub fn has(&self, direction: Direction) -> bool {
+        self.readings.iter().any(|r| r.direction == direction)
+    }
+
+    /// All deviations at one target in one direction, in the order of the readings.
+    pub fn deviations_at(&self, target: f64, direction: Direction) -> Vec<f64> {
+        let here = |r: &&Reading| r.target == target && r.direction == direction;
+        self.readings
+            .iter()
+            .filter(here)
+            .map(|r| r.deviation)
+            .collect()
+    }
+
+    /// Mean of the deviations at one target in one direction (x̄_i↑ or x̄_i↓), `None` without readings.
+    pub fn mean_at(&self, target: f64, direction: Direction) -> Option<f64> {
+        mean(&self.deviations_at(target, direction))
+    }
+
+    /// Mean at one target over what was run: x̄_i of ISO 230-2 with both directions, else the one there is.
+    pub fn mean_of_directions_at(&self, target: f64) -> Option<f64> {
+        let means = Direction::BOTH.map(|direction| self.mean_at(target, direction));
+        mean(&means.into_iter().flatten().collect::<Vec<_>>())
+    }
+
+    /// Targets and their means over what was run, ascending: each target counts once, however often it was measured.
+    pub fn mean_curve(&self) -> Vec<(f64, f64)> {
+        let at = |readings: &TargetReadings| {
+            let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
+            Some((
+                readings.target,
+                mean(&means.into_iter().flatten().collect::<Vec<_>>())?,
+            ))
+        };
+        self.by_target().iter().filter_map(at).collect()
+    }
+
+    /// Targets and means of one direction, ascending; empty when the direction was not run.
+    pub fn mean_curve_in(&self, direction: Direction) -> Vec<(f64, f64)> {
+        let at = |readings: &TargetReadings| {
+            Some((readings.target, mean(&readings.deviations(direction))?))
+        };
+        self.by_target().iter().filter_map(at).collect()
+    }
+
+    /// The readings sorted by target, within it by run.
+    pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
+        let mut sorted: Vec<&Reading> = self.readings.iter().collect();
+        sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));
+        let of = |readings: &[&Reading], direction| {
+            let here = readings.iter().filter(|r| r.direction == direction);
+            here.map(|r| (r.run, r.deviation)).collect()
+        };
+        let groups = sorted.chunk_by(|a, b| a.target == b.target);
+        let group = |readings: &[&Reading]| TargetReadings {
+            target: readings[0].target,
+            forward: of(readings, Direction::Forward),
+            backward: of(readings, Direction::Backward),
+        };
+        groups.map(group).collect()
+    }
+}
+
+/// All readings at one target, as (run, deviation).
+pub(crate) struct TargetReadings {
+    pub(crate) target: f64,
+    forward: Vec<(u32, f64)>,
+    backward: Vec<(u32, f64)>,
+}
+
+impl TargetReadings {
+    pub(crate) fn of(&self, direction: Direction) -> &[(u32, f64)] {
+        match direction {
+            Direction::Forward => &self.forward,
+            Direction::Backward => &self.backward,
+        }
+    }
+
+    pub(crate) fn deviations(&self, direction: Direction) -> Vec<f64> {
+        self.of(direction)
+            .iter()
+            .map(|(_, deviation)| *deviation)
+            .collect()
+    }
+}
+
+pub(crate) fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}

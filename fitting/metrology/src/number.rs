@@ -1,0 +1,156 @@
+//! Numbers as measurement files write them: plain decimal ASCII, nothing else.
+
+use crate::{Finding, MetrologyError};
+
+/// Beyond any target or deviation; keeps sums and squares of readings finite.
+pub(crate) const LARGEST: f64 = 1e12;
+
+/// A place in a file, for messages.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<'a> {
+    pub(crate) file: &'a str,
+    pub(crate) line: usize,
+}
+
+impl Place<'_> {
+    pub(crate) fn finding(
+        self,
+        what: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Finding {
+        Finding {
+            file: self.file.into(),
+            line: self.line,
+            what: what.into(),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    /// A finite decimal number; −0 becomes 0, so that equal targets are equal.
+    pub(crate) fn number(self, what: &str, text: &str) -> Result<f64, MetrologyError> {
+        let value = if is_decimal(text) {
+            text.parse::<f64>().ok()
+        } else {
+            None
+        };
+        match value {
+            Some(value) if value.abs() <= LARGEST => Ok(value + 0.0),
+            _ => Err(MetrologyError::Number(self.finding(
+                what,
+                quoted(text),
+                "a finite decimal number such as -12.5, at most 1e12",
+            ))),
+        }
+    }
+
+    /// A whole number of at least 1.
+    pub(crate) fn count(self, what: &str, text: &str) -> Result<u32, MetrologyError> {
+        match text.parse::<u32>() {
+            Ok(count) if count >= 1 && text.bytes().all(|b| b.is_ascii_digit()) => Ok(count),
+            _ => Err(MetrologyError::Number(self.finding(
+                what,
+                quoted(text),
+                "a whole number of at least 1",
+            ))),
+        }
+    }
+}
+
+/// A piece of a file for a message: in back quotes, control characters escaped, cut when long.
+pub(crate) fn quoted(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let shown: String = text
+        .chars()
+        .take(LONGEST)
+        .flat_map(char::escape_debug)
+        .collect();
+    let cut = if text.chars().count() > LONGEST {
+        "…"
+    } else {
+        ""
+    };
+    format!("`{shown}{cut}`")
+}
+
+/// Digits after the decimal point.
+pub(crate) fn decimals(text: &str) -> usize {
+    text.split_once('.')
+        .map_or(0, |(_, fraction)| fraction.len())
+}
+
+/// `[+-] digits [. digits] [e [+-] digits]`; a number that ends in a point is a cut one.
+fn is_decimal(text: &str) -> bool {
+    let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
+    let (mantissa, exponent) = match unsigned.split_once(['e', 'E']) {
+        Some((mantissa, exponent)) => (
+            mantissa,
+            Some(exponent.strip_prefix(['+', '-']).unwrap_or(exponent)),
+        ),
+        None => (unsigned, None),
+    };
+    let digits = |t: &str| !t.is_empty() && t.bytes().all(|b| b.is_ascii_digit());
+    let mantissa_holds = match mantissa.split_once('.') {
+        Some((whole, fraction)) => (whole.is_empty() || digits(whole)) && digits(fraction),
+        None => digits(mantissa),
+    };
+    mantissa_holds && exponent.is_none_or(digits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_plain_finite_decimals_are_numbers() {
+        let place = Place { file: "f", line: 1 };
+        for (text, value) in [
+            ("-12.50", -12.5),
+            ("+3", 3.0),
+            (".5", 0.5),
+            ("1e-3", 0.001),
+            ("2.5E+2", 250.0),
+        ] {
+            assert_eq!(place.number("x", text).unwrap(), value);
+        }
+        for text in [
+            "",
+            "-",
+            "1.",
+            "1e",
+            "1e+",
+            "nan",
+            "inf",
+            "-Infinity",
+            "1e999",
+            "1e13",
+            "0x10",
+            "1,5",
+            "1_0",
+            "٣",
+            " 1",
+            "1 ",
+        ] {
+            assert!(place.number("x", text).is_err(), "{text:?}");
+        }
+        assert!(place.number("x", "-0.0").unwrap().is_sign_positive());
+    }
+
+    #[test]
+    fn counts_are_whole_and_positive() {
+        let place = Place { file: "f", line: 1 };
+        assert_eq!(place.count("x", "007").unwrap(), 7);
+        for text in [
+            "",
+            "0",
+            "-1",
+            "+1",
+            "1.0",
+            "4294967296",
+            "99999999999999999999999",
+        ] {
+            assert!(place.count("x", text).is_err(), "{text:?}");
+        }
+    }
+}

@@ -1,0 +1,111 @@
+use super::document::{Document, Section};
+use super::environment::environment;
+use super::{RenishawKind, directions, sections};
+use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::number::quoted;
+use crate::{Measurement, Metadata, MetrologyError, Reading};
+
+/// Reads a Renishaw laser file.
+///
+/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar that independent readers and
+/// writers of the format share; unknown sections and keys are passed over. Targets are mm or deg. Deviations are
+/// measured − target: µm in `.rtl`; milliradian in `.rta`, held as µrad.
+///
+/// - The middle column of DEVIATIONS is the number of the target in the list, from 1. In a file where it cannot be
+///   that in some row (not whole, out of range) and equals a target in every row, it is read as the target. Row order
+///   never assigns a deviation to a target.
+/// - The direction of a run is the order of its own targets (ascending = forward), a run's number counts the passes
+///   of its direction. The second flag is compared: "bidirectional" with all runs in one direction is an error (the
+///   reverse runs may have been sorted), "unidirectional" with both is a note.
+/// - Reverse (even) runs of nothing but zeros beside real forward runs are left out and named in the notes.
+/// - Text that is not UTF-8 is read as GBK or Latin-1, with a note; numbers are ASCII always.
+///
+/// # Errors
+/// Anything else than a complete file: `EOF::` missing, counts that differ from the rows, repeated readings, targets or
+/// sections, numbers that are not finite decimals, a header that names another file type. Each names
+/// file, line, what was found and what was expected.
+pub fn parse_renishaw(
+    bytes: &[u8],
+    name: &str,
+    kind: RenishawKind,
+) -> Result<Measurement, MetrologyError> {
+    let (text, encoding_note) = decode(bytes, name)?;
+    refuse_empty(&text, name, "a Renishaw file from `HEADER::` to `EOF::`")?;
+    let document = Document::split(&text, name)?;
+    let metadata = metadata(&document, kind)?;
+    let targets = sections::targets(&document)?;
+    let rows = sections::rows(&document, &targets.values)?;
+    let environment = environment(document.section("ENVIRONMENT"), name)?;
+    let (readings, direction_notes) = directions::readings(name, rows, &targets)?;
+    let in_memory = |r: Reading| Reading {
+        deviation: r.deviation * kind.scale(),
+        ..r
+    };
+    let mut notes: Vec<String> = encoding_note.into_iter().collect();
+    notes.extend(direction_notes);
+    if document.text_after_end {
+        notes.push("text after `EOF::` was not read".into());
+    }
+    Ok(Measurement {
+        name: name.into(),
+        unit: Some(kind.unit()),
+        readings: readings.into_iter().map(in_memory).collect(),
+        metadata,
+        environment,
+        notes,
+    })
+}
+
+fn metadata(document: &Document<'_>, kind: RenishawKind) -> Result<Metadata, MetrologyError> {
+    let text_of = |section: Option<&Section<'_>>, key| -> Result<Option<String>, MetrologyError> {
+        let value = section
+            .map(|s| s.value(document.file, key))
+            .transpose()?
+            .flatten();
+        Ok(value
+            .map(|(_, text)| text.trim().to_owned())
+            .filter(|text| !text.is_empty()))
+    };
+    let header = document.section("HEADER");
+    let user = document.section("USER-TEXT");
+    check_file_type(document, header, kind)?;
+    Ok(Metadata {
+        format: text_of(header, "filetype")?,
+        owner: text_of(header, "owner")?,
+        version: text_of(header, "versionno")?,
+        machine: text_of(user, "machine")?,
+        serial: text_of(user, "serialno")?,
+        date: text_of(user, "date")?,
+        by: text_of(user, "by")?,
+        axis: text_of(user, "axis")?,
+        location: text_of(user, "location")?,
+        title: text_of(user, "title")?,
+    })
+}
+
+fn check_file_type(
+    document: &Document<'_>,
+    header: Option<&Section<'_>>,
+    kind: RenishawKind,
+) -> Result<(), MetrologyError> {
+    let stated = header
+        .map(|h| h.value(document.file, "filetype"))
+        .transpose()?
+        .flatten();
+    match stated {
+        Some((line, text))
+            if !text
+                .trim_start_matches('.')
+                .eq_ignore_ascii_case(kind.file_type()) =>
+        {
+            let expected = format!("`File type : {}`", kind.file_type());
+            Err(MetrologyError::Kind(wrong_kind(
+                document.file,
+                line,
+                quoted(text),
+                &expected,
+            )))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,195 @@
+//! Straightness: bridge readings to a profile, and the reference lines that are removed from a profile.
+
+use crate::MetrologyError;
+
+/// How the sign of a bridge's tilt reading is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TiltReading {
+    /// In the right-hand sign of the angular error `E?N` about its axis.
+    RightHand,
+    /// As the slope of the profile: positive where the deviation grows along the axis.
+    Slope,
+}
+
+/// The sign σ that turns a tilt reading into the slope of a straightness error: the rotation about a coordinate axis
+/// that lifts the profile along its direction.
+const RIGHT_HAND_SIGNS: [(&str, f64); 6] = [
+    ("EYX", 1.0),
+    ("EZY", 1.0),
+    ("EXZ", 1.0),
+    ("EZX", -1.0),
+    ("EXY", -1.0),
+    ("EYZ", -1.0),
+];
+
+/// σ of a straightness error: +1 for EYX, EZY, EXZ and −1 for EZX, EXY, EYZ with right-hand readings, +1 with slopes.
+///
+/// # Errors
+/// `error` is none of these six.
+pub fn tilt_sign(error: &str, reading: TiltReading) -> Result<f64, MetrologyError> {
+    let known = RIGHT_HAND_SIGNS.iter().find(|(name, _)| *name == error);
+    let (_, sign) = known.ok_or_else(|| MetrologyError::ErrorName {
+        what: "straightness by the angular method".into(),
+        found: error.into(),
+        expected: "EYX, EZX, EXY, EZY, EXZ or EYZ".into(),
+    })?;
+    Ok(match reading {
+        TiltReading::RightHand => *sign,
+        TiltReading::Slope => 1.0,
+    })
+}
+
+/// Straightness profile from the tilts of a bridge that is moved on by its own length.
+///
+/// `tilts` are (target in mm, θ_k in µrad), targets ascending; θ_k is read with the feet on targets k − 1 and k, the
+/// first reading is not used. `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and
+/// h_k = h_{k−1} + s σ θ_k, before any reference line is removed.
+///
+/// # Errors
+/// Not a straightness error, fewer than two targets, numbers that are not finite, or a target spacing that differs
+/// from `bridge_mm` by more than 1 %.
+pub fn angular_method_um(
+    error: &str,
+    reading: TiltReading,
+    tilts: &[(f64, f64)],
+    bridge_mm: f64,
+) -> Result<Vec<(f64, f64)>, MetrologyError> {
+    const UM_PER_MM_URAD: f64 = 1e-3;
+    const SPACING_TOLERANCE: f64 = 0.01;
+    let sign = tilt_sign(error, reading)?;
+    check_points("straightness by the angular method", tilts)?;
+    check_bridge(bridge_mm)?;
+    let mut h_um = 0.0;
+    let mut profile = vec![(tilts[0].0, h_um)];
+    for pair in tilts.windows(2) {
+        let [(from, _), (to, tilt_urad)] = [pair[0], pair[1]];
+        let found = to - from;
+        if (found - bridge_mm).abs() > SPACING_TOLERANCE * bridge_mm {
+            return Err(MetrologyError::BridgeSpacing {
+                from,
+                to,
+                found,
+                bridge_mm,
+            });
+        }
+        h_um += bridge_mm * sign * tilt_urad * UM_PER_MM_URAD;
+        profile.push((to, h_um));
+    }
+    Ok(profile)
+}
+
+/// A straight line through a profile: what is removed before straightness is stated, and what squareness is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceLine {
+    /// Slope in µm/mm; [`slope_urad`](Self::slope_urad) gives it in µrad (= µm/m).
+    pub slope_um_per_mm: f64,
+    /// Value at coordinate 0, µm.
+    pub intercept_um: f64,
+}
+
+impl ReferenceLine {
+    /// Ordinary least squares through (target in mm, value in µm), each target once.
+    ///
+    /// # Errors
+    /// Fewer than two different targets, or numbers that are not finite.
+    pub fn least_squares(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
+        check_points("least-squares reference line", points)?;
+        let n = points.len() as f64;
+        let mean_target = points.iter().map(|(q, _)| q).sum::<f64>() / n;
+        let mean_value = points.iter().map(|(_, x)| x).sum::<f64>() / n;
+        let about_mean = || {
+            points
+                .iter()
+                .map(|(q, x)| (q - mean_target, x - mean_value))
+        };
+        let variance: f64 = about_mean().map(|(q, _)| q * q).sum();
+        let covariance: f64 = about_mean().map(|(q, x)| q * x).sum();
+        Ok(Self::through(
+            mean_target,
+            mean_value,
+            covariance / variance,
+        ))
+    }
+
+    /// The line through the values at the smallest and the largest target.
+    ///
+    /// # Errors
+    /// Fewer than two different targets, or numbers that are not finite.
+    pub fn end_points(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
+        check_points("end-point reference line", points)?;
+        let by_target = |a: &&(f64, f64), b: &&(f64, f64)| a.0.total_cmp(&b.0);
+        let (first, last) = (
+            points.iter().min_by(by_target),
+            points.iter().max_by(by_target),
+        );
+        let ((q_0, x_0), (q_1, x_1)) = (
+            first.copied().unwrap_or_default(),
+            last.copied().unwrap_or_default(),
+        );
+        Ok(Self::through(q_0, x_0, (x_1 - x_0) / (q_1 - q_0)))
+    }
+
+    fn through(target_mm: f64, value_um: f64, slope_um_per_mm: f64) -> Self {
+        Self {
+            slope_um_per_mm,
+            intercept_um: value_um - slope_um_per_mm * target_mm,
+        }
+    }
+
+    /// The slope in µrad, the unit of squareness: 1 µm/mm = 1000 µrad.
+    pub fn slope_urad(&self) -> f64 {
+        const URAD_PER_UM_PER_MM: f64 = 1000.0;
+        self.slope_um_per_mm * URAD_PER_UM_PER_MM
+    }
+
+    /// The line's value at a coordinate in mm, µm.
+    pub fn value_um(&self, target_mm: f64) -> f64 {
+        self.intercept_um + self.slope_um_per_mm * target_mm
+    }
+
+    /// The profile without the line: (target in mm, deviation in µm).
+    pub fn removed_from(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+        points
+            .iter()
+            .map(|(q, x)| (*q, x - self.value_um(*q)))
+            .collect()
+    }
+}
+
+fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError> {
+    let refuse = |what: &str, found: String, expected: &str| {
+        let (name, what) = (name.into(), what.into());
+        Err(MetrologyError::Readings {
+            name,
+            what,
+            found,
+            expected: expected.into(),
+        })
+    };
+    if let Some((q, x)) = points
+        .iter()
+        .find(|(q, x)| !q.is_finite() || !x.is_finite())
+    {
+        return refuse("points", format!("{x} at target {q}"), "finite numbers");
+    }
+    if points.iter().all(|(q, _)| *q == points[0].0) {
+        return refuse(
+            "points",
+            points.len().to_string(),
+            "at least two different targets",
+        );
+    }
+    Ok(())
+}
+
+fn check_bridge(bridge_mm: f64) -> Result<(), MetrologyError> {
+    if bridge_mm.is_finite() && bridge_mm > 0.0 {
+        return Ok(());
+    }
+    Err(MetrologyError::Readings {
+        name: "straightness by the angular method".into(),
+        what: "bridge length".into(),
+        found: format!("{bridge_mm} mm"),
+        expected: "a positive length".into(),
+    })
+}

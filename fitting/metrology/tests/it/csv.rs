@@ -1,0 +1,81 @@
+use volcomp_metrology::{Direction, Measurement, MetrologyError, parse_csv, write_csv};
+
+fn csv(text: &str) -> Result<Measurement, MetrologyError> {
+    parse_csv(text.as_bytes(), "x.csv")
+}
+
+const BIDIRECTIONAL: &str = "target,run,direction,deviation
+-10.5,1,+,1.25
+0,1,+,2.50
+10,1,+,-3.75
+10,1,-,-2.25
+0,1,-,3.00
+-10.5,1,-,4.25
+";
+
+#[test]
+fn the_table_is_read_as_it_stands() {
+    let m = csv(BIDIRECTIONAL).unwrap();
+    assert_eq!((m.unit, m.readings.len(), m.notes.len()), (None, 6, 0));
+    assert_eq!(m.targets(), [-10.5, 0.0, 10.0]);
+    assert_eq!(m.mean_at(-10.5, Direction::Backward), Some(4.25));
+    let spaced = BIDIRECTIONAL.replace(',', " , ").replace('\n', "\r\n\r\n");
+    assert_eq!(
+        csv(&format!("\u{feff}{}", spaced.replace("target", "Target")))
+            .unwrap()
+            .readings,
+        m.readings
+    );
+}
+
+#[test]
+fn two_columns_are_one_forward_run() {
+    let m = csv("target,deviation\n0,1\n\"10\",2e-1\n").unwrap();
+    assert_eq!(m.mean_curve(), [(0.0, 1.0), (10.0, 0.2)]);
+    assert_eq!(
+        (m.runs(Direction::Forward), m.has(Direction::Backward)),
+        (vec![1], false)
+    );
+}
+
+#[test]
+fn written_tables_read_back_exactly() {
+    let text = "target,run,direction,deviation\n0.1,1,+,0.30000000000000004\n-7.25,3,-,-123456.789012345\n";
+    let m = csv(text).unwrap();
+    assert_eq!(write_csv(&m), text);
+}
+
+#[test]
+fn what_a_person_should_know_is_noted() {
+    let notes = |text: &str| csv(text).unwrap().notes.join("\n");
+    let unfinished = BIDIRECTIONAL.trim_end();
+    insta::assert_snapshot!(notes(unfinished), @"the last line does not end in a line break: the file may be cut off");
+    let lacking = BIDIRECTIONAL.replace("10,1,-,-2.25\n", "") + "0,2,+,1\n";
+    insta::assert_snapshot!(notes(&lacking), @r"
+    run 2 + holds 1 of 3 targets
+    run 1 - holds 2 of 3 targets
+    2 runs forward, 1 backward
+    ");
+    let zeros = BIDIRECTIONAL
+        .replace("-2.25", "0")
+        .replace("3.00", "0")
+        .replace("4.25", "0");
+    insta::assert_snapshot!(notes(&zeros), @"every backward reading is exactly 0: if the test was unidirectional, leave those rows out");
+}
+
+/// The table has no end mark, so a cut at a line end of its first run cannot be seen; every other cut is.
+#[test]
+fn a_table_cut_anywhere_is_refused_or_noted() {
+    for cut in 0..BIDIRECTIONAL.len() {
+        let text = &BIDIRECTIONAL[..cut];
+        let lines = text.lines().count();
+        let in_the_first_run = text.ends_with('\n') && (2..=4).contains(&lines);
+        match csv(text) {
+            Ok(m) => assert!(in_the_first_run || !m.notes.is_empty(), "{text:?}"),
+            Err(_) => assert!(!in_the_first_run),
+        }
+    }
+    let inside_the_last_number = BIDIRECTIONAL.len() - 2;
+    let error = csv(&BIDIRECTIONAL[..inside_the_last_number]).unwrap_err();
+    assert!(matches!(error, MetrologyError::Truncated(_)));
+}

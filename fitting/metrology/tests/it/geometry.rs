@@ -1,0 +1,279 @@
+//! Straightness, squareness and Abbe against rigid bodies that are moved about.
+
+use volcomp_metrology::{
+    CarriedSide, ReferenceLine, Rides, TiltReading, Travel, abbe_um, angular_method_um, lever_mm,
+    squareness_parts, squareness_urad, tilt_sign,
+};
+
+type Vector = [f64; 3];
+
+fn add(a: Vector, b: Vector) -> Vector {
+    std::array::from_fn(|i| a[i] + b[i])
+}
+
+fn sub(a: Vector, b: Vector) -> Vector {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+fn scaled(a: Vector, k: f64) -> Vector {
+    a.map(|x| x * k)
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn dot(a: Vector, b: Vector) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// Rodrigues' rotation of v by the rotation vector w.
+fn rotated(v: Vector, w: Vector) -> Vector {
+    let angle = dot(w, w).sqrt();
+    if angle == 0.0 {
+        return v;
+    }
+    let k = scaled(w, 1.0 / angle);
+    let along = scaled(k, dot(k, v) * (1.0 - angle.cos()));
+    add(
+        add(scaled(v, angle.cos()), scaled(cross(k, v), angle.sin())),
+        along,
+    )
+}
+
+/// Where the carriage's error motion (δ in mm, ε in rad, stated at `c`) takes a point given at axis position 0.
+fn disturbed(p: Vector, delta: Vector, epsilon: Vector, c: Vector) -> Vector {
+    add(add(c, delta), rotated(sub(p, c), epsilon))
+}
+
+const DELTA_UM: Vector = [12.0, -7.0, 5.0];
+const TILTS_URAD: Vector = [31.0, -18.0, 44.0];
+const CARRIAGE_POINT: Vector = [120.0, -40.0, 900.0];
+const DIRECTION: Vector = [0.0, 1.0, 0.0];
+const POSITION_MM: f64 = 1375.0;
+const POINT: Vector = [-300.0, 250.0, 80.0];
+
+fn rigid_body_deviation_um(point_at_zero: Vector) -> Vector {
+    let (delta, epsilon) = (scaled(DELTA_UM, 1e-3), scaled(TILTS_URAD, 1e-6));
+    let moved = disturbed(point_at_zero, delta, epsilon, CARRIAGE_POINT);
+    scaled(sub(moved, point_at_zero), 1e3)
+}
+
+fn model_deviation_um(rides: Rides, side: CarriedSide) -> Vector {
+    let travel = Travel {
+        side,
+        direction_mcs: DIRECTION,
+        position_mm: POSITION_MM,
+    };
+    let lever = lever_mm(POINT, CARRIAGE_POINT, rides, travel);
+    add(DELTA_UM, abbe_um(TILTS_URAD, lever))
+}
+
+#[track_caller]
+fn near(found: Vector, expected: Vector) {
+    // Second order: ε² × lever = (6e-5)² × 1.5e6 µm = 0.005 µm.
+    let worst = sub(found, expected)
+        .map(f64::abs)
+        .into_iter()
+        .fold(0.0, f64::max);
+    assert!(worst < 5e-3, "{found:?} against {expected:?}");
+}
+
+#[test]
+fn a_point_on_the_carriage_moves_with_it() {
+    // The carriage carries the point to m + u q and tilts there about its own point: the distance is m − c.
+    for side in [CarriedSide::Tool, CarriedSide::Workpiece] {
+        near(
+            model_deviation_um(Rides::Carriage, side),
+            rigid_body_deviation_um(POINT),
+        );
+    }
+}
+
+#[test]
+fn a_point_that_stands_still_meets_another_place_of_the_carriage_at_each_position() {
+    // Tool-side axis: the place of the carriage that passes the fixed point was u q behind it at zero.
+    let passing = sub(POINT, scaled(DIRECTION, POSITION_MM));
+    near(
+        model_deviation_um(Rides::Other, CarriedSide::Tool),
+        rigid_body_deviation_um(passing),
+    );
+    // Workpiece-side axis: a fixed tool point runs +u q over the table, which is what `E?N` describes.
+    let reached = add(POINT, scaled(DIRECTION, POSITION_MM));
+    near(
+        model_deviation_um(Rides::Other, CarriedSide::Workpiece),
+        rigid_body_deviation_um(reached),
+    );
+}
+
+#[test]
+fn yaw_at_a_lever_of_one_metre_by_hand() {
+    // 10 µrad about Z, one metre along Y: 10 µm towards −X.
+    assert_eq!(
+        abbe_um([0.0, 0.0, 10.0], [0.0, 1000.0, 0.0]),
+        [-10.0, 0.0, 0.0]
+    );
+}
+
+fn axis_of(letter: u8) -> Vector {
+    std::array::from_fn(|i| f64::from(u8::from(i == usize::from(letter - b'X'))))
+}
+
+/// A bridge (a rigid body) is laid foot to foot along a known profile; its tilt as a rotation vector gives the reading.
+#[test]
+fn bridge_readings_give_the_profile_back_for_every_error() {
+    let bridge_mm = 100.0;
+    let profile_um = [0.0, 1.5, 4.0, 3.0, -2.0, -2.5, 0.5];
+    for error in ["EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"] {
+        let name = error.as_bytes();
+        let (across, along) = (axis_of(name[1]), axis_of(name[2]));
+        let about = cross(along, across);
+        let readings = |k: usize| {
+            let rise_um = if k == 0 {
+                77.0
+            } else {
+                profile_um[k] - profile_um[k - 1]
+            };
+            let foot_to_foot = add(
+                scaled(along, bridge_mm),
+                scaled(across, if k == 0 { 0.0 } else { rise_um * 1e-3 }),
+            );
+            let tilt = scaled(cross(along, foot_to_foot), 1e6 / bridge_mm);
+            // The unused reading at target 0 is arbitrary; the rest is the right-hand rotation about +A, +B or +C.
+            let right_hand: f64 = tilt.iter().sum();
+            let slope = dot(tilt, about);
+            let target = -250.0 + bridge_mm * k as f64;
+            if k == 0 {
+                (target, [77.0; 2])
+            } else {
+                (target, [right_hand, slope])
+            }
+        };
+        let all: Vec<_> = (0..profile_um.len()).map(readings).collect();
+        for (which, reading) in [TiltReading::RightHand, TiltReading::Slope]
+            .into_iter()
+            .enumerate()
+        {
+            let tilts: Vec<_> = all.iter().map(|(q, r)| (*q, r[which])).collect();
+            let found = angular_method_um(error, reading, &tilts, bridge_mm).unwrap();
+            for ((_, h), expected) in found.iter().zip(profile_um) {
+                assert!(
+                    (h - expected).abs() < 1e-9,
+                    "{error} {reading:?}: {h} against {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn bridge_and_targets_must_fit() {
+    let tilts = |spacing: f64| [(0.0, 0.0), (100.0, 1.0), (100.0 + spacing, 2.0)];
+    let method =
+        |spacing, bridge| angular_method_um("EYX", TiltReading::RightHand, &tilts(spacing), bridge);
+    assert!(method(100.9, 100.0).is_ok());
+    assert!(method(99.1, 100.0).is_ok());
+    for (spacing, bridge) in [
+        (101.1, 100.0),
+        (98.9, 100.0),
+        (100.0, 102.0),
+        (-100.0, 100.0),
+        (100.0, 0.0),
+    ] {
+        assert!(method(spacing, bridge).is_err(), "{spacing} {bridge}");
+    }
+    insta::assert_snapshot!(method(101.1, 100.0).unwrap_err(), @"straightness by the angular method, targets 100 and 201.1: found a spacing of 101.1 mm, expected the bridge length 100 mm within 1 %");
+    insta::assert_snapshot!(method(100.0, f64::NAN).unwrap_err(), @"straightness by the angular method: bridge length: found NaN mm, expected a positive length");
+    insta::assert_snapshot!(tilt_sign("EXX", TiltReading::Slope).unwrap_err(), @"straightness by the angular method: found `EXX`, expected EYX, EZX, EXY, EZY, EXZ or EYZ");
+    assert!(
+        angular_method_um(
+            "EYX",
+            TiltReading::Slope,
+            &[(0.0, f64::NAN), (1.0, 0.0)],
+            1.0
+        )
+        .is_err()
+    );
+}
+
+#[test]
+fn reference_lines_by_hand() {
+    // Least squares through (0,1) (10,3) (20,2): slope (−10·−1 + 10·0)/200 = 0.05, mean 2 at 10.
+    let points = [(0.0, 1.0), (10.0, 3.0), (20.0, 2.0)];
+    let line = ReferenceLine::least_squares(&points).unwrap();
+    assert!((line.slope_um_per_mm - 0.05).abs() < 1e-15);
+    assert!((line.intercept_um - 1.5).abs() < 1e-15);
+    assert!((line.slope_urad() - 50.0).abs() < 1e-12);
+    let rest: f64 = line.removed_from(&points).iter().map(|(_, x)| x).sum();
+    assert!(rest.abs() < 1e-12);
+    let ends = ReferenceLine::end_points(&[points[2], points[0], points[1]]).unwrap();
+    assert_eq!((ends.slope_um_per_mm, ends.intercept_um), (0.05, 1.0));
+    assert_eq!(ends.removed_from(&points)[2].1, 0.0);
+}
+
+#[test]
+fn a_line_needs_two_targets() {
+    for points in [
+        &[][..],
+        &[(1.0, 2.0)],
+        &[(1.0, 2.0), (1.0, 3.0)],
+        &[(0.0, 0.0), (1.0, f64::NAN)],
+    ] {
+        assert!(ReferenceLine::least_squares(points).is_err());
+        assert!(ReferenceLine::end_points(points).is_err());
+    }
+    insta::assert_snapshot!(ReferenceLine::least_squares(&[(1.0, 2.0)]).unwrap_err(), @"least-squares reference line: points: found 1, expected at least two different targets");
+}
+
+/// Two axis lines that are really out of square, measured against beams that are out of square in their own way.
+#[test]
+fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
+    // For each pair: first axis p, second axis s, the axis of rotation from p to s, and the error's name.
+    let cases = [
+        ("EC0Y", 0, 1, "EYX", "EXY"),
+        ("EA0Z", 1, 2, "EZY", "EYZ"),
+        ("EB0Z", 0, 2, "EZX", "EXZ"),
+    ];
+    let (out_urad, reference_urad, beam_urad) = (37.0, -3.2, 11.0);
+    for (error, p, s, first, second) in cases {
+        let unit = |i: usize| axis_of(b'X' + u8::try_from(i).unwrap());
+        let rotation = match error {
+            "EC0Y" => [0.0, 0.0, 1.0],
+            "EA0Z" => [1.0, 0.0, 0.0],
+            _ => [0.0, 1.0, 0.0],
+        };
+        // The first axis runs true; the second is turned by the squareness error, right-handed.
+        let second_line = rotated(unit(s), scaled(rotation, out_urad * 1e-6));
+        // Beam p is turned within the plane by `beam`, beam s stands at π/2 + reference to it.
+        let turned = |angle: f64| add(scaled(unit(p), angle.cos()), scaled(unit(s), angle.sin()));
+        let beam_p = turned(beam_urad * 1e-6);
+        let beam_s = turned((beam_urad + reference_urad) * 1e-6 + std::f64::consts::FRAC_PI_2);
+        // A straightness slope is the line's component along the other beam's side, seen from its own beam.
+        let across_p = turned(beam_urad * 1e-6 + std::f64::consts::FRAC_PI_2);
+        let across_s = scaled(turned((beam_urad + reference_urad) * 1e-6), 1.0);
+        let slope_first = dot(unit(p), across_p) / dot(unit(p), beam_p) * 1e6;
+        let slope_second = dot(second_line, across_s) / dot(second_line, beam_s) * 1e6;
+        let slopes = [(first, slope_first), (second, slope_second)];
+        let found = squareness_urad(error, reference_urad, slopes).unwrap();
+        assert!((found - out_urad).abs() < 1e-3, "{error}: {found}");
+        let swapped = squareness_urad(error, reference_urad, [slopes[1], slopes[0]]).unwrap();
+        assert_eq!(found, swapped);
+        let mut parts = squareness_parts(error).unwrap();
+        parts.sort_unstable();
+        let mut expected = [first, second];
+        expected.sort_unstable();
+        assert_eq!(parts, expected);
+    }
+}
+
+#[test]
+fn squareness_of_other_names_is_refused() {
+    let slopes = [("EXY", 0.0), ("EYX", 0.0)];
+    insta::assert_snapshot!(squareness_urad("EC0X", 0.0, slopes).unwrap_err(), @"squareness from two slopes: found `EC0X`, expected EC0Y, EA0Z or EB0Z");
+    insta::assert_snapshot!(squareness_urad("EA0Z", 0.0, slopes).unwrap_err(), @"slopes for the squareness EA0Z: found `EXY, EYX`, expected EYZ and EZY");
+    assert!(squareness_urad("EC0Y", 0.0, [("EXY", 0.0), ("EXY", 0.0)]).is_err());
+}

@@ -1,0 +1,12 @@
+//! Behaviour of the crate, seen from outside.
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod bad_input;
+mod csv;
+mod fuzz_corpus;
+mod geometry;
+mod iso230_2;
+mod outliers;
+mod properties;
+mod renishaw;
+mod samples;

@@ -1,0 +1,236 @@
+//! Readers on arbitrary and on damaged bytes, and what is written read back.
+
+use proptest::prelude::*;
+use volcomp_metrology::{
+    DeviationUnit, Direction, Environment, Measurement, Metadata, Reading, RenishawKind, StartEnd,
+    evaluate, parse_csv, parse_renishaw, write_csv, write_renishaw,
+};
+
+use crate::samples::BIDIRECTIONAL_RTL;
+
+const TABLE: &str =
+    "target,run,direction,deviation\n-10,1,+,1.25\n5,1,+,2.5\n5,1,-,0.5\n-10,1,-,3\n";
+
+/// Reads as every format; what is accepted must be sound and survive its own format.
+fn exercise(bytes: &[u8]) {
+    let read = [
+        parse_renishaw(bytes, "x", RenishawKind::Linear),
+        parse_renishaw(bytes, "x", RenishawKind::Angular),
+        parse_csv(bytes, "x"),
+    ];
+    for m in read.into_iter().flatten() {
+        assert!(!m.readings.is_empty());
+        assert!(
+            m.readings
+                .iter()
+                .all(|r| r.target.is_finite() && r.deviation.is_finite())
+        );
+        let again = parse_csv(write_csv(&m).as_bytes(), "x").unwrap();
+        assert_eq!(again.readings, m.readings);
+        let _ = evaluate(&m);
+        let _ = write_renishaw(&m);
+    }
+}
+
+#[derive(Debug, Clone)]
+enum Damage {
+    Replace(usize, u8),
+    Remove(usize, usize),
+    Insert(usize, Vec<u8>),
+    Repeat(usize, usize),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    let tokens = prop::sample::select(vec![
+        "nan",
+        "-inf",
+        "1e999",
+        "::",
+        "\r\n",
+        "\n",
+        " ",
+        "-",
+        ",",
+        "\"",
+        "999999999999",
+        "EOF::",
+        "Flags: 0 1 2 0",
+    ]);
+    let text = prop_oneof![
+        tokens.prop_map(|t| t.as_bytes().to_vec()),
+        prop::collection::vec(any::<u8>(), 1..4)
+    ];
+    prop_oneof![
+        (any::<usize>(), any::<u8>()).prop_map(|(at, byte)| Damage::Replace(at, byte)),
+        (any::<usize>(), 1..40_usize).prop_map(|(at, n)| Damage::Remove(at, n)),
+        (any::<usize>(), text).prop_map(|(at, text)| Damage::Insert(at, text)),
+        (any::<usize>(), 1..60_usize).prop_map(|(at, n)| Damage::Repeat(at, n)),
+    ]
+}
+
+fn damaged(text: &str, damages: &[Damage]) -> Vec<u8> {
+    let mut bytes = text.as_bytes().to_vec();
+    for damage in damages {
+        let length = bytes.len().max(1);
+        match damage {
+            Damage::Replace(at, byte) => {
+                if let Some(b) = bytes.get_mut(at % length) {
+                    *b = *byte;
+                }
+            }
+            Damage::Remove(at, n) => {
+                let (from, to) = (
+                    (at % length).min(bytes.len()),
+                    (at % length + n).min(bytes.len()),
+                );
+                bytes.drain(from..to);
+            }
+            Damage::Insert(at, text) => {
+                let at = (at % length).min(bytes.len());
+                bytes.splice(at..at, text.iter().copied());
+            }
+            Damage::Repeat(at, n) => {
+                let (from, to) = (
+                    (at % length).min(bytes.len()),
+                    (at % length + n).min(bytes.len()),
+                );
+                let piece = bytes[from..to].to_vec();
+                bytes.splice(to..to, piece);
+            }
+        }
+    }
+    bytes
+}
+
+fn text() -> impl Strategy<Value = Option<String>> {
+    prop::option::of("[A-Za-z0-9üµ床][A-Za-z0-9 üµ床:.-]{0,12}[A-Za-z0-9床]")
+}
+
+prop_compose! {
+    fn metadata(kind: &'static str)(
+        owner in text(), version in text(), machine in text(), serial in text(), date in text(),
+        by in text(), axis in text(), location in text(), title in text(),
+    ) -> Metadata {
+        let format = Some(kind.to_owned());
+        Metadata { format, owner, version, machine, serial, date, by, axis, location, title }
+    }
+}
+
+fn start_end() -> impl Strategy<Value = Option<StartEnd>> {
+    let value = || (0..40_000_000_i64).prop_map(|k| k as f64 / 1e6);
+    let range = (value(), value(), prop::option::of(0..9_i64));
+    prop::option::of(range.prop_map(|(start, end, unit_code)| StartEnd {
+        start,
+        end,
+        unit_code,
+    }))
+}
+
+prop_compose! {
+    fn environment()(
+        air_temperature in start_end(), air_pressure in start_end(), air_humidity in start_end(),
+        material_temperature in [start_end(), start_end(), start_end()],
+        expansion_coefficient in start_end(), environment_factor in start_end(), date_time in text(),
+    ) -> Environment {
+        Environment {
+            air_temperature, air_pressure, air_humidity, material_temperature,
+            expansion_coefficient, environment_factor, date_time,
+        }
+    }
+}
+
+/// Complete runs in the order of travel, numbers on a grid of 1e-6 mm and 1e-6 µm or µrad, no deviation 0.
+fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value = Measurement> {
+    let targets = prop::collection::btree_set(-9_000_000_000..9_000_000_000_i64, 2..13);
+    let deviations = prop::collection::vec(1..900_000_000_i64, 12 * 8);
+    let directions = prop::sample::select(vec![
+        vec![Direction::Forward],
+        vec![Direction::Backward],
+        vec![Direction::Forward, Direction::Backward],
+    ]);
+    (
+        targets,
+        deviations,
+        directions,
+        1..5_u32,
+        metadata(kind),
+        environment(),
+    )
+        .prop_map(
+            move |(targets, deviations, directions, runs, metadata, environment)| {
+                let mut deviation = deviations
+                    .into_iter()
+                    .map(|k| (k - 450_000_001) as f64 / 1e6);
+                let mut readings = Vec::new();
+                for run in 1..=runs {
+                    for &direction in &directions {
+                        let mut in_order: Vec<f64> =
+                            targets.iter().map(|k| *k as f64 / 1e6).collect();
+                        if direction == Direction::Backward {
+                            in_order.reverse();
+                        }
+                        readings.extend(in_order.into_iter().map(|target| {
+                            let deviation = deviation.next().unwrap();
+                            Reading {
+                                target,
+                                run,
+                                direction,
+                                deviation,
+                            }
+                        }));
+                    }
+                }
+                let (name, unit, notes) = ("x".to_owned(), Some(unit), Vec::new());
+                Measurement {
+                    name,
+                    unit,
+                    readings,
+                    metadata,
+                    environment,
+                    notes,
+                }
+            },
+        )
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        exercise(&bytes);
+    }
+
+    #[test]
+    fn damaged_laser_files_never_panic(damages in prop::collection::vec(damage(), 1..5)) {
+        exercise(&damaged(BIDIRECTIONAL_RTL, &damages));
+    }
+
+    #[test]
+    fn damaged_tables_never_panic(damages in prop::collection::vec(damage(), 1..4)) {
+        exercise(&damaged(TABLE, &damages));
+    }
+
+    #[test]
+    fn linear_files_read_back_as_written(m in measurement(DeviationUnit::Um, "rtl")) {
+        let text = write_renishaw(&m);
+        prop_assert!(text.lines().count() == text.matches("\r\n").count());
+        prop_assert_eq!(parse_renishaw(text.as_bytes(), "x", RenishawKind::Linear).unwrap(), m);
+    }
+
+    #[test]
+    fn angular_files_read_back_to_a_millionth(m in measurement(DeviationUnit::Urad, "rta")) {
+        let mut again =
+            parse_renishaw(write_renishaw(&m).as_bytes(), "x", RenishawKind::Angular).unwrap();
+        for (found, expected) in again.readings.iter_mut().zip(&m.readings) {
+            prop_assert!((found.deviation - expected.deviation).abs() < 6e-7);
+            found.deviation = expected.deviation;
+        }
+        prop_assert_eq!(again, m);
+    }
+
+    #[test]
+    fn tables_read_back_as_written(m in measurement(DeviationUnit::Um, "rtl")) {
+        let again = parse_csv(write_csv(&m).as_bytes(), "x").unwrap();
+        prop_assert_eq!(again.readings, m.readings);
+        prop_assert_eq!(again.notes, Vec::<String>::new());
+    }
+}
