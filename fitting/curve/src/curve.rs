@@ -1,0 +1,143 @@
+use alloc::vec::Vec;
+
+use crate::{
+    BSpline, Chebyshev, CurveError, Fourier, MovingLeastSquares, Polynomial, Table, domain,
+};
+
+/// A function of one coordinate, in the caller's units.
+///
+/// Outside its domain a curve holds its end value and has the derivative 0;
+/// [`contains`](Self::contains) tells whether an argument was inside. A NaN argument gives NaN.
+/// Evaluation neither allocates nor panics.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Curve {
+    /// The same value everywhere, unbounded.
+    Constant(f64),
+    /// Powers of the argument.
+    Polynomial(Polynomial),
+    /// Chebyshev polynomials.
+    Chebyshev(Chebyshev),
+    /// Nodes joined by straight lines or monotone cubics.
+    Table(Table),
+    /// A spline over a knot vector.
+    BSpline(BSpline),
+    /// A Fourier series.
+    Fourier(Fourier),
+    /// Moving least squares over nodes.
+    MovingLeastSquares(MovingLeastSquares),
+}
+
+impl Curve {
+    /// A checked constant.
+    ///
+    /// # Errors
+    /// The value is not finite.
+    pub fn constant(value: f64) -> Result<Self, CurveError> {
+        domain::finite("constant", &[value])?;
+        Ok(Self::Constant(value))
+    }
+
+    /// The value at `x`.
+    pub fn value(&self, x: f64) -> f64 {
+        match self {
+            Self::Constant(c) => nan_or(x, *c),
+            Self::Polynomial(c) => c.value(x),
+            Self::Chebyshev(c) => c.value(x),
+            Self::Table(c) => c.value(x),
+            Self::BSpline(c) => c.value(x),
+            Self::Fourier(c) => c.value(x),
+            Self::MovingLeastSquares(c) => c.value(x),
+        }
+    }
+
+    /// The derivative at `x`: the one from inside at the ends of the domain, 0 outside.
+    pub fn derivative(&self, x: f64) -> f64 {
+        match self {
+            Self::Constant(_) => nan_or(x, 0.0),
+            Self::Polynomial(c) => c.derivative(x),
+            Self::Chebyshev(c) => c.derivative(x),
+            Self::Table(c) => c.derivative(x),
+            Self::BSpline(c) => c.derivative(x),
+            Self::Fourier(c) => c.derivative(x),
+            Self::MovingLeastSquares(c) => c.derivative(x),
+        }
+    }
+
+    /// The range of arguments the curve was made for; none for a constant, which holds everywhere.
+    pub fn domain(&self) -> Option<[f64; 2]> {
+        match self {
+            Self::Constant(_) => None,
+            Self::Polynomial(c) => Some(c.domain()),
+            Self::Chebyshev(c) => Some(c.domain()),
+            Self::Table(c) => Some(c.domain()),
+            Self::BSpline(c) => Some(c.domain()),
+            Self::Fourier(c) => Some(c.domain()),
+            Self::MovingLeastSquares(c) => Some(c.domain()),
+        }
+    }
+
+    /// Whether `x` lies in the domain, ends included; never for NaN.
+    pub fn contains(&self, x: f64) -> bool {
+        self.domain()
+            .map_or(!x.is_nan(), |domain| domain::contains(domain, x))
+    }
+
+    /// The arguments at which a derivative, of the first order or a higher one, may jump: ends of
+    /// the domain, nodes, knots, ends of the supports of moving least-squares weights; sorted,
+    /// none twice. A constant has none.
+    pub fn breakpoints(&self) -> Vec<f64> {
+        let Some(ends) = self.domain() else {
+            return Vec::new();
+        };
+        let mut points = Vec::from(ends);
+        match self {
+            Self::Table(table) => points.extend(table.nodes().iter().map(|n| n[0])),
+            Self::BSpline(spline) => points.extend(spline.knots()),
+            Self::MovingLeastSquares(mls) => {
+                let h = mls.half_width();
+                points.extend(mls.nodes().iter().flat_map(|n| [n[0] - h, n[0], n[0] + h]));
+            }
+            Self::Constant(_) | Self::Polynomial(_) | Self::Chebyshev(_) | Self::Fourier(_) => {}
+        }
+        points.retain(|&x| domain::contains(ends, x));
+        points.sort_by(f64::total_cmp);
+        points.dedup();
+        points
+    }
+
+    /// The same kind of curve with the constant `c` added to its values.
+    #[must_use]
+    pub fn offset(self, c: f64) -> Self {
+        match self {
+            Self::Constant(value) => Self::Constant(value + c),
+            Self::Polynomial(curve) => Self::Polynomial(curve.offset(c)),
+            Self::Chebyshev(curve) => Self::Chebyshev(curve.offset(c)),
+            Self::Table(curve) => Self::Table(curve.offset(c)),
+            Self::BSpline(curve) => Self::BSpline(curve.offset(c)),
+            Self::Fourier(curve) => Self::Fourier(curve.offset(c)),
+            Self::MovingLeastSquares(curve) => Self::MovingLeastSquares(curve.offset(c)),
+        }
+    }
+}
+
+fn nan_or(x: f64, value: f64) -> f64 {
+    if x.is_nan() { x } else { value }
+}
+
+macro_rules! curve_from {
+    ($($kind:ident),*) => {$(
+        impl From<$kind> for Curve {
+            fn from(curve: $kind) -> Self {
+                Self::$kind(curve)
+            }
+        }
+    )*};
+}
+curve_from!(
+    Polynomial,
+    Chebyshev,
+    Table,
+    BSpline,
+    Fourier,
+    MovingLeastSquares
+);

@@ -1,0 +1,165 @@
+use crate::{Curve, CurveError, Grid, domain};
+
+/// A function of the coordinates of a machine: of the axis the error belongs to, or of two axes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Field {
+    /// A curve over the axis's own coordinate.
+    Curve(Curve),
+    /// A grid over two coordinates.
+    Grid(Grid),
+}
+
+impl Field {
+    /// The value at `coordinates`; a curve looks at `coordinates[own]`, a grid at its two axes. A
+    /// coordinate that is not there counts as 0.
+    pub fn value(&self, own: usize, coordinates: &[f64]) -> f64 {
+        match self {
+            Self::Curve(curve) => curve.value(coordinate(own, coordinates)),
+            Self::Grid(grid) => grid.value(coordinates),
+        }
+    }
+
+    /// The partial derivative by coordinate `with_respect_to`.
+    pub fn partial(&self, with_respect_to: usize, own: usize, coordinates: &[f64]) -> f64 {
+        match self {
+            Self::Curve(curve) if with_respect_to == own => {
+                curve.derivative(coordinate(own, coordinates))
+            }
+            Self::Curve(_) => 0.0,
+            Self::Grid(grid) => grid.partial(with_respect_to, coordinates),
+        }
+    }
+
+    /// Whether the coordinates looked at lie in their ranges.
+    pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
+        match self {
+            Self::Curve(curve) => curve.contains(coordinate(own, coordinates)),
+            Self::Grid(grid) => grid.contains(coordinates),
+        }
+    }
+}
+
+impl From<Curve> for Field {
+    fn from(curve: Curve) -> Self {
+        Self::Curve(curve)
+    }
+}
+
+impl From<Grid> for Field {
+    fn from(grid: Grid) -> Self {
+        Self::Grid(grid)
+    }
+}
+
+/// Which branch of a bidirectional curve the approach selects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Branch {
+    /// The last motion was in the positive direction.
+    Forward,
+    /// The last motion was in the negative direction.
+    Backward,
+    /// The approach is not known: the mean of both branches.
+    #[default]
+    Mean,
+}
+
+/// The error of one axis in one direction or about it, with or without reversal.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ErrorCurve {
+    /// The same in both directions of motion.
+    Single(Field),
+    /// One field for each direction of motion.
+    Pair {
+        /// After motion in the positive direction.
+        forward: Field,
+        /// After motion in the negative direction.
+        backward: Field,
+    },
+    /// A mean and the reversal value of ISO 230-2, B = forward − backward.
+    Reversal {
+        /// The mean of both directions.
+        mean: Field,
+        /// The reversal value B, in value units.
+        reversal: f64,
+    },
+}
+
+impl ErrorCurve {
+    /// A checked mean with a reversal value: forward = mean + B/2, backward = mean − B/2.
+    ///
+    /// # Errors
+    /// The reversal value is not finite.
+    pub fn with_reversal(mean: Field, reversal: f64) -> Result<Self, CurveError> {
+        domain::finite("reversal", &[reversal])?;
+        Ok(Self::Reversal { mean, reversal })
+    }
+
+    /// The value at `coordinates` for the branch.
+    pub fn value(&self, own: usize, coordinates: &[f64], branch: Branch) -> f64 {
+        let value = self.blend(branch, |field| field.value(own, coordinates));
+        match (self, branch) {
+            (Self::Reversal { reversal, .. }, Branch::Forward) => value + reversal / 2.0,
+            (Self::Reversal { reversal, .. }, Branch::Backward) => value - reversal / 2.0,
+            _ => value,
+        }
+    }
+
+    /// The derivative by the own coordinate.
+    pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Branch) -> f64 {
+        self.partial(own, own, coordinates, branch)
+    }
+
+    /// The partial derivative by coordinate `with_respect_to`.
+    pub fn partial(
+        &self,
+        with_respect_to: usize,
+        own: usize,
+        coordinates: &[f64],
+        branch: Branch,
+    ) -> f64 {
+        self.blend(branch, |field| {
+            field.partial(with_respect_to, own, coordinates)
+        })
+    }
+
+    /// Whether the coordinates lie in the ranges of all parts.
+    pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
+        self.fields().all(|field| field.contains(own, coordinates))
+    }
+
+    /// The parts: one field, or forward and backward.
+    pub fn fields(&self) -> impl Iterator<Item = &Field> {
+        let (first, second) = match self {
+            Self::Single(field) | Self::Reversal { mean: field, .. } => (field, None),
+            Self::Pair { forward, backward } => (forward, Some(backward)),
+        };
+        core::iter::once(first).chain(second)
+    }
+
+    fn blend(&self, branch: Branch, of: impl Fn(&Field) -> f64) -> f64 {
+        match self {
+            Self::Single(field) | Self::Reversal { mean: field, .. } => of(field),
+            Self::Pair { forward, backward } => match branch {
+                Branch::Forward => of(forward),
+                Branch::Backward => of(backward),
+                Branch::Mean => 0.5 * of(forward) + 0.5 * of(backward),
+            },
+        }
+    }
+}
+
+impl From<Field> for ErrorCurve {
+    fn from(field: Field) -> Self {
+        Self::Single(field)
+    }
+}
+
+impl From<Curve> for ErrorCurve {
+    fn from(curve: Curve) -> Self {
+        Self::Single(Field::Curve(curve))
+    }
+}
+
+fn coordinate(own: usize, coordinates: &[f64]) -> f64 {
+    coordinates.get(own).copied().unwrap_or(0.0)
+}

@@ -1,0 +1,165 @@
+use alloc::vec::Vec;
+
+use crate::{CurveError, domain};
+
+/// A function of two coordinates, bilinear between the nodes of a rectangular grid.
+///
+/// Outside the grid each coordinate is held at the nearer end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    axes: [usize; 2],
+    nodes: [Vec<f64>; 2],
+    values: Vec<Vec<f64>>,
+}
+
+impl Grid {
+    /// Builds the grid. `axes` are the places of its two arguments in the coordinates given on
+    /// evaluation, `nodes` their increasing abscissae (at least two each), `values[i][j]` belongs
+    /// to `nodes[0][i]`, `nodes[1][j]`.
+    ///
+    /// # Errors
+    /// The same axis twice, too few nodes, a number that is not finite, abscissae that do not
+    /// increase, values that do not match the nodes.
+    pub fn new(
+        axes: [usize; 2],
+        nodes: [Vec<f64>; 2],
+        values: Vec<Vec<f64>>,
+    ) -> Result<Self, CurveError> {
+        if axes[0] == axes[1] {
+            return Err(CurveError::GridAxes { axis: axes[0] });
+        }
+        for (nodes, what) in nodes
+            .iter()
+            .zip(["node of the first axis", "node of the second axis"])
+        {
+            domain::at_least("nodes along an axis", nodes.len(), 2)?;
+            domain::finite(what, nodes)?;
+            domain::increasing(what, nodes.iter().copied())?;
+            domain::interval([nodes[0], nodes[nodes.len() - 1]])?;
+        }
+        if values.len() != nodes[0].len() {
+            return Err(CurveError::GridRows {
+                found: values.len(),
+                expected: nodes[0].len(),
+            });
+        }
+        for (row, line) in values.iter().enumerate() {
+            if line.len() != nodes[1].len() {
+                let (found, expected) = (line.len(), nodes[1].len());
+                return Err(CurveError::GridColumns {
+                    row,
+                    found,
+                    expected,
+                });
+            }
+            domain::finite("grid value in column", line)?;
+        }
+        Ok(Self {
+            axes,
+            nodes,
+            values,
+        })
+    }
+
+    /// The places of the two arguments in the coordinates.
+    pub fn axes(&self) -> [usize; 2] {
+        self.axes
+    }
+
+    /// The abscissae along the two axes.
+    pub fn nodes(&self) -> &[Vec<f64>; 2] {
+        &self.nodes
+    }
+
+    /// The values; `values()[i][j]` belongs to `nodes()[0][i]`, `nodes()[1][j]`.
+    pub fn values(&self) -> &[Vec<f64>] {
+        &self.values
+    }
+
+    /// The range of the arguments along the two axes.
+    pub fn domain(&self) -> [[f64; 2]; 2] {
+        self.nodes
+            .each_ref()
+            .map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
+    }
+
+    /// Whether both arguments lie in their ranges, ends included.
+    pub fn contains(&self, coordinates: &[f64]) -> bool {
+        let arguments = self.arguments(coordinates);
+        self.domain()
+            .iter()
+            .zip(arguments)
+            .all(|(&range, x)| domain::contains(range, x))
+    }
+
+    /// The value at the coordinates; a coordinate that is not there counts as 0.
+    pub fn value(&self, coordinates: &[f64]) -> f64 {
+        let Some(cell) = self.cell(coordinates) else {
+            return f64::NAN;
+        };
+        let [s, t] = cell.place;
+        let [[u00, u01], [u10, u11]] = cell.corners;
+        (1.0 - s) * ((1.0 - t) * u00 + t * u01) + s * ((1.0 - t) * u10 + t * u11)
+    }
+
+    /// The partial derivative by coordinate `with_respect_to`: 0 for a coordinate that is not an
+    /// axis of the grid, and along an axis outside its range. At a node it is the one from the
+    /// right, at the last node the one from the left.
+    pub fn partial(&self, with_respect_to: usize, coordinates: &[f64]) -> f64 {
+        let Some(cell) = self.cell(coordinates) else {
+            return f64::NAN;
+        };
+        let Some(along) = self.axes.iter().position(|&axis| axis == with_respect_to) else {
+            return 0.0;
+        };
+        if !domain::contains(self.domain()[along], self.arguments(coordinates)[along]) {
+            return 0.0;
+        }
+        let [s, t] = cell.place;
+        let [[u00, u01], [u10, u11]] = cell.corners;
+        let rise = if along == 0 {
+            (1.0 - t) * (u10 - u00) + t * (u11 - u01)
+        } else {
+            (1.0 - s) * (u01 - u00) + s * (u11 - u10)
+        };
+        rise / cell.size[along]
+    }
+
+    fn arguments(&self, coordinates: &[f64]) -> [f64; 2] {
+        self.axes
+            .map(|axis| coordinates.get(axis).copied().unwrap_or(0.0))
+    }
+
+    /// The cell the coordinates fall into; none for NaN.
+    fn cell(&self, coordinates: &[f64]) -> Option<Cell> {
+        let arguments = self.arguments(coordinates);
+        if arguments.iter().any(|x| x.is_nan()) {
+            return None;
+        }
+        let domain = self.domain();
+        let mut first = [0; 2];
+        let mut place = [0.0; 2];
+        let mut size = [0.0; 2];
+        for k in 0..2 {
+            let nodes = &self.nodes[k];
+            let x = arguments[k].clamp(domain[k][0], domain[k][1]);
+            first[k] = domain::segment(nodes, x, |&node| node);
+            size[k] = nodes[first[k] + 1] - nodes[first[k]];
+            place[k] = (x - nodes[first[k]]) / size[k];
+        }
+        let [i, j] = first;
+        let corners = [&self.values[i], &self.values[i + 1]].map(|row| [row[j], row[j + 1]]);
+        Some(Cell {
+            place,
+            size,
+            corners,
+        })
+    }
+}
+
+struct Cell {
+    /// Position in the cell, 0 to 1 along each axis.
+    place: [f64; 2],
+    size: [f64; 2],
+    corners: [[f64; 2]; 2],
+}

@@ -1,0 +1,317 @@
+use alloc::vec::Vec;
+
+use crate::{CurveError, domain};
+
+const MAX_ORDER: usize = 8;
+const SIZE: usize = MAX_ORDER + 1;
+/// Beyond this shape the weights of far nodes underflow.
+const SHAPES: [f64; 2] = [1e-6, 20.0];
+
+/// Moving least squares: at every `x` a polynomial of its own, fitted to the nodes near `x`.
+///
+/// With `h = support · range` and `d = |x − x_j|` node `j` has the Gaussian weight with compact
+/// support `w = (e^{−(a d/h)²} − e^{−a²}) / (1 − e^{−a²})` for `d < h`, else 0, `a` the shape. The
+/// value is that of the weighted least-squares polynomial at `x` (Lancaster and Salkauskas, Math.
+/// Comp. 37, 1981); it does not depend on the polynomial basis, so the best conditioned one, local
+/// to `x`, is used, by orthogonal transformation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MovingLeastSquares {
+    nodes: Vec<[f64; 2]>,
+    order: usize,
+    support: f64,
+    shape: f64,
+}
+
+impl MovingLeastSquares {
+    /// Builds the curve from nodes `[argument, value]`, the order of the polynomial (0 to 8), the
+    /// support as a fraction of the range of the nodes, and the shape `a` of the weight (1e-6 to
+    /// 20).
+    ///
+    /// # Errors
+    /// Fewer than `order + 1` nodes or than 2, a number that is not finite, abscissae that do not
+    /// increase, parameters out of range, or a support that gives fewer than `order + 1` nodes a
+    /// positive weight somewhere in the range.
+    pub fn new(
+        nodes: Vec<[f64; 2]>,
+        order: usize,
+        support: f64,
+        shape: f64,
+    ) -> Result<Self, CurveError> {
+        if order > MAX_ORDER {
+            let (lowest, highest) = (0, MAX_ORDER);
+            return Err(CurveError::OutOfRange {
+                what: "order",
+                found: order,
+                lowest,
+                highest,
+            });
+        }
+        let [lower, upper] = domain::nodes(&nodes, (order + 1).max(2))?;
+        domain::positive("support", support)?;
+        domain::positive("support in argument units", support * (upper - lower))?;
+        if !domain::contains(SHAPES, shape) {
+            let expected = "1e-6 to 20";
+            return Err(CurveError::Parameter {
+                what: "shape",
+                value: shape,
+                expected,
+            });
+        }
+        let (at, reach) = sparsest(&nodes, order);
+        let required_support = reach / (upper - lower);
+        // A node at the very edge of the support would carry no weight worth the name.
+        if support <= required_support * (1.0 + 1e-9) {
+            return Err(CurveError::SupportTooNarrow {
+                support,
+                order,
+                needed: order + 1,
+                nodes: nodes.len(),
+                at,
+                required_support,
+            });
+        }
+        Ok(Self {
+            nodes,
+            order,
+            support,
+            shape,
+        })
+    }
+
+    /// The nodes `[argument, value]`, arguments increasing.
+    pub fn nodes(&self) -> &[[f64; 2]] {
+        &self.nodes
+    }
+
+    /// The order of the local polynomial.
+    pub fn order(&self) -> usize {
+        self.order
+    }
+
+    /// The support as a fraction of the range.
+    pub fn support(&self) -> f64 {
+        self.support
+    }
+
+    /// The shape `a` of the weight.
+    pub fn shape(&self) -> f64 {
+        self.shape
+    }
+
+    /// The half width `h` of the weight, in argument units.
+    pub fn half_width(&self) -> f64 {
+        self.support * self.range()
+    }
+
+    /// The range of arguments: first to last node.
+    pub fn domain(&self) -> [f64; 2] {
+        [self.nodes[0][0], self.nodes[self.nodes.len() - 1][0]]
+    }
+
+    /// The value at `x`, held outside the range.
+    pub fn value(&self, x: f64) -> f64 {
+        domain::held(self.domain(), x, |x| self.triangle(x).coefficients()[0])
+    }
+
+    /// The derivative at `x`, 0 outside the range. The weights move with `x`: the derivative is
+    /// that of the local polynomial plus `[A⁻¹ Σ w_j′ φ_j r_j]₀`, `A` the normal matrix, `φ_j` the
+    /// basis and `r_j` the residual at node `j`.
+    pub fn derivative(&self, x: f64) -> f64 {
+        domain::slope(self.domain(), x, |x| {
+            let triangle = self.triangle(x);
+            let a = triangle.coefficients();
+            let z = triangle.first_column_of_inverse();
+            let moved: f64 = self
+                .active(x)
+                .map(|node| {
+                    let powers = self.powers(node.t);
+                    let residual = node.u - self.dot(&a, &powers);
+                    node.weight_slope * self.dot(&z, &powers) * residual
+                })
+                .sum();
+            let local = if self.order == 0 {
+                0.0
+            } else {
+                a[1] / self.scale()
+            };
+            local + moved
+        })
+    }
+
+    /// How much the value at `x` moves for a unit change of the value of node `node`: the entry of
+    /// the hat matrix when `x` is a node. 0 for a node that does not exist.
+    pub fn influence(&self, x: f64, node: usize) -> f64 {
+        domain::held(self.domain(), x, |x| {
+            let z = self.triangle(x).first_column_of_inverse();
+            let mut active = self.active(x).filter(|n| n.index == node);
+            active
+                .next()
+                .map_or(0.0, |n| n.weight * self.dot(&z, &self.powers(n.t)))
+        })
+    }
+
+    fn range(&self) -> f64 {
+        let [lower, upper] = self.domain();
+        upper - lower
+    }
+
+    /// The unit of the local argument; a support wider than the range would make powers tiny.
+    fn scale(&self) -> f64 {
+        self.range().min(self.half_width())
+    }
+
+    /// The nodes with a positive weight at `x`. Weights lack the common factor that makes the
+    /// nearest node's Gaussian 1: it cancels, and without it nothing underflows.
+    fn active(&self, x: f64) -> impl Iterator<Item = Active> + '_ {
+        let h = self.half_width();
+        let a2 = self.shape * self.shape;
+        let first = self.nodes.partition_point(|n| n[0] <= x - h);
+        let distance = |i: usize| {
+            self.nodes
+                .get(i)
+                .map_or(f64::INFINITY, |n| (n[0] - x).abs())
+        };
+        let above = self.nodes.partition_point(|n| n[0] <= x);
+        let nearest = distance(above).min(distance(above.wrapping_sub(1))) / h;
+        let scale = self.scale();
+        self.nodes[first..]
+            .iter()
+            .zip(first..)
+            .map_while(move |(&[xj, u], index)| {
+                let r = (xj - x) / h;
+                let inside = 1.0 - r * r;
+                if inside <= 0.0 && xj > x {
+                    return None;
+                }
+                let gauss = libm::exp(-a2 * (r * r - nearest * nearest));
+                Some(Active {
+                    index,
+                    t: (xj - x) / scale,
+                    u,
+                    weight: (-gauss * libm::expm1(-a2 * inside)).max(0.0),
+                    weight_slope: if inside > 0.0 {
+                        2.0 * a2 * r / h * gauss
+                    } else {
+                        0.0
+                    },
+                })
+            })
+    }
+
+    fn powers(&self, t: f64) -> [f64; SIZE] {
+        let mut powers = [1.0; SIZE];
+        for i in 1..=self.order {
+            powers[i] = powers[i - 1] * t;
+        }
+        powers
+    }
+
+    fn dot(&self, a: &[f64; SIZE], b: &[f64; SIZE]) -> f64 {
+        (0..=self.order).map(|i| a[i] * b[i]).sum()
+    }
+
+    fn triangle(&self, x: f64) -> Triangle {
+        let mut triangle = Triangle::new(self.order + 1);
+        for node in self.active(x).filter(|n| n.weight > 0.0) {
+            let root = libm::sqrt(node.weight);
+            triangle.add(self.powers(node.t).map(|p| p * root), node.u * root);
+        }
+        triangle
+    }
+
+    pub(crate) fn offset(mut self, c: f64) -> Self {
+        for node in &mut self.nodes {
+            node[1] += c;
+        }
+        self
+    }
+}
+
+struct Active {
+    index: usize,
+    /// `(x_j − x) / scale`, the local argument.
+    t: f64,
+    u: f64,
+    weight: f64,
+    /// Derivative of the weight by `x`.
+    weight_slope: f64,
+}
+
+/// Where the distance to the node that is `order + 1` nearest is largest, and that distance: it is
+/// largest at an end or half-way between nodes `order + 1` apart.
+fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
+    let last = nodes.len() - 1;
+    let start = (nodes[0][0], nodes[order][0] - nodes[0][0]);
+    let end = (nodes[last][0], nodes[last][0] - nodes[last - order][0]);
+    nodes
+        .windows(order + 2)
+        .map(|w| (w[0][0], w[order + 1][0]))
+        .map(|(l, r)| (l + (r - l) / 2.0, (r - l) / 2.0))
+        .chain([end])
+        .fold(start, |worst, candidate| {
+            if candidate.1 > worst.1 {
+                candidate
+            } else {
+                worst
+            }
+        })
+}
+
+/// The upper triangle R of a QR factorisation and Qᵀ times the right-hand side, built row by row
+/// with Givens rotations.
+struct Triangle {
+    size: usize,
+    r: [[f64; SIZE]; SIZE],
+    y: [f64; SIZE],
+}
+
+impl Triangle {
+    fn new(size: usize) -> Self {
+        Self {
+            size,
+            r: [[0.0; SIZE]; SIZE],
+            y: [0.0; SIZE],
+        }
+    }
+
+    fn add(&mut self, mut row: [f64; SIZE], mut right: f64) {
+        for i in 0..self.size {
+            if row[i] == 0.0 {
+                continue;
+            }
+            let length = libm::sqrt(self.r[i][i] * self.r[i][i] + row[i] * row[i]);
+            let (c, s) = (self.r[i][i] / length, row[i] / length);
+            for (mine, other) in self.r[i][i..self.size]
+                .iter_mut()
+                .zip(&mut row[i..self.size])
+            {
+                (*mine, *other) = (c * *mine + s * *other, c * *other - s * *mine);
+            }
+            (self.y[i], right) = (c * self.y[i] + s * right, c * right - s * self.y[i]);
+        }
+    }
+
+    /// Solves R a = b.
+    fn back(&self, b: &[f64; SIZE]) -> [f64; SIZE] {
+        let mut a = [0.0; SIZE];
+        for i in (0..self.size).rev() {
+            let known: f64 = (i + 1..self.size).map(|j| self.r[i][j] * a[j]).sum();
+            a[i] = (b[i] - known) / self.r[i][i];
+        }
+        a
+    }
+
+    fn coefficients(&self) -> [f64; SIZE] {
+        self.back(&self.y)
+    }
+
+    /// `(RᵀR)⁻¹ e₀`.
+    fn first_column_of_inverse(&self) -> [f64; SIZE] {
+        let mut q = [0.0; SIZE];
+        for i in 0..self.size {
+            let known: f64 = (0..i).map(|j| self.r[j][i] * q[j]).sum();
+            q[i] = (f64::from(u8::from(i == 0)) - known) / self.r[i][i];
+        }
+        self.back(&q)
+    }
+}

@@ -1,0 +1,159 @@
+use alloc::vec::Vec;
+
+use crate::{CurveError, domain};
+
+/// How a [`Table`] runs between its nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interpolation {
+    /// Straight lines.
+    Linear,
+    /// Monotone cubics (PCHIP).
+    Cubic,
+}
+
+/// A curve through nodes `[argument, value]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    nodes: Vec<[f64; 2]>,
+    /// Slopes at the nodes; empty for straight lines.
+    slopes: Vec<f64>,
+}
+
+impl Table {
+    /// Straight lines between at least two nodes.
+    ///
+    /// At a node the derivative is that of the segment to its right, at the last node that of the
+    /// last segment.
+    ///
+    /// # Errors
+    /// Too few nodes, a number that is not finite, abscissae that do not increase.
+    pub fn linear(nodes: Vec<[f64; 2]>) -> Result<Self, CurveError> {
+        domain::nodes(&nodes, 2)?;
+        Ok(Self {
+            nodes,
+            slopes: Vec::new(),
+        })
+    }
+
+    /// Monotone piecewise cubics between at least two nodes: slopes are the weighted harmonic mean
+    /// of the neighbouring secants (Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 1984), at
+    /// the ends the shape-preserving three-point formula.
+    ///
+    /// # Errors
+    /// Too few nodes, a number that is not finite, abscissae that do not increase.
+    pub fn cubic(nodes: Vec<[f64; 2]>) -> Result<Self, CurveError> {
+        domain::nodes(&nodes, 2)?;
+        let slopes = monotone_slopes(&nodes);
+        Ok(Self { nodes, slopes })
+    }
+
+    /// The nodes `[argument, value]`, arguments increasing.
+    pub fn nodes(&self) -> &[[f64; 2]] {
+        &self.nodes
+    }
+
+    /// How the table runs between its nodes.
+    pub fn interpolation(&self) -> Interpolation {
+        if self.slopes.is_empty() {
+            Interpolation::Linear
+        } else {
+            Interpolation::Cubic
+        }
+    }
+
+    /// The range of arguments: first to last node.
+    pub fn domain(&self) -> [f64; 2] {
+        [self.nodes[0][0], self.nodes[self.nodes.len() - 1][0]]
+    }
+
+    /// The value at `x`, held outside the range.
+    pub fn value(&self, x: f64) -> f64 {
+        domain::held(self.domain(), x, |x| {
+            let i = domain::segment(&self.nodes, x, |n| n[0]);
+            let ([x0, u0], [x1, u1]) = (self.nodes[i], self.nodes[i + 1]);
+            let h = x1 - x0;
+            let s = (x - x0) / h;
+            match self.interpolation() {
+                Interpolation::Linear => (1.0 - s) * u0 + s * u1,
+                Interpolation::Cubic => {
+                    let r = 1.0 - s;
+                    let bend = r * self.slopes[i] - s * self.slopes[i + 1];
+                    r * r * (1.0 + 2.0 * s) * u0 + s * s * (3.0 - 2.0 * s) * u1 + s * r * h * bend
+                }
+            }
+        })
+    }
+
+    /// The derivative at `x`, 0 outside the range.
+    pub fn derivative(&self, x: f64) -> f64 {
+        domain::slope(self.domain(), x, |x| {
+            let i = domain::segment(&self.nodes, x, |n| n[0]);
+            let secant = secant(self.nodes[i], self.nodes[i + 1]);
+            match self.interpolation() {
+                Interpolation::Linear => secant,
+                Interpolation::Cubic => {
+                    let s = (x - self.nodes[i][0]) / (self.nodes[i + 1][0] - self.nodes[i][0]);
+                    let r = 1.0 - s;
+                    6.0 * s * r * secant
+                        + r * (r - 2.0 * s) * self.slopes[i]
+                        + s * (s - 2.0 * r) * self.slopes[i + 1]
+                }
+            }
+        })
+    }
+
+    pub(crate) fn offset(mut self, c: f64) -> Self {
+        for node in &mut self.nodes {
+            node[1] += c;
+        }
+        self
+    }
+}
+
+fn secant([x0, u0]: [f64; 2], [x1, u1]: [f64; 2]) -> f64 {
+    (u1 - u0) / (x1 - x0)
+}
+
+fn monotone_slopes(nodes: &[[f64; 2]]) -> Vec<f64> {
+    let last = nodes.len() - 1;
+    if last == 1 {
+        return alloc::vec![secant(nodes[0], nodes[1]); 2];
+    }
+    let h = |i: usize| nodes[i + 1][0] - nodes[i][0];
+    let m = |i: usize| secant(nodes[i], nodes[i + 1]);
+    let mut slopes = Vec::with_capacity(nodes.len());
+    slopes.push(end_slope(h(0), h(1), m(0), m(1)));
+    slopes.extend((1..last).map(|i| inner_slope(h(i - 1), h(i), m(i - 1), m(i))));
+    slopes.push(end_slope(
+        h(last - 1),
+        h(last - 2),
+        m(last - 1),
+        m(last - 2),
+    ));
+    slopes
+}
+
+fn inner_slope(h0: f64, h1: f64, m0: f64, m1: f64) -> f64 {
+    if same_sign(m0, m1) {
+        let (w0, w1) = (2.0 * h1 + h0, h1 + 2.0 * h0);
+        (w0 + w1) / (w0 / m0 + w1 / m1)
+    } else {
+        0.0
+    }
+}
+
+/// Three-point slope at an end; `h0`, `m0` of the end segment, `h1`, `m1` of the next one.
+fn end_slope(h0: f64, h1: f64, m0: f64, m1: f64) -> f64 {
+    let slope = ((2.0 * h0 + h1) * m0 - h0 * m1) / (h0 + h1);
+    if !same_sign(slope, m0) {
+        0.0
+    } else if !same_sign(m0, m1) && slope.abs() > 3.0 * m0.abs() {
+        3.0 * m0
+    } else {
+        slope
+    }
+}
+
+fn same_sign(a: f64, b: f64) -> bool {
+    (a > 0.0 && b > 0.0) || (a < 0.0 && b < 0.0)
+}

@@ -1,0 +1,145 @@
+//! What every kind of curve owes its caller.
+
+use proptest::prelude::*;
+use volcomp_curve::{BSpline, Chebyshev, Curve, Fourier, MovingLeastSquares, Polynomial, Table};
+
+fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
+    (
+        -500.0..500.0,
+        prop::collection::vec((5.0..50.0, -20.0..20.0), 8..24),
+    )
+        .prop_map(|(start, steps)| {
+            let mut x: f64 = start;
+            steps
+                .into_iter()
+                .map(|(gap, u): (f64, f64)| {
+                    x += gap;
+                    [x, u]
+                })
+                .collect()
+        })
+}
+
+fn coefficients() -> impl Strategy<Value = Vec<f64>> {
+    prop::collection::vec(-10.0..10.0, 1..8)
+}
+
+fn domain() -> impl Strategy<Value = [f64; 2]> {
+    (-500.0..500.0, 10.0..800.0).prop_map(|(lower, width)| [lower, lower + width])
+}
+
+fn curve() -> impl Strategy<Value = Curve> {
+    let polynomial = (coefficients(), domain()).prop_map(|(mut c, d)| {
+        c.iter_mut()
+            .enumerate()
+            .for_each(|(k, c)| *c /= 500_f64.powf(k as f64));
+        Polynomial::new(c, d).unwrap().into()
+    });
+    let chebyshev =
+        (coefficients(), domain()).prop_map(|(c, d)| Chebyshev::new(c, d).unwrap().into());
+    let fourier = (coefficients(), domain(), 100.0..1000.0).prop_map(|(mut c, d, period)| {
+        c.truncate((c.len() - 1) / 2 * 2 + 1);
+        Fourier::new(c, period, d).unwrap().into()
+    });
+    let bspline = (nodes(), 1_usize..=5).prop_map(|(nodes, degree)| {
+        let knots: Vec<f64> = nodes.iter().map(|n| n[0]).collect();
+        // Short knot vectors allow only lower degrees.
+        let degree = degree.min(knots.len() / 2 - 1);
+        let c = nodes[..knots.len() - degree - 1]
+            .iter()
+            .map(|n| n[1])
+            .collect();
+        BSpline::new(knots, c, degree).unwrap().into()
+    });
+    let mls =
+        (nodes(), 0_usize..4, 0.9..1.5, 0.5..4.0).prop_map(|(nodes, order, support, shape)| {
+            MovingLeastSquares::new(nodes, order, support, shape)
+                .unwrap()
+                .into()
+        });
+    prop_oneof![
+        (-50.0..50.0).prop_map(Curve::Constant),
+        polynomial,
+        chebyshev,
+        fourier,
+        nodes().prop_map(|n| Table::linear(n).unwrap().into()),
+        nodes().prop_map(|n| Table::cubic(n).unwrap().into()),
+        bspline,
+        mls,
+    ]
+}
+
+/// A point at `place` in the domain.
+fn inside(curve: &Curve, place: f64) -> f64 {
+    let [lower, upper] = curve.domain().unwrap_or([0.0, 1.0]);
+    (lower + place * (upper - lower)).clamp(lower, upper)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    #[test]
+    fn derivative_is_the_limit_of_differences(curve in curve(), place in 0.0..1.0) {
+        let x = inside(&curve, place);
+        let step = 1e-4;
+        let near = |b: &f64| (b - x).abs() < 10.0 * step;
+        prop_assume!(!curve.breakpoints().iter().any(near));
+        let difference = (curve.value(x + step) - curve.value(x - step)) / (2.0 * step);
+        let slope = curve.derivative(x);
+        prop_assert!((slope - difference).abs() < 1e-5 * (1.0 + slope.abs()), "{} {}", slope, difference);
+    }
+
+    #[test]
+    fn is_continuous_across_breakpoints(curve in curve()) {
+        for b in curve.breakpoints() {
+            let (left, at, right) = (curve.value(b - 1e-7), curve.value(b), curve.value(b + 1e-7));
+            prop_assert!((left - at).abs() < 1e-4, "{} {} left of {}", left, at, b);
+            prop_assert!((right - at).abs() < 1e-4, "{} {} right of {}", at, right, b);
+        }
+    }
+
+    #[test]
+    fn holds_its_end_value_outside(curve in curve(), beyond in 1e-9..1e6) {
+        if let Some([lower, upper]) = curve.domain() {
+            for (end, outside) in [(lower, lower - beyond), (upper, upper + beyond)] {
+                prop_assert!(curve.contains(end));
+                prop_assert!(!curve.contains(outside));
+                prop_assert_eq!(curve.value(outside), curve.value(end));
+                prop_assert_eq!(curve.derivative(outside), 0.0);
+            }
+            prop_assert_eq!(curve.value(f64::INFINITY), curve.value(upper));
+            prop_assert_eq!(curve.value(f64::NEG_INFINITY), curve.value(lower));
+        }
+    }
+
+    #[test]
+    fn nan_gives_nan(curve in curve()) {
+        prop_assert!(curve.value(f64::NAN).is_nan());
+        prop_assert!(curve.derivative(f64::NAN).is_nan());
+        prop_assert!(!curve.contains(f64::NAN));
+    }
+
+    #[test]
+    fn offset_adds_a_constant(curve in curve(), place in 0.0..1.0, c in -100.0..100.0) {
+        let x = inside(&curve, place);
+        let raised = curve.clone().offset(c);
+        prop_assert_eq!(std::mem::discriminant(&raised), std::mem::discriminant(&curve));
+        prop_assert!((raised.value(x) - curve.value(x) - c).abs() < 1e-8);
+        prop_assert!((raised.derivative(x) - curve.derivative(x)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn tables_go_through_their_nodes_and_cubics_do_not_overshoot(nodes in nodes(), place in 0.0..1.0) {
+        let cubic = Table::cubic(nodes.clone()).unwrap();
+        let linear = Table::linear(nodes.clone()).unwrap();
+        for &[x, u] in &nodes {
+            prop_assert_eq!(cubic.value(x), u);
+            prop_assert_eq!(linear.value(x), u);
+        }
+        for pair in nodes.windows(2) {
+            let x = pair[0][0] + place * (pair[1][0] - pair[0][0]);
+            let (low, high) = (pair[0][1].min(pair[1][1]), pair[0][1].max(pair[1][1]));
+            prop_assert!((low - 1e-9..=high + 1e-9).contains(&cubic.value(x)));
+        }
+    }
+}

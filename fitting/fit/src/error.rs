@@ -1,0 +1,93 @@
+use thiserror::Error;
+use volcomp_curve::CurveError;
+
+/// Why readings cannot be fitted. `index` counts from 0.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// There are not as many readings as abscissae.
+    #[error("found {readings} readings for {abscissae} abscissae: expected one for each")]
+    Lengths {
+        /// Number of abscissae.
+        abscissae: usize,
+        /// Number of readings.
+        readings: usize,
+    },
+    /// A number is NaN or infinite.
+    #[error("{what} {index} is {value}: expected a finite number")]
+    NotFinite {
+        /// What the number is.
+        what: &'static str,
+        /// Where it stands.
+        index: usize,
+        /// The number found.
+        value: f64,
+    },
+    /// Too few different targets.
+    #[error("found {found} different targets: {purpose} needs at least {needed}")]
+    TooFewTargets {
+        /// What they are needed for.
+        purpose: &'static str,
+        /// Number of different targets found.
+        found: usize,
+        /// Number needed.
+        needed: usize,
+    },
+    /// A target lies outside the domain asked for.
+    #[error("target {index} is {value}: expected it in the domain [{lower}, {upper}]")]
+    OutsideDomain {
+        /// Where it stands.
+        index: usize,
+        /// The target.
+        value: f64,
+        /// Lower end of the domain.
+        lower: f64,
+        /// Upper end of the domain.
+        upper: f64,
+    },
+    /// The targets do not determine the coefficients.
+    #[error(
+        "the targets do not determine {coefficients} coefficients: expected a lower order, or targets spread over the domain"
+    )]
+    Undetermined {
+        /// Number of coefficients asked for.
+        coefficients: usize,
+    },
+    /// Written in powers of the argument, the polynomial would lose too many digits.
+    #[error(
+        "in powers of the argument the polynomial of order {order} over [{lower}, {upper}] is wrong by {error:e}: expected a lower order, a domain nearer to 0, or a Chebyshev series"
+    )]
+    PowersLoseDigits {
+        /// The order.
+        order: usize,
+        /// Lower end of the domain.
+        lower: f64,
+        /// Upper end of the domain.
+        upper: f64,
+        /// Largest deviation found, in units of the readings.
+        error: f64,
+    },
+    /// No order and support of moving least squares has enough weight everywhere.
+    #[error(
+        "{targets} targets leave no order and support with enough weight everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
+    )]
+    NoCandidate {
+        /// Number of different targets.
+        targets: usize,
+        /// The shape of the weight.
+        shape: f64,
+    },
+    /// A parameter is not what it must be.
+    #[error("{what} is {value}: expected {expected}")]
+    Parameter {
+        /// The parameter.
+        what: &'static str,
+        /// The value found.
+        value: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// The curve refuses its parameters.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+}

@@ -1,0 +1,74 @@
+use volcomp_curve::Curve;
+
+/// A fitted curve and how well it fits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// The curve.
+    pub curve: Curve,
+    /// Reading minus curve, in the order of the readings.
+    pub residuals: Vec<f64>,
+    /// Root mean square of the errors with which the curve, fitted without a reading, predicts it.
+    ///
+    /// Moving least squares, splines and tables leave out a target with all its readings; support,
+    /// knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets
+    /// only. Infinite when a reading cannot be predicted from the others.
+    pub leave_one_out_rms: f64,
+    /// Whether the residual asked for is met; none where nothing was asked for.
+    pub meets_required: Option<bool>,
+}
+
+impl Fit {
+    pub(crate) fn new(curve: Curve, x: &[f64], u: &[f64], leave_one_out_rms: f64) -> Self {
+        let residuals = x.iter().zip(u).map(|(&x, &u)| u - curve.value(x)).collect();
+        Self {
+            curve,
+            residuals,
+            leave_one_out_rms,
+            meets_required: None,
+        }
+    }
+
+    /// The smallest residual.
+    pub fn min(&self) -> f64 {
+        self.residuals.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// The largest residual.
+    pub fn max(&self) -> f64 {
+        self.residuals
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The largest magnitude of a residual.
+    pub fn max_abs(&self) -> f64 {
+        self.min().abs().max(self.max().abs())
+    }
+
+    /// The root mean square of the residuals.
+    pub fn rms(&self) -> f64 {
+        rms(self.residuals.iter().copied())
+    }
+}
+
+pub(crate) fn rms(errors: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = errors.fold((0.0, 0_u32), |(sum, count), e| (sum + e * e, count + 1));
+    (sum / f64::from(count)).sqrt()
+}
+
+/// The error of predicting a reading from the others, from its residual `e` and its entry `h` on
+/// the diagonal of the hat matrix: `e / (1 − h)` (Allen, Technometrics 16, 1974).
+pub(crate) fn left_out(residual: f64, leverage: f64) -> f64 {
+    let freedom = 1.0 - leverage;
+    if freedom > 1e-9 {
+        residual / freedom
+    } else {
+        f64::INFINITY
+    }
+}
+
+/// Whether a leave-one-out RMS beats the best so far by more than rounding.
+pub(crate) fn beats(rms: f64, best: f64, magnitude: f64) -> bool {
+    rms < best - 1e-9 * magnitude
+}

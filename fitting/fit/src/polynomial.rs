@@ -1,0 +1,121 @@
+use nalgebra::DMatrix;
+use volcomp_curve::{Chebyshev, Curve, Polynomial};
+
+use crate::fit::{left_out, rms};
+use crate::least_squares::{self, Solution};
+use crate::{Fit, FitError, readings};
+
+/// Fits a Chebyshev series of the order on `domain` by least squares (Householder QR).
+///
+/// # Errors
+/// Unequal lengths, numbers that are not finite, targets outside the domain, fewer than `order + 1`
+/// different targets, an empty domain.
+pub fn fit_chebyshev(
+    x: &[f64],
+    u: &[f64],
+    order: usize,
+    domain: [f64; 2],
+) -> Result<Fit, FitError> {
+    let (series, solution) = series(x, u, order, domain)?;
+    Ok(judged(series.into(), x, u, &solution))
+}
+
+/// Fits a polynomial of the order by least squares, as [`fit_chebyshev`] does, and writes it in
+/// powers of the argument.
+///
+/// # Errors
+/// Those of [`fit_chebyshev`], and a domain so far from 0 that powers of the argument would lose
+/// more than 1e-7 of the readings.
+pub fn fit_polynomial(
+    x: &[f64],
+    u: &[f64],
+    order: usize,
+    domain: [f64; 2],
+) -> Result<Fit, FitError> {
+    let (series, solution) = series(x, u, order, domain)?;
+    let polynomial = Polynomial::new(powers(&series), domain)?;
+    let [lower, upper] = domain;
+    let probes = (0..=8 * (order + 1)).map(|i| {
+        let s = i as f64 / (8 * (order + 1)) as f64;
+        lower + s * (upper - lower)
+    });
+    let error = readings::magnitude(probes.map(|x| polynomial.value(x) - series.value(x)));
+    if error > 1e-7 * readings::magnitude(u.iter().copied()) {
+        return Err(FitError::PowersLoseDigits {
+            order,
+            lower,
+            upper,
+            error,
+        });
+    }
+    Ok(judged(polynomial.into(), x, u, &solution))
+}
+
+fn series(
+    x: &[f64],
+    u: &[f64],
+    order: usize,
+    domain: [f64; 2],
+) -> Result<(Chebyshev, Solution), FitError> {
+    readings::check(x, u)?;
+    // An empty domain is refused before readings are held against it.
+    Chebyshev::new(vec![0.0], domain)?;
+    readings::check_domain(x, domain)?;
+    let targets = readings::targets(x, u);
+    readings::require(
+        &targets,
+        order.saturating_add(1),
+        "a polynomial of this order",
+    )?;
+    let solution = least_squares::solve(chebyshev_matrix(x, order, domain), u).ok_or(
+        FitError::Undetermined {
+            coefficients: order + 1,
+        },
+    )?;
+    Ok((
+        Chebyshev::new(solution.coefficients.clone(), domain)?,
+        solution,
+    ))
+}
+
+fn judged(curve: Curve, x: &[f64], u: &[f64], solution: &Solution) -> Fit {
+    let mut fit = Fit::new(curve, x, u, 0.0);
+    let errors = fit.residuals.iter().zip(&solution.leverages);
+    fit.leave_one_out_rms = rms(errors.map(|(&e, &h)| left_out(e, h)));
+    fit
+}
+
+fn chebyshev_matrix(x: &[f64], order: usize, [lower, upper]: [f64; 2]) -> DMatrix<f64> {
+    let mut matrix = DMatrix::from_element(x.len(), order + 1, 1.0);
+    for (i, &x) in x.iter().enumerate() {
+        let t = ((x - lower) - (upper - x)) / (upper - lower);
+        for k in 1..=order {
+            matrix[(i, k)] = if k == 1 {
+                t
+            } else {
+                2.0 * t * matrix[(i, k - 1)] - matrix[(i, k - 2)]
+            };
+        }
+    }
+    matrix
+}
+
+/// The coefficients in powers of x of a Chebyshev series: Clenshaw's recurrence carried out on
+/// polynomials, with `t = shift + rate x`.
+fn powers(series: &Chebyshev) -> Vec<f64> {
+    let [lower, upper] = series.domain();
+    let (shift, rate) = (-(lower + upper) / (upper - lower), 2.0 / (upper - lower));
+    let coefficients = series.coefficients();
+    let size = coefficients.len();
+    let (mut b1, mut b2) = (vec![0.0; size], vec![0.0; size]);
+    for k in (0..size).rev() {
+        let twice = if k == 0 { 1.0 } else { 2.0 };
+        let next = (0..size).map(|i| {
+            let raised = if i == 0 { 0.0 } else { rate * b1[i - 1] };
+            let constant = if i == 0 { coefficients[k] } else { 0.0 };
+            constant + twice * (shift * b1[i] + raised) - b2[i]
+        });
+        (b1, b2) = (next.collect(), b1);
+    }
+    b1
+}

@@ -1,0 +1,70 @@
+use crate::FitError;
+
+pub(crate) fn check(x: &[f64], u: &[f64]) -> Result<(), FitError> {
+    if x.len() != u.len() {
+        return Err(FitError::Lengths {
+            abscissae: x.len(),
+            readings: u.len(),
+        });
+    }
+    for (what, numbers) in [("abscissa", x), ("reading", u)] {
+        if let Some(index) = numbers.iter().position(|v| !v.is_finite()) {
+            return Err(FitError::NotFinite {
+                what,
+                index,
+                value: numbers[index],
+            });
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn check_domain(x: &[f64], [lower, upper]: [f64; 2]) -> Result<(), FitError> {
+    match x.iter().position(|v| !(lower..=upper).contains(v)) {
+        Some(index) => Err(FitError::OutsideDomain {
+            index,
+            value: x[index],
+            lower,
+            upper,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// The mean reading of each target, targets increasing.
+pub(crate) fn targets(x: &[f64], u: &[f64]) -> Vec<[f64; 2]> {
+    let mut pairs: Vec<[f64; 2]> = x.iter().zip(u).map(|(&x, &u)| [x, u]).collect();
+    pairs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    pairs
+        .chunk_by(|a, b| a[0] == b[0])
+        .map(|runs| {
+            [
+                runs[0][0],
+                runs.iter().map(|r| r[1]).sum::<f64>() / runs.len() as f64,
+            ]
+        })
+        .collect()
+}
+
+pub(crate) fn require(
+    targets: &[[f64; 2]],
+    needed: usize,
+    purpose: &'static str,
+) -> Result<(), FitError> {
+    let found = targets.len();
+    if found < needed {
+        Err(FitError::TooFewTargets {
+            purpose,
+            found,
+            needed,
+        })
+    } else {
+        Ok(())
+    }
+}
+
+/// The size of the readings, below which by a factor of 1e-9 differences are rounding.
+pub(crate) fn magnitude(u: impl IntoIterator<Item = f64>) -> f64 {
+    u.into_iter()
+        .fold(0.0, |largest: f64, u| largest.max(u.abs()))
+}

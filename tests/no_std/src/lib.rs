@@ -1,0 +1,152 @@
+//! The error curves behind a C interface, without the standard library.
+//!
+//! Memory comes from a fixed arena and is never given back: curves are built once, at start.
+#![no_std]
+extern crate alloc;
+
+use alloc::{boxed::Box, vec::Vec};
+use core::alloc::{GlobalAlloc, Layout};
+use core::cell::UnsafeCell;
+use core::panic::PanicInfo;
+use core::ptr::null_mut;
+use core::slice;
+use core::sync::atomic::{AtomicUsize, Ordering};
+
+use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
+
+const ARENA_BYTES: usize = 1 << 20;
+
+struct Arena {
+    bytes: UnsafeCell<[u8; ARENA_BYTES]>,
+    used: AtomicUsize,
+}
+
+// SAFETY: `used` hands every byte of `bytes` out at most once.
+unsafe impl Sync for Arena {}
+
+// SAFETY: blocks lie inside `bytes`, do not overlap, and start at a multiple of the alignment.
+unsafe impl GlobalAlloc for Arena {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let base = self.bytes.get() as usize;
+        let mut used = self.used.load(Ordering::Relaxed);
+        loop {
+            let Some(start) = (base + used).checked_next_multiple_of(layout.align()) else {
+                return null_mut();
+            };
+            let offset = start - base;
+            let Some(end) = offset
+                .checked_add(layout.size())
+                .filter(|&e| e <= ARENA_BYTES)
+            else {
+                return null_mut();
+            };
+            let taken =
+                self.used
+                    .compare_exchange_weak(used, end, Ordering::Relaxed, Ordering::Relaxed);
+            match taken {
+                // SAFETY: `offset` is inside `bytes`.
+                Ok(_) => return unsafe { self.bytes.get().cast::<u8>().add(offset) },
+                Err(now) => used = now,
+            }
+        }
+    }
+
+    unsafe fn dealloc(&self, _: *mut u8, _: Layout) {}
+}
+
+#[global_allocator]
+static ARENA: Arena = Arena {
+    bytes: UnsafeCell::new([0; ARENA_BYTES]),
+    used: AtomicUsize::new(0),
+};
+
+#[panic_handler]
+fn stop(_: &PanicInfo) -> ! {
+    loop {
+        core::hint::spin_loop();
+    }
+}
+
+/// Named by the precompiled `core` of hosted targets, which unwind; never called here.
+#[unsafe(no_mangle)]
+extern "C" fn rust_eh_personality() {}
+
+fn boxed(curve: Option<Curve>) -> *mut Curve {
+    curve.map_or(null_mut(), |curve| Box::into_raw(Box::new(curve)))
+}
+
+/// Builds a monotone cubic table from `count` pairs of argument and value; null when refused.
+///
+/// # Safety
+/// `pairs` points to `2 * count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_curve_cubic(pairs: *const f64, count: usize) -> *mut Curve {
+    // SAFETY: promised by the caller.
+    let nodes = unsafe { nodes(pairs, count) };
+    boxed(Table::cubic(nodes).ok().map(Curve::Table))
+}
+
+/// Builds a moving least-squares curve from `count` pairs; null when refused.
+///
+/// # Safety
+/// `pairs` points to `2 * count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_curve_mls(
+    pairs: *const f64,
+    count: usize,
+    order: usize,
+    support: f64,
+    shape: f64,
+) -> *mut Curve {
+    // SAFETY: promised by the caller.
+    let nodes = unsafe { nodes(pairs, count) };
+    let curve = MovingLeastSquares::new(nodes, order, support, shape);
+    boxed(curve.ok().map(Curve::MovingLeastSquares))
+}
+
+/// Builds a polynomial from `count` coefficients, constant first; null when refused.
+///
+/// # Safety
+/// `coefficients` points to `count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_curve_polynomial(
+    coefficients: *const f64,
+    count: usize,
+    lower: f64,
+    upper: f64,
+) -> *mut Curve {
+    // SAFETY: promised by the caller.
+    let coefficients = unsafe { slice::from_raw_parts(coefficients, count) }.to_vec();
+    boxed(
+        Polynomial::new(coefficients, [lower, upper])
+            .ok()
+            .map(Curve::Polynomial),
+    )
+}
+
+/// The value of a curve.
+///
+/// # Safety
+/// `curve` came from one of the functions above and is not null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_curve_value(curve: *const Curve, x: f64) -> f64 {
+    // SAFETY: promised by the caller.
+    unsafe { &*curve }.value(x)
+}
+
+/// The derivative of a curve.
+///
+/// # Safety
+/// `curve` came from one of the functions above and is not null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_curve_derivative(curve: *const Curve, x: f64) -> f64 {
+    // SAFETY: promised by the caller.
+    unsafe { &*curve }.derivative(x)
+}
+
+/// # Safety
+/// `pairs` points to `2 * count` numbers.
+unsafe fn nodes(pairs: *const f64, count: usize) -> Vec<[f64; 2]> {
+    // SAFETY: promised by the caller; `[f64; 2]` is laid out as two `f64`.
+    unsafe { slice::from_raw_parts(pairs.cast::<[f64; 2]>(), count) }.to_vec()
+}
