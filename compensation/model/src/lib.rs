@@ -1,1 +1,23 @@
-//! The machine file, the volumetric error of a machine, and its correction.
+#![doc = include_str!("../README.md")]
+
+mod compile;
+mod curve_file;
+mod diagonals;
+pub mod document;
+mod error;
+mod error_name;
+mod machine;
+mod machine_file;
+mod map;
+mod source;
+mod thermal;
+
+pub use compile::{CompiledMachine, MOST_PIECES};
+pub use curve_file::write_curve;
+pub use diagonals::{Diagonal, corrected, diagonals, quantised};
+pub use error::{InputError, ModelError};
+pub use error_name::{Component, ErrorName, UnknownError};
+pub use machine::{Axis, Machine, Tool};
+pub use map::{MapGrid, MapNode};
+pub use source::MachineErrors;
+pub use thermal::{Drift, Expansion, Temperatures, Thermal};

@@ -1,0 +1,104 @@
+//! The body diagonals of ISO 230-6 on the model.
+
+use volcomp_kinematics::{AxisName, ErrorSource, JointKind, MAX_AXES, State, actual_pose};
+
+use crate::machine::Machine;
+
+/// One body diagonal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagonal {
+    /// `PPP`, `NPP`, `PNP`, `PPN`: the directions of motion of X, Y, Z.
+    pub name: &'static str,
+    /// Deviation along the diagonal at each target, µm, zero at the first.
+    pub deviation_um: Vec<f64>,
+    /// Largest minus smallest deviation, µm.
+    pub range_um: f64,
+}
+
+const DIRECTIONS: [(&str, [bool; 3]); 4] = [
+    ("PPP", [true, true, true]),
+    ("NPP", [false, true, true]),
+    ("PNP", [true, false, true]),
+    ("PPN", [true, true, false]),
+];
+
+/// The four body diagonals over the travels of X, Y and Z, rotary axes at 0: the tip's error
+/// (actual − ideal) along the ideal diagonal, minus its value at the first target.
+///
+/// `errors` are the machine's own or another's; `command` gives the state that is commanded for a
+/// target: the target itself, or the target with a correction added. `None` when one of X, Y, Z is
+/// missing. At least 2 `points`, both ends included.
+pub fn diagonals<S: ErrorSource>(
+    machine: &Machine,
+    errors: &S,
+    points: usize,
+    command: impl Fn(&State) -> State,
+) -> Option<Vec<Diagonal>> {
+    let linear = [AxisName::X, AxisName::Y, AxisName::Z];
+    if linear.iter().any(|&name| machine.axis(name).is_none()) {
+        return None;
+    }
+    let points = points.max(2);
+    let diagonal = |(name, positive): (&'static str, [bool; 3])| {
+        let target = |index: usize| {
+            let share = index as f64 / (points - 1) as f64;
+            let mut coordinates = [(AxisName::X, 0.0); 3];
+            for (place, (&axis, positive)) in linear.iter().zip(positive).enumerate() {
+                // The axis is there: looked up above.
+                let [low, high] = machine.axis(axis).map_or([0.0; 2], |a| a.travel);
+                let (from, to) = if positive { (low, high) } else { (high, low) };
+                coordinates[place] = (axis, from + (to - from) * share);
+            }
+            // Finite travels give finite coordinates of axes that are there.
+            machine.state(&coordinates).unwrap_or_default()
+        };
+        let chain = machine.chain();
+        let tip = |state: &State| chain.ideal_tip_mm(state);
+        let unit = (tip(&target(points - 1)) - tip(&target(0)))
+            .try_normalize(0.0)
+            .unwrap_or_default();
+        let along_um = |index: usize| {
+            let ideal = target(index);
+            let actual = actual_pose(chain, errors, &command(&ideal))
+                .transform_point(&chain.tool_tip_mm())
+                - chain.workpiece_origin_mm();
+            (actual - tip(&ideal)).dot(&unit) * 1e3
+        };
+        let first = along_um(0);
+        let deviation_um: Vec<f64> = (0..points).map(|index| along_um(index) - first).collect();
+        let range_um = range(&deviation_um);
+        Diagonal {
+            name,
+            deviation_um,
+            range_um,
+        }
+    };
+    Some(DIRECTIONS.into_iter().map(diagonal).collect())
+}
+
+fn range(values: &[f64]) -> f64 {
+    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let smallest = values.iter().copied().fold(f64::INFINITY, f64::min);
+    largest - smallest
+}
+
+/// The state with a correction added (mm and rad), approach kept.
+pub fn corrected(state: &State, delta: &[f64; MAX_AXES]) -> State {
+    State {
+        q: core::array::from_fn(|index| state.q[index] + delta[index]),
+        approach: state.approach,
+    }
+}
+
+/// A correction rounded to a controller's resolution, mm on linear and rad on rotary axes.
+pub fn quantised(machine: &Machine, delta: &[f64; MAX_AXES], mm: f64, rad: f64) -> [f64; MAX_AXES] {
+    let mut rounded = *delta;
+    for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {
+        let step = match joint.kind {
+            JointKind::Linear => mm,
+            JointKind::Rotary => rad,
+        };
+        *place = (*place / step).round() * step;
+    }
+    rounded
+}

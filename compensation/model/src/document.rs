@@ -1,0 +1,287 @@
+//! TOML decoded by hand, so that every message has its file, line and key.
+//!
+//! `serde`'s `untagged` and `flatten` lose both; the calibration and shop files use this too.
+
+use core::ops::Range;
+use std::sync::Arc;
+
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use crate::error::InputError;
+
+/// The text of a file and its name.
+#[derive(Clone, Debug)]
+pub struct Document {
+    name: String,
+    text: Arc<str>,
+}
+
+/// A table of a document, with its full key.
+#[derive(Clone)]
+pub struct Section<'a> {
+    document: &'a Document,
+    key: String,
+    span: Range<usize>,
+    table: &'a DeTable<'a>,
+}
+
+/// A value of a document, with its full key.
+#[derive(Clone)]
+pub struct Value<'a> {
+    document: &'a Document,
+    key: String,
+    value: &'a Spanned<DeValue<'a>>,
+}
+
+impl Document {
+    /// A document from the text of `file`.
+    pub fn new(file: &str, text: &str) -> Self {
+        Self {
+            name: file.to_owned(),
+            text: text.into(),
+        }
+    }
+
+    /// Parses the text and hands its root table to `decode`.
+    ///
+    /// # Errors
+    /// TOML syntax (repeated keys included), and what `decode` finds.
+    pub fn decode<T, E: From<InputError>>(
+        &self,
+        decode: impl FnOnce(Section<'_>) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let root = DeTable::parse(&self.text)
+            .map_err(|e| self.error(e.span().unwrap_or(0..0), String::new(), e.message().trim()))?;
+        decode(Section {
+            document: self,
+            key: String::new(),
+            span: root.span(),
+            table: root.get_ref(),
+        })
+    }
+
+    fn error(&self, span: Range<usize>, key: String, message: impl Into<String>) -> InputError {
+        let before = self.text.as_bytes().iter().take(span.start);
+        InputError {
+            file: self.name.clone(),
+            line: 1 + before.filter(|&&byte| byte == b'\n').count(),
+            key,
+            message: message.into(),
+            span,
+            text: self.text.clone(),
+        }
+    }
+}
+
+impl<'a> Section<'a> {
+    /// The full key of this table, empty for the root.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// An error at this table.
+    pub fn error(&self, message: impl Into<String>) -> InputError {
+        self.document
+            .error(self.span.clone(), self.key.clone(), message)
+    }
+
+    /// Refuses every key but those expected.
+    ///
+    /// # Errors
+    /// The first unknown key, with the list of those expected.
+    pub fn allow(&self, expected: &[&str]) -> Result<(), InputError> {
+        for (key, value) in self.values() {
+            if !expected.contains(&key) {
+                let expected = expected.join(", ");
+                return Err(value.error(format!("unknown key, expected one of: {expected}")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Every key with its value, in the order of the keys.
+    pub fn values(&self) -> impl Iterator<Item = (&'a str, Value<'a>)> + '_ {
+        self.table
+            .iter()
+            .map(|(key, value)| (key.get_ref().as_ref(), self.value(key.get_ref(), value)))
+    }
+
+    /// The value of a key, if it is there.
+    pub fn get(&self, key: &str) -> Option<Value<'a>> {
+        self.table.get(key).map(|value| self.value(key, value))
+    }
+
+    /// The value of a key that must be there.
+    ///
+    /// # Errors
+    /// The key is missing.
+    pub fn require(&self, key: &str) -> Result<Value<'a>, InputError> {
+        self.get(key)
+            .ok_or_else(|| self.error(format!("key `{key}` is missing")))
+    }
+
+    /// The table of a key, if it is there.
+    ///
+    /// # Errors
+    /// The value is no table.
+    pub fn section(&self, key: &str) -> Result<Option<Section<'a>>, InputError> {
+        self.get(key).map(|value| value.section()).transpose()
+    }
+
+    fn value(&self, key: &str, value: &'a Spanned<DeValue<'a>>) -> Value<'a> {
+        let dot = if self.key.is_empty() { "" } else { "." };
+        Value {
+            document: self.document,
+            key: format!("{}{dot}{key}", self.key),
+            value,
+        }
+    }
+}
+
+impl<'a> Value<'a> {
+    /// The full key.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// An error at this value.
+    pub fn error(&self, message: impl Into<String>) -> InputError {
+        self.document
+            .error(self.value.span(), self.key.clone(), message)
+    }
+
+    fn mismatch(&self, expected: &str) -> InputError {
+        let found = match self.value.get_ref() {
+            DeValue::String(text) => format!("the text \"{text}\""),
+            DeValue::Integer(number) => number.as_str().to_owned(),
+            DeValue::Float(number) => number.as_str().to_owned(),
+            DeValue::Boolean(truth) => truth.to_string(),
+            DeValue::Datetime(_) => "a date".to_owned(),
+            DeValue::Array(items) => format!("an array of {}", items.len()),
+            DeValue::Table(_) => "a table".to_owned(),
+        };
+        self.error(format!("found {found}, expected {expected}"))
+    }
+
+    /// A finite number; integers count.
+    ///
+    /// # Errors
+    /// Anything else, `nan` and `inf` included.
+    pub fn number(&self) -> Result<f64, InputError> {
+        let number = match self.value.get_ref() {
+            DeValue::Float(number) => number.as_str().parse::<f64>().ok(),
+            DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
+                .ok()
+                .map(|integer| integer as f64),
+            _ => None,
+        };
+        number
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| self.mismatch("a finite number"))
+    }
+
+    /// Whether the value is a number (of any kind).
+    pub fn is_number(&self) -> bool {
+        matches!(
+            self.value.get_ref(),
+            DeValue::Float(_) | DeValue::Integer(_)
+        )
+    }
+
+    /// A whole number from 0 to `most`.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn count(&self, most: usize) -> Result<usize, InputError> {
+        let DeValue::Integer(number) = self.value.get_ref() else {
+            return Err(self.mismatch(&format!("a whole number from 0 to {most}")));
+        };
+        usize::from_str_radix(number.as_str(), number.radix())
+            .ok()
+            .filter(|&count| count <= most)
+            .ok_or_else(|| self.mismatch(&format!("a whole number from 0 to {most}")))
+    }
+
+    /// A text.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn text(&self) -> Result<&'a str, InputError> {
+        match self.value.get_ref() {
+            DeValue::String(text) => Ok(text),
+            _ => Err(self.mismatch("a text in quotes")),
+        }
+    }
+
+    /// `true` or `false`.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn truth(&self) -> Result<bool, InputError> {
+        match self.value.get_ref() {
+            DeValue::Boolean(truth) => Ok(*truth),
+            _ => Err(self.mismatch("true or false")),
+        }
+    }
+
+    /// A table.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn section(&self) -> Result<Section<'a>, InputError> {
+        match self.value.get_ref() {
+            DeValue::Table(table) => Ok(Section {
+                document: self.document,
+                key: self.key.clone(),
+                span: self.value.span(),
+                table,
+            }),
+            _ => Err(self.mismatch("a table")),
+        }
+    }
+
+    /// The items of an array.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn items(&self) -> Result<Vec<Value<'a>>, InputError> {
+        let DeValue::Array(items) = self.value.get_ref() else {
+            return Err(self.mismatch("an array"));
+        };
+        let item = |(index, value): (usize, &'a Spanned<DeValue<'a>>)| Value {
+            document: self.document,
+            key: format!("{}[{index}]", self.key),
+            value,
+        };
+        Ok(items.iter().enumerate().map(item).collect())
+    }
+
+    /// An array of finite numbers.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn numbers(&self) -> Result<Vec<f64>, InputError> {
+        self.items()?.iter().map(Value::number).collect()
+    }
+
+    /// An array of exactly `N` finite numbers.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn vector<const N: usize>(&self) -> Result<[f64; N], InputError> {
+        let numbers = self.numbers()?;
+        <[f64; N]>::try_from(numbers)
+            .map_err(|_| self.mismatch(&format!("an array of {N} numbers")))
+    }
+
+    /// An array of texts.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn texts(&self) -> Result<Vec<&'a str>, InputError> {
+        self.items()?.iter().map(Value::text).collect()
+    }
+}

@@ -1,0 +1,99 @@
+//! What can be wrong with a machine file.
+
+use core::ops::Range;
+
+use volcomp_kinematics::{AxisName, ChainError};
+
+/// Why a machine file is refused or a machine cannot answer.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// The file cannot be read.
+    #[error("{file}: cannot be read: {source}")]
+    Read {
+        /// The file.
+        file: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is not UTF-8.
+    #[error("{file}: byte {offset} is not UTF-8, expected a TOML text")]
+    Encoding {
+        /// The file.
+        file: String,
+        /// Place of the first byte that is no UTF-8.
+        offset: usize,
+    },
+    /// Something in the file is wrong.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The machine has no such axis.
+    #[error("machine `{machine}` with structure `{structure}` has no axis {axis}")]
+    NoSuchAxis {
+        /// Name of the machine.
+        machine: String,
+        /// Its structure.
+        structure: String,
+        /// The axis asked for.
+        axis: AxisName,
+    },
+    /// The machine file has no such tool.
+    #[error("machine `{machine}` has no tool `{tool}`, expected one of: {known}")]
+    NoSuchTool {
+        /// Name of the machine.
+        machine: String,
+        /// The tool asked for.
+        tool: String,
+        /// The tools there are.
+        known: String,
+    },
+    /// A coordinate that is no number.
+    #[error("axis {axis}: coordinate is {found}, expected a finite number")]
+    Coordinate {
+        /// The axis.
+        axis: AxisName,
+        /// The value.
+        found: f64,
+    },
+    /// An error that a chain cannot have.
+    #[error("{error}: {reason}")]
+    Error {
+        /// Name of the error.
+        error: String,
+        /// Why it is refused.
+        reason: String,
+    },
+    /// Geometry that a chain cannot have.
+    #[error(transparent)]
+    Chain(#[from] ChainError),
+    /// A curve needs more pieces than allowed to keep the tolerance.
+    #[error(
+        "{error}: more than {most_pieces} cubic pieces are needed for a tolerance of {tolerance_um} um (urad), expected a wider tolerance"
+    )]
+    TooManyPieces {
+        /// Name of the error.
+        error: String,
+        /// The tolerance asked for, µm or µrad.
+        tolerance_um: f64,
+        /// The limit.
+        most_pieces: usize,
+    },
+}
+
+/// A place in a TOML file and what is wrong there.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{file}:{line}: {key}{}{message}", if key.is_empty() { "" } else { ": " })]
+pub struct InputError {
+    /// The file.
+    pub file: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// The key, with the tables before it: `errors.EXX.table`; empty for the whole file.
+    pub key: String,
+    /// What was found and what was expected.
+    pub message: String,
+    /// Place in the file, bytes.
+    pub span: Range<usize>,
+    /// The text of the file, for programs that show the place.
+    pub text: std::sync::Arc<str>,
+}

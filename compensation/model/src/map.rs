@@ -1,0 +1,93 @@
+//! The volumetric map: the error on a grid over the travels.
+
+use volcomp_kinematics::{AxisName, Form, State, VolumetricError, volumetric_error};
+
+use crate::{machine::Machine, thermal::Temperatures};
+
+/// A grid over the travels of the first linear axes named X, Y, Z that the machine has; all other
+/// axes stand at 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapGrid {
+    /// The axes of the grid, in the order X, Y, Z.
+    pub axes: Vec<AxisName>,
+    /// Nodes along each axis, mm.
+    pub nodes_mm: Vec<Vec<f64>>,
+}
+
+/// One node of the map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapNode {
+    /// Coordinates along the axes of the grid, mm; 0 for an axis that is not there.
+    pub at_mm: [f64; 3],
+    /// The error at the node, mm and rad in workpiece axes.
+    pub error: VolumetricError,
+}
+
+impl MapGrid {
+    /// `counts` nodes over the travels of X, Y and Z, both ends included; an axis the machine lacks
+    /// takes no part. A count of 1 stands at the middle.
+    pub fn over_travels(machine: &Machine, counts: [usize; 3]) -> Self {
+        let (mut axes, mut nodes_mm) = (Vec::new(), Vec::new());
+        for (name, count) in [AxisName::X, AxisName::Y, AxisName::Z]
+            .into_iter()
+            .zip(counts)
+        {
+            if let Some(axis) = machine.axis(name) {
+                axes.push(name);
+                nodes_mm.push(spread(axis.travel, count));
+            }
+        }
+        Self { axes, nodes_mm }
+    }
+
+    /// How many nodes there are.
+    pub fn len(&self) -> usize {
+        self.nodes_mm.iter().map(Vec::len).product()
+    }
+
+    /// Whether there is no node.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Every node with its error, one at a time, X fastest.
+    pub fn evaluate<'a>(
+        &'a self,
+        machine: &'a Machine,
+        form: Form,
+        temperatures: &Temperatures,
+    ) -> impl Iterator<Item = MapNode> + 'a {
+        let source = machine.source(temperatures);
+        (0..self.len()).map(move |index| {
+            let (at_mm, state) = self.node(machine, index);
+            let error = volumetric_error(machine.chain(), &source, &state, form);
+            MapNode { at_mm, error }
+        })
+    }
+
+    fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
+        let mut at_mm = [0.0; 3];
+        let mut state = State::default();
+        for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {
+            *place = nodes[index % nodes.len()];
+            index /= nodes.len();
+            if let Some(axis) = machine.chain().structure().index_of(*name) {
+                state.q[axis] = *place;
+            }
+        }
+        (at_mm, state)
+    }
+}
+
+fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+    match count {
+        0 => Vec::new(),
+        1 => vec![0.5 * (low + high)],
+        _ => {
+            let step = |index: usize| index as f64 / (count - 1) as f64;
+            (0..count)
+                .map(|index| low + (high - low) * step(index))
+                .collect()
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! The errors of a machine as kinematics asks for them.
+
+use volcomp_curve::Branch;
+use volcomp_kinematics::{Approach, ErrorMotion, ErrorSource, MAX_AXES, State};
+
+use crate::{
+    error_name::{Component, ErrorName},
+    machine::Machine,
+    thermal::Temperatures,
+};
+
+/// The errors of a machine at steady temperatures: an [`ErrorSource`] in mm and rad over curves in
+/// µm and µrad.
+#[derive(Clone, Debug)]
+pub struct MachineErrors<'a> {
+    machine: &'a Machine,
+    /// Offset and slope (by mm) that the thermal terms add, µm or µrad.
+    thermal: [[[f64; 2]; 6]; MAX_AXES],
+    location: [ErrorMotion; MAX_AXES],
+}
+
+impl<'a> MachineErrors<'a> {
+    pub(crate) fn new(machine: &'a Machine, temperatures: &Temperatures) -> Self {
+        let mut thermal = [[[0.0; 2]; 6]; MAX_AXES];
+        let mut location = [ErrorMotion::ZERO; MAX_AXES];
+        for (index, axis) in machine.axes().iter().enumerate() {
+            for component in Component::ALL {
+                let name = ErrorName::motion(component, axis.name);
+                thermal[index][component.index()] =
+                    machine.thermal.offset_and_slope(name, temperatures);
+            }
+            location[index] = machine.location_of(index);
+        }
+        Self {
+            machine,
+            thermal,
+            location,
+        }
+    }
+}
+
+/// The branch that a direction of approach selects.
+pub(crate) fn branch(approach: Approach) -> Branch {
+    match approach {
+        Approach::Positive => Branch::Forward,
+        Approach::Negative => Branch::Backward,
+        Approach::Unknown => Branch::Mean,
+    }
+}
+
+impl ErrorSource for MachineErrors<'_> {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        if axis >= self.machine.axes().len() {
+            return ErrorMotion::ZERO;
+        }
+        let coordinates = self.machine.curve_coordinates(state);
+        let branch = branch(state.approach[axis]);
+        let mut six = [0.0; 6];
+        for (component, value) in six.iter_mut().enumerate() {
+            let [offset, slope] = self.thermal[axis][component];
+            *value = offset + slope * coordinates[axis];
+            if let Some(curve) = self.machine.curve(axis, component) {
+                *value += curve.value(axis, &coordinates, branch);
+            }
+        }
+        ErrorMotion::from_um_urad(six)
+    }
+
+    fn location(&self, axis: usize) -> ErrorMotion {
+        self.location.get(axis).copied().unwrap_or_default()
+    }
+
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        ErrorMotion::from_um_urad(self.machine.assembly(axis))
+    }
+}

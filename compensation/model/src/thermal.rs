@@ -1,0 +1,90 @@
+//! Thermal terms at a steady state: expansion and drift added to named errors.
+
+use std::collections::BTreeMap;
+
+use crate::error_name::ErrorName;
+
+/// Temperatures by sensor name, °C. Sensors that are not named are not known.
+pub type Temperatures = BTreeMap<String, f64>;
+
+/// The `[thermal]` table of a machine file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Thermal {
+    /// The temperature at which the curves hold, °C.
+    pub reference_degc: f64,
+    /// Expansion terms.
+    pub expansion: Vec<Expansion>,
+    /// Drift terms.
+    pub drift: Vec<Drift>,
+}
+
+/// E += k·(T − T_ref)·(q − q_fixed).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expansion {
+    /// The linear error motion it is added to.
+    pub error: ErrorName,
+    /// Name of the sensor.
+    pub sensor: String,
+    /// k, µm/(m·K): positive when the scale or screw grows.
+    pub um_per_m_k: f64,
+    /// Coordinate of the fixed point, mm.
+    pub fixed_mm: f64,
+}
+
+/// E += k·L, L the first-order lag of Σ w·T − T_ref·Σ w.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drift {
+    /// The error motion it is added to.
+    pub error: ErrorName,
+    /// Weight of each sensor.
+    pub sensors: BTreeMap<String, f64>,
+    /// k, µm/K or µrad/K.
+    pub per_k: f64,
+    /// Time constant, s.
+    pub lag_s: f64,
+}
+
+impl Default for Thermal {
+    fn default() -> Self {
+        Self {
+            reference_degc: 20.0,
+            expansion: Vec::new(),
+            drift: Vec::new(),
+        }
+    }
+}
+
+impl Thermal {
+    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error` at steady temperatures:
+    /// a lag starts at its first input. A term whose sensors are not all known is left out.
+    pub fn offset_and_slope(&self, error: ErrorName, temperatures: &Temperatures) -> [f64; 2] {
+        let mut sum = [0.0; 2];
+        for term in self.expansion.iter().filter(|term| term.error == error) {
+            if let Some(degc) = temperatures.get(&term.sensor) {
+                let slope = term.um_per_m_k * 1e-3 * (degc - self.reference_degc);
+                sum[0] -= slope * term.fixed_mm;
+                sum[1] += slope;
+            }
+        }
+        for term in self.drift.iter().filter(|term| term.error == error) {
+            let difference = |(sensor, weight): (&String, &f64)| {
+                let degc = temperatures.get(sensor)?;
+                Some(weight * (degc - self.reference_degc))
+            };
+            if let Some(input) = term.sensors.iter().map(difference).sum::<Option<f64>>() {
+                sum[0] += term.per_k * input;
+            }
+        }
+        sum
+    }
+
+    /// Every sensor that a term names, sorted, each once.
+    pub fn sensors(&self) -> Vec<&str> {
+        let expansion = self.expansion.iter().map(|term| &term.sensor);
+        let drift = self.drift.iter().flat_map(|term| term.sensors.keys());
+        let mut names: Vec<&str> = expansion.chain(drift).map(String::as_str).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+}
