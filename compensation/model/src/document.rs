@@ -33,7 +33,7 @@ pub struct Section<'a> {
 pub struct Value<'a> {
     document: &'a Document,
     key: String,
-    value: &'a Spanned<DeValue<'a>>,
+    node: &'a Spanned<DeValue<'a>>,
 }
 
 impl Document {
@@ -136,7 +136,7 @@ impl<'a> Section<'a> {
         Value {
             document: self.document,
             key: format!("{}{dot}{key}", self.key),
-            value,
+            node: value,
         }
     }
 }
@@ -150,11 +150,11 @@ impl<'a> Value<'a> {
     /// An error at this value.
     pub fn error(&self, message: impl Into<String>) -> InputError {
         self.document
-            .error(self.value.span(), self.key.clone(), message)
+            .error(self.node.span(), self.key.clone(), message)
     }
 
     fn mismatch(&self, expected: &str) -> InputError {
-        let found = match self.value.get_ref() {
+        let found = match self.node.get_ref() {
             DeValue::String(text) => format!("the text \"{text}\""),
             DeValue::Integer(number) => number.as_str().to_owned(),
             DeValue::Float(number) => number.as_str().to_owned(),
@@ -171,7 +171,7 @@ impl<'a> Value<'a> {
     /// # Errors
     /// Anything else, `nan` and `inf` included.
     pub fn number(&self) -> Result<f64, InputError> {
-        let number = match self.value.get_ref() {
+        let number = match self.node.get_ref() {
             DeValue::Float(number) => number.as_str().parse::<f64>().ok(),
             DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
                 .ok()
@@ -185,10 +185,7 @@ impl<'a> Value<'a> {
 
     /// Whether the value is a number (of any kind).
     pub fn is_number(&self) -> bool {
-        matches!(
-            self.value.get_ref(),
-            DeValue::Float(_) | DeValue::Integer(_)
-        )
+        matches!(self.node.get_ref(), DeValue::Float(_) | DeValue::Integer(_))
     }
 
     /// A whole number from 0 to `most`.
@@ -196,7 +193,7 @@ impl<'a> Value<'a> {
     /// # Errors
     /// Anything else.
     pub fn count(&self, most: usize) -> Result<usize, InputError> {
-        let DeValue::Integer(number) = self.value.get_ref() else {
+        let DeValue::Integer(number) = self.node.get_ref() else {
             return Err(self.mismatch(&format!("a whole number from 0 to {most}")));
         };
         usize::from_str_radix(number.as_str(), number.radix())
@@ -210,7 +207,7 @@ impl<'a> Value<'a> {
     /// # Errors
     /// Anything else.
     pub fn text(&self) -> Result<&'a str, InputError> {
-        match self.value.get_ref() {
+        match self.node.get_ref() {
             DeValue::String(text) => Ok(text),
             _ => Err(self.mismatch("a text in quotes")),
         }
@@ -221,7 +218,7 @@ impl<'a> Value<'a> {
     /// # Errors
     /// Anything else.
     pub fn truth(&self) -> Result<bool, InputError> {
-        match self.value.get_ref() {
+        match self.node.get_ref() {
             DeValue::Boolean(truth) => Ok(*truth),
             _ => Err(self.mismatch("true or false")),
         }
@@ -232,11 +229,11 @@ impl<'a> Value<'a> {
     /// # Errors
     /// Anything else.
     pub fn section(&self) -> Result<Section<'a>, InputError> {
-        match self.value.get_ref() {
+        match self.node.get_ref() {
             DeValue::Table(table) => Ok(Section {
                 document: self.document,
                 key: self.key.clone(),
-                span: self.value.span(),
+                span: self.node.span(),
                 table,
             }),
             _ => Err(self.mismatch("a table")),
@@ -248,13 +245,13 @@ impl<'a> Value<'a> {
     /// # Errors
     /// Anything else.
     pub fn items(&self) -> Result<Vec<Value<'a>>, InputError> {
-        let DeValue::Array(items) = self.value.get_ref() else {
+        let DeValue::Array(items) = self.node.get_ref() else {
             return Err(self.mismatch("an array"));
         };
         let item = |(index, value): (usize, &'a Spanned<DeValue<'a>>)| Value {
             document: self.document,
             key: format!("{}[{index}]", self.key),
-            value,
+            node: value,
         };
         Ok(items.iter().enumerate().map(item).collect())
     }

@@ -89,7 +89,7 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
         tools,
         workpiece_origin_mm: origin,
     })
-    .map_err(|e| at_section(root, e))?;
+    .map_err(|e| root.error(e.to_string()))?;
     decode_errors(root, &mut machine)?;
     decode_assembly(root, &mut machine)?;
     if let Some(section) = root.section("thermal")? {
@@ -97,10 +97,6 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     }
     check_checksum(root, &machine)?;
     Ok(machine)
-}
-
-fn at_section(section: &Section<'_>, error: ModelError) -> ModelError {
-    section.error(error.to_string()).into()
 }
 
 fn check_checksum(root: &Section<'_>, machine: &Machine) -> Result<(), InputError> {
@@ -164,7 +160,7 @@ fn axis_name(text: &str) -> Option<AxisName> {
 fn decode_axes(root: &Section<'_>, structure: &Structure) -> Result<Vec<Axis>, InputError> {
     let section = root.require("axes")?.section()?;
     for (key, value) in section.values() {
-        if !axis_name(key).is_some_and(|name| structure.index_of(name).is_some()) {
+        if axis_name(key).is_none_or(|name| structure.index_of(name).is_none()) {
             return Err(value.error(format!("the structure `{structure}` has no axis {key}")));
         }
     }

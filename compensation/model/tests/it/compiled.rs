@@ -1,0 +1,77 @@
+//! The compiled machine follows its source.
+
+use proptest::prelude::*;
+use volcomp_kinematics::{Approach, ErrorSource, State};
+use volcomp_model::{Machine, Temperatures};
+
+use crate::EXAMPLE;
+
+const TOLERANCE_UM: f64 = 1e-3;
+
+proptest! {
+    #[test]
+    fn within_the_tolerance_everywhere(
+        x in -100.0..8100.0, y in -100.0..4100.0, z in -100.0..2600.0, c in -7.0..7.0,
+        approach in 0..3_usize,
+    ) {
+        let machine = Machine::parse(EXAMPLE, "m").unwrap();
+        let compiled = machine.compile(TOLERANCE_UM).unwrap();
+        let none = Temperatures::new();
+        let source = machine.source(&none);
+        let mut state = State::from_coordinates(&[c, x, y, z]);
+        state.approach = [[Approach::Positive, Approach::Negative, Approach::Unknown][approach]; 9];
+        for axis in 0..5 {
+            let difference = source.error_motion(axis, &state).linear_mm
+                - compiled.error_motion(axis, &state).linear_mm;
+            prop_assert!(difference.amax() * 1e3 <= TOLERANCE_UM * 1.01, "{difference}");
+            let difference = source.error_motion(axis, &state).angular_rad
+                - compiled.error_motion(axis, &state).angular_rad;
+            prop_assert!(difference.amax() * 1e6 <= TOLERANCE_UM * 1.01, "{difference}");
+            prop_assert_eq!(source.location(axis), compiled.location(axis));
+            prop_assert_eq!(source.assembly(axis), compiled.assembly(axis));
+        }
+    }
+}
+
+#[test]
+fn the_slope_bound_holds_and_is_no_fantasy() {
+    let machine = Machine::parse(EXAMPLE, "m").unwrap();
+    let compiled = machine.compile(1e-4).unwrap();
+    for (name, curve) in machine.errors() {
+        let own = machine.index_of(name.axis).unwrap();
+        let [low, high] = machine.axis(name.axis).unwrap().travel;
+        let mut coordinates = [0.0; 9];
+        let steepest = (0..=4000)
+            .map(|step| {
+                coordinates[own] = low + (high - low) * f64::from(step) / 4000.0;
+                curve
+                    .derivative(own, &coordinates, volcomp_curve::Branch::Mean)
+                    .abs()
+            })
+            .fold(0.0, f64::max);
+        let bound = compiled.slope_bound(name);
+        assert!(
+            bound >= steepest * 0.999 - 1e-6,
+            "{name}: {bound} under {steepest}"
+        );
+        // The grid's bound covers the second axis too.
+        assert!(
+            bound <= steepest * 1.05 + 1e-3 || name.to_string() == "EZY",
+            "{name}: {bound} far over {steepest}"
+        );
+    }
+}
+
+#[test]
+fn a_tolerance_that_cannot_be_kept_is_refused() {
+    let text = EXAMPLE.replace(
+        "poly = [0.0, 0.0073, -2.1e-7]",
+        "fourier = [0.0, 0.0, 50.0], period = 0.01",
+    );
+    let message = Machine::parse(&text, "m")
+        .unwrap()
+        .compile(1e-6)
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("EXX"), "{message}");
+}

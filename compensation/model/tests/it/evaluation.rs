@@ -1,0 +1,218 @@
+//! Values, ranges, temperatures, tools, diagonals and maps against closed forms.
+
+use volcomp_kinematics::{Approach, AxisName, CorrectionOptions, ErrorSource, Form, State};
+use volcomp_model::{ErrorName, Machine, MapGrid, Temperatures, corrected, diagonals, quantised};
+
+use crate::EXAMPLE;
+
+fn machine(text: &str) -> Machine {
+    Machine::parse(text, "machine.toml").expect("a valid machine")
+}
+
+fn plain(errors: &str) -> Machine {
+    machine(&format!(
+        "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\nZ.travel = [-400, 0]\n[errors]\n{errors}"
+    ))
+}
+
+fn linear_um(machine: &Machine, axis: usize, state: &State) -> [f64; 3] {
+    let motion = machine
+        .source(&Temperatures::new())
+        .error_motion(axis, state);
+    (motion.linear_mm * 1e3).into()
+}
+
+#[test]
+fn every_kind_of_curve_has_its_value() {
+    let machine = machine(EXAMPLE);
+    // Chain order: C X Y Z.
+    let mut state = machine
+        .state(&[
+            (AxisName::C, 90.0),
+            (AxisName::X, 200.0),
+            (AxisName::Y, 250.0),
+            (AxisName::Z, 850.0),
+        ])
+        .unwrap();
+    let [exx, eyx, ezx] = linear_um(&machine, 1, &state);
+    let t = 2.0 * 200.0 / 8000.0 - 1.0;
+    assert!((exx - (0.0073 * 200.0 - 2.1e-7 * 4e4)).abs() < 1e-12);
+    assert!((eyx - (0.4 - 1.2 * t + 3.0 * (2.0 * t * t - 1.0))).abs() < 1e-12);
+    assert!((ezx - 0.75).abs() < 1e-12);
+    // Grid: halfway in Y between 0 and 0.5 more, halfway in Z between 650 and 1050.
+    assert!((linear_um(&machine, 2, &state)[2] - 1.75).abs() < 1e-12);
+    assert!((linear_um(&machine, 3, &state)[1] - (1.0 + 850.0 / 1250.0)).abs() < 1e-12);
+    let motion = machine.source(&Temperatures::new()).error_motion(0, &state);
+    assert!((motion.angular_rad.x * 1e6 - (0.5 - 1.2)).abs() < 1e-12);
+    for (approach, value) in [
+        (Approach::Positive, 1.0),
+        (Approach::Negative, 3.5),
+        (Approach::Unknown, 2.25),
+    ] {
+        state.approach[2] = approach;
+        assert_eq!(linear_um(&machine, 2, &state)[0], value);
+    }
+}
+
+#[test]
+fn names_what_is_outside_its_range_sorted() {
+    let machine = machine(EXAMPLE);
+    let state = machine
+        .state(&[(AxisName::X, 9000.0), (AxisName::Y, 600.0)])
+        .unwrap();
+    let names: Vec<String> = machine
+        .outside_range(&state)
+        .iter()
+        .map(ErrorName::to_string)
+        .collect();
+    assert_eq!(names, ["EXX", "EYX", "EZX", "EZY"]);
+    assert_eq!(machine.outside_travel(&state), [AxisName::X]);
+    assert!(
+        (linear_um(&machine, 1, &state)[2] - 1.5).abs() < 1e-12,
+        "end value held"
+    );
+}
+
+#[test]
+fn expansion_and_drift_add_to_their_errors() {
+    let machine = machine(EXAMPLE);
+    let state = machine.state(&[(AxisName::X, 1100.0)]).unwrap();
+    let temperatures: Temperatures = [("scale_x", 22.0), ("spindle", 31.0), ("bed", 21.0)]
+        .map(|(name, degc)| (name.to_owned(), degc))
+        .into();
+    let cold = machine.source(&Temperatures::new());
+    let warm = machine.source(&temperatures);
+    let change = |axis| {
+        (warm.error_motion(axis, &state).linear_mm - cold.error_motion(axis, &state).linear_mm)
+            * 1e3
+    };
+    assert!(
+        (change(1).x - 11.5 * 2.0).abs() < 1e-9,
+        "1 m from the fixed point, 2 K"
+    );
+    assert!((change(3).z - 32.0).abs() < 1e-9);
+    let without_bed: Temperatures = [("spindle".to_owned(), 31.0)].into();
+    let partial = machine.source(&without_bed).error_motion(3, &state);
+    assert_eq!(
+        partial,
+        cold.error_motion(3, &state),
+        "a term with a missing sensor is left out"
+    );
+}
+
+#[test]
+fn tools_override_the_tool() {
+    let mut machine = machine(EXAMPLE);
+    assert_eq!(machine.chain().tool_tip_mm().z, -150.0);
+    machine.select_tool("T5").unwrap();
+    assert_eq!(machine.chain().tool_tip_mm().z, -250.0);
+    let message = machine.select_tool("T6").unwrap_err().to_string();
+    assert!(
+        message.contains("T6") && message.contains("T5"),
+        "{message}"
+    );
+    let gauge = plain("")
+        .to_toml()
+        .replace("[tool]", "[tool]\ngauge = [1.0, 2.0, 3.0]\nlength = 100.0\noffset = [0.5, 0.0, 0.0]\naxis = [0, 0, 2]")
+        .lines()
+        .filter(|line| !line.starts_with("checksum"))
+        .fold(String::new(), |text, line| text + line + "\n");
+    let tip: [f64; 3] = self::machine(&gauge).chain().tool_tip_mm().into();
+    assert_eq!(tip, [1.5, 2.0, -97.0]);
+}
+
+#[test]
+fn modulo_brings_the_coordinate_into_travel() {
+    let machine = machine(
+        "structure = \"w C' b X t\"\n[axes]\nX.travel=[0,1]\nC = { travel = [0, 360], modulo = 360 }\n[errors]\nEXC = { table = [[0, 1], [90, 2], [360, 1]] }",
+    );
+    for (degrees, value) in [(90.0, 2.0), (450.0, 2.0), (-270.0, 2.0), (360.0, 1.0)] {
+        let state = machine.state(&[(AxisName::C, degrees)]).unwrap();
+        assert!(
+            (linear_um(&machine, 0, &state)[0] - value).abs() < 1e-9,
+            "{degrees}"
+        );
+        assert!(machine.outside_range(&state).is_empty());
+    }
+}
+
+#[test]
+fn diagonals_of_a_scale_error_and_of_squareness() {
+    // EXX = 10 µm over 1000 mm: along a diagonal (1000, 500, 400)/L it shows 10·1000/L.
+    let length = (1000.0_f64.powi(2) + 500.0_f64.powi(2) + 400.0_f64.powi(2)).sqrt();
+    let of = |errors: &str| {
+        let machine = plain(errors);
+        diagonals(&machine, &machine.source(&Temperatures::new()), 20, |s| *s).unwrap()
+    };
+    let names: Vec<_> = of("EXX = { poly = [0, 0.01] }")
+        .iter()
+        .map(|d| {
+            assert_eq!(d.deviation_um.len(), 20);
+            assert_eq!(d.deviation_um[0], 0.0);
+            assert!(
+                (d.range_um - 10.0 * 1000.0 / length).abs() < 1e-6,
+                "{}",
+                d.range_um
+            );
+            d.name
+        })
+        .collect();
+    assert_eq!(names, ["PPP", "NPP", "PNP", "PPN"]);
+    // Squareness 20 µrad takes 20·500·1e-3 = 10 µm off X at the far end of Y: PPP shorter, NPP longer.
+    let square = of("EC0Y = 20.0");
+    let share = 10.0 * 1000.0 / length;
+    let last = |d: &volcomp_model::Diagonal| d.deviation_um[19];
+    for (diagonal, sign) in square.iter().zip([-1.0, 1.0, 1.0, -1.0]) {
+        assert!(
+            (last(diagonal) - sign * share).abs() < 1e-3,
+            "{}",
+            diagonal.name
+        );
+    }
+}
+
+#[test]
+fn correction_leaves_the_diagonals_straight() {
+    let machine = plain("EXX = { poly = [0, 0.03] }\nEC0Y = 20.0\nEAY = { poly = [0, 0.05] }");
+    let none = Temperatures::new();
+    let source = machine.source(&none);
+    let correct = |s: &State| {
+        corrected(
+            s,
+            &machine
+                .correction_at(s, &none, &CorrectionOptions::default())
+                .delta,
+        )
+    };
+    for diagonal in diagonals(&machine, &source, 11, correct).unwrap() {
+        assert!(
+            diagonal.range_um < 1e-4,
+            "{} {}",
+            diagonal.name,
+            diagonal.range_um
+        );
+    }
+    let rounded = quantised(
+        &machine,
+        &[0.0014, -0.0006, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        1e-3,
+        1e-6,
+    );
+    assert_eq!(rounded[..3], [0.001, -0.001, 0.0]);
+}
+
+#[test]
+fn the_map_visits_every_node_x_fastest() {
+    let machine = plain("EXX = { poly = [0, 0.01] }");
+    let grid = MapGrid::over_travels(&machine, [3, 2, 1]);
+    let nodes: Vec<_> = grid
+        .evaluate(&machine, Form::Exact, &Temperatures::new())
+        .collect();
+    assert_eq!(nodes.len(), grid.len());
+    let at: Vec<_> = nodes.iter().map(|n| n.at_mm).collect();
+    assert_eq!(at[1], [500.0, 0.0, -200.0]);
+    assert_eq!(at[3], [0.0, 500.0, -200.0]);
+    for node in nodes {
+        assert!((node.error.position_mm.x - 1e-5 * node.at_mm[0]).abs() < 1e-12);
+    }
+}
