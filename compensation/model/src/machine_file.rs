@@ -269,9 +269,11 @@ fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelE
             ))
         })?;
         let set = if name.location {
-            let number = value
-                .number()
-                .map_err(|_| value.error("a location error is one number, never a curve"))?;
+            if !value.is_number() {
+                let message = "a location error is one number, never a curve";
+                return Err(value.error(message).into());
+            }
+            let number = value.number()?;
             machine.set_location(name, number)
         } else {
             let context = CurveContext {
@@ -281,7 +283,11 @@ fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelE
             let curve = decode_error_curve(&value, &context)?;
             machine.set_error(name, curve)
         };
-        set.map_err(|e| ModelError::from(value.error(e.to_string())))?;
+        set.map_err(|e| match e {
+            // The key of the value names the error already.
+            ModelError::Error { reason, .. } => value.error(reason),
+            other => value.error(other.to_string()),
+        })?;
     }
     Ok(())
 }
