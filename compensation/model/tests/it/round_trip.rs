@@ -74,3 +74,12 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn the_shipped_examples_are_machines() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
+    for name in ["gantry.toml", "five-axis.toml"] {
+        let machine = Machine::read(&folder.join(name)).unwrap();
+        assert!(machine.errors().count() > 0);
+    }
+}
