@@ -1,2 +1,67 @@
-//! The `volcomp` command.
-fn main() {}
+//! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
+
+mod commands;
+mod failure;
+mod output;
+mod points;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::{commands::Answer, failure::Failure};
+
+/// Measure, model and remove the volumetric error of machine tools.
+///
+/// Positions in mm and deg, errors in um and urad, temperatures in degC.
+/// Exit status: 0 done, 1 the work failed, 2 the input or the call is wrong.
+#[derive(Parser)]
+#[command(version, propagate_version = true)]
+struct Arguments {
+    /// Print one JSON document on standard output instead of tables
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Error(commands::error::Arguments),
+    Correct(commands::correct::Arguments),
+    Diagonals(commands::diagonals::Arguments),
+    Map(commands::map::Arguments),
+    Fit(commands::fit::Arguments),
+    Iso230(commands::iso230::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let answer = match &arguments.command {
+        Command::Error(a) => commands::error::run(a),
+        Command::Correct(a) => commands::correct::run(a),
+        Command::Diagonals(a) => commands::diagonals::run(a),
+        Command::Map(a) => commands::map::run(a),
+        Command::Fit(a) => commands::fit::run(a),
+        Command::Iso230(a) => commands::iso230::run(a),
+    };
+    match answer.and_then(|answer| print(&answer, arguments.json)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            failure.report();
+            ExitCode::from(failure.status())
+        }
+    }
+}
+
+fn print(answer: &Answer, json: bool) -> Result<(), Failure> {
+    for note in &answer.notes {
+        eprintln!("note: {note}");
+    }
+    let text = if json {
+        format!("{}\n", answer.json)
+    } else {
+        answer.text.clone()
+    };
+    output::print(&text)
+}

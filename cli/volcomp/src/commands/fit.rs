@@ -1,0 +1,150 @@
+//! `volcomp fit`: readings to a curve of the machine file.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use serde_json::{Value, json};
+use volcomp_curve::Curve;
+use volcomp_fit::{
+    Fit, FitError, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto, fit_polynomial,
+};
+use volcomp_metrology::{MetrologyError, read_file};
+use volcomp_model::write_curve;
+
+use super::{Answer, table, table_text};
+use crate::failure::Failure;
+
+/// Fits a curve to the mean deviation at each target
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Measurement file: .csv, .rtl, .rta
+    data: PathBuf,
+    /// Kind of curve
+    #[arg(long)]
+    method: Method,
+    /// Order of the polynomials
+    #[arg(long, default_value_t = 4)]
+    order: usize,
+    /// Half width of the weight, as a share of the range (mls)
+    #[arg(long, default_value_t = 1.0 / 3.0, hide_default_value = true)]
+    support: f64,
+    /// Shape of the Gaussian weight (mls)
+    #[arg(long, default_value_t = 3.0)]
+    shape: f64,
+    /// Choose order and support by the leave-one-out error (mls)
+    #[arg(long)]
+    auto: bool,
+    /// The residual that --auto has to meet, um or urad
+    #[arg(long, requires = "auto")]
+    residual_um: Option<f64>,
+    /// Coordinates at which to print the curve: 0,100,200
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
+    at: Vec<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Method {
+    Poly,
+    Chebyshev,
+    Mls,
+    Bspline,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    if arguments.auto && arguments.method != Method::Mls {
+        let message = "--auto: found another method, expected --method mls";
+        return Err(Failure::Input(message.to_owned()));
+    }
+    let numbers = arguments.at.iter().chain(&arguments.residual_um);
+    if let Some(wrong) = numbers.copied().find(|x| !x.is_finite()) {
+        return Err(Failure::Input(format!(
+            "found {wrong}, expected finite numbers in the call"
+        )));
+    }
+    let measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
+    let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
+    let fit = fit(arguments, &x, &u)
+        .map_err(|e| Failure::Input(format!("{}: {e}", arguments.data.display())))?;
+    let values: Vec<(f64, f64)> = arguments
+        .at
+        .iter()
+        .map(|&at| (at, fit.curve.value(at)))
+        .collect();
+    let mut notes = measurement.notes;
+    if fit.meets_required == Some(false) {
+        notes.push(
+            "no order and support meets the residual asked for: the best is shown".to_owned(),
+        );
+    }
+    Ok(Answer {
+        json: json(&fit, &values)?,
+        text: text(&fit, &values),
+        notes,
+    })
+}
+
+/// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
+pub(super) fn reading(error: &MetrologyError) -> Failure {
+    Failure::input(error)
+}
+
+fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
+    // Targets come sorted; an empty measurement is refused by its reader.
+    let domain = [
+        x.first().copied().unwrap_or(0.0),
+        x.last().copied().unwrap_or(0.0),
+    ];
+    let order = arguments.order;
+    match arguments.method {
+        Method::Poly => fit_polynomial(x, u, order, domain),
+        Method::Chebyshev => fit_chebyshev(x, u, order, domain),
+        Method::Bspline => fit_bspline(x, u),
+        Method::Mls if arguments.auto => fit_mls_auto(x, u, arguments.shape, arguments.residual_um),
+        Method::Mls => fit_mls(x, u, order, arguments.support, arguments.shape),
+    }
+}
+
+fn json(fit: &Fit, values: &[(f64, f64)]) -> Result<Value, Failure> {
+    let values: Vec<Value> = values
+        .iter()
+        .map(|(at, value)| json!({ "at": at, "value_um": value }))
+        .collect();
+    let mut json = json!({
+        "curve": curve_json(&fit.curve)?,
+        "residual_um": { "min": fit.min(), "max": fit.max(), "rms": fit.rms() },
+        "leave_one_out_um": fit.leave_one_out_rms,
+        "values": values,
+    });
+    if let Some(meets) = fit.meets_required {
+        json["meets_required"] = json!(meets);
+    }
+    Ok(json)
+}
+
+/// The curve as the machine file has it, in JSON: read back from what would be written there.
+fn curve_json(curve: &Curve) -> Result<Value, Failure> {
+    let text = format!("curve = {}", write_curve(curve));
+    let table: toml::Table = text
+        .parse()
+        .map_err(|e| Failure::Work(format!("{text}: {e}")))?;
+    serde_json::to_value(&table["curve"]).map_err(|e| Failure::Work(e.to_string()))
+}
+
+fn text(fit: &Fit, values: &[(f64, f64)]) -> String {
+    let mut text = format!(
+        "{}\nresidual {:.3} to {:.3}, rms {:.3}; leave-one-out {:.3}\n",
+        write_curve(&fit.curve),
+        fit.min(),
+        fit.max(),
+        fit.rms(),
+        fit.leave_one_out_rms
+    );
+    if !values.is_empty() {
+        let mut table = table(&["at", "value"]);
+        for (at, value) in values {
+            table.add_row([format!("{at}"), format!("{value:.3}")]);
+        }
+        text += &table_text(&table);
+    }
+    text
+}

@@ -1,0 +1,211 @@
+//! `volcomp map`: the error on a grid over the travels.
+
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Map, Value, json};
+use volcomp_kinematics::Form;
+use volcomp_model::{MapGrid, MapNode};
+
+use super::{Answer, micrometres, microradians, thermal_note};
+use crate::{failure::Failure, output::OutputFile, points::MachineArguments};
+
+/// The volumetric map: the error on a grid over the travels of X, Y and Z
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    machine: MachineArguments,
+    /// Nodes along X, Y and Z: 21x21x21
+    #[arg(long)]
+    grid: String,
+    /// File for the field: .csv, or .vti (VTK image data)
+    #[arg(long, short)]
+    output: Option<PathBuf>,
+    /// Form of the model: exact, htm or twist
+    #[arg(long, default_value_t = Form::Exact)]
+    model: Form,
+}
+
+/// Where the nodes go.
+enum Field {
+    None,
+    Csv(OutputFile),
+    /// The rotations follow the positions in the file, so they wait here.
+    Vti(OutputFile, String),
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let counts = parse_grid(&arguments.grid)?;
+    let (machine, temperatures) = arguments.machine.read()?;
+    let grid = MapGrid::over_travels(&machine, counts);
+    let mut field = Field::open(arguments.output.as_deref(), &grid)?;
+    let mut largest: Option<(f64, MapNode)> = None;
+    let progress = progress_bar(grid.len());
+    for (index, node) in grid
+        .evaluate(&machine, arguments.model, &temperatures)
+        .enumerate()
+    {
+        if index % 4096 == 0 {
+            progress.set_position(index as u64);
+        }
+        field.write(&grid, &node)?;
+        let length = node.error.position_mm.norm();
+        if largest.as_ref().is_none_or(|(most, _)| length > *most) {
+            largest = Some((length, node));
+        }
+    }
+    progress.finish_and_clear();
+    field.finish()?;
+    let counts: Vec<usize> = grid.nodes_mm.iter().map(Vec::len).collect();
+    let mut json = json!({ "counts": counts, "nodes": grid.len() });
+    let mut text = format!("{} nodes\n", grid.len());
+    if let Some((length, node)) = largest {
+        let at: Map<String, Value> = grid
+            .axes
+            .iter()
+            .zip(node.at_mm)
+            .map(|(name, place)| (name.to_string(), json!(place)))
+            .collect();
+        let position_um = micrometres(&node.error.position_mm);
+        let _ = writeln!(
+            text,
+            "largest error {:.3} um [{:.3}, {:.3}, {:.3}] at {}",
+            length * 1e3,
+            position_um[0],
+            position_um[1],
+            position_um[2],
+            at.iter()
+                .map(|(name, place)| format!("{name}={place}"))
+                .collect::<Vec<_>>()
+                .join(" ")
+        ); // writing to a String cannot fail
+        json["largest_um"] = json!(length * 1e3);
+        json["at"] = Value::Object(at);
+        json["position_um"] = json!(position_um);
+        json["rotation_urad"] = json!(microradians(&node.error.rotation_rad));
+    }
+    if let Some(path) = &arguments.output {
+        json["file"] = json!(path.display().to_string());
+    }
+    Ok(Answer {
+        json,
+        text,
+        notes: thermal_note(&machine, &temperatures).into_iter().collect(),
+    })
+}
+
+fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
+    let counts: Option<Vec<usize>> = text.split('x').map(|count| count.parse().ok()).collect();
+    counts
+        .and_then(|counts| <[usize; 3]>::try_from(counts).ok())
+        .filter(|counts| {
+            let product = counts
+                .iter()
+                .try_fold(1_usize, |product, &count| product.checked_mul(count));
+            product.is_some_and(|product| (1..=10_000_000_000).contains(&product))
+        })
+        .ok_or_else(|| {
+            Failure::Input(format!(
+                "--grid: found `{text}`, expected three counts of nodes from 1: 21x21x21"
+            ))
+        })
+}
+
+/// Drawn on a terminal only.
+fn progress_bar(nodes: usize) -> ProgressBar {
+    let bar = ProgressBar::new(nodes as u64);
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} nodes {eta} left");
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+impl Field {
+    fn open(path: Option<&Path>, grid: &MapGrid) -> Result<Self, Failure> {
+        let Some(path) = path else {
+            return Ok(Self::None);
+        };
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("csv") => {
+                let mut file = OutputFile::open(path)?;
+                let axes: Vec<String> = grid.axes.iter().map(|name| format!("{name}_mm")).collect();
+                let axes = axes.join(",");
+                file.write(&format!("{axes},x_um,y_um,z_um,a_urad,b_urad,c_urad\n"))?;
+                Ok(Self::Csv(file))
+            }
+            Some("vti") => {
+                let mut file = OutputFile::open(path)?;
+                file.write(&vti_head(grid))?;
+                Ok(Self::Vti(file, String::new()))
+            }
+            Some("parquet") => Err(Failure::Input(format!(
+                "{}: this build writes no Parquet, expected .csv or .vti",
+                path.display()
+            ))),
+            _ => Err(Failure::Input(format!(
+                "{}: found no known ending, expected .csv or .vti",
+                path.display()
+            ))),
+        }
+    }
+
+    fn write(&mut self, grid: &MapGrid, node: &MapNode) -> Result<(), Failure> {
+        let [x, y, z] = micrometres(&node.error.position_mm);
+        let [a, b, c] = microradians(&node.error.rotation_rad);
+        match self {
+            Self::None => Ok(()),
+            Self::Csv(file) => {
+                let places = node.at_mm.iter().take(grid.axes.len());
+                let at: Vec<String> = places.map(ToString::to_string).collect();
+                let at = at.join(",");
+                file.write(&format!("{at},{x:.6},{y:.6},{z:.6},{a:.6},{b:.6},{c:.6}\n"))
+            }
+            Self::Vti(file, rotations) => {
+                let _ = writeln!(rotations, "{a:.6} {b:.6} {c:.6}"); // writing to a String cannot fail
+                file.write(&format!("{x:.6} {y:.6} {z:.6}\n"))
+            }
+        }
+    }
+
+    fn finish(self) -> Result<(), Failure> {
+        match self {
+            Self::None => Ok(()),
+            Self::Csv(file) => file.finish(),
+            Self::Vti(mut file, rotations) => {
+                file.write("</DataArray>\n")?;
+                file.write(&format!(
+                    "{}{rotations}</DataArray>\n",
+                    array("rotation_urad")
+                ))?;
+                file.write("</PointData>\n</Piece>\n</ImageData>\n</VTKFile>\n")?;
+                file.finish()
+            }
+        }
+    }
+}
+
+fn array(name: &str) -> String {
+    format!(
+        "<DataArray type=\"Float64\" Name=\"{name}\" NumberOfComponents=\"3\" format=\"ascii\">\n"
+    )
+}
+
+fn vti_head(grid: &MapGrid) -> String {
+    let (mut extent, mut origin, mut spacing) = (String::new(), String::new(), String::new());
+    for place in 0..3 {
+        let nodes = grid.nodes_mm.get(place).map_or(&[0.0][..], Vec::as_slice);
+        let step = nodes.get(1).map_or(1.0, |second| second - nodes[0]);
+        // Writing to a String cannot fail.
+        let _ = write!(extent, "0 {} ", nodes.len() - 1);
+        let _ = write!(origin, "{} ", nodes[0]);
+        let _ = write!(spacing, "{step} ");
+    }
+    let (extent, origin, spacing) = (extent.trim(), origin.trim(), spacing.trim());
+    format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
+         <ImageData WholeExtent=\"{extent}\" Origin=\"{origin}\" Spacing=\"{spacing}\">\n\
+         <Piece Extent=\"{extent}\">\n<PointData Vectors=\"position_um\">\n{}",
+        array("position_um")
+    )
+}

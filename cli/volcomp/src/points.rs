@@ -1,0 +1,231 @@
+//! Positions, approach directions and temperatures from the command line and from CSV files.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use volcomp_kinematics::{Approach, AxisName, State};
+use volcomp_model::{Machine, Temperatures};
+
+use crate::failure::Failure;
+
+/// The machine and what is in its spindle.
+#[derive(Args)]
+pub(crate) struct MachineArguments {
+    /// Machine file (TOML)
+    #[arg(long, short)]
+    pub(crate) machine: PathBuf,
+    /// A tool of the machine file's [tools]
+    #[arg(long)]
+    pub(crate) tool: Option<String>,
+    /// Temperatures of the machine's sensors: NAME=DEGC,…
+    #[arg(long, value_delimiter = ',')]
+    pub(crate) temperature: Vec<String>,
+}
+
+/// Where to evaluate.
+#[derive(Args)]
+#[group(required = true, multiple = true)]
+pub(crate) struct PointArguments {
+    /// One position: X=100,Y=200,Z=-50 (mm, deg); axes not named stand at 0
+    #[arg(long, conflicts_with = "points", allow_hyphen_values = true)]
+    pub(crate) at: Option<String>,
+    /// Many positions: a CSV file whose header is axis letters
+    #[arg(long)]
+    pub(crate) points: Option<PathBuf>,
+}
+
+/// The direction each axis came from.
+#[derive(Args)]
+pub(crate) struct ApproachArguments {
+    /// Direction of the last motion, for bidirectional curves: X=+,Y=-
+    #[arg(long, allow_hyphen_values = true)]
+    pub(crate) approach: Option<String>,
+}
+
+/// One position asked for, or many.
+pub(crate) enum States {
+    One(State),
+    Many(Vec<State>),
+}
+
+impl MachineArguments {
+    pub(crate) fn read(&self) -> Result<(Machine, Temperatures), Failure> {
+        let mut machine = Machine::read(&self.machine)?;
+        if let Some(tool) = &self.tool {
+            machine.select_tool(tool)?;
+        }
+        let temperatures = self.temperatures(&machine)?;
+        Ok((machine, temperatures))
+    }
+
+    fn temperatures(&self, machine: &Machine) -> Result<Temperatures, Failure> {
+        let sensors = machine.thermal.sensors();
+        let mut temperatures = Temperatures::new();
+        for item in &self.temperature {
+            let (name, value) = assignment("--temperature", item, "NAME=DEGC")?;
+            let degc = number("--temperature", item, value)?;
+            if !sensors.contains(&name) {
+                let expected = if sensors.is_empty() {
+                    "none: the machine file has no thermal terms".to_owned()
+                } else {
+                    format!("one of: {}", sensors.join(", "))
+                };
+                let message = format!("--temperature: found sensor `{name}`, expected {expected}");
+                return Err(Failure::Input(message));
+            }
+            if temperatures.insert(name.to_owned(), degc).is_some() {
+                return Err(Failure::Input(format!(
+                    "--temperature: sensor `{name}` stands twice"
+                )));
+            }
+        }
+        Ok(temperatures)
+    }
+}
+
+impl PointArguments {
+    pub(crate) fn states(
+        &self,
+        machine: &Machine,
+        approach: &ApproachArguments,
+    ) -> Result<States, Failure> {
+        let approach = approach.directions(machine)?;
+        let with_approach = |mut state: State| {
+            for &(index, direction) in &approach {
+                state.approach[index] = direction;
+            }
+            state
+        };
+        match (&self.at, &self.points) {
+            (_, Some(path)) => {
+                let states = read_points(machine, path)?;
+                Ok(States::Many(
+                    states.into_iter().map(with_approach).collect(),
+                ))
+            }
+            (at, None) => {
+                let coordinates = parse_at(at.as_deref().unwrap_or_default())?;
+                Ok(States::One(with_approach(machine.state(&coordinates)?)))
+            }
+        }
+    }
+}
+
+impl ApproachArguments {
+    fn directions(&self, machine: &Machine) -> Result<Vec<(usize, Approach)>, Failure> {
+        let mut directions = Vec::new();
+        for item in items(self.approach.as_deref().unwrap_or_default()) {
+            let (name, sign) = assignment("--approach", item, "X=+ or X=-")?;
+            let direction = match sign {
+                "+" => Approach::Positive,
+                "-" => Approach::Negative,
+                _ => {
+                    let message =
+                        format!("--approach: found `{item}`, expected {name}=+ or {name}=-");
+                    return Err(Failure::Input(message));
+                }
+            };
+            let index = machine.index_of(axis("--approach", name)?)?;
+            if directions.iter().any(|&(other, _)| other == index) {
+                return Err(Failure::Input(format!(
+                    "--approach: axis {name} stands twice"
+                )));
+            }
+            directions.push((index, direction));
+        }
+        Ok(directions)
+    }
+}
+
+fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
+    let mut coordinates: Vec<(AxisName, f64)> = Vec::new();
+    for item in items(text) {
+        let (name, value) = assignment("--at", item, "X=100")?;
+        let name = axis("--at", name)?;
+        if coordinates.iter().any(|&(other, _)| other == name) {
+            return Err(Failure::Input(format!("--at: axis {name} stands twice")));
+        }
+        coordinates.push((name, number("--at", item, value)?));
+    }
+    Ok(coordinates)
+}
+
+/// Reads a CSV file whose header is axis letters.
+fn read_points(machine: &Machine, path: &Path) -> Result<Vec<State>, Failure> {
+    let file = path.display();
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(|e| Failure::input(format!("{file}: {e}")))?;
+    let header = reader
+        .headers()
+        .map_err(|e| Failure::input(format!("{file}: {e}")))?
+        .clone();
+    let mut axes = Vec::new();
+    for name in &header {
+        let name = axis(&format!("{file}:1"), name)?;
+        if axes.contains(&name) {
+            return Err(Failure::Input(format!(
+                "{file}:1: axis {name} stands twice"
+            )));
+        }
+        machine
+            .index_of(name)
+            .map_err(|e| Failure::input(format!("{file}:1: {e}")))?;
+        axes.push(name);
+    }
+    if axes.is_empty() {
+        let message = format!("{file}: found an empty file, expected a header of axis letters");
+        return Err(Failure::Input(message));
+    }
+    let mut states = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| Failure::input(format!("{file}: {e}")))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let mut coordinates = Vec::new();
+        for (&name, text) in axes.iter().zip(&record) {
+            let place = format!("{file}:{line}: {name}");
+            coordinates.push((name, number(&place, text, text)?));
+        }
+        states.push(machine.state(&coordinates)?);
+    }
+    Ok(states)
+}
+
+fn items(text: &str) -> impl Iterator<Item = &str> {
+    text.split(',')
+        .map(str::trim)
+        .filter(|item| !item.is_empty())
+}
+
+fn assignment<'a>(
+    option: &str,
+    item: &'a str,
+    expected: &str,
+) -> Result<(&'a str, &'a str), Failure> {
+    let pair = item
+        .split_once('=')
+        .map(|(name, value)| (name.trim(), value.trim()));
+    pair.filter(|(name, _)| !name.is_empty())
+        .ok_or_else(|| Failure::Input(format!("{option}: found `{item}`, expected {expected}")))
+}
+
+fn axis(place: &str, name: &str) -> Result<AxisName, Failure> {
+    let mut letters = name.chars();
+    letters
+        .next()
+        .and_then(AxisName::from_letter)
+        .filter(|_| letters.next().is_none())
+        .ok_or_else(|| {
+            Failure::Input(format!(
+                "{place}: found axis `{name}`, expected one of X Y Z A B C U V W"
+            ))
+        })
+}
+
+fn number(place: &str, item: &str, text: &str) -> Result<f64, Failure> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|number| number.is_finite())
+        .ok_or_else(|| Failure::Input(format!("{place}: found `{item}`, expected a finite number")))
+}

@@ -1,0 +1,280 @@
+//! The JSON of each command, against closed forms and published numbers.
+
+use serde_json::json;
+
+use crate::{json, root, text, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
+
+fn close(value: &serde_json::Value, expected: f64, tolerance: f64) {
+    let found = value.as_f64().unwrap_or(f64::NAN);
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{found}, expected {expected}"
+    );
+}
+
+#[test]
+fn error_at_one_point_has_exactly_its_numbers() {
+    let answer = json(&["error", "-m", GANTRY, "--at", "X=1000", "--model", "twist"]);
+    close(
+        &answer["position_um"][0],
+        0.0073 * 1000.0 - 2.1e-7 * 1e6,
+        1e-9,
+    );
+    // Chebyshev 0, -4, 6 at t = 2*1000/8000 - 1 = -0.75.
+    close(
+        &answer["position_um"][1],
+        -4.0 * -0.75 + 6.0 * (2.0 * 0.5625 - 1.0),
+        1e-9,
+    );
+    assert_eq!(answer["rotation_urad"].as_array().map(Vec::len), Some(3));
+    assert_eq!(answer["outside_range"], json!([]));
+}
+
+#[test]
+fn what_is_outside_its_range_is_named() {
+    let answer = json(&["error", "-m", GANTRY, "--at", "X=9000,Z=-1"]);
+    assert_eq!(answer["outside_range"], json!(["EXX", "EYX", "EZY", "EZZ"]));
+    assert_eq!(answer["outside_travel"], json!(["X", "Z"]));
+}
+
+#[test]
+fn approach_and_temperature_reach_the_model() {
+    let z = |approach: &str| {
+        json(&[
+            "error",
+            "-m",
+            GANTRY,
+            "--at",
+            "Z=100",
+            "--approach",
+            approach,
+        ])["position_um"][2]
+            .clone()
+    };
+    close(&z("Z=+"), 1.2, 1e-3);
+    close(&z("Z=-"), 3.7, 1e-3);
+    let warm = json(&[
+        "error",
+        "-m",
+        GANTRY,
+        "--at",
+        "X=1000",
+        "--temperature",
+        "scale_x=22",
+    ]);
+    close(&warm["position_um"][0], 7.3 - 0.21 + 23.0, 1e-6);
+}
+
+#[test]
+fn many_points_come_in_the_order_of_the_rows() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("points.csv");
+    std::fs::write(&path, "X, Y\n0,0\n1000,0\n").expect("written");
+    let path = path.to_str().expect("UTF-8");
+    let answer = json(&["error", "-m", GANTRY, "--points", path]);
+    assert_eq!(answer["points"].as_array().map(Vec::len), Some(2));
+    close(&answer["points"][1]["position_um"][0], 7.09, 1e-3);
+    let answer = json(&["correct", "-m", GANTRY, "--points", path]);
+    close(&answer["points"][1]["correction"]["X"], -7.09, 1e-2);
+}
+
+#[test]
+fn correction_has_every_axis_and_leaves_nothing() {
+    let answer = json(&[
+        "correct",
+        "-m",
+        "examples/five-axis.toml",
+        "--at",
+        "X=100,Y=50,B=30,C=45",
+    ]);
+    let correction = answer["correction"].as_object().expect("an object");
+    assert_eq!(
+        correction.keys().collect::<Vec<_>>(),
+        ["C", "X", "Y", "Z", "B"]
+    );
+    for axis in 0..3 {
+        close(&answer["residual_um"][axis], 0.0, 1e-3);
+        close(&answer["residual_axis_urad"][axis], 0.0, 1e-3);
+    }
+    assert_eq!(answer["singular"], json!(false));
+    assert!(
+        answer["iterations"]
+            .as_u64()
+            .is_some_and(|n| (1..=4).contains(&n))
+    );
+    let three_axes = json(&["correct", "-m", GANTRY, "--at", "X=100"]);
+    assert_eq!(
+        three_axes["singular"],
+        json!(true),
+        "no rotary axis: the tool axis is not correctable"
+    );
+}
+
+#[test]
+fn diagonals_before_and_after() {
+    let before = json(&["diagonals", "-m", GANTRY, "--points", "11"]);
+    let after = json(&["diagonals", "-m", GANTRY, "--points", "11", "--compensated"]);
+    for name in ["PPP", "NPP", "PNP", "PPN"] {
+        assert_eq!(
+            before[name]["deviation_um"].as_array().map(Vec::len),
+            Some(11)
+        );
+        close(&before[name]["deviation_um"][0], 0.0, 0.0);
+        assert!(before[name]["range_um"].as_f64() > Some(5.0));
+        close(&after[name]["range_um"], 0.0, 1e-3);
+    }
+}
+
+#[test]
+fn the_map_is_written_whole() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for name in ["map.csv", "map.vti"] {
+        let path = dir.path().join(name);
+        let answer = json(&[
+            "map",
+            "-m",
+            GANTRY,
+            "--grid",
+            "5x4x3",
+            "-o",
+            path.to_str().expect("UTF-8"),
+        ]);
+        assert_eq!(answer["counts"], json!([5, 4, 3]));
+        assert_eq!(answer["nodes"], json!(60));
+        let field = std::fs::read_to_string(&path).expect("the file is there");
+        let rows = field.lines().count();
+        assert_eq!(
+            rows,
+            if name == "map.csv" {
+                61
+            } else {
+                6 + 60 + 2 + 60 + 5
+            },
+            "{name}"
+        );
+    }
+    assert_eq!(
+        std::fs::read_dir(dir.path()).expect("a folder").count(),
+        2,
+        "nothing else is left"
+    );
+}
+
+#[test]
+fn iso230_gives_the_published_values() {
+    let answer = json(&["iso230", POSITIONING]);
+    for (name, published_mm, tolerance) in [
+        ("B_um", 0.04346, 0.011),
+        ("R_forward_um", 0.0183, 0.05),
+        ("R_backward_um", 0.20475, 0.011),
+        ("E_forward_um", 0.07477, 0.011),
+        ("E_backward_um", 0.04612, 0.011),
+        ("M_um", 0.04809, 0.011),
+        ("A_forward_um", 0.08927, 0.011),
+        ("A_backward_um", 0.20475, 0.011),
+        ("A_um", 0.20475, 0.011),
+    ] {
+        close(&answer[name], published_mm * 1e3, tolerance);
+    }
+    assert_eq!(answer["unit"], json!("um"));
+    assert_eq!(answer["targets"].as_array().map(Vec::len), Some(5));
+    assert_eq!(answer["hints"][0]["run"], json!(1));
+    assert_eq!(answer["hints"][0]["direction"], json!("backward"));
+}
+
+#[test]
+fn one_short_run_is_null_where_it_cannot_be_evaluated() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("short.csv");
+    std::fs::write(&path, "target,deviation\n-10,1\n0,2\n10,4\n").expect("written");
+    let answer = json(&["iso230", path.to_str().expect("UTF-8")]);
+    close(&answer["E_forward_um"], 3.0, 1e-12);
+    for name in [
+        "A_um",
+        "A_forward_um",
+        "R_um",
+        "B_um",
+        "M_um",
+        "E_backward_um",
+    ] {
+        assert_eq!(answer[name], json!(null), "{name}");
+    }
+}
+
+#[test]
+fn fit_gives_a_curve_of_the_machine_file() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("line.csv");
+    let rows: String = (0..21).fold("target,deviation\n".to_owned(), |rows, i| {
+        rows + &format!("{},{}\n", i * 100, 0.5 + 0.01 * f64::from(i * 100))
+    });
+    std::fs::write(&path, rows).expect("written");
+    let path = path.to_str().expect("UTF-8");
+    for method in ["poly", "chebyshev", "mls", "bspline"] {
+        let answer = json(&[
+            "fit", path, "--method", method, "--order", "2", "--at", "50,1234",
+        ]);
+        close(&answer["values"][0]["value_um"], 1.0, 1e-6);
+        close(&answer["values"][1]["value_um"], 12.84, 1e-6);
+        close(&answer["residual_um"]["rms"], 0.0, 1e-6);
+        close(&answer["leave_one_out_um"], 0.0, 1e-6);
+        assert!(answer["curve"].get(method).is_some(), "{method}");
+    }
+    let auto = json(&[
+        "fit",
+        path,
+        "--method",
+        "mls",
+        "--auto",
+        "--residual-um",
+        "0.1",
+    ]);
+    assert_eq!(auto["meets_required"], json!(true));
+}
+
+#[test]
+fn tables_for_people() {
+    insta::assert_snapshot!(
+        "error",
+        text(&["error", "-m", GANTRY, "--at", "X=1000,Y=500,Z=9000"])
+    );
+    insta::assert_snapshot!(
+        "correct",
+        text(&[
+            "correct",
+            "-m",
+            "examples/five-axis.toml",
+            "--at",
+            "X=100,B=30,C=45"
+        ])
+    );
+    insta::assert_snapshot!("diagonals", text(&["diagonals", "-m", GANTRY]));
+    insta::assert_snapshot!("map", text(&["map", "-m", GANTRY, "--grid", "3x3x3"]));
+    insta::assert_snapshot!("iso230", text(&["iso230", POSITIONING]));
+}
+
+#[test]
+fn every_table_fits_eighty_columns_and_help_works() {
+    for arguments in [
+        &["error", "-m", GANTRY, "--at", "X=1000"][..],
+        &["iso230", POSITIONING],
+        &[
+            "correct",
+            "-m",
+            "examples/five-axis.toml",
+            "--at",
+            "X=100,B=30,C=45",
+        ],
+    ] {
+        for line in text(arguments).lines() {
+            assert!(line.chars().count() <= 80, "{line}");
+        }
+    }
+    for command in ["error", "correct", "diagonals", "map", "fit", "iso230"] {
+        assert_eq!(volcomp(&[command, "--help"]).status.code(), Some(0));
+    }
+    assert!(root().join(POSITIONING).is_file());
+}

@@ -1,0 +1,53 @@
+//! The real program: what it prints, its JSON, its exit status.
+
+mod answers;
+mod wrong_input;
+
+use std::{
+    path::PathBuf,
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+
+/// Runs `volcomp` in the repository's root.
+pub fn volcomp(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(arguments)
+        .current_dir(root())
+        .output()
+        .expect("the program was built for this test")
+}
+
+/// The repository's root.
+pub fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// The JSON document of a call that must succeed.
+pub fn json(arguments: &[&str]) -> Value {
+    let output = volcomp(&[&["--json"], arguments].concat());
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {stderr}");
+    serde_json::from_slice(&output.stdout).expect("one JSON document")
+}
+
+/// The text for people of a call that must succeed.
+pub fn text(arguments: &[&str]) -> String {
+    let output = volcomp(arguments);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}");
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+/// The message of a call that must be refused: status 2, nothing on standard output.
+pub fn refused(arguments: &[&str]) -> String {
+    let output = volcomp(arguments);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
+    assert!(
+        output.stdout.is_empty(),
+        "{arguments:?} printed on standard output"
+    );
+    assert!(!stderr.contains("panicked"), "{stderr}");
+    stderr
+}

@@ -1,0 +1,238 @@
+//! Wrong calls and broken files: status 2, a message, nothing on standard output.
+
+use std::{fs, path::Path};
+
+use crate::{refused, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+
+#[test]
+fn wrong_arguments_say_what_was_found_and_expected() {
+    for (arguments, expected) in [
+        (
+            &["error", "-m", GANTRY, "--at", "Q=1"][..],
+            "found axis `Q`",
+        ),
+        (&["error", "-m", GANTRY, "--at", "A=1"], "has no axis A"),
+        (
+            &["error", "-m", GANTRY, "--at", "X=1,X=2"],
+            "axis X stands twice",
+        ),
+        (
+            &["error", "-m", GANTRY, "--at", "X=nan"],
+            "found `X=nan`, expected a finite number",
+        ),
+        (
+            &["error", "-m", GANTRY, "--at", "X=inf"],
+            "expected a finite number",
+        ),
+        (
+            &["error", "-m", GANTRY, "--at", "X"],
+            "found `X`, expected X=100",
+        ),
+        (&["error", "-m", GANTRY], "--at"),
+        (
+            &["error", "-m", GANTRY, "--at", "X=1", "--approach", "X=0"],
+            "expected X=+ or X=-",
+        ),
+        (
+            &["error", "-m", GANTRY, "--at", "X=1", "--model", "magic"],
+            "expected exact, htm or twist",
+        ),
+        (
+            &[
+                "error",
+                "-m",
+                GANTRY,
+                "--at",
+                "X=1",
+                "--temperature",
+                "bed=20",
+            ],
+            "expected one of: scale_x",
+        ),
+        (
+            &[
+                "error",
+                "-m",
+                GANTRY,
+                "--at",
+                "X=1",
+                "--temperature",
+                "scale_x=hot",
+            ],
+            "expected a finite number",
+        ),
+        (
+            &["error", "-m", GANTRY, "--at", "X=1", "--tool", "T9"],
+            "has no tool `T9`",
+        ),
+        (
+            &["error", "-m", "nowhere.toml", "--at", "X=1"],
+            "nowhere.toml: cannot be read",
+        ),
+        (
+            &["error", "-m", "examples", "--at", "X=1"],
+            "examples: cannot be read",
+        ),
+        (
+            &["correct", "-m", GANTRY, "--at", "X=1", "--correct", "X,X"],
+            "each once",
+        ),
+        (&["diagonals", "-m", GANTRY, "--points", "1"], "--points"),
+        (
+            &["map", "-m", GANTRY, "--grid", "21x21"],
+            "expected three counts",
+        ),
+        (
+            &["map", "-m", GANTRY, "--grid", "0x1x1"],
+            "expected three counts",
+        ),
+        (
+            &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.parquet"],
+            "no Parquet",
+        ),
+        (
+            &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.doc"],
+            "expected .csv or .vti",
+        ),
+        (
+            &[
+                "map",
+                "-m",
+                GANTRY,
+                "--grid",
+                "3x3x3",
+                "-o",
+                "nowhere/m.csv",
+            ],
+            "cannot be written",
+        ),
+        (
+            &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "examples"],
+            "expected .csv or .vti",
+        ),
+        (&["iso230", "nowhere.csv"], "nowhere.csv: cannot be read"),
+        (&["iso230", "examples"], "examples"),
+        (
+            &[
+                "iso230",
+                "fitting/metrology/tests/data/iso230-2-axis.csv",
+                "--part",
+                "9",
+            ],
+            "--part",
+        ),
+        (
+            &[
+                "fit",
+                "fitting/metrology/tests/data/iso230-2-axis.csv",
+                "--method",
+                "poly",
+                "--order",
+                "9",
+            ],
+            "iso230-2-axis.csv",
+        ),
+        (
+            &[
+                "fit",
+                "fitting/metrology/tests/data/iso230-2-axis.csv",
+                "--method",
+                "poly",
+                "--auto",
+            ],
+            "--method mls",
+        ),
+        (&["unknown"], "unknown"),
+        (&[], "Usage"),
+    ] {
+        let message = refused(arguments);
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+    }
+}
+
+fn written(folder: &Path, name: &str, bytes: &[u8]) -> String {
+    let path = folder.join(name);
+    fs::write(&path, bytes).expect("written");
+    path.to_str().expect("UTF-8").to_owned()
+}
+
+#[test]
+fn broken_files_are_named_with_their_line_unbroken() {
+    let folder = tempfile::Builder::new()
+        .prefix(&"a-folder-with-a-very-long-name-".repeat(5))
+        .tempdir()
+        .expect("a folder");
+    let machine = fs::read_to_string(crate::root().join(GANTRY)).expect("read");
+    let broken = machine.replace("EC0Y = 12.0", "EC0Y = nan");
+    let path = written(folder.path(), "machine.toml", broken.as_bytes());
+    let message = refused(&["error", "-m", &path, "--at", "X=1"]);
+    let place = format!("error: {path}:23: errors.EC0Y: found nan, expected a finite number\n");
+    assert_eq!(message, place);
+    for (name, bytes, expected) in [
+        (
+            "points.csv",
+            &b"X,Q\n1,2\n"[..],
+            "points.csv:1: found axis `Q`",
+        ),
+        (
+            "points.csv",
+            b"X,Y\n1,2\n1,nan\n",
+            "points.csv:3: Y: found `nan`",
+        ),
+        ("points.csv", b"X,Y\n1\n", "points.csv"),
+        ("points.csv", b"", "points.csv"),
+        ("points.csv", b"X,X\n1,2\n", "axis X stands twice"),
+    ] {
+        let path = written(folder.path(), name, bytes);
+        let message = refused(&["error", "-m", GANTRY, "--points", &path]);
+        assert!(message.contains(expected), "{message}");
+    }
+    for (name, bytes) in [
+        ("a.csv", &b"target,run,direction,deviation\n1,1,+,nan\n"[..]),
+        ("a.csv", b"target,run,direction,deviation\n1,1,up,3\n"),
+        ("a.csv", b""),
+        ("a.rtl", b""),
+        ("a.rtl", b"HEADER::\r\nFile type  : rtl\r\n"),
+        ("a.doc", b"1"),
+    ] {
+        let path = written(folder.path(), name, bytes);
+        let message = refused(&["iso230", &path]);
+        assert!(message.contains(name), "{message}");
+    }
+}
+
+#[test]
+fn a_disk_that_fills_up_leaves_nothing_behind() {
+    // /dev/full takes no byte: standard output on it is a failure of the work.
+    let Ok(full) = fs::OpenOptions::new().write(true).open("/dev/full") else {
+        panic!("this system has no /dev/full");
+    };
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(["error", "-m", GANTRY, "--at", "X=1"])
+        .current_dir(crate::root())
+        .stdout(full)
+        .status()
+        .expect("the program was built for this test");
+    assert_eq!(status.code(), Some(1));
+}
+
+#[test]
+fn an_output_is_opened_before_the_work_starts() {
+    // 10^9 nodes would take minutes: the refusal comes at once, or this test does not end.
+    let message = refused(&[
+        "map",
+        "-m",
+        GANTRY,
+        "--grid",
+        "1000x1000x1000",
+        "-o",
+        "nowhere/m.csv",
+    ]);
+    assert!(
+        message.contains("nowhere/m.csv: cannot be written"),
+        "{message}"
+    );
+    assert_eq!(volcomp(&["--version"]).status.code(), Some(0));
+}
