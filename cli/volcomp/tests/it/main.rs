@@ -11,7 +11,7 @@ use std::{
 use serde_json::Value;
 
 /// Runs `volcomp` in the repository's root.
-pub fn volcomp(arguments: &[&str]) -> Output {
+pub(crate) fn volcomp(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp"))
         .args(arguments)
         .current_dir(root())
@@ -20,12 +20,12 @@ pub fn volcomp(arguments: &[&str]) -> Output {
 }
 
 /// The repository's root.
-pub fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
 /// The JSON document of a call that must succeed.
-pub fn json(arguments: &[&str]) -> Value {
+pub(crate) fn json(arguments: &[&str]) -> Value {
     let output = volcomp(&[&["--json"], arguments].concat());
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {stderr}");
@@ -33,14 +33,14 @@ pub fn json(arguments: &[&str]) -> Value {
 }
 
 /// The text for people of a call that must succeed.
-pub fn text(arguments: &[&str]) -> String {
+pub(crate) fn text(arguments: &[&str]) -> String {
     let output = volcomp(arguments);
     assert_eq!(output.status.code(), Some(0), "{arguments:?}");
     String::from_utf8(output.stdout).expect("UTF-8")
 }
 
 /// The message of a call that must be refused: status 2, nothing on standard output.
-pub fn refused(arguments: &[&str]) -> String {
+pub(crate) fn refused(arguments: &[&str]) -> String {
     let output = volcomp(arguments);
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");

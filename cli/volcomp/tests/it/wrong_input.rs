@@ -6,147 +6,147 @@ use crate::{refused, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 
+/// A call, and what its message must say.
+const WRONG_CALLS: &[(&[&str], &str)] = &[
+    (&["error", "-m", GANTRY, "--at", "Q=1"], "found axis `Q`"),
+    (&["error", "-m", GANTRY, "--at", "A=1"], "has no axis A"),
+    (
+        &["error", "-m", GANTRY, "--at", "X=1,X=2"],
+        "axis X stands twice",
+    ),
+    (
+        &["error", "-m", GANTRY, "--at", "X=nan"],
+        "found `X=nan`, expected a finite number",
+    ),
+    (
+        &["error", "-m", GANTRY, "--at", "X=inf"],
+        "expected a finite number",
+    ),
+    (
+        &["error", "-m", GANTRY, "--at", "X"],
+        "found `X`, expected X=100",
+    ),
+    (&["error", "-m", GANTRY], "--at"),
+    (
+        &["error", "-m", GANTRY, "--at", "X=1", "--approach", "X=0"],
+        "expected X=+ or X=-",
+    ),
+    (
+        &["error", "-m", GANTRY, "--at", "X=1", "--model", "magic"],
+        "expected exact, htm or twist",
+    ),
+    (
+        &[
+            "error",
+            "-m",
+            GANTRY,
+            "--at",
+            "X=1",
+            "--temperature",
+            "bed=20",
+        ],
+        "expected one of: scale_x",
+    ),
+    (
+        &[
+            "error",
+            "-m",
+            GANTRY,
+            "--at",
+            "X=1",
+            "--temperature",
+            "scale_x=hot",
+        ],
+        "expected a finite number",
+    ),
+    (
+        &["error", "-m", GANTRY, "--at", "X=1", "--tool", "T9"],
+        "has no tool `T9`",
+    ),
+    (
+        &["error", "-m", "nowhere.toml", "--at", "X=1"],
+        "nowhere.toml: cannot be read",
+    ),
+    (
+        &["error", "-m", "examples", "--at", "X=1"],
+        "examples: cannot be read",
+    ),
+    (
+        &["correct", "-m", GANTRY, "--at", "X=1", "--correct", "X,X"],
+        "each once",
+    ),
+    (&["diagonals", "-m", GANTRY, "--points", "1"], "--points"),
+    (
+        &["map", "-m", GANTRY, "--grid", "21x21"],
+        "expected three counts",
+    ),
+    (
+        &["map", "-m", GANTRY, "--grid", "0x1x1"],
+        "expected three counts",
+    ),
+    (
+        &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.parquet"],
+        "no Parquet",
+    ),
+    (
+        &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.doc"],
+        "expected .csv or .vti",
+    ),
+    (
+        &[
+            "map",
+            "-m",
+            GANTRY,
+            "--grid",
+            "3x3x3",
+            "-o",
+            "nowhere/m.csv",
+        ],
+        "cannot be written",
+    ),
+    (
+        &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "examples"],
+        "expected .csv or .vti",
+    ),
+    (&["iso230", "nowhere.csv"], "nowhere.csv: cannot be read"),
+    (&["iso230", "examples"], "examples"),
+    (
+        &[
+            "iso230",
+            "fitting/metrology/tests/data/iso230-2-axis.csv",
+            "--part",
+            "9",
+        ],
+        "--part",
+    ),
+    (
+        &[
+            "fit",
+            "fitting/metrology/tests/data/iso230-2-axis.csv",
+            "--method",
+            "poly",
+            "--order",
+            "9",
+        ],
+        "iso230-2-axis.csv",
+    ),
+    (
+        &[
+            "fit",
+            "fitting/metrology/tests/data/iso230-2-axis.csv",
+            "--method",
+            "poly",
+            "--auto",
+        ],
+        "--method mls",
+    ),
+    (&["unknown"], "unknown"),
+    (&[], "Usage"),
+];
+
 #[test]
 fn wrong_arguments_say_what_was_found_and_expected() {
-    for (arguments, expected) in [
-        (
-            &["error", "-m", GANTRY, "--at", "Q=1"][..],
-            "found axis `Q`",
-        ),
-        (&["error", "-m", GANTRY, "--at", "A=1"], "has no axis A"),
-        (
-            &["error", "-m", GANTRY, "--at", "X=1,X=2"],
-            "axis X stands twice",
-        ),
-        (
-            &["error", "-m", GANTRY, "--at", "X=nan"],
-            "found `X=nan`, expected a finite number",
-        ),
-        (
-            &["error", "-m", GANTRY, "--at", "X=inf"],
-            "expected a finite number",
-        ),
-        (
-            &["error", "-m", GANTRY, "--at", "X"],
-            "found `X`, expected X=100",
-        ),
-        (&["error", "-m", GANTRY], "--at"),
-        (
-            &["error", "-m", GANTRY, "--at", "X=1", "--approach", "X=0"],
-            "expected X=+ or X=-",
-        ),
-        (
-            &["error", "-m", GANTRY, "--at", "X=1", "--model", "magic"],
-            "expected exact, htm or twist",
-        ),
-        (
-            &[
-                "error",
-                "-m",
-                GANTRY,
-                "--at",
-                "X=1",
-                "--temperature",
-                "bed=20",
-            ],
-            "expected one of: scale_x",
-        ),
-        (
-            &[
-                "error",
-                "-m",
-                GANTRY,
-                "--at",
-                "X=1",
-                "--temperature",
-                "scale_x=hot",
-            ],
-            "expected a finite number",
-        ),
-        (
-            &["error", "-m", GANTRY, "--at", "X=1", "--tool", "T9"],
-            "has no tool `T9`",
-        ),
-        (
-            &["error", "-m", "nowhere.toml", "--at", "X=1"],
-            "nowhere.toml: cannot be read",
-        ),
-        (
-            &["error", "-m", "examples", "--at", "X=1"],
-            "examples: cannot be read",
-        ),
-        (
-            &["correct", "-m", GANTRY, "--at", "X=1", "--correct", "X,X"],
-            "each once",
-        ),
-        (&["diagonals", "-m", GANTRY, "--points", "1"], "--points"),
-        (
-            &["map", "-m", GANTRY, "--grid", "21x21"],
-            "expected three counts",
-        ),
-        (
-            &["map", "-m", GANTRY, "--grid", "0x1x1"],
-            "expected three counts",
-        ),
-        (
-            &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.parquet"],
-            "no Parquet",
-        ),
-        (
-            &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.doc"],
-            "expected .csv or .vti",
-        ),
-        (
-            &[
-                "map",
-                "-m",
-                GANTRY,
-                "--grid",
-                "3x3x3",
-                "-o",
-                "nowhere/m.csv",
-            ],
-            "cannot be written",
-        ),
-        (
-            &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "examples"],
-            "expected .csv or .vti",
-        ),
-        (&["iso230", "nowhere.csv"], "nowhere.csv: cannot be read"),
-        (&["iso230", "examples"], "examples"),
-        (
-            &[
-                "iso230",
-                "fitting/metrology/tests/data/iso230-2-axis.csv",
-                "--part",
-                "9",
-            ],
-            "--part",
-        ),
-        (
-            &[
-                "fit",
-                "fitting/metrology/tests/data/iso230-2-axis.csv",
-                "--method",
-                "poly",
-                "--order",
-                "9",
-            ],
-            "iso230-2-axis.csv",
-        ),
-        (
-            &[
-                "fit",
-                "fitting/metrology/tests/data/iso230-2-axis.csv",
-                "--method",
-                "poly",
-                "--auto",
-            ],
-            "--method mls",
-        ),
-        (&["unknown"], "unknown"),
-        (&[], "Usage"),
-    ] {
+    for (arguments, expected) in WRONG_CALLS {
         let message = refused(arguments);
         assert!(message.contains(expected), "{arguments:?}: {message}");
     }

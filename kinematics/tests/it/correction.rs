@@ -1,0 +1,226 @@
+//! Correction undoes the error, stays small near singular poses and says what it leaves.
+
+use rand::RngExt;
+use volcomp_kinematics::{
+    AxisName, Chain, Correction, CorrectionOptions, ErrorMotion, ErrorSource, GivenErrors,
+    JointKind, MAX_AXES, SINGULAR_BELOW, State, actual_pose, correct,
+    nalgebra::{DMatrix, Vector3},
+};
+
+use crate::{all_types, every_error, motion, placed, seeded, state};
+
+/// Error motions of ±20 µm and ±30 µrad that vary over the coordinate, with location errors.
+struct Wavy {
+    base: GivenErrors,
+    waves: [f64; MAX_AXES],
+}
+
+impl ErrorSource for Wavy {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        let wave = (state.q[axis] / 80.0 + self.waves[axis]).sin();
+        let motion = self.base.motion[axis];
+        ErrorMotion {
+            linear_mm: motion.linear_mm * wave,
+            angular_rad: motion.angular_rad * wave,
+        }
+    }
+    fn location(&self, axis: usize) -> ErrorMotion {
+        self.base.location[axis]
+    }
+}
+
+/// Singular values of the nominal rows, by another method: the turning of the tool axis by finite
+/// differences, decomposed by nalgebra.
+fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
+    let axis = |state: &State| chain.ideal_pose(state).rotation * chain.tool_axis();
+    let rotary: Vec<usize> = (0..chain.joints().len())
+        .filter(|&i| chain.joints()[i].kind == JointKind::Rotary)
+        .collect();
+    let mut rows = DMatrix::zeros(3, rotary.len().max(1));
+    for (column, &index) in rotary.iter().enumerate() {
+        let (mut plus, mut minus) = (*state, *state);
+        plus.q[index] += 1e-5;
+        minus.q[index] -= 1e-5;
+        rows.set_column(column, &((axis(&plus) - axis(&minus)) / 2e-5));
+    }
+    let mut values: Vec<f64> = rows.singular_values().iter().copied().collect();
+    values.truncate(rotary.len());
+    values
+}
+
+fn tool_axis_error_rad(chain: &Chain, source: &impl ErrorSource, state: &State) -> f64 {
+    let actual = actual_pose(chain, source, state).rotation * chain.tool_axis();
+    (actual - chain.ideal_pose(state).rotation * chain.tool_axis()).norm()
+}
+
+fn check(chain: &Chain, source: &impl ErrorSource, state: &State) -> Correction {
+    let found = correct(chain, source, state, &CorrectionOptions::default());
+    let structure = chain.structure();
+    assert!(
+        found.residual_mm.norm() * 1e3 <= 1e-3,
+        "{structure}: {} um",
+        found.residual_mm.norm() * 1e3
+    );
+    assert!(
+        found.iterations <= 4,
+        "{structure}: {} iterations",
+        found.iterations
+    );
+    // The residual is what the actual machine shows at the corrected command.
+    let mut command = *state;
+    for (q, delta) in command.q.iter_mut().zip(found.delta) {
+        *q += delta;
+    }
+    let tip = actual_pose(chain, source, &command).transform_point(&chain.tool_tip_mm());
+    let ideal = chain
+        .ideal_pose(state)
+        .transform_point(&chain.tool_tip_mm());
+    assert!((tip - ideal - found.residual_mm).norm() < 1e-12);
+    let most = 50.0 * tool_axis_error_rad(chain, source, state);
+    for (joint, delta) in chain.joints().iter().zip(found.delta) {
+        if joint.kind == JointKind::Rotary {
+            assert!(
+                delta.abs() <= most * 1.001,
+                "{structure} {}: {delta} over {most}",
+                joint.name
+            );
+        }
+    }
+    found
+}
+
+#[test]
+fn nothing_is_left_at_a_thousand_poses_of_each_type() {
+    let mut rng = seeded(5);
+    for structure in all_types() {
+        let chain = placed(&structure, &mut rng);
+        let rotary: Vec<usize> = (0..chain.joints().len())
+            .filter(|&i| chain.joints()[i].kind == JointKind::Rotary)
+            .collect();
+        let (mut regular, mut singular) = (0, 0);
+        for pose in 0..1000 {
+            let mut base = every_error(&chain, &mut rng);
+            base.assembly = GivenErrors::default().assembly;
+            let source = Wavy {
+                base,
+                waves: [(); MAX_AXES].map(|()| rng.random_range(0.0..6.0)),
+            };
+            let mut state = state(&chain, &mut rng);
+            // A third of the poses stand at the singular one or within 0.1° of it.
+            if pose % 3 == 0 {
+                let near = if pose % 2 == 0 {
+                    0.0
+                } else {
+                    rng.random_range(-0.1_f64..0.1).to_radians()
+                };
+                for &index in &rotary {
+                    state.q[index] =
+                        (state.q[index] / 1.6).round() * core::f64::consts::FRAC_PI_2 + near;
+                }
+            }
+            let found = check(&chain, &source, &state);
+            let values = nominal_singular_values(&chain, &state);
+            let kept = values.iter().filter(|&&s| s >= SINGULAR_BELOW).count();
+            if values.iter().all(|s| (s - SINGULAR_BELOW).abs() > 1e-6) {
+                assert_eq!(found.singular, kept < 2, "{structure}: {values:?}");
+            }
+            if found.singular {
+                singular += 1;
+            } else {
+                regular += 1;
+                assert!(
+                    found.residual_axis.norm() * 1e6 <= 1e-3,
+                    "{structure}: {} urad",
+                    found.residual_axis.norm() * 1e6
+                );
+            }
+        }
+        println!("{structure}: {regular} regular, {singular} singular poses");
+        if rotary.len() == 2 {
+            assert!(
+                regular > 500 && singular > 50,
+                "{structure}: {regular} {singular}"
+            );
+        }
+    }
+}
+
+#[test]
+fn one_rotary_axis_corrects_what_it_can() {
+    let mut chain = Chain::new("w b X Y Z B t".parse().unwrap());
+    chain.set_tool([0.0, 0.0, -100.0], [0.0, 0.0, 1.0]).unwrap();
+    let mut errors = GivenErrors::default();
+    errors.motion[0] = ErrorMotion::from_um_urad([5.0, 6.0, 7.0, 30.0, 20.0, 10.0]);
+    let found = correct(
+        &chain,
+        &errors,
+        &State::default(),
+        &CorrectionOptions::default(),
+    );
+    assert!(found.singular);
+    assert!(
+        (found.delta[3] + 20e-6).abs() < 1e-9,
+        "B takes the 20 µrad about Y"
+    );
+    // 30 µrad about X tip the axis (0, 0, 1) by −30 µrad along Y, and stay.
+    let left = Vector3::new(0.0, -30e-6, 0.0);
+    assert!(
+        (found.residual_axis - left).norm() < 1e-9,
+        "{}",
+        found.residual_axis
+    );
+    assert!(found.residual_mm.norm() < 1e-8);
+}
+
+#[test]
+fn the_first_axis_of_a_direction_corrects_or_those_named() {
+    let chain = Chain::new("w X' b Y Z U V t".parse().unwrap());
+    let mut errors = GivenErrors::default();
+    errors.motion[1] = ErrorMotion::from_um_urad([3.0, 4.0, 5.0, 0.0, 0.0, 0.0]);
+    let moved = |options: &CorrectionOptions| {
+        let found = correct(&chain, &errors, &State::default(), options);
+        assert!(found.residual_mm.norm() < 1e-9);
+        found.delta.map(|delta| (delta * 1e3).round())
+    };
+    let by_default = moved(&CorrectionOptions::default());
+    assert_eq!(by_default[..5], [-3.0, -4.0, -5.0, 0.0, 0.0]);
+    let options = CorrectionOptions {
+        correct: Some(
+            [AxisName::U, AxisName::V, AxisName::Z]
+                .into_iter()
+                .collect(),
+        ),
+        ..CorrectionOptions::default()
+    };
+    assert_eq!(moved(&options)[..5], [0.0, 0.0, -5.0, -3.0, -4.0]);
+}
+
+#[test]
+fn a_missing_direction_is_left_as_residual() {
+    let chain = Chain::new("w b X Z t".parse().unwrap());
+    let mut errors = GivenErrors::default();
+    errors.motion[0] = ErrorMotion::from_um_urad([3.0, 4.0, 5.0, 0.0, 0.0, 0.0]);
+    let found = correct(
+        &chain,
+        &errors,
+        &State::default(),
+        &CorrectionOptions::default(),
+    );
+    assert!((found.residual_mm - Vector3::new(0.0, 4e-3, 0.0)).norm() < 1e-9);
+    assert!((found.delta[0] + 3e-3).abs() < 1e-9 && (found.delta[1] + 5e-3).abs() < 1e-9);
+}
+
+#[test]
+fn nan_ends_and_does_not_panic() {
+    let chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
+    let mut errors = GivenErrors::default();
+    errors.motion[2] = motion(&mut seeded(6));
+    errors.motion[2].linear_mm.x = f64::NAN;
+    let found = correct(
+        &chain,
+        &errors,
+        &State::default(),
+        &CorrectionOptions::default(),
+    );
+    assert!(found.residual_mm.x.is_nan());
+}

@@ -1,0 +1,82 @@
+//! The chain, its errors and its correction against independent implementations.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod algebra;
+mod correction;
+mod forms;
+mod plain;
+mod published;
+mod structures;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::{AxisName, Chain, ErrorMotion, GivenErrors, JointKind, State, Structure};
+
+/// The 4 three-axis and 12 five-axis types.
+pub(crate) fn all_types() -> Vec<Structure> {
+    let mut types = Vec::new();
+    for translational in 0..=3 {
+        types.push(Structure::from_type(translational, 0, &[]).unwrap());
+        for rotary in 1..=3 {
+            let pair = [
+                [AxisName::C, AxisName::A],
+                [AxisName::C, AxisName::B],
+                [AxisName::A, AxisName::B],
+            ][usize::from(rotary + translational) % 3];
+            types.push(Structure::from_type(translational, rotary, &pair).unwrap());
+        }
+    }
+    types
+}
+
+pub(crate) fn seeded(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+pub(crate) fn vector(rng: &mut ChaCha8Rng, size: f64) -> [f64; 3] {
+    [(); 3].map(|()| rng.random_range(-size..=size))
+}
+
+/// Errors of ±20 µm and ±30 µrad.
+pub(crate) fn motion(rng: &mut ChaCha8Rng) -> ErrorMotion {
+    let [x, y, z] = vector(rng, 20.0);
+    let [a, b, c] = vector(rng, 30.0);
+    ErrorMotion::from_um_urad([x, y, z, a, b, c])
+}
+
+/// Points, a tool and a workpiece within a machine of 800 mm.
+pub(crate) fn placed(structure: &Structure, rng: &mut ChaCha8Rng) -> Chain {
+    let mut chain = Chain::new(structure.clone());
+    for &axis in structure.axes() {
+        chain.set_point(axis, vector(rng, 400.0)).unwrap();
+    }
+    chain.set_tool(vector(rng, 200.0), [0.0, 0.0, 1.0]).unwrap();
+    chain.set_workpiece_origin(vector(rng, 200.0)).unwrap();
+    chain
+}
+
+pub(crate) fn state(chain: &Chain, rng: &mut ChaCha8Rng) -> State {
+    let mut state = State::default();
+    for (place, joint) in state.q.iter_mut().zip(chain.joints()) {
+        *place = match joint.kind {
+            JointKind::Linear => rng.random_range(-400.0..=400.0),
+            JointKind::Rotary => rng.random_range(-3.1..=3.1),
+        };
+    }
+    state
+}
+
+/// Error motions, location errors (those with an effect) and assembly errors.
+pub(crate) fn every_error(chain: &Chain, rng: &mut ChaCha8Rng) -> GivenErrors {
+    let mut errors = GivenErrors::default();
+    for (index, joint) in chain.joints().iter().enumerate() {
+        errors.motion[index] = motion(rng);
+        errors.assembly[index] = motion(rng);
+        errors.location[index] = motion(rng);
+        if joint.kind == JointKind::Linear {
+            errors.location[index].linear_mm.fill(0.0);
+        }
+    }
+    errors
+}
