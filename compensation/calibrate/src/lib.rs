@@ -1,1 +1,0 @@
-//! From a calibration file to a machine file, and its inverse, the virtual shop.
