@@ -14,7 +14,7 @@ pub(crate) struct MachineArguments {
     /// Machine file (TOML)
     #[arg(long, short)]
     pub(crate) machine: PathBuf,
-    /// A tool of the machine file's [tools]
+    /// A tool of the machine file's table `tools`
     #[arg(long)]
     pub(crate) tool: Option<String>,
     /// Temperatures of the machine's sensors: NAME=DEGC,…
