@@ -3,6 +3,7 @@
 use std::{fmt::Display, io::IsTerminal, path::Path};
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
+use volcomp_calibrate::CalibrateError;
 use volcomp_model::{InputError, ModelError};
 
 /// Why the program stops.
@@ -52,6 +53,16 @@ impl From<ModelError> for Failure {
     fn from(error: ModelError) -> Self {
         match error {
             ModelError::Input(place) => Self::Place(Box::new(place)),
+            other => Self::input(other),
+        }
+    }
+}
+
+impl From<CalibrateError> for Failure {
+    fn from(error: CalibrateError) -> Self {
+        match error {
+            CalibrateError::Input(place) => Self::Place(Box::new(place)),
+            CalibrateError::Machine(error) => error.into(),
             other => Self::input(other),
         }
     }

@@ -33,6 +33,7 @@ enum Command {
     Map(commands::map::Arguments),
     Fit(commands::fit::Arguments),
     Iso230(commands::iso230::Arguments),
+    Calibrate(commands::calibrate::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Map(a) => commands::map::run(a),
         Command::Fit(a) => commands::fit::run(a),
         Command::Iso230(a) => commands::iso230::run(a),
+        Command::Calibrate(a) => commands::calibrate::run(a),
     };
     match answer.and_then(|answer| print(&answer, arguments.json)) {
         Ok(()) => ExitCode::SUCCESS,

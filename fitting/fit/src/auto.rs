@@ -1,16 +1,21 @@
 use volcomp_curve::Curve;
 
 use crate::fit::beats;
-use crate::{Fit, FitError, fit_mls_auto, fit_polynomial, readings};
+use crate::{Fit, FitError, fit_bspline, fit_mls, fit_mls_auto, fit_polynomial, readings};
 
 const SHAPE: f64 = 3.0;
 const MLS_TARGETS: usize = 7;
 const MAX_ORDER: usize = 8;
+/// Orders and supports tried besides the automatic mode of moving least squares: the published
+/// default (order 4, a third of the range) and stiffer and looser ones. The automatic mode's rule on
+/// the weights leaves none of them at a usual number of targets, the leave-one-out error judges them
+/// as well.
+const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0.5)];
 
-/// Chooses the curve: moving least squares in the automatic mode (shape 3) from 7 different targets
-/// on, as far as it has a candidate; else the polynomial of an order up to the number of targets
-/// less 2 (at most 8) with the smallest leave-one-out RMS among those that meet the required
-/// residual; two targets give a line, one a constant.
+/// Chooses the curve with the smallest leave-one-out RMS, those first that meet the required
+/// residual: of polynomials of an order up to the number of targets less 2 (at most 8), and from 7
+/// different targets on of moving least squares (the automatic mode and four fixed settings, shape 3)
+/// and the smoothing B-spline; two targets give a line, one a constant.
 ///
 /// Periodic readings of a rotary axis are better served by [`fit_fourier`](crate::fit_fourier).
 ///
@@ -29,61 +34,84 @@ pub fn fit_auto(x: &[f64], u: &[f64], required_residual: Option<f64>) -> Result<
     }
     let targets = readings::targets(x, u);
     readings::require(&targets, 1, "a curve")?;
-    if targets.len() >= MLS_TARGETS {
-        match fit_mls_auto(x, u, SHAPE, required_residual) {
-            Err(FitError::NoCandidate { .. }) => {}
-            result => return result,
-        }
-    }
     if let [[_, mean]] = targets[..] {
         let mut fit = Fit::new(Curve::constant(mean)?, x, u, f64::INFINITY);
         fit.meets_required = required_residual.map(|_| true);
         return Ok(fit);
     }
-    best_polynomial(&targets, x, u, required_residual)
-}
-
-fn best_polynomial(
-    targets: &[[f64; 2]],
-    x: &[f64],
-    u: &[f64],
-    required_residual: Option<f64>,
-) -> Result<Fit, FitError> {
-    let domain = [targets[0][0], targets[targets.len() - 1][0]];
-    let orders = if targets.len() == 2 {
-        1..=1
-    } else {
-        0..=(targets.len() - 2).min(MAX_ORDER)
-    };
-    let magnitude = readings::magnitude(u.iter().copied());
-    let mut best: Option<Fit> = None;
-    let mut refusal = None;
-    for order in orders {
-        let mut fit = match fit_polynomial(x, u, order, domain) {
-            Ok(fit) => fit,
-            // Higher orders lose more; what was found below still stands.
-            Err(error) => {
-                refusal = Some(error);
-                break;
-            }
-        };
-        let worst = targets.iter().map(|t| t[1] - fit.curve.value(t[0]));
-        let worst = readings::magnitude(worst);
-        fit.meets_required = required_residual.map(|required| worst <= required);
-        let better = best.as_ref().is_none_or(|best| {
-            match (
-                fit.meets_required == Some(true),
-                best.meets_required == Some(true),
-            ) {
-                (true, false) => true,
-                (false, true) => false,
-                _ => beats(fit.leave_one_out_rms, best.leave_one_out_rms, magnitude),
-            }
-        });
-        if better {
-            best = Some(fit);
+    let mut best = Best::new(&targets, u, required_residual);
+    let refusal = best.try_polynomials(x, u);
+    if targets.len() >= MLS_TARGETS {
+        // A setting that these targets cannot carry is no candidate.
+        best.consider(fit_mls_auto(x, u, SHAPE, required_residual).ok());
+        for (order, support) in MLS_TRIED {
+            best.consider(fit_mls(x, u, order, support, SHAPE).ok());
         }
+        best.consider(fit_bspline(x, u).ok());
     }
     let none = FitError::Undetermined { coefficients: 1 };
-    best.ok_or_else(|| refusal.unwrap_or(none))
+    best.fit.ok_or_else(|| refusal.unwrap_or(none))
+}
+
+/// The best candidate so far.
+struct Best<'a> {
+    targets: &'a [[f64; 2]],
+    magnitude: f64,
+    required_residual: Option<f64>,
+    fit: Option<Fit>,
+}
+
+impl<'a> Best<'a> {
+    fn new(targets: &'a [[f64; 2]], u: &[f64], required_residual: Option<f64>) -> Self {
+        Self {
+            targets,
+            magnitude: readings::magnitude(u.iter().copied()),
+            required_residual,
+            fit: None,
+        }
+    }
+
+    fn consider(&mut self, candidate: Option<Fit>) {
+        let Some(mut fit) = candidate else {
+            return;
+        };
+        let misses = self.targets.iter().map(|t| t[1] - fit.curve.value(t[0]));
+        let worst = readings::magnitude(misses);
+        fit.meets_required = self.required_residual.map(|required| worst <= required);
+        let meets = |fit: &Fit| fit.meets_required == Some(true);
+        let better = self
+            .fit
+            .as_ref()
+            .is_none_or(|best| match (meets(&fit), meets(best)) {
+                (true, false) => true,
+                (false, true) => false,
+                _ => beats(
+                    fit.leave_one_out_rms,
+                    best.leave_one_out_rms,
+                    self.magnitude,
+                ),
+            });
+        if better {
+            self.fit = Some(fit);
+        }
+    }
+
+    /// Every order, until one is refused; that refusal.
+    fn try_polynomials(&mut self, x: &[f64], u: &[f64]) -> Option<FitError> {
+        let count = self.targets.len();
+        let domain = [self.targets[0][0], self.targets[count - 1][0]];
+        let orders = if count == 2 {
+            1..=1
+        } else {
+            0..=(count - 2).min(MAX_ORDER)
+        };
+        for order in orders {
+            match fit_polynomial(x, u, order, domain) {
+                Ok(fit) => self.consider(Some(fit)),
+                // Higher orders lose more; what was found below still stands.
+                Err(error) => return Some(error),
+            }
+        }
+        None
+    }
 }

@@ -1,5 +1,6 @@
 //! One module for each command: arguments, the JSON document, the text for people.
 
+pub(crate) mod calibrate;
 pub(crate) mod correct;
 pub(crate) mod diagonals;
 pub(crate) mod error;

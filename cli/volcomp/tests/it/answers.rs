@@ -236,6 +236,34 @@ fn fit_gives_a_curve_of_the_machine_file() {
 }
 
 #[test]
+fn calibrate_writes_a_machine_file_that_error_reads() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, text).expect("written");
+        path.to_str().expect("UTF-8").to_owned()
+    };
+    write(
+        "shop.toml",
+        "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
+    );
+    write("exx.csv", "target,deviation\n0,1\n50,2\n100,3\n");
+    let calibration = write(
+        "calibration.toml",
+        "machine = \"shop.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"exx.csv\"\n",
+    );
+    let machine = dir.path().join("machine.toml");
+    let machine = machine.to_str().expect("UTF-8");
+    let answer = json(&["calibrate", &calibration, "-o", machine]);
+    assert_eq!(answer["curves"][0]["error"], json!("EXX"));
+    assert!(answer["warnings"].to_string().contains("EYX"), "{answer}");
+    let error = json(&["error", "-m", machine, "--at", "X=100"]);
+    close(&error["position_um"][0], 2.0, 1e-9);
+    let table = text(&["calibrate", &calibration, "-o", machine]);
+    assert!(table.contains("EXX"), "{table}");
+}
+
+#[test]
 fn tables_for_people() {
     insta::assert_snapshot!(
         "error",
@@ -273,7 +301,15 @@ fn every_table_fits_eighty_columns_and_help_works() {
             assert!(line.chars().count() <= 80, "{line}");
         }
     }
-    for command in ["error", "correct", "diagonals", "map", "fit", "iso230"] {
+    for command in [
+        "error",
+        "correct",
+        "diagonals",
+        "map",
+        "fit",
+        "iso230",
+        "calibrate",
+    ] {
         assert_eq!(volcomp(&[command, "--help"]).status.code(), Some(0));
     }
     assert!(root().join(POSITIONING).is_file());

@@ -140,6 +140,10 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
         ],
         "--method mls",
     ),
+    (
+        &["calibrate", "nowhere.toml", "-o", "m.toml"],
+        "nowhere.toml: cannot be read",
+    ),
     (&["unknown"], "unknown"),
     (&[], "Usage"),
 ];

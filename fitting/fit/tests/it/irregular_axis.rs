@@ -2,7 +2,7 @@
 //! 8 m: a sixth-order polynomial leaves −5.2 to +5.0 µm, moving least squares −1.4 to +1.7 µm.
 
 use volcomp_fit::curve::Curve;
-use volcomp_fit::{fit_mls, fit_mls_auto, fit_polynomial};
+use volcomp_fit::{fit_auto, fit_mls, fit_mls_auto, fit_polynomial};
 
 use crate::{noisy, targets};
 
@@ -62,4 +62,20 @@ fn the_automatic_mode_needs_dense_targets_to_follow_it() {
     let readings = noisy(&sparse, 0.2, 11, deviation);
     let automatic = fit_mls_auto(&sparse, &readings, 3.0, Some(2.0)).unwrap();
     assert_eq!(automatic.meets_required, Some(false));
+}
+
+#[test]
+fn the_automatic_choice_follows_it_between_the_targets() {
+    let x = targets(21);
+    let readings = noisy(&x, 0.2, 11, deviation);
+    let polynomial = fit_polynomial(&x, &readings, 6, [0.0, 8000.0]).unwrap();
+    let chosen = fit_auto(&x, &readings, None).unwrap();
+    let (by_chosen, by_polynomial) = (
+        worst_between(&chosen.curve),
+        worst_between(&polynomial.curve),
+    );
+    assert!(
+        by_chosen <= by_polynomial / 3.0,
+        "{by_chosen} {by_polynomial}"
+    );
 }

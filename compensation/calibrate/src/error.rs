@@ -1,0 +1,37 @@
+//! What can be wrong with a calibration.
+
+use volcomp_metrology::MetrologyError;
+use volcomp_model::{InputError, ModelError};
+
+/// Why measurement files do not make a machine file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CalibrateError {
+    /// The calibration file cannot be read.
+    #[error("{file}: cannot be read: {source}")]
+    Read {
+        /// The file.
+        file: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Something in the calibration file is wrong.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// Something in the machine file is wrong.
+    #[error(transparent)]
+    Machine(#[from] ModelError),
+    /// Something in a measurement file is wrong.
+    #[error(transparent)]
+    Measurement(#[from] MetrologyError),
+    /// The readings of an error cannot be used.
+    #[error("{error} from {file}: {reason}")]
+    Readings {
+        /// The error measured.
+        error: String,
+        /// The measurement files.
+        file: String,
+        /// Why not.
+        reason: String,
+    },
+}

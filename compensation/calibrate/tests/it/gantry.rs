@@ -1,0 +1,201 @@
+//! A gantry measured along lines away from the points at which its errors are stated, noise free.
+
+use std::{fmt::Write, fs, path::Path};
+
+use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_kinematics::{AxisName, ErrorSource, Form};
+use volcomp_model::{ErrorName, Machine, Temperatures};
+
+const STRUCTURE: &str = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 2000]\nY.travel = [0, 1000]\nZ.travel = [0, 800]\n";
+
+/// Straightness curves bend but have no slope and no mean over equal targets from end to end.
+const TRUTH: &str = r"
+EXX = { poly = [0, 0.02, -4e-6] }
+EYX = { chebyshev = [0, 0, 0, 5], domain = [0, 2000] }
+EAX = { poly = [0, 0.01] }
+EBX = { poly = [0, -0.02, 1e-5] }
+ECX = { poly = [0, 0.015] }
+EYY = { forward = { poly = [0, 0.03] }, backward = { poly = [-2, 0.03] } }
+EAY = { poly = [0, -0.04] }
+EBY = { poly = [0, 0.01] }
+ECY = { poly = [0, 0.02] }
+EZZ = { poly = [0, -0.02] }
+EAZ = { poly = [0, 0.01] }
+EBZ = { poly = [0, 0.02] }
+";
+
+fn truth(text: &str) -> Machine {
+    Machine::parse(&format!("{STRUCTURE}[errors]\n{text}"), "truth").expect("a valid machine")
+}
+
+/// Readings of `error` along its axis, 11 targets, computed by the rule of the measured line:
+/// δ + ε × lever, lever given.
+fn write_line(folder: &Path, machine: &Machine, error: &str, lever: impl Fn(f64) -> [f64; 3]) {
+    let name: ErrorName = error.parse().expect("an error name");
+    let index = machine.index_of(name.axis).expect("an axis");
+    let [low, high] = machine.axis(name.axis).expect("an axis").travel;
+    let none = Temperatures::new();
+    let mut csv = String::from("target,run,direction,deviation\n");
+    for (sign, approach) in [
+        ("+", volcomp_kinematics::Approach::Positive),
+        ("-", volcomp_kinematics::Approach::Negative),
+    ] {
+        for step in 0..=10 {
+            let q = low + (high - low) * f64::from(step) / 10.0;
+            let mut state = machine.state(&[(name.axis, q)]).expect("a state");
+            state.approach[index] = approach;
+            let motion = machine.source(&none).error_motion(index, &state);
+            let k = name.component.mcs_index();
+            let value = if name.component.is_angular() {
+                motion.angular_rad[k] * 1e6
+            } else {
+                let lever = volcomp_kinematics::nalgebra::Vector3::from(lever(q));
+                (motion.linear_mm + motion.angular_rad.cross(&lever))[k] * 1e3
+            };
+            writeln!(csv, "{q},1,{sign},{value:.9}").expect("a String");
+        }
+    }
+    fs::write(folder.join(format!("{error}.csv")), csv).expect("written");
+}
+
+#[test]
+fn the_volumetric_error_comes_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = truth(TRUTH);
+    let mut calibration = String::from("machine = \"machine.toml\"\n");
+    let mut measure = |error: &str, keys: &str, lever: &dyn Fn(f64) -> [f64; 3]| {
+        write_line(folder.path(), &machine, error, lever);
+        writeln!(
+            calibration,
+            "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\ncurve = {{ poly = {{ order = 3 }} }}\n{keys}"
+        )
+        .expect("a String");
+    };
+    for error in ["EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ"] {
+        measure(error, "", &|_| [0.0; 3]);
+    }
+    // X: retro on the spindle at Y = 300, Z = 400 — the tool side, while the table moves.
+    measure(
+        "EXX",
+        "at = { Y = 300, Z = 400 }\npoint = [0, 300, 400]\nrides = \"other\"",
+        &|q| [q, 300.0, 400.0],
+    );
+    measure("EYX", "", &|_| [0.0; 3]);
+    // Y at two heights: through the pitch.
+    measure("EYY", "at = { Z = 650 }\npoint = [0, 0, 650]", &|_| {
+        [0.0, 0.0, 650.0]
+    });
+    // Z beside its own point, which Y = 500 carries along: the lever is the rest.
+    measure("EZZ", "at = { Y = 500 }\npoint = [70, 530, 0]", &|_| {
+        [70.0, 30.0, 0.0]
+    });
+    calibration += "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 25.0\n";
+    fs::write(folder.path().join("machine.toml"), STRUCTURE).expect("written");
+    let path = folder.path().join("calibration.toml");
+    fs::write(&path, calibration).expect("written");
+
+    let mut steps = Vec::new();
+    let found = calibrate(&CalibrationFile::read(&path).expect("read"), |done, of| {
+        steps.push((done, of));
+    })
+    .expect("calibrated");
+    assert_eq!(steps.last(), Some(&(12, 12)));
+    assert_eq!(found.squareness.len(), 1);
+    assert!(
+        found.curves.iter().all(|curve| curve.rms < 1e-6),
+        "{:?}",
+        found.curves
+    );
+
+    let expected = truth(&format!("{TRUTH}EC0Y = 25.0\n"));
+    let none = Temperatures::new();
+    let error = |machine: &Machine, at: [f64; 3]| {
+        let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+        let state = machine
+            .state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], at[i])))
+            .expect("a state");
+        machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
+    };
+    // The gauge frees a constant.
+    let origin = error(&found.machine, [0.0; 3]) - error(&expected, [0.0; 3]);
+    for x in [0.0, 700.0, 2000.0] {
+        for y in [0.0, 400.0, 1000.0] {
+            for z in [0.0, 300.0, 800.0] {
+                let difference =
+                    error(&found.machine, [x, y, z]) - error(&expected, [x, y, z]) - origin;
+                // A straightness of third order has a least-squares slope of its own over 11 targets,
+                // which is removed with the line: the truth's is taken off below.
+                let t = x / 1000.0 - 1.0;
+                let slope = straightness_slope();
+                let expected_y = -5.0 * slope * (t + 1.0);
+                assert!((difference.x).abs() < 2e-3, "{difference} at {x} {y} {z}");
+                assert!(
+                    (difference.y - expected_y).abs() < 2e-3,
+                    "{difference} {expected_y} at {x} {y} {z}"
+                );
+                assert!((difference.z).abs() < 2e-3, "{difference} at {x} {y} {z}");
+            }
+        }
+    }
+    let missing = found.warnings.join("\n");
+    for name in ["EZX", "EXY", "EZY", "EXZ", "EYZ", "ECZ", "EA0Z", "EB0Z"] {
+        assert!(missing.contains(name), "{name} in {missing}");
+    }
+    assert!(
+        !missing.contains("EC0Y") && !missing.contains("EXX"),
+        "{missing}"
+    );
+}
+
+/// Least-squares slope of the Chebyshev polynomial T3 over 11 equal targets of [−1, 1].
+fn straightness_slope() -> f64 {
+    let t: Vec<f64> = (0..=10).map(|i| f64::from(i) / 5.0 - 1.0).collect();
+    let cubic = |t: f64| 4.0 * t * t * t - 3.0 * t;
+    t.iter().map(|&t| t * cubic(t)).sum::<f64>() / t.iter().map(|t| t * t).sum::<f64>()
+}
+
+#[test]
+fn squareness_is_cleared_of_the_tilt_at_the_held_position() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // Physical lines: EXY seen at X = 500, where ECX = 30 µrad turns the table: slope −30 µrad of its own
+    // plus the tilt's −ECX·y … and EYX with a slope of 4 µrad.
+    let write = |name: &str, f: &dyn Fn(f64) -> f64, length: f64| {
+        let mut csv = String::from("target,deviation\n");
+        for step in 0..=10 {
+            let q = length * f64::from(step) / 10.0;
+            writeln!(csv, "{q},{:.9}", f(q)).expect("a String");
+        }
+        fs::write(folder.path().join(name), csv).expect("written");
+    };
+    write("ecx.csv", &|q| 0.06 * q, 2000.0);
+    write("eyx.csv", &|q| 0.004 * q + 1.0, 2000.0);
+    write("exy.csv", &|q| -0.010 * q - 0.030 * q, 1000.0);
+    fs::write(folder.path().join("machine.toml"), STRUCTURE).expect("written");
+    let path = folder.path().join("c.toml");
+    let text = r#"
+machine = "machine.toml"
+[[measurement]]
+error = "ECX"
+file = "ecx.csv"
+[[measurement]]
+error = "EYX"
+file = "eyx.csv"
+[[measurement]]
+error = "EXY"
+file = "exy.csv"
+at = { X = 500 }
+[[squareness]]
+error = "EC0Y"
+from = ["EXY", "EYX"]
+reference_angle_urad = -3.0
+"#;
+    fs::write(&path, text).expect("written");
+    let found =
+        calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated");
+    // (φ − π/2) − slope(EXY) − slope(EYX) = −3 − (−10) − 4.
+    assert!(
+        (found.squareness[0].1 - 3.0).abs() < 1e-6,
+        "{:?}",
+        found.squareness
+    );
+}

@@ -1,0 +1,4 @@
+//! Measurements computed from a truth machine's kinematics come back as its volumetric error.
+
+mod gantry;
+mod messages;
