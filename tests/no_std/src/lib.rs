@@ -1,4 +1,4 @@
-//! The error curves behind a C interface, without the standard library.
+//! The error curves and the kinematics behind a C interface, without the standard library.
 //!
 //! Memory comes from a fixed arena and is never given back: curves are built once, at start.
 #![no_std]
@@ -13,6 +13,9 @@ use core::slice;
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
+use volcomp_kinematics::{
+    Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error,
+};
 
 const ARENA_BYTES: usize = 1 << 20;
 
@@ -149,4 +152,35 @@ pub unsafe extern "C" fn volcomp_curve_derivative(curve: *const Curve, x: f64) -
 unsafe fn nodes(pairs: *const f64, count: usize) -> Vec<[f64; 2]> {
     // SAFETY: promised by the caller; `[f64; 2]` is laid out as two `f64`.
     unsafe { slice::from_raw_parts(pairs.cast::<[f64; 2]>(), count) }.to_vec()
+}
+
+/// Error (mm) and correction (mm, rad) of a five-axis machine whose X axis has the six error motions
+/// `um_urad`, at the coordinates `q` (mm, rad). Returns 0, or −1 if the structure is refused.
+///
+/// # Safety
+/// `q` points to 5 numbers, `um_urad` to 6, `error_mm` to 3 writable ones, `delta` to 5.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_five_axis(
+    q: *const f64,
+    um_urad: *const f64,
+    error_mm: *mut f64,
+    delta: *mut f64,
+) -> i32 {
+    let Ok(structure) = "w C' X' b Y Z B t".parse() else {
+        return -1;
+    };
+    // SAFETY: the caller keeps the lengths stated above.
+    let (q, six) = unsafe { (slice::from_raw_parts(q, 5), slice::from_raw_parts(um_urad, 6)) };
+    // SAFETY: as above, for writing.
+    let (error_mm, delta) =
+        unsafe { (slice::from_raw_parts_mut(error_mm, 3), slice::from_raw_parts_mut(delta, 5)) };
+    let chain = Chain::new(structure);
+    let mut errors = GivenErrors::default();
+    errors.motion[1] = ErrorMotion::from_um_urad(core::array::from_fn(|i| six[i]));
+    let state = State::from_coordinates(q);
+    let error = volumetric_error(&chain, &errors, &state, Form::Exact);
+    error_mm.copy_from_slice(error.position_mm.as_slice());
+    let correction = correct(&chain, &errors, &state, &CorrectionOptions::default());
+    delta.copy_from_slice(&correction.delta[..5]);
+    0
 }
