@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::{Value, json};
 use volcomp_kinematics::{Approach, AxisName, State};
 use volcomp_model::{Machine, Temperatures};
 
@@ -46,6 +47,27 @@ pub(crate) struct ApproachArguments {
 pub(crate) enum States {
     One(State),
     Many(Vec<State>),
+}
+
+impl States {
+    /// Evaluates every state: the document (one row, or a list under `points`) and the rows.
+    pub(crate) fn evaluate<R>(
+        &self,
+        evaluate: impl Fn(&State) -> R,
+        json: impl Fn(&R) -> Value,
+    ) -> (Value, Vec<R>) {
+        match self {
+            Self::One(state) => {
+                let row = evaluate(state);
+                (json(&row), vec![row])
+            }
+            Self::Many(states) => {
+                let rows: Vec<R> = states.iter().map(evaluate).collect();
+                let points: Vec<Value> = rows.iter().map(json).collect();
+                (json!({ "points": points }), rows)
+            }
+        }
+    }
 }
 
 impl MachineArguments {

@@ -7,7 +7,7 @@ use volcomp_model::{Machine, Temperatures};
 use super::{Answer, micro, micrometres, microradians, table, table_text, thermal_note};
 use crate::{
     failure::Failure,
-    points::{ApproachArguments, MachineArguments, PointArguments, States},
+    points::{ApproachArguments, MachineArguments, PointArguments},
 };
 
 /// The correction at a position: what must be added to the command (um, urad)
@@ -37,19 +37,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let states = arguments.points.states(&machine, &arguments.approach)?;
     let options = options(&machine, &arguments.correct)?;
     let row = |state: &State| evaluate(&machine, state, &temperatures, &options);
-    let (json, rows) = match &states {
-        States::One(state) => {
-            let row = row(state);
-            (row.json(), vec![row])
-        }
-        States::Many(states) => {
-            let rows: Vec<Row> = states.iter().map(row).collect();
-            (
-                json!({ "points": rows.iter().map(Row::json).collect::<Vec<_>>() }),
-                rows,
-            )
-        }
-    };
+    let (json, rows) = states.evaluate(row, Row::json);
     Ok(Answer {
         json,
         text: text(&machine, &rows),

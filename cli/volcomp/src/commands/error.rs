@@ -7,7 +7,7 @@ use volcomp_model::{Machine, Temperatures};
 use super::{Answer, micrometres, microradians, table, table_text, thermal_note};
 use crate::{
     failure::Failure,
-    points::{ApproachArguments, MachineArguments, PointArguments, States},
+    points::{ApproachArguments, MachineArguments, PointArguments},
 };
 
 /// The volumetric error at a position: actual minus ideal, in workpiece axes
@@ -35,19 +35,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let states = arguments.points.states(&machine, &arguments.approach)?;
     let row = |state: &State| evaluate(&machine, state, arguments.model, &temperatures);
-    let (json, rows) = match &states {
-        States::One(state) => {
-            let row = row(state);
-            (row.json(), vec![row])
-        }
-        States::Many(states) => {
-            let rows: Vec<Row> = states.iter().map(row).collect();
-            (
-                json!({ "points": rows.iter().map(Row::json).collect::<Vec<_>>() }),
-                rows,
-            )
-        }
-    };
+    let (json, rows) = states.evaluate(row, Row::json);
     Ok(Answer {
         json,
         text: text(&rows),
