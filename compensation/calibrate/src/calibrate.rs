@@ -213,10 +213,9 @@ impl<'a> Work<'a> {
     ) -> Result<(), CalibrateError> {
         let index = self.result.machine.index_of(line.error.axis)?;
         let component = line.error.component.mcs_index();
-        let Some(point) = line.point_mcs else {
-            return Ok(()); // measured where the axis's errors are stated: no lever
-        };
         let carriage = self.carried_point(index, line);
+        // Measured at the axis's own point; on the other side of the joint the travel is a lever still.
+        let point = line.point_mcs.unwrap_or(carriage);
         let joint = self.result.machine.chain().joints()[index];
         let lever = |q: f64| {
             let side = match joint.side {

@@ -199,3 +199,44 @@ reference_angle_urad = -3.0
         found.squareness
     );
 }
+
+/// The readings are the chain's own volumetric error: a tool that stands still at the MCS origin while
+/// the table yaws under it sees the yaw over the travelled distance.
+#[test]
+fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = truth("ECX = { poly = [0, 0.015] }\n");
+    let none = Temperatures::new();
+    let (mut tilt, mut straightness) = (
+        String::from("target,deviation\n"),
+        String::from("target,deviation\n"),
+    );
+    let mut largest = 0.0_f64;
+    for step in 0..=10 {
+        let q = 200.0 * f64::from(step);
+        let state = machine.state(&[(AxisName::X, q)]).expect("a state");
+        let error = machine.error_at(&state, Form::Twist, &none);
+        writeln!(tilt, "{q},{:.9}", error.rotation_rad.z * 1e6).expect("a String");
+        writeln!(straightness, "{q},{:.9}", error.position_mm.y * 1e3).expect("a String");
+        largest = largest.max((error.position_mm.y * 1e3).abs());
+    }
+    assert!(largest > 50.0, "30 urad over 2 m: {largest}");
+    fs::write(folder.path().join("ecx.csv"), tilt).expect("written");
+    fs::write(folder.path().join("eyx.csv"), straightness).expect("written");
+    fs::write(folder.path().join("machine.toml"), STRUCTURE).expect("written");
+    let path = folder.path().join("c.toml");
+    let text = "machine = \"machine.toml\"\n[[measurement]]\nerror = \"ECX\"\nfile = \"ecx.csv\"\n\
+                [[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\nrides = \"other\"\n";
+    fs::write(&path, text).expect("written");
+    let found =
+        calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated");
+    for x in [0.0, 300.0, 1000.0, 2000.0] {
+        let state = found.machine.state(&[(AxisName::X, x)]).expect("a state");
+        let difference = found
+            .machine
+            .error_at(&state, Form::Twist, &none)
+            .position_mm
+            - machine.error_at(&state, Form::Twist, &none).position_mm;
+        assert!(difference.norm() * 1e3 < 1e-4, "{difference} at {x}");
+    }
+}
