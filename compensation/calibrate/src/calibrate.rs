@@ -124,14 +124,14 @@ impl<'a> Work<'a> {
         }
     }
 
+    fn lines_of(&self, name: ErrorName) -> Vec<&'a Line> {
+        let lines = self.file.measurements.iter();
+        lines.filter(|line| line.error == name).collect()
+    }
+
     /// Every line of an error, Abbe removed.
     fn profile(&mut self, name: ErrorName) -> Result<Profile, CalibrateError> {
-        let lines: Vec<&Line> = self
-            .file
-            .measurements
-            .iter()
-            .filter(|l| l.error == name)
-            .collect();
+        let lines = self.lines_of(name);
         let mut profile = Profile {
             error: name,
             curve: lines.first().map_or(CurveChoice::Auto, |line| line.curve),
@@ -348,12 +348,7 @@ impl<'a> Work<'a> {
         let direction = machine.chain().joints()[index].direction;
         let none = Temperatures::new();
         let source = machine.source(&none);
-        let lines: Vec<&Line> = self
-            .file
-            .measurements
-            .iter()
-            .filter(|l| l.error == name)
-            .collect();
+        let lines = self.lines_of(name);
         let mut slope = 0.0;
         for line in &lines {
             let coordinates: Vec<_> = machine

@@ -24,14 +24,7 @@ const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0
 /// positive.
 pub fn fit_auto(x: &[f64], u: &[f64], required_residual: Option<f64>) -> Result<Fit, FitError> {
     readings::check(x, u)?;
-    if let Some(value) = required_residual.filter(|r| !(*r > 0.0 && r.is_finite())) {
-        let (what, expected) = ("required residual", "a positive finite number");
-        return Err(FitError::Parameter {
-            what,
-            value,
-            expected,
-        });
-    }
+    readings::check_required(required_residual)?;
     let targets = readings::targets(x, u);
     readings::require(&targets, 1, "a curve")?;
     if let [[_, mean]] = targets[..] {

@@ -50,14 +50,7 @@ pub fn fit_mls_auto(
     required_residual: Option<f64>,
 ) -> Result<Fit, FitError> {
     readings::check(x, u)?;
-    if let Some(value) = required_residual.filter(|r| !(*r > 0.0 && r.is_finite())) {
-        let (what, expected) = ("required residual", "a positive finite number");
-        return Err(FitError::Parameter {
-            what,
-            value,
-            expected,
-        });
-    }
+    readings::check_required(required_residual)?;
     let targets = readings::targets(x, u);
     readings::require(&targets, 3, "moving least squares")?;
     // The shape is refused here, before it is taken for a lack of candidates.

@@ -19,6 +19,17 @@ pub(crate) fn check(x: &[f64], u: &[f64]) -> Result<(), FitError> {
     Ok(())
 }
 
+pub(crate) fn check_required(residual: Option<f64>) -> Result<(), FitError> {
+    match residual.filter(|r| !(*r > 0.0 && r.is_finite())) {
+        Some(value) => Err(FitError::Parameter {
+            what: "required residual",
+            value,
+            expected: "a positive finite number",
+        }),
+        None => Ok(()),
+    }
+}
+
 pub(crate) fn check_domain(x: &[f64], [lower, upper]: [f64; 2]) -> Result<(), FitError> {
     match x.iter().position(|v| !(lower..=upper).contains(v)) {
         Some(index) => Err(FitError::OutsideDomain {
