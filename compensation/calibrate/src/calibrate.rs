@@ -3,25 +3,19 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_curve::{Curve, ErrorCurve, Field};
-use volcomp_fit::{
-    Fit, FitError, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
-    fit_linear_table, fit_mls, fit_polynomial,
-};
-use volcomp_kinematics::{Approach, ErrorSource, Joint, JointKind, Side, nalgebra::Vector3};
-use volcomp_metrology::{
-    CarriedSide, Direction, ReferenceLine, Travel, abbe_um, angular_method_um, lever_mm,
-    squareness_parts, squareness_urad,
-};
+use volcomp_kinematics::{AxisName, ErrorSource, JointKind, nalgebra::Vector3};
+use volcomp_metrology::{Direction, squareness_parts, squareness_urad};
 use volcomp_model::{Component, ErrorName, Machine, Temperatures};
 
 use crate::{
-    calibration_file::{CalibrationFile, CurveChoice, Line, Method, SquarenessSource},
+    branches::Branches,
+    calibration_file::{CalibrationFile, Line, SquarenessSource},
     error::CalibrateError,
+    track::{Kind, Lever, Track, held_state},
 };
 
-/// A lever shorter than this takes no notable part: 1 mm times 100 µrad is 0.1 µm.
-const LEVER_COUNTS_ABOVE_MM: f64 = 1.0;
+/// A tilt that was not measured is named from this effect of 1 mrad on: a lever of 1 mm.
+const NAMED_ABOVE_UM_BY_MRAD: f64 = 1.0;
 
 /// A calibrated machine and how well its curves follow the readings.
 #[derive(Clone, Debug)]
@@ -30,7 +24,7 @@ pub struct Calibration {
     pub machine: Machine,
     /// Each fitted curve, in the order of work.
     pub curves: Vec<FittedCurve>,
-    /// Each squareness error, µrad.
+    /// Each squareness, µrad, as the calibration file names it.
     pub squareness: Vec<(ErrorName, f64)>,
     /// What a person must know: errors not measured, levers left in, notes on files.
     pub warnings: Vec<String>,
@@ -53,21 +47,14 @@ pub struct FittedCurve {
     pub rms: f64,
     /// Leave-one-out error, µm or µrad.
     pub leave_one_out: f64,
-}
-
-/// Mean readings of one line in one direction: (target, value in µm or µrad).
-type Points = Vec<(f64, f64)>;
-
-/// The lines of one error, split by direction.
-struct Profile {
-    error: ErrorName,
-    curve: CurveChoice,
-    files: String,
-    /// Points of every line and direction.
-    branches: Vec<(Direction, Points)>,
+    /// Largest difference forward − backward of the curves over the targets, with its sign, µm or
+    /// µrad; of two branches only.
+    pub reversal: Option<f64>,
 }
 
 /// Turns measurements into a machine. `progress` is told how many of how many errors are done.
+///
+/// Errors of the machine file that were not measured are kept.
 ///
 /// # Errors
 /// Readings that do not fit their error, a squareness without its straightness lines.
@@ -76,46 +63,34 @@ pub fn calibrate(
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
     let mut work = Work::new(file);
-    let mut names: Vec<ErrorName> = file.measurements.iter().map(|line| line.error).collect();
+    let mut names: Vec<ErrorName> = file.measurements.iter().map(|l| l.setup.error).collect();
     // Angular errors first: linear ones need them for Abbe.
     names.sort_unstable_by_key(|name| (!name.component.is_angular(), *name));
     names.dedup();
     let count = names.len();
-    for (done, name) in names.into_iter().enumerate() {
-        let mut profile = work.profile(name)?;
-        if is_straightness(name) {
-            work.remove_line(&mut profile)?;
-        }
-        work.fit(&profile)?;
+    for (done, &name) in names.iter().enumerate() {
+        let tracks = work.tracks(name)?;
+        work.fit(name, &names, tracks)?;
         progress(done + 1, count);
     }
     work.squareness()?;
-    work.warn_of_what_was_not_measured();
+    work.warn_of_what_was_not_measured(&names);
     Ok(work.result)
-}
-
-/// A linear error across a linear axis.
-fn is_straightness(name: ErrorName) -> bool {
-    name.axis.kind() == JointKind::Linear
-        && !name.component.is_angular()
-        && name.component.mcs_index() != name.axis.mcs_index()
 }
 
 struct Work<'a> {
     file: &'a CalibrationFile,
     result: Calibration,
-    /// Least-squares slopes of the straightness lines, µrad.
+    /// Least-squares slopes of the straightness lines by MCS coordinate, µrad.
     slopes_urad: BTreeMap<ErrorName, f64>,
 }
 
 impl<'a> Work<'a> {
     fn new(file: &'a CalibrationFile) -> Self {
-        let mut machine = file.machine.clone();
-        machine.clear_errors();
         Self {
             file,
             result: Calibration {
-                machine,
+                machine: file.machine.clone(),
                 curves: Vec::new(),
                 squareness: Vec::new(),
                 warnings: Vec::new(),
@@ -124,302 +99,144 @@ impl<'a> Work<'a> {
         }
     }
 
-    fn lines_of(&self, name: ErrorName) -> Vec<&'a Line> {
+    fn lines_of(&self, name: ErrorName) -> impl Iterator<Item = &'a Line> + use<'a> {
         let lines = self.file.measurements.iter();
-        lines.filter(|line| line.error == name).collect()
+        lines.filter(move |line| line.setup.error == name)
     }
 
     /// Every line of an error, Abbe removed.
-    fn profile(&mut self, name: ErrorName) -> Result<Profile, CalibrateError> {
-        let lines = self.lines_of(name);
-        let mut profile = Profile {
-            error: name,
-            curve: lines.first().map_or(CurveChoice::Auto, |line| line.curve),
-            files: String::new(),
-            branches: Vec::new(),
-        };
-        for line in lines {
-            if !profile.files.is_empty() {
-                profile.files.push_str(", ");
-            }
-            profile.files.push_str(&line.file.display().to_string());
-            self.note_file(line);
-            for direction in Direction::BOTH {
-                if line.readings.has(direction) {
-                    let points = self.points(line, direction)?;
-                    profile.branches.push((direction, points));
-                }
-            }
-        }
-        Ok(profile)
-    }
-
-    fn note_file(&mut self, line: &Line) {
-        let file = line.file.display();
-        let notes = line
-            .readings
-            .notes
-            .iter()
-            .map(|note| format!("{file}: {note}"));
-        self.result.warnings.extend(notes);
-    }
-
-    /// The mean readings of a line in one direction as the error itself.
-    fn points(&mut self, line: &Line, direction: Direction) -> Result<Points, CalibrateError> {
-        let mut points = line.readings.mean_curve_in(direction);
-        if let Method::Angular { bridge_mm, reading } = line.method {
-            points = angular_method_um(&line.error.to_string(), reading, &points, bridge_mm)?;
-        }
-        let along = self.along_axis(line)?;
-        for (_, value) in &mut points {
-            *value *= along;
-        }
-        if !line.error.component.is_angular() && line.error.axis.kind() == JointKind::Linear {
-            self.remove_abbe(line, direction, &mut points)?;
-        }
-        Ok(points)
-    }
-
-    /// A positioning deviation p of the coordinate enters as δ = u·p (rotary: ε = u·p): −1 on a
-    /// reversed axis.
-    fn along_axis(&self, line: &Line) -> Result<f64, CalibrateError> {
-        let name = line.error;
-        let angular_axis = name.axis.kind() == JointKind::Rotary;
-        let positioning = name.component.mcs_index() == name.axis.mcs_index()
-            && name.component.is_angular() == angular_axis;
-        let joint = self.joint(name)?;
-        let share = joint.direction[name.component.mcs_index()];
-        match (positioning, share.abs() > 1.0 - 1e-9) {
-            (false, _) => Ok(1.0),
-            (true, true) => Ok(share.signum()),
-            (true, false) => Err(readings_error(
-                line,
-                "a positioning deviation along an oblique axis fills several errors, expected an axis along its letter",
-            )),
-        }
-    }
-
-    fn joint(&self, name: ErrorName) -> Result<Joint, CalibrateError> {
-        let index = self.result.machine.index_of(name.axis)?;
-        Ok(self.result.machine.chain().joints()[index])
-    }
-
-    /// δ = δ_measured − ε × lever with the fitted ε of the axis.
-    fn remove_abbe(
-        &mut self,
-        line: &Line,
-        direction: Direction,
-        points: &mut Points,
-    ) -> Result<(), CalibrateError> {
-        let index = self.result.machine.index_of(line.error.axis)?;
-        let component = line.error.component.mcs_index();
-        let carriage = self.carried_point(index, line);
-        // Measured at the axis's own point; on the other side of the joint the travel is a lever still.
-        let point = line.point_mcs.unwrap_or(carriage);
-        let joint = self.result.machine.chain().joints()[index];
-        let lever = |q: f64| {
-            let side = match joint.side {
-                Side::Tool => CarriedSide::Tool,
-                Side::Workpiece => CarriedSide::Workpiece,
-            };
-            let travel = Travel {
-                side,
-                direction_mcs: joint.direction.into(),
-                position_mm: q,
-            };
-            lever_mm(point, carriage, line.rides, travel)
-        };
-        for (q, value) in points.iter_mut() {
-            let tilts = self.tilts_urad(index, line, *q, direction)?;
-            *value -= abbe_um(tilts, lever(*q))[component];
-        }
-        let reach = |k: usize| {
-            points
-                .iter()
-                .map(|(q, _)| lever(*q)[k].abs())
-                .fold(0.0, f64::max)
-        };
-        self.warn_of_levers(line, component, &reach);
-        Ok(())
-    }
-
-    /// c̃ = c + Σ u_h q_h over the held axes between `b` and the axis, whose motion carries it.
-    fn carried_point(&self, index: usize, line: &Line) -> [f64; 3] {
-        let joints = self.result.machine.chain().joints();
-        let joint = joints[index];
-        let carries = |other: usize| match joint.side {
-            Side::Tool => joints[other].side == Side::Tool && other < index,
-            Side::Workpiece => joints[other].side == Side::Workpiece && other > index,
-        };
-        let linear = |other: &usize| carries(*other) && joints[*other].kind == JointKind::Linear;
-        (0..joints.len())
-            .filter(linear)
-            .fold(joint.point_mm, |point, other| {
-                // A workpiece-side axis moves its carriage the other way: coordinates are of the
-                // tool relative to the workpiece.
-                let sense = if joint.side == Side::Tool { 1.0 } else { -1.0 };
-                point + joints[other].direction * (sense * line.at[other])
-            })
-            .into()
-    }
-
-    /// ε of the axis at a target, µrad, on the branch of the direction.
-    fn tilts_urad(
-        &self,
-        index: usize,
-        line: &Line,
-        target: f64,
-        direction: Direction,
-    ) -> Result<[f64; 3], CalibrateError> {
+    fn tracks(&mut self, name: ErrorName) -> Result<Vec<Track<'a>>, CalibrateError> {
         let machine = &self.result.machine;
-        let coordinates: Vec<_> = machine
-            .axes()
-            .iter()
-            .enumerate()
-            .map(|(place, axis)| {
-                (
-                    axis.name,
-                    if place == index {
-                        target
-                    } else {
-                        line.at[place]
-                    },
-                )
-            })
-            .collect();
-        let mut state = machine.state(&coordinates)?;
-        state.approach[index] = match direction {
-            Direction::Forward => Approach::Positive,
-            Direction::Backward => Approach::Negative,
-        };
-        let none = Temperatures::new();
-        let error = machine.source(&none).error_motion(index, &state);
-        Ok((error.angular_rad * 1e6).into())
+        let joint = machine.chain().joints()[machine.index_of(name.axis)?];
+        let mut tracks = Vec::new();
+        for line in self.lines_of(name) {
+            let notes = line.readings.notes.iter();
+            let named = notes.map(|note| format!("{}: {note}", line.file.display()));
+            self.result.warnings.extend(named);
+            let mut track = Track::new(line, &joint)?;
+            if name.axis.kind() == JointKind::Linear && !name.component.is_angular() {
+                track.remove_abbe(&self.result.machine)?;
+                self.warn_of_levers(&track)?;
+            }
+            tracks.push(track);
+        }
+        Ok(tracks)
     }
 
-    /// The two rotations normal to a component act through the other two parts of the lever.
-    fn warn_of_levers(&mut self, line: &Line, component: usize, reach: &dyn Fn(usize) -> f64) {
-        for (about, through) in [(1, 2), (2, 1)] {
-            let about = Component::ALL[3 + (component + about) % 3];
-            let length = reach((component + through) % 3);
-            let angular = ErrorName::motion(about, line.error.axis);
-            if length > LEVER_COUNTS_ABOVE_MM && self.result.machine.error(angular).is_none() {
-                let warning = format!(
-                    "{angular} was not measured: {} from {} keeps its part over a lever of {length:.0} mm",
-                    line.error,
+    /// Tilts of the axis that would act on this line and are not known.
+    fn warn_of_levers(&mut self, track: &Track) -> Result<(), CalibrateError> {
+        let machine = &self.result.machine;
+        let line = track.line;
+        let effects = Lever::new(line, machine)?.um_by_mrad(track.all().map(|point| point.0));
+        for (component, effect) in Component::ALL[3..].iter().zip(effects) {
+            let tilt = ErrorName::motion(*component, line.setup.error.axis);
+            if effect >= NAMED_ABOVE_UM_BY_MRAD && machine.error(tilt).is_none() {
+                self.result.warnings.push(format!(
+                    "{tilt} was not measured: {} from {} keeps its part, over a lever of up to {effect:.0} mm",
+                    line.setup.error,
                     line.file.display()
-                );
-                if !self.result.warnings.contains(&warning) {
-                    self.result.warnings.push(warning);
-                }
+                ));
             }
-        }
-    }
-
-    /// Keeps the slope for squareness, cleared of what the held axes' tilts add, and removes the whole
-    /// line. The slope is that of the mean of all runs, each target once.
-    fn remove_line(&mut self, profile: &mut Profile) -> Result<(), CalibrateError> {
-        let mut sums: Vec<(f64, f64, f64)> = Vec::new();
-        for &(q, value) in profile.branches.iter().flat_map(|(_, points)| points) {
-            match sums.iter_mut().find(|sum| (sum.0 - q).abs() < 1e-9) {
-                Some(sum) => *sum = (sum.0, sum.1 + value, sum.2 + 1.0),
-                None => sums.push((q, value, 1.0)),
-            }
-        }
-        let means: Points = sums
-            .iter()
-            .map(|(q, sum, count)| (*q, sum / count))
-            .collect();
-        let line = ReferenceLine::least_squares(&means)?;
-        let held = self.held_slope_urad(profile.error)?;
-        self.slopes_urad
-            .insert(profile.error, line.slope_urad() - held);
-        for (_, points) in &mut profile.branches {
-            *points = line.removed_from(points);
         }
         Ok(())
     }
 
-    /// Slope that the tilts of the axes before this one (seen from the workpiece) give its line at
-    /// their held positions: ε_h × u, µrad; the mean over the lines.
-    fn held_slope_urad(&self, name: ErrorName) -> Result<f64, CalibrateError> {
+    /// Keeps the mean slope of the lines removed for squareness, by the MCS coordinate and cleared of
+    /// what the held axes' tilts add.
+    fn keep_slope(&mut self, name: ErrorName, tracks: &[Track<'_>]) -> Result<(), CalibrateError> {
         let machine = &self.result.machine;
-        let index = machine.index_of(name.axis)?;
-        let direction = machine.chain().joints()[index].direction;
+        let direction = machine.chain().joints()[machine.index_of(name.axis)?].direction;
+        let along_mcs = direction[name.axis.mcs_index()].signum();
+        let mut sum = 0.0;
+        for track in tracks {
+            sum += track.removed_urad - self.held_slope_urad(track.line)?;
+        }
+        self.slopes_urad
+            .insert(name, along_mcs * sum / tracks.len() as f64);
+        Ok(())
+    }
+
+    /// Slope that the tilts of the other axes give a line at their held positions, µrad.
+    ///
+    /// A point of the tool, seen from the workpiece, goes along ε × u of every axis between the
+    /// workpiece and the measured one; a point of the workpiece, seen from the tool, along −ε × u of
+    /// every axis between the measured one and the tool.
+    fn held_slope_urad(&self, line: &Line) -> Result<f64, CalibrateError> {
+        let machine = &self.result.machine;
+        let index = machine.index_of(line.setup.error.axis)?;
+        let joints = machine.chain().joints();
+        let (tilting, sign) = if line.setup.point_is_on_tool_side(joints[index].side) {
+            (0..index, 1.0)
+        } else {
+            (index + 1..joints.len(), -1.0)
+        };
+        let state = held_state(line, machine)?;
         let none = Temperatures::new();
         let source = machine.source(&none);
-        let lines = self.lines_of(name);
-        let mut slope = 0.0;
-        for line in &lines {
-            let coordinates: Vec<_> = machine
-                .axes()
-                .iter()
-                .map(|axis| axis.name)
-                .zip(line.at.iter().copied())
-                .collect();
-            let state = machine.state(&coordinates)?;
-            let tilt = (0..index).fold(Vector3::zeros(), |sum: Vector3<f64>, before| {
-                sum + source.error_motion(before, &state).angular_rad
-            });
-            slope += tilt.cross(&direction)[name.component.mcs_index()] * 1e6 / lines.len() as f64;
-        }
-        Ok(slope)
+        let tilt = tilting.fold(Vector3::zeros(), |sum: Vector3<f64>, held| {
+            sum + source.error_motion(held, &state).angular_rad
+        });
+        let slope = tilt.cross(&joints[index].direction) * sign;
+        Ok(slope[line.setup.error.component.mcs_index()] * 1e6)
     }
 
-    /// Fits every direction of a profile and sets the error, zero at the reference.
-    fn fit(&mut self, profile: &Profile) -> Result<(), CalibrateError> {
-        let mut fits: Vec<(Direction, Fit)> = Vec::new();
-        for direction in Direction::BOTH {
-            let points = profile
-                .branches
-                .iter()
-                .filter(|(d, _)| *d == direction)
-                .flat_map(|(_, p)| p);
-            let (x, u): (Vec<f64>, Vec<f64>) = points.copied().unzip();
-            if x.is_empty() {
-                continue;
+    /// Fits the lines of an error and sets it, zero at the reference. Positioning along an oblique
+    /// axis makes one curve for each component of its direction.
+    fn fit(
+        &mut self,
+        name: ErrorName,
+        measured: &[ErrorName],
+        mut tracks: Vec<Track<'_>>,
+    ) -> Result<(), CalibrateError> {
+        let choice = tracks.iter().find_map(|track| track.line.curve);
+        let index = self.result.machine.index_of(name.axis)?;
+        let straightness = Kind::of(name) == Kind::Straightness;
+        if straightness {
+            for track in &mut tracks {
+                let line = track.reference_line()?;
+                track.remove_line(&line);
             }
-            let fit = fit_branch(profile.curve, &x, &u).map_err(|e| CalibrateError::Readings {
-                error: profile.error.to_string(),
-                file: profile.files.clone(),
-                reason: e.to_string(),
-            })?;
-            fits.push((direction, fit));
         }
-        let single = fits.len() == 1;
-        for (direction, fit) in &fits {
-            self.result.curves.push(FittedCurve {
-                error: profile.error,
-                direction: (!single).then_some(*direction),
-                kind: kind(&fit.curve),
-                readings: fit.residuals.len(),
-                residual: [fit.min(), fit.max()],
-                rms: fit.rms(),
-                leave_one_out: fit.leave_one_out_rms,
-            });
-        }
-        let index = self.result.machine.index_of(profile.error.axis)?;
-        let reference = self.file.reference[index];
-        let zero = fits
-            .iter()
-            .map(|(_, fit)| fit.curve.value(reference))
-            .sum::<f64>()
-            / fits.len() as f64;
-        // The line of a straightness is gone already, its constant with it.
-        let shift = if is_straightness(profile.error) {
+        let branches = Branches::fit(choice.unwrap_or_default(), &mut tracks)?;
+        let zero = if straightness {
+            // The line is gone already, its constant with it.
+            self.keep_slope(name, &tracks)?;
             0.0
         } else {
-            -zero
+            branches.mean_at(self.file.reference[index])
         };
-        let mut fields = fits
-            .into_iter()
-            .map(|(_, fit)| Field::Curve(fit.curve.offset(shift)));
-        let curve = match (fields.next(), fields.next()) {
-            (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
-            (Some(single), None) => ErrorCurve::Single(single),
-            _ => return Ok(()),
-        };
-        Ok(self.result.machine.set_error(profile.error, curve)?)
+        for (error, share) in self.shares(name) {
+            if error != name && measured.contains(&error) {
+                let reason = format!(
+                    "along the oblique axis {} it fills {error} too, which was measured by itself",
+                    name.axis
+                );
+                return Err(CalibrateError::readings(&tracks, reason));
+            }
+            let set = branches.scaled(share, zero);
+            self.result.curves.extend(set.fitted(error));
+            self.result.machine.set_error(error, set.into_curve())?;
+        }
+        Ok(())
+    }
+
+    /// The errors that readings of `name` make, with the factor of each: a positioning deviation p of
+    /// the coordinate enters as δ = u·p (rotary: ε = u·p).
+    fn shares(&self, name: ErrorName) -> Vec<(ErrorName, f64)> {
+        let joints = self.result.machine.chain().joints();
+        let joint = joints.iter().find(|joint| joint.name == name.axis);
+        match (Kind::of(name), joint) {
+            (Kind::Positioning, Some(joint)) => {
+                let first = if name.component.is_angular() { 3 } else { 0 };
+                let share = |k: usize| {
+                    let component = Component::ALL[first + k];
+                    (ErrorName::motion(component, name.axis), joint.direction[k])
+                };
+                let shares = (0..3).map(share);
+                shares.filter(|(_, share)| share.abs() > 1e-12).collect()
+            }
+            _ => vec![(name, 1.0)],
+        }
     }
 
     fn squareness(&mut self) -> Result<(), CalibrateError> {
@@ -438,8 +255,37 @@ impl<'a> Work<'a> {
                     squareness_urad(&name, reference_angle_urad, slopes)?
                 }
             };
-            self.result.machine.set_location(entry.error, value)?;
+            self.set_squareness(entry.error, value)?;
             self.result.squareness.push((entry.error, value));
+        }
+        Ok(())
+    }
+
+    /// A squareness is the difference of the tilts of its two axes about the third; the reference
+    /// axes have none: of the pair, the primary, else the secondary.
+    fn set_squareness(&mut self, error: ErrorName, value: f64) -> Result<(), CalibrateError> {
+        let partner = square_partner(error);
+        let [primary, secondary] = self.file.reference_axes;
+        let pair = [error.axis, partner];
+        let reference = if pair.contains(&primary) {
+            primary
+        } else {
+            secondary
+        };
+        let (on_error, on_partner) = if reference == partner {
+            (value, 0.0)
+        } else {
+            (0.0, -value)
+        };
+        let machine = &mut self.result.machine;
+        for (name, value) in [
+            (error, on_error),
+            (ErrorName::location(error.component, partner), on_partner),
+        ] {
+            // A zero is written only over what the machine file had.
+            if value != 0.0 || name == error || machine.locations().contains_key(&name) {
+                machine.set_location(name, value)?;
+            }
         }
         Ok(())
     }
@@ -460,76 +306,51 @@ impl<'a> Work<'a> {
             })
     }
 
-    fn warn_of_what_was_not_measured(&mut self) {
+    fn warn_of_what_was_not_measured(&mut self, measured: &[ErrorName]) {
         let machine = &self.result.machine;
         let mut warnings = Vec::new();
         for axis in machine.axes() {
-            let missing: Vec<String> = Component::ALL
-                .into_iter()
-                .map(|component| ErrorName::motion(component, axis.name))
-                .filter(|name| machine.error(*name).is_none())
-                .map(|name| name.to_string())
-                .collect();
-            if !missing.is_empty() {
-                warnings.push(format!("not measured, taken as 0: {}", missing.join(" ")));
+            let names = Component::ALL.map(|component| ErrorName::motion(component, axis.name));
+            let not_measured = names.into_iter().filter(|name| {
+                let fitted = |curve: &FittedCurve| curve.error == *name;
+                !measured.contains(name) && !self.result.curves.iter().any(fitted)
+            });
+            let (kept, missing): (Vec<_>, Vec<_>) =
+                not_measured.partition(|name| machine.error(*name).is_some());
+            for (what, names) in [
+                ("not measured, taken as 0", missing),
+                ("not measured, kept from the machine file", kept),
+            ] {
+                let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();
+                if !names.is_empty() {
+                    warnings.push(format!("{what}: {}", names.join(" ")));
+                }
             }
         }
-        let axes: Vec<String> = machine
-            .axes()
-            .iter()
-            .map(|axis| axis.name.to_string())
-            .collect();
-        for (name, [first, second]) in [
-            ("EC0Y", ["X", "Y"]),
-            ("EA0Z", ["Y", "Z"]),
-            ("EB0Z", ["X", "Z"]),
+        for name in [
+            ErrorName::location(Component::EC, AxisName::Y),
+            ErrorName::location(Component::EA, AxisName::Z),
+            ErrorName::location(Component::EB, AxisName::Z),
         ] {
-            let there = |axis: &str| axes.iter().any(|a| a == axis);
-            let known = machine.locations().keys().any(|n| n.to_string() == name);
-            if there(first) && there(second) && !known {
-                warnings.push(format!("squareness not measured, taken as 0: {name}"));
+            let there = |axis| machine.axis(axis).is_some();
+            let known = self.result.squareness.iter().any(|(known, _)| *known == name);
+            if known || !there(name.axis) || !there(square_partner(name)) {
+                continue;
             }
+            warnings.push(match machine.locations().get(&name) {
+                Some(value) => format!(
+                    "squareness not measured, kept from the machine file: {name} = {value} urad"
+                ),
+                None => format!("squareness not measured, taken as 0: {name}"),
+            });
         }
         self.result.warnings.extend(warnings);
     }
 }
 
-fn readings_error(line: &Line, reason: &str) -> CalibrateError {
-    CalibrateError::Readings {
-        error: line.error.to_string(),
-        file: line.file.display().to_string(),
-        reason: reason.to_owned(),
-    }
-}
-
-fn fit_branch(choice: CurveChoice, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
-    let lowest = x.iter().copied().fold(f64::INFINITY, f64::min);
-    let highest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let domain = [lowest, highest];
-    match choice {
-        CurveChoice::Auto => fit_auto(x, u, None),
-        CurveChoice::Polynomial { order } => fit_polynomial(x, u, order, domain),
-        CurveChoice::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
-        CurveChoice::MovingLeastSquares {
-            order,
-            support,
-            shape,
-        } => fit_mls(x, u, order, support, shape),
-        CurveChoice::BSpline => fit_bspline(x, u),
-        CurveChoice::LinearTable => fit_linear_table(x, u),
-        CurveChoice::CubicTable => fit_cubic_table(x, u),
-        CurveChoice::Fourier { order, period } => fit_fourier(x, u, order, period, domain),
-    }
-}
-
-fn kind(curve: &Curve) -> &'static str {
-    match curve {
-        Curve::Constant(_) => "constant",
-        Curve::Polynomial(_) => "poly",
-        Curve::Chebyshev(_) => "chebyshev",
-        Curve::Table(_) => "table",
-        Curve::BSpline(_) => "bspline",
-        Curve::Fourier(_) => "fourier",
-        Curve::MovingLeastSquares(_) => "mls",
-    }
+/// The other axis of a squareness: neither its own nor the one it turns about.
+fn square_partner(squareness: ErrorName) -> AxisName {
+    let own = squareness.axis.mcs_index();
+    let about = squareness.component.mcs_index();
+    [AxisName::X, AxisName::Y, AxisName::Z][3 - own - about]
 }

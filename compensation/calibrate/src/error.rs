@@ -3,6 +3,8 @@
 use volcomp_metrology::MetrologyError;
 use volcomp_model::{InputError, ModelError};
 
+use crate::track::Track;
+
 /// Why measurement files do not make a machine file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -34,4 +36,20 @@ pub enum CalibrateError {
         /// Why not.
         reason: String,
     },
+}
+
+impl CalibrateError {
+    /// Why the lines of an error cannot be used.
+    pub(crate) fn readings(tracks: &[Track<'_>], reason: impl ToString) -> Self {
+        let error = tracks.first().map(|track| track.line.setup.error.to_string());
+        let files: Vec<String> = tracks
+            .iter()
+            .map(|track| track.line.file.display().to_string())
+            .collect();
+        Self::Readings {
+            error: error.unwrap_or_default(),
+            file: files.join(", "),
+            reason: reason.to_string(),
+        }
+    }
 }

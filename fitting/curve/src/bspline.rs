@@ -135,9 +135,10 @@ impl BSpline {
         self.degree + above - 1
     }
 
-    pub(crate) fn offset(mut self, c: f64) -> Self {
+    /// Every value times `scale` plus `c`: the basis sums to 1.
+    pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         for coefficient in &mut self.coefficients {
-            *coefficient += c;
+            *coefficient = *coefficient * scale + c;
         }
         self
     }

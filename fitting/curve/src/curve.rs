@@ -108,14 +108,37 @@ impl Curve {
     /// The same kind of curve with the constant `c` added to its values.
     #[must_use]
     pub fn offset(self, c: f64) -> Self {
+        self.affine(1.0, c)
+    }
+
+    /// The same kind of curve with its values multiplied by `factor`.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        self.affine(factor, 0.0)
+    }
+
+    fn affine(self, scale: f64, c: f64) -> Self {
         match self {
-            Self::Constant(value) => Self::Constant(value + c),
-            Self::Polynomial(curve) => Self::Polynomial(curve.offset(c)),
-            Self::Chebyshev(curve) => Self::Chebyshev(curve.offset(c)),
-            Self::Table(curve) => Self::Table(curve.offset(c)),
-            Self::BSpline(curve) => Self::BSpline(curve.offset(c)),
-            Self::Fourier(curve) => Self::Fourier(curve.offset(c)),
-            Self::MovingLeastSquares(curve) => Self::MovingLeastSquares(curve.offset(c)),
+            Self::Constant(value) => Self::Constant(value * scale + c),
+            Self::Polynomial(curve) => Self::Polynomial(curve.affine(scale, c)),
+            Self::Chebyshev(curve) => Self::Chebyshev(curve.affine(scale, c)),
+            Self::Table(curve) => Self::Table(curve.affine(scale, c)),
+            Self::BSpline(curve) => Self::BSpline(curve.affine(scale, c)),
+            Self::Fourier(curve) => Self::Fourier(curve.affine(scale, c)),
+            Self::MovingLeastSquares(curve) => Self::MovingLeastSquares(curve.affine(scale, c)),
+        }
+    }
+
+    /// The kind, as the key of a machine file names it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Constant(_) => "constant",
+            Self::Polynomial(_) => "poly",
+            Self::Chebyshev(_) => "chebyshev",
+            Self::Table(_) => "table",
+            Self::BSpline(_) => "bspline",
+            Self::Fourier(_) => "fourier",
+            Self::MovingLeastSquares(_) => "mls",
         }
     }
 }

@@ -219,9 +219,10 @@ impl MovingLeastSquares {
         triangle
     }
 
-    pub(crate) fn offset(mut self, c: f64) -> Self {
+    /// Every value times `scale` plus `c`: the fit is linear in its nodes and keeps constants.
+    pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         for node in &mut self.nodes {
-            node[1] += c;
+            node[1] = node[1] * scale + c;
         }
         self
     }

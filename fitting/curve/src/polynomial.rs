@@ -53,7 +53,11 @@ impl Polynomial {
         })
     }
 
-    pub(crate) fn offset(mut self, c: f64) -> Self {
+    /// Every value times `scale` plus `c`.
+    pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
+        for coefficient in &mut self.coefficients {
+            *coefficient *= scale;
+        }
         self.coefficients[0] += c;
         self
     }

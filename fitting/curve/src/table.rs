@@ -102,9 +102,13 @@ impl Table {
         })
     }
 
-    pub(crate) fn offset(mut self, c: f64) -> Self {
+    /// Every value times `scale` plus `c`.
+    pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         for node in &mut self.nodes {
-            node[1] += c;
+            node[1] = node[1] * scale + c;
+        }
+        for slope in &mut self.slopes {
+            *slope *= scale;
         }
         self
     }

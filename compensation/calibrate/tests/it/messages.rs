@@ -33,7 +33,7 @@ fn every_wrong_key_is_named() {
         ("method = \"angular\"", "key `bridge_mm` is missing"),
         ("bridge_mm = 100.0", "expected only with method"),
         ("unit = \"inch\"", "expected one of: um, mm"),
-        ("curve = \"best\"", "expected one of: auto"),
+        ("curve = \"best\"", "found \"best\", expected \"auto\""),
         ("curve = { poly = {}, mls = {} }", "found 2 kinds of curve"),
         ("curve = { poly = { ordr = 2 } }", "unknown key"),
         ("curve = { fourier = {} }", "on a rotary axis"),
@@ -59,6 +59,10 @@ fn every_wrong_key_is_named() {
             "b.csv: cannot be read",
         ),
         ("error = \"EYX\"", "duplicate key"),
+        (
+            "curve = { poly = {} }\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\ncurve = { bspline = {} }",
+            "another kind of curve for EXX than with",
+        ),
     ] {
         let path = write("bad.toml", &format!("{GOOD}{added}\n"));
         let message = CalibrationFile::read(&path).expect_err(added).to_string();

@@ -1,0 +1,165 @@
+//! The kind of curve that an error is fitted with.
+
+use volcomp_fit::{
+    Fit, FitError, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
+    fit_linear_table, fit_mls, fit_polynomial,
+};
+use volcomp_kinematics::{AxisName, JointKind};
+use volcomp_model::{
+    InputError,
+    document::{Section, Value},
+};
+
+use crate::setup::one_of;
+
+/// The kind of curve that a measurement is fitted with.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum CurveChoice {
+    /// The kind with the smallest leave-one-out error.
+    #[default]
+    Auto,
+    /// A polynomial.
+    Polynomial {
+        /// Its order.
+        order: usize,
+    },
+    /// A Chebyshev series.
+    Chebyshev {
+        /// Its order.
+        order: usize,
+    },
+    /// Moving least squares.
+    MovingLeastSquares {
+        /// Order of the local polynomials.
+        order: usize,
+        /// Half width of the weight as a share of the range.
+        support: f64,
+        /// Shape of the weight.
+        shape: f64,
+    },
+    /// A smoothing B-spline.
+    BSpline,
+    /// A linear table.
+    LinearTable,
+    /// A monotone cubic table.
+    CubicTable,
+    /// A Fourier series.
+    Fourier {
+        /// Number of harmonics.
+        order: usize,
+        /// Its period, deg.
+        period: f64,
+    },
+}
+
+impl CurveChoice {
+    /// The value of the key `curve`.
+    pub(crate) fn decode(value: &Value<'_>, axis: AxisName) -> Result<Self, InputError> {
+        if let Ok(word) = value.text() {
+            return match word {
+                "auto" => Ok(Self::Auto),
+                _ => Err(value.error(format!(
+                    "found \"{word}\", expected \"auto\" or a table with one kind of curve"
+                ))),
+            };
+        }
+        let table = value.section()?;
+        table.allow(&["poly", "chebyshev", "mls", "bspline", "table", "fourier"])?;
+        let kinds: Vec<_> = table.values().collect();
+        let [(kind, options)] = &kinds[..] else {
+            return Err(value.error(format!(
+                "found {} kinds of curve, expected one",
+                kinds.len()
+            )));
+        };
+        if *kind == "fourier" && axis.kind() == JointKind::Linear {
+            return Err(value.error(format!(
+                "found fourier for axis {axis}, expected it on a rotary axis"
+            )));
+        }
+        Self::decode_options(kind, &options.section()?)
+    }
+
+    fn decode_options(kind: &str, options: &Section<'_>) -> Result<Self, InputError> {
+        let order = |default| options.get("order").map_or(Ok(default), |v| v.count(40));
+        let number = |key: &str, default| options.get(key).map_or(Ok(default), |v| v.number());
+        Ok(match kind {
+            "poly" | "chebyshev" => {
+                options.allow(&["order"])?;
+                let order = order(6)?;
+                if kind == "poly" {
+                    Self::Polynomial { order }
+                } else {
+                    Self::Chebyshev { order }
+                }
+            }
+            "mls" => {
+                options.allow(&["order", "support", "shape"])?;
+                Self::MovingLeastSquares {
+                    order: order(4)?,
+                    support: number("support", 1.0 / 3.0)?,
+                    shape: number("shape", 3.0)?,
+                }
+            }
+            "bspline" => {
+                options.allow(&[])?;
+                Self::BSpline
+            }
+            "fourier" => {
+                options.allow(&["order", "period"])?;
+                Self::Fourier {
+                    order: order(4)?,
+                    period: number("period", 360.0)?,
+                }
+            }
+            _ => {
+                options.allow(&["interpolation"])?;
+                let words = [("linear", Self::LinearTable), ("cubic", Self::CubicTable)];
+                one_of(options, "interpolation", &words)?
+            }
+        })
+    }
+
+    /// The value of the key `curve` that is read back as this choice.
+    pub(crate) fn to_toml(self) -> String {
+        match self {
+            Self::Auto => "\"auto\"".to_owned(),
+            Self::Polynomial { order } => format!("{{ poly = {{ order = {order} }} }}"),
+            Self::Chebyshev { order } => format!("{{ chebyshev = {{ order = {order} }} }}"),
+            Self::MovingLeastSquares {
+                order,
+                support,
+                shape,
+            } => format!(
+                "{{ mls = {{ order = {order}, support = {support:?}, shape = {shape:?} }} }}"
+            ),
+            Self::BSpline => "{ bspline = {} }".to_owned(),
+            Self::LinearTable => "{ table = { interpolation = \"linear\" } }".to_owned(),
+            Self::CubicTable => "{ table = { interpolation = \"cubic\" } }".to_owned(),
+            Self::Fourier { order, period } => {
+                format!("{{ fourier = {{ order = {order}, period = {period:?} }} }}")
+            }
+        }
+    }
+
+    /// The fit of readings `u` at `x` (mm or deg; µm or µrad), over the range of `x`.
+    pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
+        let lowest = x.iter().copied().fold(f64::INFINITY, f64::min);
+        let highest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let domain = [lowest, highest];
+        match self {
+            Self::Auto => fit_auto(x, u, None),
+            Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
+            Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
+            Self::MovingLeastSquares {
+                order,
+                support,
+                shape,
+            } => fit_mls(x, u, order, support, shape),
+            Self::BSpline => fit_bspline(x, u),
+            Self::LinearTable => fit_linear_table(x, u),
+            Self::CubicTable => fit_cubic_table(x, u),
+            Self::Fourier { order, period } => fit_fourier(x, u, order, period, domain),
+        }
+    }
+}
