@@ -1,9 +1,11 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
 
 mod commands;
+mod demo;
 mod failure;
 mod output;
 mod points;
+mod progress;
 
 use std::process::ExitCode;
 
@@ -34,6 +36,8 @@ enum Command {
     Fit(commands::fit::Arguments),
     Iso230(commands::iso230::Arguments),
     Calibrate(commands::calibrate::Arguments),
+    Simulate(commands::simulate::Arguments),
+    Demo(commands::demo::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -46,6 +50,8 @@ fn main() -> ExitCode {
         Command::Fit(a) => commands::fit::run(a),
         Command::Iso230(a) => commands::iso230::run(a),
         Command::Calibrate(a) => commands::calibrate::run(a),
+        Command::Simulate(a) => commands::simulate::run(a),
+        Command::Demo(a) => commands::demo::run(a),
     };
     match answer.and_then(|answer| print(&answer, arguments.json)) {
         Ok(()) => ExitCode::SUCCESS,

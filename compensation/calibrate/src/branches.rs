@@ -14,6 +14,15 @@ const LINES_AGREE_UM: f64 = 1e-6;
 /// Each round leaves at most half of the disagreement where lines share their targets.
 const ROUNDS: usize = 40;
 
+/// A mean reading is this many standard deviations off at the most: one in 370.
+const WITHIN_SIGMAS: f64 = 3.0;
+
+/// How far a curve may pass by the mean readings, µm or µrad, for what the runs scatter.
+fn within_noise(tracks: &[Track<'_>]) -> Option<f64> {
+    let noise = tracks.iter().filter_map(Track::noise_of_mean);
+    noise.reduce(f64::max).map(|noise| WITHIN_SIGMAS * noise)
+}
+
 /// The fits of an error, forward first; one of them at least.
 #[derive(Clone)]
 pub(crate) struct Branches {
@@ -65,7 +74,7 @@ impl Branches {
                 continue;
             }
             let fit = choice
-                .fit(&x, &u)
+                .fit(&x, &u, within_noise(tracks))
                 .map_err(|error| CalibrateError::readings(tracks, error))?;
             fits.push((direction, fit));
         }

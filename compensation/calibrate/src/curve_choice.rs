@@ -15,7 +15,8 @@ use crate::setup::one_of;
 /// The kind of curve that a measurement is fitted with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
-    /// The kind with the smallest leave-one-out error.
+    /// The kind with the smallest leave-one-out error, of those that follow the readings within their
+    /// repeatability where there are several runs.
     #[default]
     Auto,
     /// A polynomial.
@@ -142,13 +143,19 @@ impl CurveChoice {
         }
     }
 
-    /// The fit of readings `u` at `x` (mm or deg; µm or µrad), over the range of `x`.
-    pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
+    /// The fit of readings `u` at `x` (mm or deg; µm or µrad), over the range of `x`. The automatic
+    /// choice prefers kinds that leave no more than `required` of any reading.
+    pub(crate) fn fit(
+        self,
+        x: &[f64],
+        u: &[f64],
+        required: Option<f64>,
+    ) -> Result<Fit, FitError> {
         let lowest = x.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let domain = [lowest, highest];
         match self {
-            Self::Auto => fit_auto(x, u, None),
+            Self::Auto => fit_auto(x, u, required),
             Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
             Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
             Self::MovingLeastSquares {

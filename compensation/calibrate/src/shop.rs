@@ -332,7 +332,14 @@ fn decode_measurement(
             Some(file) if named.len() > 1 => {
                 return Err(file.error("one file for several errors, expected `error` with it"));
             }
-            Some(file) => file.text()?.to_owned(),
+            Some(file) => {
+                let name = file.text()?;
+                if name.is_empty() || name.contains(['/', '\\']) {
+                    let expected = "expected a name without a folder";
+                    return Err(file.error(format!("found {name:?}, {expected}")));
+                }
+                name.to_owned()
+            }
             None => free_name(error, lines),
         };
         if lines.iter().any(|line| line.name == name) || name == "machine" || name == "calibration"

@@ -67,6 +67,29 @@ impl<'a> Track<'a> {
         })
     }
 
+    /// Standard deviation of a mean reading, pooled over targets and directions; none without
+    /// repeated runs, without scatter, or where readings are summed up.
+    pub(crate) fn noise_of_mean(&self) -> Option<f64> {
+        if self.line.setup.method != Method::Direct {
+            return None;
+        }
+        let readings = &self.line.readings;
+        let (mut squares, mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0, 0.0_f64);
+        for target in readings.targets() {
+            for direction in Direction::BOTH {
+                let deviations = readings.deviations_at(target, direction);
+                let n = deviations.len() as f64;
+                let mean = deviations.iter().sum::<f64>() / n.max(1.0);
+                squares += deviations.iter().map(|d| (d - mean).powi(2)).sum::<f64>();
+                freedom += (n - 1.0).max(0.0);
+                count += n;
+                groups += f64::from(u8::from(n > 0.0));
+            }
+        }
+        let variance = squares / freedom / (count / groups);
+        (variance > 0.0 && variance.is_finite()).then(|| variance.sqrt())
+    }
+
     pub(crate) fn all(&self) -> impl Iterator<Item = &(f64, f64)> {
         self.points.iter().flatten()
     }

@@ -7,7 +7,7 @@ use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_metrology::Direction;
 
 use super::{Answer, table, table_text};
-use crate::{failure::Failure, output::OutputFile};
+use crate::{failure::Failure, output::OutputFile, progress};
 
 /// Fits measurement files to a machine file
 #[derive(clap::Args)]
@@ -22,7 +22,12 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let file = CalibrationFile::read(&arguments.calibration)?;
     let mut output = OutputFile::open(&arguments.output)?;
-    let calibration = calibrate(&file, |_, _| {})?;
+    let bar = progress::bar(0, "errors fitted");
+    let calibration = calibrate(&file, |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
     output.write(&calibration.machine.to_toml())?;
     output.finish()?;
     Ok(Answer {
@@ -45,6 +50,7 @@ fn json(arguments: &Arguments, calibration: &Calibration) -> Value {
                 "unit": curve.error.component.unit(),
                 "residual_um": { "min": curve.residual[0], "max": curve.residual[1], "rms": curve.rms },
                 "leave_one_out_um": curve.leave_one_out,
+                "reversal_um": curve.reversal,
             })
         })
         .collect();
@@ -66,7 +72,7 @@ fn text(calibration: &Calibration) -> String {
         "error",
         "direction",
         "curve",
-        "targets",
+        "points",
         "min",
         "max",
         "rms",

@@ -5,13 +5,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use volcomp_kinematics::Form;
 use volcomp_model::{MapGrid, MapNode};
 
 use super::{Answer, micrometres, microradians, thermal_note};
-use crate::{failure::Failure, output::OutputFile, points::MachineArguments};
+use crate::{failure::Failure, output::OutputFile, points::MachineArguments, progress};
 
 /// The volumetric map: the error on a grid over the travels of X, Y and Z
 #[derive(clap::Args)]
@@ -43,13 +42,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let grid = MapGrid::over_travels(&machine, counts);
     let mut field = Field::open(arguments.output.as_deref(), &grid)?;
     let mut largest: Option<(f64, MapNode)> = None;
-    let progress = progress_bar(grid.len());
+    let bar = progress::bar(grid.len(), "nodes");
     for (index, node) in grid
         .evaluate(&machine, arguments.model, &temperatures)
         .enumerate()
     {
         if index % 4096 == 0 {
-            progress.set_position(index as u64);
+            bar.set_position(index as u64);
         }
         field.write(&grid, &node)?;
         let length = node.error.position_mm.norm();
@@ -57,7 +56,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             largest = Some((length, node));
         }
     }
-    progress.finish_and_clear();
+    bar.finish_and_clear();
     field.finish()?;
     let counts: Vec<usize> = grid.nodes_mm.iter().map(Vec::len).collect();
     let mut json = json!({ "counts": counts, "nodes": grid.len() });
@@ -112,13 +111,6 @@ fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
                 "--grid: found `{text}`, expected three counts of nodes from 1: 21x21x21"
             ))
         })
-}
-
-/// Drawn on a terminal only.
-fn progress_bar(nodes: usize) -> ProgressBar {
-    let bar = ProgressBar::new(nodes as u64);
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} nodes {eta} left");
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 impl Field {

@@ -2,16 +2,22 @@
 
 pub(crate) mod calibrate;
 pub(crate) mod correct;
+pub(crate) mod demo;
 pub(crate) mod diagonals;
 pub(crate) mod error;
 pub(crate) mod fit;
 pub(crate) mod iso230;
 pub(crate) mod map;
+pub(crate) mod simulate;
+
+use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde_json::Value;
 use volcomp_kinematics::{JointKind, nalgebra::Vector3};
 use volcomp_model::{Machine, Temperatures};
+
+use crate::{failure::Failure, output::OutputFile};
 
 /// What a command found.
 pub(crate) struct Answer {
@@ -39,6 +45,13 @@ fn table_text(table: &Table) -> String {
     table
         .lines()
         .fold(String::new(), |text, line| text + line.trim_end() + "\n")
+}
+
+/// Writes a whole file; it appears by rename.
+fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
+    let mut file = OutputFile::open(path)?;
+    file.write(text)?;
+    file.finish()
 }
 
 fn micrometres(v: &Vector3<f64>) -> [f64; 3] {

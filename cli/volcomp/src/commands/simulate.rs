@@ -1,0 +1,66 @@
+//! `volcomp simulate`: the virtual shop.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+use volcomp_calibrate::Shop;
+
+use super::Answer;
+use crate::{failure::Failure, output::OutputFile, progress};
+
+/// The virtual shop: makes measurement files of a truth machine and the calibration file for them
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Shop file (TOML): truth machine, instrument, lines
+    shop: PathBuf,
+    /// Folder for the files; made when it is not there
+    #[arg(long, short)]
+    output: PathBuf,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let shop = Shop::read(&arguments.shop)?;
+    let names = write(&shop, &arguments.output)?;
+    let calibration = arguments.output.join("calibration.toml");
+    Ok(Answer {
+        json: json!({
+            "folder": arguments.output.display().to_string(),
+            "files": names,
+            "calibration": calibration.display().to_string(),
+        }),
+        text: format!(
+            "{} files in {}\nnext: volcomp calibrate {} -o MACHINE.toml\n",
+            names.len(),
+            arguments.output.display(),
+            calibration.display()
+        ),
+        notes: Vec::new(),
+    })
+}
+
+/// Writes every file of a shop into a folder; their names.
+pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Vec<String>, Failure> {
+    std::fs::create_dir_all(folder).map_err(|e| {
+        Failure::Input(format!(
+            "{}: cannot be made a folder: {e}",
+            folder.display()
+        ))
+    })?;
+    // Whether the folder can be written in is known before work starts.
+    let first = OutputFile::open(&folder.join("machine.toml"))?;
+    let bar = progress::bar(shop.lines.len(), "lines measured");
+    let files = shop.files(|done, _| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    let mut first = Some(first);
+    let mut names = Vec::new();
+    for (name, text) in files {
+        let mut file = match first.take().filter(|_| name == "machine.toml") {
+            Some(file) => file,
+            None => OutputFile::open(&folder.join(&name))?,
+        };
+        file.write(&text)?;
+        file.finish()?;
+        names.push(name);
+    }
+    Ok(names)
+}

@@ -1,0 +1,178 @@
+//! The measured lines before and after correction, and the floor below which nothing can be expected.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use volcomp_calibrate::{LineOfSight, Shop, ShopLine};
+use volcomp_kinematics::State;
+use volcomp_metrology::{Direction, ReferenceLine, squareness_parts, squareness_urad};
+use volcomp_model::{ErrorName, Temperatures};
+
+use crate::failure::Failure;
+
+/// Resolution of the controller's correction.
+pub(crate) const OUTPUT_STEP_MM: f64 = 1e-3;
+const POINTS: usize = 61;
+const TRIALS: u64 = 100;
+
+/// One measured line before and after.
+pub(crate) struct LineResult {
+    pub(crate) error: ErrorName,
+    /// Where the other axes stand.
+    pub(crate) description: String,
+    pub(crate) is_straightness: bool,
+    /// Peak to peak, straightness without its line.
+    pub(crate) before_um: f64,
+    pub(crate) after_um: f64,
+    pub(crate) floor_um: f64,
+    /// Slopes of the least-squares lines before and after.
+    slopes_urad: [f64; 2],
+}
+
+impl LineResult {
+    pub(crate) fn ratio(&self) -> f64 {
+        self.after_um / self.floor_um
+    }
+}
+
+/// A squareness as the slopes of the straightness lines show it.
+pub(crate) struct Squareness {
+    pub(crate) error: ErrorName,
+    pub(crate) before_urad: f64,
+    pub(crate) after_urad: f64,
+}
+
+/// Every linear line of the shop on the truth machine: as it is, and with `command` in place of the
+/// target.
+pub(crate) fn compare_lines(
+    shop: &Shop,
+    command: &impl Fn(&State) -> State,
+    mut progress: impl FnMut(usize),
+) -> Result<Vec<LineResult>, Failure> {
+    let none = Temperatures::new();
+    let errors = shop.truth.source(&none);
+    let mut results = Vec::new();
+    for (index, line) in shop.lines.iter().enumerate() {
+        progress(index + 1);
+        if line.setup.reads_angles() {
+            continue;
+        }
+        let sight = LineOfSight::new(&shop.truth, &line.setup)?;
+        let targets = points(shop, line);
+        let profile = |command: &dyn Fn(&State) -> State| -> Vec<(f64, f64)> {
+            let reading = |&target: &f64| {
+                let state = sight.state(target, Direction::Forward);
+                (target, sight.reading(&errors, &state, &command(&state)))
+            };
+            targets.iter().map(reading).collect()
+        };
+        let name = line.setup.error;
+        let is_straightness = name.component.mcs_index() != name.axis.mcs_index();
+        let before = profile(&|state| *state);
+        let after = profile(command);
+        let slope = |profile: &[(f64, f64)]| {
+            ReferenceLine::least_squares(profile).map_or(0.0, |line| line.slope_urad())
+        };
+        results.push(LineResult {
+            error: name,
+            description: description(shop, line),
+            is_straightness,
+            before_um: peak_to_peak(&before, is_straightness),
+            after_um: peak_to_peak(&after, is_straightness),
+            floor_um: floor(shop.seed, line, &before, is_straightness),
+            slopes_urad: [slope(&before), slope(&after)],
+        });
+    }
+    Ok(results)
+}
+
+fn points(shop: &Shop, line: &ShopLine) -> Vec<f64> {
+    let axis = shop.truth.axis(line.setup.error.axis);
+    let [low, high] = axis.map_or([0.0; 2], |axis| axis.travel);
+    let last = (POINTS - 1) as f64;
+    (0..POINTS)
+        .map(|index| low + (high - low) * index as f64 / last)
+        .collect()
+}
+
+fn description(shop: &Shop, line: &ShopLine) -> String {
+    let axes = shop.truth.axes().iter().zip(&line.setup.at);
+    let held: Vec<String> = axes
+        .filter(|(axis, at)| axis.name != line.setup.error.axis && **at != 0.0)
+        .map(|(axis, at)| format!("{}={at}", axis.name))
+        .collect();
+    format!("at {}", held.join(" "))
+}
+
+/// Largest minus smallest value, of straightness after its least-squares line is removed.
+fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
+    let removed = if is_straightness {
+        ReferenceLine::least_squares(profile).map(|line| line.removed_from(profile))
+    } else {
+        Ok(profile.to_vec())
+    };
+    let values = removed.unwrap_or_default();
+    let largest = values.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+    let smallest = values.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    largest - smallest
+}
+
+/// What would be left if the curve were known between the targets as it is: the noise of the mean of
+/// the runs at the targets, straight between them, and the rounding of the output.
+fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool) -> f64 {
+    let instrument = &line.instrument;
+    let noise = instrument.noise[0] / f64::from(instrument.runs).sqrt();
+    let step = OUTPUT_STEP_MM * 1e3;
+    let mut sum = 0.0;
+    for trial in 0..TRIALS {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(trial);
+        let at_targets: Vec<f64> = (0..instrument.targets)
+            .map(|_| {
+                let unit: f64 = StandardNormal.sample(&mut random);
+                noise * unit
+            })
+            .collect();
+        let left: Vec<(f64, f64)> = truth
+            .iter()
+            .enumerate()
+            .map(|(index, &(target, value))| {
+                let share = index as f64 / (truth.len() - 1) as f64;
+                let known = value + between(&at_targets, share);
+                (target, value - (known / step).round() * step)
+            })
+            .collect();
+        sum += peak_to_peak(&left, is_straightness);
+    }
+    sum / TRIALS as f64
+}
+
+/// Straight between equally spaced values, `share` from 0 to 1.
+fn between(values: &[f64], share: f64) -> f64 {
+    let place = share * (values.len() - 1) as f64;
+    let first = (place.floor() as usize).min(values.len().saturating_sub(2));
+    let part = place - first as f64;
+    values[first] * (1.0 - part) + values[first + 1] * part
+}
+
+/// The squareness errors of the shop from the slopes of its lines.
+pub(crate) fn squareness(shop: &Shop, lines: &[LineResult]) -> Vec<Squareness> {
+    let value = |error: ErrorName, which: usize| {
+        let name = error.to_string();
+        let parts = squareness_parts(&name).ok()?;
+        let slope = |part: &str| {
+            let line = lines.iter().find(|line| line.error.to_string() == part)?;
+            Some(line.slopes_urad[which])
+        };
+        let slopes = [(parts[0], slope(parts[0])?), (parts[1], slope(parts[1])?)];
+        squareness_urad(&name, 0.0, slopes).ok()
+    };
+    let both = |&(error, _): &(ErrorName, f64)| {
+        Some(Squareness {
+            error,
+            before_urad: value(error, 0)?,
+            after_urad: value(error, 1)?,
+        })
+    };
+    shop.squareness.iter().filter_map(both).collect()
+}

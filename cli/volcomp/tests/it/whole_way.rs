@@ -1,0 +1,147 @@
+//! From a truth machine over laser files to a corrected machine, with the real program.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::{json, refused, root, text, volcomp};
+
+const SHOP: &str = "cli/volcomp/demo/shop.toml";
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+/// The published sizes before, and the goals after.
+#[test]
+fn the_demo_reaches_its_goals() {
+    let answer = json(&["demo"]);
+    let lines = answer["lines"].as_array().expect("a list");
+    let before = |error: &str, at: &str| {
+        let line = lines
+            .iter()
+            .find(|line| line["error"] == error && line["line"] == at)
+            .expect("a line of the demo");
+        number(&line["before_um"])
+    };
+    for (error, at, size_um) in [
+        ("EXX", "at Y=2000 Z=1050", 58.6),
+        ("EYY", "at X=4000 Z=1050", 42.0),
+        ("EYY", "at X=4000 Z=650", 68.0),
+        ("EZZ", "at X=4000 Y=2000", 36.6),
+        ("EYX", "at Y=2000 Z=1050", 50.0),
+        ("EXZ", "at X=4000 Y=2000", 19.0),
+    ] {
+        let found = before(error, at);
+        assert!((found - size_um).abs() < 0.05, "{error} {at}: {found}");
+    }
+    for line in lines {
+        assert!(number(&line["times_floor"]) <= 1.5, "{line}");
+        // Noise of the mean and 1 um output cannot leave nothing.
+        assert!(number(&line["floor_um"]) > 1.0, "{line}");
+    }
+    let mean = &answer["mean_percent"];
+    assert!(number(&mean["positioning"]) <= -94.0, "{mean}");
+    assert!(number(&mean["straightness"]) <= -90.0, "{mean}");
+    assert!(number(&mean["diagonals"]) <= -95.0, "{mean}");
+    let irregular = &answer["irregular_curve"];
+    let third = number(&irregular["polynomial_um"]) / 3.0;
+    assert!(number(&irregular["mls_um"]) <= third, "{irregular}");
+    for squareness in answer["squareness"].as_array().expect("a list") {
+        assert!(number(&squareness["after_urad"]).abs() < 2.0, "{squareness}");
+    }
+}
+
+#[test]
+fn the_demo_reads_well() {
+    let printed = text(&["demo"]);
+    assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
+    insta::assert_snapshot!(printed);
+}
+
+#[test]
+fn laser_files_make_a_machine_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let lasers = folder.path().join("lasers");
+    let answer = json(&["simulate", SHOP, "-o", &lasers.display().to_string()]);
+    let files = answer["files"].as_array().expect("a list");
+    assert_eq!(files.len(), 21, "{files:?}");
+    for name in ["eyy-2.rtl", "eay.rta", "machine.toml", "calibration.toml"] {
+        assert!(lasers.join(name).is_file(), "{name}");
+    }
+    let calibration = lasers.join("calibration.toml").display().to_string();
+    let machine = folder.path().join("found.toml").display().to_string();
+    insta::assert_snapshot!(text(&["calibrate", &calibration, "-o", &machine]));
+    let answer = json(&["calibrate", &calibration, "-o", &machine]);
+    assert_eq!(answer["warnings"], serde_json::json!([]));
+    assert_eq!(answer["file"], machine);
+    let curves = answer["curves"].as_array().expect("a list");
+    assert_eq!(curves.len(), 36, "18 errors in two directions");
+    // The reversals of the truth, 3, -2 and 2.5 um.
+    for (error, reversal) in [("EXX", 3.0), ("EYY", -2.0), ("EZZ", 2.5)] {
+        let curve = curves.iter().find(|c| c["error"] == error).expect("fitted");
+        let found = number(&curve["reversal_um"]);
+        assert!((found - reversal).abs() < 2.0, "{error}: {found}");
+    }
+    json(&["error", "-m", &machine, "--at", "X=100,Y=100,Z=100"]);
+}
+
+#[test]
+fn broken_shops_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let shop = folder.path().join("shop.toml");
+    let truth = root().join("cli/volcomp/demo/truth.toml");
+    fs::copy(truth, folder.path().join("truth.toml")).expect("copied");
+    let out = folder.path().join("out").display().to_string();
+    let line = "[[measurement]]\nerror = \"EXX\"\n";
+    for (text, expected) in [
+        (String::new(), "key `machine` is missing"),
+        ("machine = \"none.toml\"".into(), "none.toml: cannot be read"),
+        (
+            format!("machine = \"truth.toml\"\n[instrument]\nnoise_um = -1\n{line}"),
+            "shop.toml:3: instrument.noise_um: found -1, expected 0 or more",
+        ),
+        (
+            format!("machine = \"truth.toml\"\n[instrument]\nnoise = 1\n{line}"),
+            "shop.toml:3: instrument.noise: unknown key",
+        ),
+        (
+            format!("machine = \"truth.toml\"\n{line}targets = 1\n"),
+            "measurement[0].targets: found 1, expected at least 2",
+        ),
+        (
+            format!("machine = \"truth.toml\"\n{line}file = \"../exx\"\n"),
+            "measurement[0].file: found \"../exx\", expected a name without a folder",
+        ),
+        (
+            format!("machine = \"truth.toml\"\n{line}file = \"a\"\n{line}file = \"a\"\n"),
+            "the file a is written already",
+        ),
+        (
+            "machine = \"truth.toml\"\n[[measurement]]\nerror = \"EAX\"\nmethod = \"angular\"\nbridge_mm = 50\n".into(),
+            "expected EYX, EZX, EXY",
+        ),
+        (
+            "machine = \"truth.toml\"\n[[measurement]]\nerrors = [\"EXX\", \"EXQ\"]\n".into(),
+            "measurement[0].errors[1]: `EXQ` is no error name",
+        ),
+        (
+            "machine = \"truth.toml\"\nseed = -1".into(),
+            "shop.toml:2: seed: found -1",
+        ),
+    ] {
+        fs::write(&shop, &text).expect("written");
+        let message = refused(&["simulate", &shop.display().to_string(), "-o", &out]);
+        assert!(message.contains(expected), "{text}\n{message}");
+    }
+    fs::write(&shop, format!("machine = \"truth.toml\"\n{line}")).expect("written");
+    let file = truth_path(&folder);
+    let message = refused(&["simulate", &shop.display().to_string(), "-o", &file]);
+    assert!(message.contains("cannot be made a folder"), "{message}");
+    let output = volcomp(&["simulate", &shop.display().to_string(), "-o", &out]);
+    assert_eq!(output.status.code(), Some(0));
+}
+
+fn truth_path(folder: &tempfile::TempDir) -> String {
+    folder.path().join("truth.toml").display().to_string()
+}
