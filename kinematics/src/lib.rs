@@ -4,16 +4,19 @@
 mod axis;
 mod chain;
 mod correction;
+mod denavit_hartenberg;
 mod error_form;
 mod math;
 mod pose;
 mod source;
 mod structure;
 mod twist;
+mod zero_position;
 
 pub use axis::{AxisName, JointKind, MAX_AXES};
 pub use chain::{Chain, ChainError, Joint};
 pub use correction::{Correction, CorrectionOptions, SINGULAR_BELOW, correct};
+pub use denavit_hartenberg::{DhRow, DhTable};
 pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
 pub use nalgebra;
 pub use pose::{
@@ -23,3 +26,4 @@ pub use pose::{
 pub use source::{Approach, ErrorMotion, ErrorSource, GivenErrors, State};
 pub use structure::{Side, Structure, StructureError, TypeNumbers};
 pub use twist::{Screw, Twist};
+pub use zero_position::ZeroPositionError;

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod algebra;
+mod conversions;
 mod correction;
 mod forms;
 mod plain;

@@ -1,0 +1,182 @@
+//! Denavit–Hartenberg tables in the distal convention, and chains from and to them.
+
+use arrayvec::ArrayVec;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::{
+    axis::{JointKind, MAX_AXES},
+    chain::{Chain, Joint},
+    math::{atan2, sin_cos},
+    pose::Pose,
+    structure::Structure,
+    zero_position::ZeroPositionError,
+};
+
+/// Two axes enclosing a smaller angle than this (rad) count as parallel: over 10 m that is 1 nm.
+const PARALLEL_BELOW_RAD: f64 = 1e-10;
+
+/// One row of a table at machine zero: A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`. A rotary
+/// coordinate adds to θ, a linear one to d.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DhRow {
+    /// θ, rad.
+    pub theta_rad: f64,
+    /// d, mm.
+    pub d_mm: f64,
+    /// a, mm.
+    pub a_mm: f64,
+    /// α, rad.
+    pub alpha_rad: f64,
+}
+
+impl DhRow {
+    /// A(q); q in mm or rad.
+    pub fn pose(&self, kind: JointKind, q: f64) -> Pose {
+        let (theta, d_mm) = match kind {
+            JointKind::Linear => (self.theta_rad, self.d_mm + q),
+            JointKind::Rotary => (self.theta_rad + q, self.d_mm),
+        };
+        let (sin, cos) = sin_cos(theta);
+        let (sin_alpha, cos_alpha) = sin_cos(self.alpha_rad);
+        Pose {
+            rotation: Matrix3::new(
+                cos,
+                -sin * cos_alpha,
+                sin * sin_alpha,
+                sin,
+                cos * cos_alpha,
+                -cos * sin_alpha,
+                0.0,
+                sin_alpha,
+                cos_alpha,
+            ),
+            translation_mm: Vector3::new(self.a_mm * cos, self.a_mm * sin, d_mm),
+        }
+    }
+}
+
+/// A Denavit–Hartenberg table: T(q) = base · Π `A_i(q_i)` · tool, from the workpiece to the tool.
+///
+/// Joint i turns about or slides along the z axis of the frame before it. `tool` brings the last frame
+/// back onto the MCS, so that T(0) is the identity like that of every chain here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DhTable {
+    /// The first frame, whose z axis is the first joint's, in MCS at machine zero.
+    pub base: Pose,
+    /// One row for each axis.
+    pub rows: ArrayVec<DhRow, MAX_AXES>,
+}
+
+impl DhTable {
+    /// The MCS in the last frame at machine zero.
+    pub fn tool(&self, structure: &Structure) -> Pose {
+        let rows = self.rows.iter().zip(structure.axes());
+        rows.fold(self.base, |pose, (row, axis)| {
+            pose * row.pose(axis.kind(), 0.0)
+        })
+        .inverse()
+    }
+
+    /// The chain of this table. A linear axis gets the origin of the frame before it as its point.
+    ///
+    /// # Errors
+    /// Not one row for each axis, numbers that are not finite.
+    pub fn to_chain(&self, structure: Structure) -> Result<Chain, ZeroPositionError> {
+        let axes = structure.axes().len();
+        if self.rows.len() != axes {
+            return Err(ZeroPositionError::Count {
+                structure,
+                found: self.rows.len(),
+                expected: axes,
+            });
+        }
+        let mut chain = Chain::new(structure.clone());
+        let mut frame = self.base;
+        for (&axis, row) in structure.axes().iter().zip(&self.rows) {
+            let direction: Vector3<f64> = frame.rotation.column(2).into();
+            chain.set_direction(axis, direction.into())?;
+            chain.set_point(axis, frame.translation_mm.into())?;
+            frame = frame * row.pose(axis.kind(), 0.0);
+        }
+        Ok(chain)
+    }
+
+    /// The table of a chain. The lines of linear axes are free: they run through the frame before
+    /// them, so the points of linear axes are not kept.
+    pub fn of_chain(chain: &Chain) -> Self {
+        let joints = chain.joints();
+        let mut base = Pose::identity();
+        if let Some(first) = joints.first() {
+            base = Pose {
+                rotation: frame_along(&first.direction),
+                translation_mm: match first.kind {
+                    JointKind::Rotary => first.point_mm,
+                    JointKind::Linear => Vector3::zeros(),
+                },
+            };
+        }
+        let mut frame = base;
+        let mut rows = ArrayVec::new();
+        for (index, joint) in joints.iter().enumerate() {
+            let row = joints
+                .get(index + 1)
+                .map_or_else(DhRow::default, |next| row_towards(&frame, next));
+            frame = frame * row.pose(joint.kind, 0.0);
+            rows.push(row);
+        }
+        Self { base, rows }
+    }
+}
+
+/// The row that leads from a frame on one axis to one on the next, along their common normal.
+fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
+    // Everything in the axes of the frame, where the joint before runs along z through the origin.
+    let inverse = frame.inverse();
+    let direction = inverse.rotation * next.direction;
+    let point = match next.kind {
+        JointKind::Rotary => inverse.transform_point(&next.point_mm),
+        JointKind::Linear => Vector3::zeros(),
+    };
+    let normal = Vector3::new(-direction.y, direction.x, 0.0);
+    let sin_alpha = normal.norm();
+    if sin_alpha < PARALLEL_BELOW_RAD {
+        let alpha_rad = if direction.z < 0.0 {
+            core::f64::consts::PI
+        } else {
+            0.0
+        };
+        let across = point.xy().norm();
+        let theta_rad = if across > 0.0 {
+            atan2(point.y, point.x)
+        } else {
+            0.0
+        };
+        return DhRow {
+            theta_rad,
+            d_mm: 0.0,
+            a_mm: across,
+            alpha_rad,
+        };
+    }
+    let normal = normal / sin_alpha;
+    let a_mm = normal.dot(&point);
+    // The point of the next line where the common normal meets it: its part across z is a·normal.
+    let along = -(point - normal * a_mm).dot(&direction.xy().push(0.0)) / (sin_alpha * sin_alpha);
+    DhRow {
+        theta_rad: atan2(normal.y, normal.x),
+        d_mm: point.z + along * direction.z,
+        a_mm,
+        alpha_rad: atan2(sin_alpha, direction.z),
+    }
+}
+
+/// A right-handed frame with z along a unit direction; the MCS itself for +Z.
+fn frame_along(z: &Vector3<f64>) -> Matrix3<f64> {
+    let seed = if z.x.abs() < 0.9 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let y = z.cross(&seed).normalize();
+    Matrix3::from_columns(&[y.cross(z), y, *z])
+}

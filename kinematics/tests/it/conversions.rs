@@ -1,0 +1,202 @@
+//! Denavit–Hartenberg tables and zero-position screws against plain products and closed forms.
+
+use std::f64::consts::PI;
+
+use volcomp_kinematics::{
+    AxisName, Chain, DhRow, DhTable, ErrorMotion, Form, GivenErrors, JointKind, Pose, Screw, State,
+    nalgebra::{Matrix3, Vector3},
+    volumetric_error,
+};
+
+use crate::{all_types, motion, placed, seeded, state, vector};
+
+fn difference(a: &Pose, b: &Pose) -> f64 {
+    let turned = (a.rotation - b.rotation).abs().max();
+    (a.translation_mm - b.translation_mm).amax().max(turned * 1e3)
+}
+
+/// T(q) = base · Π A(q) · tool, each A from its four elementary motions.
+fn plain_product(table: &DhTable, chain: &Chain, state: &State) -> Pose {
+    let rotation = |axis: Vector3<f64>, angle: f64| Pose {
+        rotation: volcomp_kinematics::rotation_about_axis(&axis, angle),
+        translation_mm: Vector3::zeros(),
+    };
+    let mut pose = table.base;
+    for ((row, joint), q) in table.rows.iter().zip(chain.joints()).zip(state.q) {
+        let (turn, slide) = match joint.kind {
+            JointKind::Linear => (0.0, q),
+            JointKind::Rotary => (q, 0.0),
+        };
+        pose = pose
+            * rotation(Vector3::z(), row.theta_rad + turn)
+            * Pose::from_translation(Vector3::z() * (row.d_mm + slide))
+            * Pose::from_translation(Vector3::x() * row.a_mm)
+            * rotation(Vector3::x(), row.alpha_rad);
+    }
+    pose * table.tool(chain.structure())
+}
+
+#[test]
+fn a_table_moves_as_its_chain_in_every_type() {
+    let mut rng = seeded(51);
+    for structure in all_types() {
+        for oblique in [false, true] {
+            let mut chain = placed(&structure, &mut rng);
+            if oblique {
+                for &axis in structure.axes() {
+                    chain.set_direction(axis, vector(&mut rng, 1.0)).unwrap();
+                }
+            }
+            let table = DhTable::of_chain(&chain);
+            let back = table.to_chain(structure.clone()).unwrap();
+            for _ in 0..20 {
+                let state = state(&chain, &mut rng);
+                let ideal = chain.ideal_pose(&state);
+                // Oblique axes can be nearly parallel, their common normal far away.
+                let within = if oblique { 1e-6 } else { 1e-9 };
+                let from_table = plain_product(&table, &chain, &state);
+                assert!(difference(&from_table, &ideal) < within, "{structure}: {table:?}");
+                assert!(difference(&back.ideal_pose(&state), &ideal) < within, "{structure}");
+            }
+        }
+    }
+}
+
+/// Two links in a plane: x = a1 cos q1 + a2 cos(q1 + q2), the textbook's first table.
+#[test]
+fn two_links_in_a_plane() {
+    let row = |a_mm| DhRow {
+        a_mm,
+        ..DhRow::default()
+    };
+    let table = DhTable {
+        base: Pose::identity(),
+        rows: [row(300.0), row(200.0)].into_iter().collect(),
+    };
+    // A and C are letters only: directions come from the table.
+    let structure = "w b A C t".parse().unwrap();
+    let mut chain = table.to_chain(structure).unwrap();
+    chain.set_tool([500.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
+    let (q1, q2) = (0.3, -1.1_f64);
+    let tip = chain.ideal_tip_mm(&State::from_coordinates(&[q1, q2]));
+    let x = 300.0 * q1.cos() + 200.0 * (q1 + q2).cos();
+    let y = 300.0 * q1.sin() + 200.0 * (q1 + q2).sin();
+    assert!((tip - Vector3::new(x, y, 0.0)).norm() < 1e-9, "{tip}");
+    let again = DhTable::of_chain(&chain);
+    assert!((again.rows[0].a_mm - 300.0).abs() < 1e-12, "{again:?}");
+    assert_eq!(again.rows[0].alpha_rad, 0.0);
+}
+
+#[test]
+fn opposite_and_coinciding_axes_have_a_table() {
+    let mut chain = Chain::new("w C' A' b B t".parse().unwrap());
+    for (axis, direction, point) in [
+        (AxisName::C, [0.0, 0.0, 1.0], [10.0, 20.0, 30.0]),
+        (AxisName::A, [0.0, 0.0, -1.0], [10.0, 20.0, -50.0]),
+        (AxisName::B, [0.0, 0.0, 1.0], [40.0, 60.0, 0.0]),
+    ] {
+        chain.set_direction(axis, direction).unwrap();
+        chain.set_point(axis, point).unwrap();
+    }
+    let table = DhTable::of_chain(&chain);
+    assert_eq!(table.rows[0].alpha_rad, PI);
+    assert_eq!(table.rows[0].a_mm, 0.0);
+    assert!((table.rows[1].a_mm - 50.0).abs() < 1e-12);
+    let state = State::from_coordinates(&[0.4, 1.2, -0.7]);
+    let moved = plain_product(&table, &chain, &state);
+    assert!(difference(&moved, &chain.ideal_pose(&state)) < 1e-9);
+}
+
+/// The zero-position model: real axes by direction cosines and a point are location errors, exactly.
+#[test]
+fn real_axes_are_location_errors() {
+    let mut rng = seeded(52);
+    for structure in all_types() {
+        let nominal = placed(&structure, &mut rng);
+        let mut real = nominal.clone();
+        let mut errors = GivenErrors::default();
+        for (index, joint) in nominal.joints().iter().enumerate() {
+            let off = motion(&mut rng);
+            let direction = joint.direction + off.angular_rad.cross(&joint.direction);
+            real.set_direction(joint.name, direction.into()).unwrap();
+            if joint.kind == JointKind::Rotary {
+                // Any point of the real line will do.
+                let point = joint.point_mm + off.linear_mm + direction.normalize() * 123.0;
+                real.set_point(joint.name, point.into()).unwrap();
+            }
+            errors.location[index] = joint.location_of(&real.joints()[index].screw());
+            let (Screw::Revolute { direction, .. } | Screw::Prismatic { direction }) =
+                joint.real_screw(&errors.location[index]);
+            assert!((direction - real.joints()[index].direction).norm() < 1e-15);
+        }
+        assert_eq!(
+            Chain::from_screws(structure.clone(), &real.screws().collect::<Vec<_>>())
+                .unwrap()
+                .joints()
+                .iter()
+                .map(|j| j.direction)
+                .collect::<Vec<_>>(),
+            real.joints().iter().map(|j| j.direction).collect::<Vec<_>>()
+        );
+        for _ in 0..20 {
+            let state = state(&nominal, &mut rng);
+            let error = volumetric_error(&nominal, &errors, &state, Form::Exact);
+            let expected = real.ideal_tip_mm(&state) - nominal.ideal_tip_mm(&state);
+            assert!((error.position_mm - expected).norm() < 1e-9, "{structure}");
+        }
+    }
+}
+
+#[test]
+fn an_axis_the_other_way_round_is_half_a_turn() {
+    let chain = Chain::new("w b X C t".parse().unwrap());
+    let real = Screw::Prismatic {
+        direction: -Vector3::x(),
+    };
+    let location = chain.joints()[0].location_of(&real);
+    assert!((location.angular_rad.norm() - PI).abs() < 1e-12);
+    assert_eq!(location.linear_mm, Vector3::zeros());
+    let Screw::Prismatic { direction } = chain.joints()[0].real_screw(&location) else {
+        panic!("a sliding joint");
+    };
+    assert!((direction + Vector3::x()).norm() < 1e-12);
+    assert_eq!(
+        chain.joints()[1].location_of(&chain.joints()[1].screw()),
+        ErrorMotion::ZERO
+    );
+}
+
+#[test]
+fn what_makes_no_chain_is_named() {
+    let structure: volcomp_kinematics::Structure = "w b X C t".parse().unwrap();
+    let slide = Screw::Prismatic {
+        direction: Vector3::x(),
+    };
+    let turn = |pitch_mm| Screw::Revolute {
+        direction: Vector3::z(),
+        point_mm: Vector3::zeros(),
+        pitch_mm,
+    };
+    for (screws, expected) in [
+        (vec![slide], "found 1 joints for the structure `w b X C t`, expected 2"),
+        (vec![slide, slide], "axis C: found a sliding joint, expected a turning one"),
+        (vec![turn(0.0), turn(0.0)], "axis X: found a turning joint, expected a sliding one"),
+        (vec![slide, turn(5.0)], "axis C: found a helical joint"),
+    ] {
+        let error = Chain::from_screws(structure.clone(), &screws).unwrap_err();
+        assert!(error.to_string().contains(expected), "{error}");
+    }
+    let table = DhTable {
+        base: Pose {
+            rotation: Matrix3::from_element(f64::NAN),
+            translation_mm: Vector3::zeros(),
+        },
+        rows: [DhRow::default(); 2].into_iter().collect(),
+    };
+    assert!(table.to_chain(structure.clone()).is_err());
+    let short = DhTable {
+        base: Pose::identity(),
+        rows: [DhRow::default()].into_iter().collect(),
+    };
+    assert!(short.to_chain(structure).unwrap_err().to_string().contains("found 1 joints"));
+}
