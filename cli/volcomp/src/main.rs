@@ -7,7 +7,7 @@ mod output;
 mod points;
 mod progress;
 
-use std::process::ExitCode;
+use std::{io::IsTerminal, process::ExitCode};
 
 use clap::{Parser, Subcommand};
 
@@ -23,6 +23,9 @@ struct Arguments {
     /// Print one JSON document on standard output instead of tables
     #[arg(long, global = true)]
     json: bool,
+    /// Say on standard error what is read, chosen and written
+    #[arg(long, short, global = true)]
+    verbose: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -38,10 +41,21 @@ enum Command {
     Calibrate(commands::calibrate::Arguments),
     Simulate(commands::simulate::Arguments),
     Demo(commands::demo::Arguments),
+    Inspect(commands::inspect::Arguments),
 }
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if arguments.verbose {
+        tracing_subscriber::fmt()
+            .with_writer(std::io::stderr)
+            .with_max_level(tracing::Level::DEBUG)
+            .with_ansi(std::io::stderr().is_terminal())
+            .with_target(false)
+            .without_time()
+            .init();
+    }
+    output::clean_up_when_interrupted();
     let answer = match &arguments.command {
         Command::Error(a) => commands::error::run(a),
         Command::Correct(a) => commands::correct::run(a),
@@ -52,6 +66,7 @@ fn main() -> ExitCode {
         Command::Calibrate(a) => commands::calibrate::run(a),
         Command::Simulate(a) => commands::simulate::run(a),
         Command::Demo(a) => commands::demo::run(a),
+        Command::Inspect(a) => commands::inspect::run(a),
     };
     match answer.and_then(|answer| print(&answer, arguments.json)) {
         Ok(()) => ExitCode::SUCCESS,

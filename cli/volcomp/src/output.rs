@@ -1,11 +1,13 @@
 //! Standard output, and files that appear whole or not at all.
 
 use std::{
+    collections::BTreeSet,
     io::{self, BufWriter, ErrorKind, Write},
     path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempDir};
 
 use crate::failure::Failure;
 
@@ -20,10 +22,65 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
+/// What is taken away when the program is interrupted: unfinished files, temporary folders.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Ctrl-C and termination: nothing half-written is left, status 130 as of a shell.
+pub(crate) fn clean_up_when_interrupted() {
+    let clean_up = || {
+        for path in unfinished().iter() {
+            // It may be gone already; there is nobody left to tell.
+            let _ = if path.is_dir() {
+                std::fs::remove_dir_all(path)
+            } else {
+                std::fs::remove_file(path)
+            };
+        }
+        eprintln!("interrupted: nothing half-written is left");
+        std::process::exit(130);
+    };
+    if let Err(e) = ctrlc::set_handler(clean_up) {
+        tracing::warn!("Ctrl-C may leave unfinished files: {e}");
+    }
+}
+
+/// A folder that goes with the program.
+pub(crate) struct TemporaryFolder(TempDir);
+
+impl TemporaryFolder {
+    pub(crate) fn new() -> Result<Self, Failure> {
+        let folder =
+            tempfile::tempdir().map_err(|e| Failure::Work(format!("temporary folder: {e}")))?;
+        unfinished().insert(folder.path().to_owned());
+        Ok(Self(folder))
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.0.path()
+    }
+}
+
+impl Drop for TemporaryFolder {
+    fn drop(&mut self) {
+        unfinished().remove(self.0.path());
+    }
+}
+
 /// A file that appears by rename when everything is written.
 pub(crate) struct OutputFile {
     path: PathBuf,
-    writer: BufWriter<NamedTempFile>,
+    temporary: PathBuf,
+    writer: Option<BufWriter<NamedTempFile>>,
+}
+
+impl Drop for OutputFile {
+    fn drop(&mut self) {
+        unfinished().remove(&self.temporary);
+    }
 }
 
 impl OutputFile {
@@ -47,30 +104,34 @@ impl OutputFile {
             .permissions_as_new_file()
             .tempfile_in(folder)
             .map_err(|e| refused(&e))?;
+        let temporary = file.path().to_owned();
+        unfinished().insert(temporary.clone());
         Ok(Self {
             path: path.to_owned(),
-            writer: BufWriter::new(file),
+            temporary,
+            writer: Some(BufWriter::new(file)),
         })
     }
 
     pub(crate) fn write(&mut self, text: &str) -> Result<(), Failure> {
-        self.writer
-            .write_all(text.as_bytes())
-            .map_err(|e| Failure::work_on(&self.path, &e))
+        match &mut self.writer {
+            Some(writer) => writer
+                .write_all(text.as_bytes())
+                .map_err(|e| Failure::work_on(&self.path, &e)),
+            None => Ok(()),
+        }
     }
 
     /// Everything is written: the file takes its name.
-    pub(crate) fn finish(self) -> Result<(), Failure> {
-        let path = self.path;
-        let file = self
-            .writer
-            .into_inner()
-            .map_err(|e| Failure::work_on(&path, &e.into_error()))?;
-        file.as_file()
-            .sync_all()
-            .map_err(|e| Failure::work_on(&path, &e))?;
-        file.persist(&path)
-            .map_err(|e| Failure::work_on(&path, &e.error))?;
+    pub(crate) fn finish(mut self) -> Result<(), Failure> {
+        let Some(writer) = self.writer.take() else {
+            return Ok(());
+        };
+        let failed = |e: &io::Error| Failure::work_on(&self.path, e);
+        let file = writer.into_inner().map_err(|e| failed(e.error()))?;
+        file.as_file().sync_all().map_err(|e| failed(&e))?;
+        file.persist(&self.path).map_err(|e| failed(&e.error))?;
+        tracing::debug!("wrote {}", self.path.display());
         Ok(())
     }
 }

@@ -6,7 +6,10 @@ use volcomp_metrology::{Direction, ReferenceLine};
 use volcomp_model::ErrorName;
 
 use crate::{
-    calibrate::FittedCurve, curve_choice::CurveChoice, error::CalibrateError, track::{Kind, Points, Track, line_through},
+    calibrate::FittedCurve,
+    curve_choice::CurveChoice,
+    error::CalibrateError,
+    track::{Kind, Points, Track, line_through},
 };
 
 /// Lines are moved to agree until they move less than this.
@@ -75,11 +78,19 @@ impl Branches {
             }
             let fit = choice
                 .fit(&x, &u, within_noise(tracks))
-                .map_err(|error| CalibrateError::readings(tracks, error))?;
+                .map_err(|error| CalibrateError::readings(tracks, &error))?;
+            tracing::debug!(
+                "{} {}: {} leaves {:.3}, left out {:.3}",
+                tracks[0].line.setup.error,
+                direction.name(),
+                fit.curve.kind(),
+                fit.rms(),
+                fit.leave_one_out_rms
+            );
             fits.push((direction, fit));
         }
         if fits.is_empty() {
-            return Err(CalibrateError::readings(tracks, "no readings"));
+            return Err(CalibrateError::readings(tracks, &"no readings"));
         }
         let mut targets: Vec<f64> = tracks.iter().flat_map(Track::all).map(|p| p.0).collect();
         targets.sort_by(f64::total_cmp);
@@ -157,7 +168,10 @@ impl Branches {
 
     /// One curve, or a pair.
     pub(crate) fn into_curve(self) -> ErrorCurve {
-        let mut fields = self.fits.into_iter().map(|(_, fit)| Field::Curve(fit.curve));
+        let mut fields = self
+            .fits
+            .into_iter()
+            .map(|(_, fit)| Field::Curve(fit.curve));
         match (fields.next(), fields.next()) {
             (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
             (Some(single), None) => ErrorCurve::Single(single),

@@ -211,7 +211,7 @@ impl<'a> Work<'a> {
                     "along the oblique axis {} it fills {error} too, which was measured by itself",
                     name.axis
                 );
-                return Err(CalibrateError::readings(&tracks, reason));
+                return Err(CalibrateError::readings(&tracks, &reason));
             }
             let set = branches.scaled(share, zero);
             self.result.curves.extend(set.fitted(error));
@@ -333,7 +333,11 @@ impl<'a> Work<'a> {
             ErrorName::location(Component::EB, AxisName::Z),
         ] {
             let there = |axis| machine.axis(axis).is_some();
-            let known = self.result.squareness.iter().any(|(known, _)| *known == name);
+            let known = self
+                .result
+                .squareness
+                .iter()
+                .any(|(known, _)| *known == name);
             if known || !there(name.axis) || !there(square_partner(name)) {
                 continue;
             }

@@ -164,6 +164,11 @@ fn decode_line(
     let file_value = section.require("file")?;
     let file = folder.join(file_value.text()?);
     let mut readings = read_file(&file)?;
+    tracing::debug!(
+        "{error}: {} readings from {}",
+        readings.readings.len(),
+        file.display()
+    );
     let factor = setup.sign * unit_factor(section, &file_value, &readings, setup.reads_angles())?;
     for reading in &mut readings.readings {
         reading.deviation *= factor;
@@ -180,11 +185,7 @@ fn decode_line(
 }
 
 /// Several lines of one error make one curve, so they cannot ask for different kinds of it.
-fn check_same_curve(
-    before: &[Line],
-    line: &Line,
-    section: &Section<'_>,
-) -> Result<(), InputError> {
+fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Result<(), InputError> {
     let error = line.setup.error;
     let earlier = before
         .iter()

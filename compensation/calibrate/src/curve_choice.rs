@@ -145,12 +145,7 @@ impl CurveChoice {
 
     /// The fit of readings `u` at `x` (mm or deg; µm or µrad), over the range of `x`. The automatic
     /// choice prefers kinds that leave no more than `required` of any reading.
-    pub(crate) fn fit(
-        self,
-        x: &[f64],
-        u: &[f64],
-        required: Option<f64>,
-    ) -> Result<Fit, FitError> {
+    pub(crate) fn fit(self, x: &[f64], u: &[f64], required: Option<f64>) -> Result<Fit, FitError> {
         let lowest = x.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let domain = [lowest, highest];

@@ -40,8 +40,10 @@ pub enum CalibrateError {
 
 impl CalibrateError {
     /// Why the lines of an error cannot be used.
-    pub(crate) fn readings(tracks: &[Track<'_>], reason: impl ToString) -> Self {
-        let error = tracks.first().map(|track| track.line.setup.error.to_string());
+    pub(crate) fn readings(tracks: &[Track<'_>], reason: &dyn std::fmt::Display) -> Self {
+        let error = tracks
+            .first()
+            .map(|track| track.line.setup.error.to_string());
         let files: Vec<String> = tracks
             .iter()
             .map(|track| track.line.file.display().to_string())

@@ -45,6 +45,9 @@ impl Default for Instrument {
     }
 }
 
+/// Targets of one line, and runs, at the most.
+pub(crate) const MAX_TARGETS: usize = 100_000;
+
 /// The keys that [`Instrument::decode`] reads.
 pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
     "noise_um",
@@ -64,9 +67,8 @@ pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
 impl Instrument {
     /// The keys of a section over `base`.
     pub(crate) fn decode(section: &Section<'_>, base: &Self) -> Result<Self, InputError> {
-        let number = |key: &str, default: f64| {
-            section.get(key).map_or(Ok(default), |value| value.number())
-        };
+        let number =
+            |key: &str, default: f64| section.get(key).map_or(Ok(default), |value| value.number());
         let positive = |key: &str, default: f64| {
             section
                 .get(key)
@@ -75,7 +77,7 @@ impl Instrument {
         let count = |key: &str, least: usize, default: usize| {
             section
                 .get(key)
-                .map_or(Ok(default), |value| match value.count(100_000)? {
+                .map_or(Ok(default), |value| match value.count(MAX_TARGETS)? {
                     count if count >= least => Ok(count),
                     count => Err(value.error(format!("found {count}, expected at least {least}"))),
                 })

@@ -19,7 +19,7 @@ use volcomp_model::{
 use crate::{
     curve_choice::CurveChoice,
     error::CalibrateError,
-    instrument::{INSTRUMENT_KEYS, Instrument},
+    instrument::{INSTRUMENT_KEYS, Instrument, MAX_TARGETS},
     line_of_sight::LineOfSight,
     setup::{Method, SETUP_KEYS, Setup, decode_error, decode_motion, one_of},
     track::Kind,
@@ -116,10 +116,7 @@ impl Shop {
             let (name, text) = self.measurement_file(line, &measurement);
             let setup = line.setup.to_toml(&self.truth);
             // Writing to a String cannot fail.
-            let _ = write!(
-                calibration,
-                "\n[[measurement]]\n{setup}file = \"{name}\"\n"
-            );
+            let _ = write!(calibration, "\n[[measurement]]\n{setup}file = \"{name}\"\n");
             if let Some(curve) = line.curve {
                 let _ = writeln!(calibration, "curve = {}", curve.to_toml());
             }
@@ -209,9 +206,9 @@ impl Shop {
                     sign * sigma * rise / bridge_mm * 1e3
                 };
                 // Targets one bridge apart, as many as the travel holds.
-                let steps = ((travel[1] - travel[0]) / bridge_mm + 1e-9).floor() as usize;
-                let targets: Vec<f64> = (0..=steps)
+                let targets: Vec<f64> = (0..=MAX_TARGETS)
                     .map(|step| travel[0] + bridge_mm * step as f64)
+                    .take_while(|target| *target <= travel[1] + 1e-9)
                     .collect();
                 line.instrument
                     .run(&targets, DeviationUnit::Urad, tilt, &mut random)
@@ -347,10 +344,17 @@ fn decode_measurement(
             return Err(value.error(format!("the file {name} is written already")));
         }
         let setup = Setup::decode(section, error, truth)?;
-        if let Method::Angular { .. } = setup.method {
+        if let Method::Angular { bridge_mm, .. } = setup.method {
             // Known to be a straightness by this.
             tilt_sign(&error.to_string(), TiltReading::Slope)
                 .map_err(|e| value.error(e.to_string()))?;
+            let travel = truth.axis(error.axis).map_or([0.0; 2], |axis| axis.travel);
+            let steps = (travel[1] - travel[0]) / bridge_mm;
+            if !(1.0..=MAX_TARGETS as f64).contains(&steps) {
+                return Err(value.error(format!(
+                    "the travel holds {steps:.1} bridges, expected 1 to {MAX_TARGETS}"
+                )));
+            }
         }
         let curve = section.get("curve");
         lines.push(ShopLine {

@@ -1,8 +1,6 @@
 //! One measured line on its way from readings to the error itself.
 
-use volcomp_kinematics::{
-    Approach, ErrorSource, Joint, JointKind, Side, State, nalgebra::Vector3,
-};
+use volcomp_kinematics::{Approach, ErrorSource, Joint, JointKind, Side, State, nalgebra::Vector3};
 use volcomp_metrology::{
     CarriedSide, Direction, MetrologyError, ReferenceLine, Rides, TiltReading, Travel, abbe_um,
     angular_method_um, lever_mm,
@@ -29,9 +27,8 @@ impl Kind {
     pub(crate) fn of(name: ErrorName) -> Self {
         let own = name.component.mcs_index() == name.axis.mcs_index();
         match (name.axis.kind(), name.component.is_angular()) {
-            (JointKind::Linear, false) if own => Self::Positioning,
+            (JointKind::Linear, false) | (JointKind::Rotary, true) if own => Self::Positioning,
             (JointKind::Linear, false) => Self::Straightness,
-            (JointKind::Rotary, true) if own => Self::Positioning,
             _ => Self::Other,
         }
     }
@@ -56,7 +53,9 @@ impl<'a> Track<'a> {
                 // On a reversed axis the same tilt lifts the bridge the other way along the coordinate.
                 let own = joint.direction[line.setup.error.axis.mcs_index()];
                 if reading == TiltReading::RightHand && own < 0.0 {
-                    branch.iter_mut().for_each(|(_, h)| *h = -*h);
+                    for (_, h) in branch.iter_mut() {
+                        *h = -*h;
+                    }
                 }
             }
         }

@@ -12,7 +12,9 @@ use crate::{all_types, motion, placed, seeded, state, vector};
 
 fn difference(a: &Pose, b: &Pose) -> f64 {
     let turned = (a.rotation - b.rotation).abs().max();
-    (a.translation_mm - b.translation_mm).amax().max(turned * 1e3)
+    (a.translation_mm - b.translation_mm)
+        .amax()
+        .max(turned * 1e3)
 }
 
 /// T(q) = base · Π A(q) · tool, each A from its four elementary motions.
@@ -55,8 +57,14 @@ fn a_table_moves_as_its_chain_in_every_type() {
                 // Oblique axes can be nearly parallel, their common normal far away.
                 let within = if oblique { 1e-6 } else { 1e-9 };
                 let from_table = plain_product(&table, &chain, &state);
-                assert!(difference(&from_table, &ideal) < within, "{structure}: {table:?}");
-                assert!(difference(&back.ideal_pose(&state), &ideal) < within, "{structure}");
+                assert!(
+                    difference(&from_table, &ideal) < within,
+                    "{structure}: {table:?}"
+                );
+                assert!(
+                    difference(&back.ideal_pose(&state), &ideal) < within,
+                    "{structure}"
+                );
             }
         }
     }
@@ -174,9 +182,18 @@ fn what_makes_no_chain_is_named() {
         pitch_mm,
     };
     for (screws, expected) in [
-        (vec![slide], "found 1 joints for the structure `w b X C t`, expected 2"),
-        (vec![slide, slide], "axis C: found a sliding joint, expected a turning one"),
-        (vec![turn(0.0), turn(0.0)], "axis X: found a turning joint, expected a sliding one"),
+        (
+            vec![slide],
+            "found 1 joints for the structure `w b X C t`, expected 2",
+        ),
+        (
+            vec![slide, slide],
+            "axis C: found a sliding joint, expected a turning one",
+        ),
+        (
+            vec![turn(0.0), turn(0.0)],
+            "axis X: found a turning joint, expected a sliding one",
+        ),
         (vec![slide, turn(5.0)], "axis C: found a helical joint"),
     ] {
         let error = Chain::from_screws(structure.clone(), &screws).unwrap_err();
@@ -194,5 +211,11 @@ fn what_makes_no_chain_is_named() {
         base: Pose::identity(),
         rows: [DhRow::default()].into_iter().collect(),
     };
-    assert!(short.to_chain(structure).unwrap_err().to_string().contains("found 1 joints"));
+    assert!(
+        short
+            .to_chain(structure)
+            .unwrap_err()
+            .to_string()
+            .contains("found 1 joints")
+    );
 }

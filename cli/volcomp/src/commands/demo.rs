@@ -14,6 +14,7 @@ use crate::{
         lines::{LineResult, OUTPUT_STEP_MM, Squareness, compare_lines, squareness},
     },
     failure::Failure,
+    output::TemporaryFolder,
     progress,
 };
 
@@ -49,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let folder = if let Some(folder) = &arguments.output {
         folder.as_path()
     } else {
-        temporary = tempfile::tempdir().map_err(|e| Failure::Work(format!("a folder: {e}")))?;
+        temporary = TemporaryFolder::new()?;
         temporary.path()
     };
     let machine = measure_and_calibrate(&shop, folder)?;

@@ -10,6 +10,7 @@ use volcomp_model::Temperatures;
 use crate::failure::Failure;
 
 /// Peak to peak of truth minus curve over 61 points, um.
+#[expect(clippy::struct_field_names, reason = "the unit belongs to each name")]
 pub(crate) struct IrregularCurve {
     pub(crate) polynomial_um: f64,
     pub(crate) mls_um: f64,
@@ -21,7 +22,10 @@ pub(crate) fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve
     let measurement = read_file(file).map_err(Failure::input)?;
     let means = measurement.mean_curve_in(Direction::Forward);
     let (x, u): (Vec<f64>, Vec<f64>) = means.into_iter().unzip();
-    let exx = shop.lines.iter().find(|l| l.setup.error.to_string() == "EXX");
+    let exx = shop
+        .lines
+        .iter()
+        .find(|l| l.setup.error.to_string() == "EXX");
     let line = exx.ok_or_else(|| Failure::Work("the demo measures no EXX".to_owned()))?;
     let sight = LineOfSight::new(&shop.truth, &line.setup)?;
     let none = Temperatures::new();

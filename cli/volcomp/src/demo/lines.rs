@@ -150,9 +150,12 @@ fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool
 /// Straight between equally spaced values, `share` from 0 to 1.
 fn between(values: &[f64], share: f64) -> f64 {
     let place = share * (values.len() - 1) as f64;
-    let first = (place.floor() as usize).min(values.len().saturating_sub(2));
-    let part = place - first as f64;
-    values[first] * (1.0 - part) + values[first + 1] * part
+    let pairs = values.windows(2).enumerate();
+    let mut parts = pairs.map(|(first, pair)| (place - first as f64, pair));
+    let (part, pair) = parts
+        .find(|(part, _)| *part <= 1.0)
+        .unwrap_or((0.0, &[0.0; 2]));
+    pair[0] * (1.0 - part) + pair[1] * part
 }
 
 /// The squareness errors of the shop from the slopes of its lines.

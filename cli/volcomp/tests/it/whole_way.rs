@@ -48,7 +48,10 @@ fn the_demo_reaches_its_goals() {
     let third = number(&irregular["polynomial_um"]) / 3.0;
     assert!(number(&irregular["mls_um"]) <= third, "{irregular}");
     for squareness in answer["squareness"].as_array().expect("a list") {
-        assert!(number(&squareness["after_urad"]).abs() < 2.0, "{squareness}");
+        assert!(
+            number(&squareness["after_urad"]).abs() < 2.0,
+            "{squareness}"
+        );
     }
 }
 

@@ -1,5 +1,5 @@
 //! Measurements computed from a truth machine's kinematics come back as its volumetric error.
 
 mod gantry;
-mod round_trip;
 mod messages;
+mod round_trip;

@@ -1,7 +1,7 @@
 //! The virtual shop and its inverse: readings come from the whole chain with every error in it, the
 //! calibration works by MODEL.md's rules for single lines.
 
-use std::{fs, path::Path};
+use std::{fmt::Write, fs, path::Path};
 
 use volcomp_calibrate::{Calibration, CalibrationFile, Shop, calibrate};
 use volcomp_kinematics::{
@@ -27,7 +27,7 @@ fn truth(structure: &str, axes: &str, more: &str) -> String {
                 -25.0 * wave(0.7) / length.powi(2),
                 18.0 * wave(3.7) / length.powi(3),
             ];
-            errors += &format!("{what}{letter} = {{ poly = {c:?} }}\n");
+            writeln!(errors, "{what}{letter} = {{ poly = {c:?} }}").expect("a String");
         }
     }
     format!(
@@ -125,7 +125,10 @@ fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
         .state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], node[i])))
         .expect("a state");
     let error = machine.error_at(&state, Form::Exact, &Temperatures::new());
-    [machine.chain().ideal_tip_mm(&state), error.position_mm * 1e3]
+    [
+        machine.chain().ideal_tip_mm(&state),
+        error.position_mm * 1e3,
+    ]
 }
 
 /// What is left of the differences of two machines when the workpiece is moved as a rigid body: the
@@ -140,7 +143,9 @@ fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     for (index, node) in nodes.into_iter().enumerate() {
         let [tip, error] = tip_and_error(one, node);
         let found = tip_and_error(other, node)[1];
-        difference.rows_mut(3 * index, 3).copy_from(&(error - found));
+        difference
+            .rows_mut(3 * index, 3)
+            .copy_from(&(error - found));
         let turning = -tip.cross_matrix() * 1e-3;
         rigid.view_mut((3 * index, 0), (3, 3)).fill_with_identity();
         rigid.view_mut((3 * index, 3), (3, 3)).copy_from(&turning);
@@ -168,7 +173,11 @@ fn positioning_of_an_oblique_axis_comes_back() {
     let (truth, found) = round_trip(folder.path(), &truth, lines, "");
     assert!(largest_difference_um(&truth, &found.machine) < 1e-4);
     let names: Vec<String> = found.curves.iter().map(|c| c.error.to_string()).collect();
-    assert_eq!(names, ["EXY", "EXY", "EYY", "EYY"], "both directions of both");
+    assert_eq!(
+        names,
+        ["EXY", "EXY", "EYY", "EYY"],
+        "both directions of both"
+    );
 }
 
 /// Laser files, two directions with a reversal, noise: the curves come back to the noise of the mean.
@@ -182,7 +191,13 @@ fn laser_files_with_reversal_and_noise_come_back() {
                  reversal_um = 1.5\nresolution_um = 0.01\n[[measurement]]\nerrors = [\"EAX\", \"EXX\"]\n\
                  [[measurement]]\nerror = \"EXX\"\nboth_directions = false\nat = { Y = 100 }\n";
     let (truth, found) = round_trip(folder.path(), truth, lines, "");
-    for name in ["machine.toml", "eax.rta", "exx.rtl", "exx-2.rtl", "calibration.toml"] {
+    for name in [
+        "machine.toml",
+        "eax.rta",
+        "exx.rtl",
+        "exx-2.rtl",
+        "calibration.toml",
+    ] {
         assert!(folder.path().join(name).exists(), "{name}");
     }
     // The set-up's own lost motion cannot be told from the machine's.
@@ -202,14 +217,21 @@ fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
         let path = folder.path().join("shop.toml");
         let text = format!("machine = \"truth.toml\"\n[instrument]\nnoise_um = 1.0\n{lines}");
         fs::write(&path, text).expect("written");
-        Shop::read(&path).expect("a valid shop").files(|_, _| {}).expect("measured")
+        Shop::read(&path)
+            .expect("a valid shop")
+            .files(|_, _| {})
+            .expect("measured")
     };
     let x = "[[measurement]]\nerror = \"EXX\"\n";
     let one = files(x);
     assert_eq!(one, files(x));
     let two = files(&format!("{x}[[measurement]]\nerror = \"EYX\"\n"));
     assert_eq!(one[1], two[1]);
-    assert_ne!(two[1].1, two[2].1.replace("EYX", "EXX"), "noise of their own");
+    assert_ne!(
+        two[1].1,
+        two[2].1.replace("EYX", "EXX"),
+        "noise of their own"
+    );
 }
 
 #[test]
@@ -219,8 +241,16 @@ fn every_error_comes_back_on_every_three_axis_structure() {
         ("w X' Y' b Z t", "", ""),
         ("w b X Y Z t", "", ""),
         ("w X' Y' Z' b t", "", "reference_axes = [\"Y\", \"Z\"]\n"),
-        ("w Y' b Z X t", "Y.point = [20, -40, 30]\nX.point = [5, 6, 7]", "reference_axes = [\"Z\", \"X\"]\n"),
-        ("w X' b Y Z t", "X.direction = [-1, 0, 0]\nY.direction = [0, -1, 0]", ""),
+        (
+            "w Y' b Z X t",
+            "Y.point = [20, -40, 30]\nX.point = [5, 6, 7]",
+            "reference_axes = [\"Z\", \"X\"]\n",
+        ),
+        (
+            "w X' b Y Z t",
+            "X.direction = [-1, 0, 0]\nY.direction = [0, -1, 0]",
+            "",
+        ),
     ] {
         let folder = tempfile::tempdir().expect("a folder");
         let truth = truth(structure, axes, "EC0Y = 12.0\nEA0Z = -7.0\nEB0Z = 9.0\n");
@@ -229,8 +259,14 @@ fn every_error_comes_back_on_every_three_axis_structure() {
         let mut without = found.machine.clone();
         without.clear_errors();
         let before = largest_difference_um(&truth, &without);
-        assert!(before > 20.0, "{structure} {axes}: nothing to measure: {before}");
-        assert!(left < 5e-3, "{structure} {axes} {reference}: {left} of {before}");
+        assert!(
+            before > 20.0,
+            "{structure} {axes}: nothing to measure: {before}"
+        );
+        assert!(
+            left < 5e-3,
+            "{structure} {axes} {reference}: {left} of {before}"
+        );
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
     }
 }
