@@ -274,6 +274,12 @@ impl FromStr for Structure {
                     last_axis = letter;
                     stage
                 }
+                (Stage::Start, 'b' | 't', _) | (Stage::Start, _, Some(_)) => {
+                    return Err(StructureError::Missing { missing: 'w' });
+                }
+                (Stage::Workpiece, 't', _) => {
+                    return Err(StructureError::Missing { missing: 'b' });
+                }
                 (_, 'w' | 'b' | 't', _) | (_, _, Some(_)) => {
                     return Err(StructureError::OutOfPlace { found, position });
                 }

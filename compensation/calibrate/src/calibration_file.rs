@@ -1,9 +1,6 @@
 //! The calibration file: which error each measurement file holds, along which line.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use volcomp_kinematics::AxisName;
 use volcomp_metrology::{DeviationUnit, Measurement, read_file, squareness_parts};
@@ -14,7 +11,7 @@ use volcomp_model::{
 
 use crate::{
     curve_choice::CurveChoice,
-    error::CalibrateError,
+    error::{CalibrateError, read_text},
     setup::{SETUP_KEYS, Setup, decode_error, decode_motion, one_of, set_coordinates},
 };
 
@@ -74,11 +71,7 @@ impl CalibrationFile {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibrateError> {
-        let file = path.display().to_string();
-        let text = fs::read_to_string(path).map_err(|source| CalibrateError::Read {
-            file: file.clone(),
-            source,
-        })?;
+        let (file, text) = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Document::new(&file, &text).decode(|root| decode(&root, folder))
     }

@@ -1,5 +1,7 @@
 //! What can be wrong with a calibration.
 
+use std::{fs, path::Path};
+
 use volcomp_metrology::MetrologyError;
 use volcomp_model::{InputError, ModelError};
 
@@ -36,6 +38,15 @@ pub enum CalibrateError {
         /// Why not.
         reason: String,
     },
+}
+
+/// The text of a calibration or shop file, and its name for messages.
+pub(crate) fn read_text(path: &Path) -> Result<(String, String), CalibrateError> {
+    let file = path.display().to_string();
+    match fs::read_to_string(path) {
+        Ok(text) => Ok((file, text)),
+        Err(source) => Err(CalibrateError::Read { file, source }),
+    }
 }
 
 impl CalibrateError {

@@ -1,7 +1,7 @@
 //! The virtual shop: a truth machine and instruments make the measurement files that a laser would
 //! have produced, and the calibration file that reads them. The inverse of [`calibrate`](crate::calibrate()).
 
-use std::{collections::BTreeMap, fmt::Write, fs, path::Path};
+use std::{collections::BTreeMap, fmt::Write, path::Path};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +18,7 @@ use volcomp_model::{
 
 use crate::{
     curve_choice::CurveChoice,
-    error::CalibrateError,
+    error::{CalibrateError, read_text},
     instrument::{INSTRUMENT_KEYS, Instrument, MAX_TARGETS},
     line_of_sight::LineOfSight,
     setup::{Method, SETUP_KEYS, Setup, decode_error, decode_motion, one_of},
@@ -69,11 +69,7 @@ impl Shop {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibrateError> {
-        let file = path.display().to_string();
-        let text = fs::read_to_string(path).map_err(|source| CalibrateError::Read {
-            file: file.clone(),
-            source,
-        })?;
+        let (file, text) = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::parse(&text, &file, |machine| {
             Ok(Machine::read(&folder.join(machine))?)

@@ -63,14 +63,16 @@ fn wrong_codes_are_refused_for_what_is_wrong_with_them() {
     );
     assert_eq!(refusal("w b t"), StructureError::NoAxes);
     assert_eq!(refusal("w b X"), StructureError::Missing { missing: 't' });
-    assert_eq!(refusal(""), StructureError::Missing { missing: 'w' });
+    assert_eq!(refusal("X b Y t"), StructureError::Missing { missing: 'w' });
     assert_eq!(
-        refusal("w X Y t"),
+        refusal("w b X w t"),
         StructureError::OutOfPlace {
-            found: 't',
+            found: 'w',
             position: 7
         }
     );
+    assert_eq!(refusal(""), StructureError::Missing { missing: 'w' });
+    assert_eq!(refusal("w X Y t"), StructureError::Missing { missing: 'b' });
     assert_eq!(
         refusal("w b Q t"),
         StructureError::UnknownCharacter {

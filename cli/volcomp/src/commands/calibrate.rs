@@ -22,12 +22,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let file = CalibrationFile::read(&arguments.calibration)?;
     let mut output = OutputFile::open(&arguments.output)?;
-    let bar = progress::bar(0, "errors fitted");
-    let calibration = calibrate(&file, |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
+    let calibration = fit(&file)?;
     output.write(&calibration.machine.to_toml())?;
     output.finish()?;
     Ok(Answer {
@@ -35,6 +30,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         text: text(&calibration),
         notes: calibration.warnings,
     })
+}
+
+/// Calibrates with a progress bar.
+pub(super) fn fit(file: &CalibrationFile) -> Result<Calibration, Failure> {
+    let bar = progress::bar(0, "errors fitted");
+    let calibration = calibrate(file, |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    Ok(calibration)
 }
 
 fn json(arguments: &Arguments, calibration: &Calibration) -> Value {

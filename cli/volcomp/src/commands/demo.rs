@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use volcomp_calibrate::{CalibrationFile, Shop, calibrate};
+use volcomp_calibrate::{CalibrationFile, Shop};
 use volcomp_kinematics::CorrectionOptions;
 use volcomp_model::{Diagonal, Machine, Temperatures, corrected, diagonals, quantised};
 
-use super::{Answer, simulate, table, table_text};
+use super::{Answer, calibrate, simulate, table, table_text};
 use crate::{
     demo::{
         irregular::{IrregularCurve, irregular_curve},
@@ -68,12 +68,7 @@ fn measure_and_calibrate(shop: &Shop, folder: &Path) -> Result<Machine, Failure>
     super::write_file(&folder.join("truth.toml"), TRUTH)?;
     super::write_file(&folder.join("shop.toml"), SHOP)?;
     let file = CalibrationFile::read(&folder.join("calibration.toml"))?;
-    let bar = progress::bar(0, "errors fitted");
-    let calibration = calibrate(&file, |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
+    let calibration = calibrate::fit(&file)?;
     super::write_file(
         &folder.join("calibrated.toml"),
         &calibration.machine.to_toml(),

@@ -148,3 +148,52 @@ fn broken_shops_are_refused() {
 fn truth_path(folder: &tempfile::TempDir) -> String {
     folder.path().join("truth.toml").display().to_string()
 }
+
+#[test]
+fn inspect_says_what_a_file_holds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let lasers = folder.path().display().to_string();
+    json(&["simulate", SHOP, "-o", &lasers]);
+    let file = folder.path().join("eay.rta").display().to_string();
+    let answer = json(&["inspect", &file]);
+    assert_eq!(answer["unit"], "urad");
+    assert_eq!(answer["readings"], 210);
+    assert_eq!(answer["runs_backward"], 5);
+    insta::assert_snapshot!(text(&["inspect", &file]).replace(&lasers, "FOLDER"));
+    let machine = folder.path().join("machine.toml").display().to_string();
+    assert!(refused(&["inspect", &machine]).contains("machine.toml"));
+}
+
+/// A map of a billion nodes, interrupted: status 130 and no unfinished file.
+#[test]
+fn an_interrupt_leaves_nothing_half_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let map = folder.path().join("map.csv");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args([
+            "map",
+            "-m",
+            "examples/gantry.toml",
+            "--grid",
+            "1000x1000x1000",
+            "-o",
+        ])
+        .arg(&map)
+        .current_dir(root())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("started");
+    // The unfinished file is there once work has begun.
+    let begun = std::time::Instant::now();
+    while fs::read_dir(folder.path()).expect("a folder").count() == 0 {
+        assert!(begun.elapsed().as_secs() < 60, "no work began");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let interrupt = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .expect("kill is there");
+    assert!(interrupt.success());
+    assert_eq!(child.wait().expect("ended").code(), Some(130));
+    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0);
+}
