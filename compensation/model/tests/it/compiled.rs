@@ -1,7 +1,9 @@
 //! The compiled machine follows its source.
 
 use proptest::prelude::*;
-use volcomp_kinematics::{Approach, ErrorSource, State};
+use volcomp_kinematics::{
+    Approach, CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error,
+};
 use volcomp_model::{Machine, Temperatures};
 
 use crate::EXAMPLE;
@@ -74,4 +76,23 @@ fn a_tolerance_that_cannot_be_kept_is_refused() {
         .unwrap_err()
         .to_string();
     assert!(message.contains("EXX"), "{message}");
+}
+
+/// What a real-time cycle calls: errors of a compiled machine, the volumetric error, the correction.
+#[test]
+fn a_cycle_allocates_nothing() {
+    let machine = Machine::parse(EXAMPLE, "m").unwrap();
+    let compiled = machine.compile(TOLERANCE_UM).unwrap();
+    let options = CorrectionOptions::first_order();
+    let mut sum = 0.0;
+    for step in 0..100 {
+        let q = f64::from(step);
+        let state = State::from_coordinates(&[0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]);
+        assert_no_alloc::assert_no_alloc(|| {
+            let error = volumetric_error(compiled.chain(), &compiled, &state, Form::Twist);
+            let correction = correct(compiled.chain(), &compiled, &state, &options);
+            sum += error.position_mm.x + correction.delta[1];
+        });
+    }
+    assert!(sum.is_finite() && sum != 0.0);
 }

@@ -5,6 +5,10 @@ mod evaluation;
 mod messages;
 mod round_trip;
 
+/// Ends the run on an allocation where one is forbidden.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
+
 /// The example of the file format, every kind of curve in it.
 pub const EXAMPLE: &str = r#"
 name = "gantry-8000"

@@ -1,7 +1,10 @@
 //! The leave-one-out error against fits that really leave a reading out.
 
-use volcomp_fit::curve::Curve;
-use volcomp_fit::{Fit, FitError, fit_fourier, fit_mls, fit_polynomial};
+use nalgebra::{DMatrix, DVector};
+use volcomp_fit::curve::{BSpline, Curve};
+use volcomp_fit::{
+    Fit, FitError, fit_bspline, fit_fourier, fit_linear_table, fit_mls, fit_polynomial,
+};
 
 use crate::{noisy, targets};
 
@@ -78,4 +81,76 @@ fn nothing_left_over_predicts_nothing() {
     let fit = fit_polynomial(&[0.0, 1.0, 2.0], &[1.0, 5.0, 2.0], 2, [0.0, 2.0]).unwrap();
     assert!(fit.max_abs() < 1e-12);
     assert_eq!(fit.leave_one_out_rms, f64::INFINITY);
+}
+
+#[test]
+fn a_table_predicts_its_inner_targets() {
+    let x: Vec<f64> = (0..9).map(|i| 100.0 * f64::from(i)).collect();
+    let u: Vec<f64> = x.iter().map(|x| (x / 150.0).sin() * 5.0).collect();
+    let mut squares = 0.0;
+    for left in 1..8 {
+        let others = |values: &[f64]| [&values[..left], &values[left + 1..]].concat();
+        let refit = fit_linear_table(&others(&x), &others(&u)).unwrap();
+        squares += (u[left] - refit.curve.value(x[left])).powi(2);
+    }
+    let found = fit_linear_table(&x, &u).unwrap().leave_one_out_rms;
+    same(found, (squares / 7.0).sqrt());
+}
+
+/// The penalised system solved anew without each row, at the smoothing parameter that gives the
+/// whole fit's residual.
+#[test]
+fn a_spline_with_its_smoothing_kept() {
+    let x: Vec<f64> = (0..15).map(|i| 100.0 * f64::from(i)).collect();
+    let u = noisy(&x, 1.0, 9, |x| (x / 400.0).sin() * 8.0);
+    let fit = fit_bspline(&x, &u).unwrap();
+    let Curve::BSpline(spline) = &fit.curve else {
+        panic!("a spline");
+    };
+    let size = spline.coefficients().len();
+    let basis = DMatrix::from_fn(x.len(), size, |i, k| {
+        let mut unit = vec![0.0; size];
+        unit[k] = 1.0;
+        BSpline::new(spline.knots().to_vec(), unit, 3)
+            .unwrap()
+            .value(x[i])
+    });
+    let penalty = DMatrix::from_fn(size - 2, size, |i, k| match k.wrapping_sub(i) {
+        0 | 2 => 1.0,
+        1 => -2.0,
+        _ => 0.0,
+    });
+    let readings = DVector::from_column_slice(&u);
+    let solve = |lambda: f64, basis: &DMatrix<f64>, readings: &DVector<f64>| {
+        let normal = basis.transpose() * basis + penalty.transpose() * &penalty * lambda;
+        normal.lu().solve(&(basis.transpose() * readings)).unwrap()
+    };
+    let whole = |lambda: f64| {
+        let left = &readings - &basis * solve(lambda, &basis, &readings);
+        (left.norm_squared() / 15.0).sqrt()
+    };
+    let (mut low, mut high) = (-9.0_f64, 9.0_f64);
+    for _ in 0..200 {
+        let middle = 0.5 * (low + high);
+        if whole(10_f64.powf(middle)) < fit.rms() {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let lambda = 10_f64.powf(low);
+    assert!((whole(lambda) - fit.rms()).abs() < 1e-9, "the same fit");
+    assert!(fit.rms() > 0.1, "it smooths: {}", fit.rms());
+    let squares: f64 = (0..15)
+        .map(|left| {
+            let others = basis.clone().remove_row(left);
+            let coefficients = solve(lambda, &others, &readings.clone().remove_row(left));
+            (u[left] - (basis.row(left) * coefficients)[0]).powi(2)
+        })
+        .sum();
+    let expected = (squares / 15.0).sqrt();
+    assert!(
+        (fit.leave_one_out_rms / expected - 1.0).abs() < 1e-6,
+        "{expected}"
+    );
 }
