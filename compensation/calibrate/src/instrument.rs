@@ -48,6 +48,9 @@ impl Default for Instrument {
 /// Targets of one line, and runs, at the most.
 pub(crate) const MAX_TARGETS: usize = 100_000;
 
+/// Readings of one line in one direction at the most.
+const MAX_READINGS: usize = 1_000_000;
+
 /// The keys that [`Instrument::decode`] reads.
 pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
     "noise_um",
@@ -83,6 +86,12 @@ impl Instrument {
                 })
         };
         let runs = count("runs", 1, base.runs as usize)?;
+        let targets = count("targets", 2, base.targets)?;
+        if targets * runs > MAX_READINGS {
+            return Err(section.error(format!(
+                "found {targets} targets in {runs} runs, expected at most {MAX_READINGS} readings"
+            )));
+        }
         Ok(Self {
             noise: [
                 positive("noise_um", base.noise[0])?,
@@ -101,7 +110,7 @@ impl Instrument {
                 number("reversal_urad", base.reversal[1])?,
             ],
             alignment_urad: positive("alignment_urad", base.alignment_urad)?,
-            targets: count("targets", 2, base.targets)?,
+            targets,
             runs: u32::try_from(runs).unwrap_or(base.runs),
             both_directions: section
                 .get("both_directions")

@@ -109,6 +109,10 @@ fn broken_shops_are_refused() {
             "shop.toml:3: instrument.noise: unknown key",
         ),
         (
+            format!("machine = \"truth.toml\"\n{line}targets = 100000\nruns = 100000\n"),
+            "expected at most 1000000 readings",
+        ),
+        (
             format!("machine = \"truth.toml\"\n{line}targets = 1\n"),
             "measurement[0].targets: found 1, expected at least 2",
         ),

@@ -136,3 +136,26 @@ fn unreadable_files_have_their_message() {
         assert!(message.contains("cannot be read"), "{message}");
     }
 }
+
+proptest::proptest! {
+    /// Whatever is cut out of or put into a machine file, it is a machine or a message, never a panic.
+    #[test]
+    fn damaged_files_do_not_panic(
+        place in 0..crate::EXAMPLE.len(), cut in 0..40_usize,
+        put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
+    ) {
+        let text: Vec<char> = crate::EXAMPLE.chars().collect();
+        let place = place.min(text.len());
+        let end = (place + cut).min(text.len());
+        let damaged: String =
+            text[..place].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
+        match Machine::parse(&damaged, "m.toml") {
+            // What is read can be written and read again.
+            Ok(machine) => {
+                let again = Machine::parse(&machine.to_toml(), "m.toml");
+                proptest::prop_assert_eq!(again.ok(), Some(machine));
+            }
+            Err(error) => proptest::prop_assert!(error.to_string().starts_with("m.toml")),
+        }
+    }
+}
