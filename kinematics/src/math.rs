@@ -1,10 +1,10 @@
-//! The few elementary functions that `core` lacks: from `std` where it is there, else from `libm`.
+//! The few elementary functions that `core` lacks.
+//!
+//! Sine and cosine are those of the `libm` crate everywhere: faster than the platform's call in the
+//! `twist` form, and the same to the last digit with and without `std`.
 
 #[cfg(feature = "std")]
 mod functions {
-    pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
-        x.sin_cos()
-    }
     pub(crate) fn sqrt(x: f64) -> f64 {
         x.sqrt()
     }
@@ -15,7 +15,8 @@ mod functions {
 
 #[cfg(not(feature = "std"))]
 mod functions {
-    pub(crate) use libm::{atan2, sincos as sin_cos, sqrt};
+    pub(crate) use libm::{atan2, sqrt};
 }
 
-pub(crate) use functions::{atan2, sin_cos, sqrt};
+pub(crate) use functions::{atan2, sqrt};
+pub(crate) use libm::sincos as sin_cos;
