@@ -66,17 +66,13 @@ pub enum ModelError {
     /// Geometry that a chain cannot have.
     #[error(transparent)]
     Chain(#[from] ChainError),
-    /// A curve needs more pieces than allowed to keep the tolerance.
-    #[error(
-        "{error}: more than {most_pieces} cubic pieces are needed for a tolerance of {tolerance_um} um (urad), expected a wider tolerance"
-    )]
-    TooManyPieces {
-        /// Name of the error.
-        error: String,
-        /// The tolerance asked for, µm or µrad.
-        tolerance_um: f64,
-        /// The limit.
-        most_pieces: usize,
+    /// The compiled form cannot be made.
+    #[error("{machine}: {error}")]
+    Compile {
+        /// Name of the machine.
+        machine: String,
+        /// Why not.
+        error: volcomp_evaluator::EvaluatorError,
     },
 }
 

@@ -12,7 +12,6 @@ mod map;
 mod source;
 mod thermal;
 
-pub use compile::{CompiledMachine, MOST_PIECES};
 pub use curve_file::write_curve;
 pub use diagonals::{Diagonal, corrected, diagonals, quantised};
 pub use error::{InputError, ModelError};
@@ -21,3 +20,5 @@ pub use machine::{Axis, Machine, Tool};
 pub use map::{MapGrid, MapNode};
 pub use source::MachineErrors;
 pub use thermal::{Drift, Expansion, Temperatures, Thermal};
+pub use volcomp_evaluator as evaluator;
+pub use volcomp_evaluator::{CompiledMachine, Tolerance};

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use volcomp_kinematics::{
     Approach, CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error,
 };
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Machine, Temperatures, Tolerance};
 
 use crate::EXAMPLE;
 
@@ -17,7 +17,7 @@ proptest! {
         approach in 0..3_usize,
     ) {
         let machine = Machine::parse(EXAMPLE, "m").unwrap();
-        let compiled = machine.compile(TOLERANCE_UM).unwrap();
+        let compiled = machine.compile(Tolerance::default()).unwrap();
         let none = Temperatures::new();
         let source = machine.source(&none);
         let mut state = State::from_coordinates(&[c, x, y, z]);
@@ -38,7 +38,7 @@ proptest! {
 #[test]
 fn the_slope_bound_holds_and_is_no_fantasy() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
-    let compiled = machine.compile(1e-4).unwrap();
+    let compiled = machine.compile(Tolerance::from_nm(0.1)).unwrap();
     for (name, curve) in machine.errors() {
         let own = machine.index_of(name.axis).unwrap();
         let [low, high] = machine.axis(name.axis).unwrap().travel;
@@ -51,7 +51,12 @@ fn the_slope_bound_holds_and_is_no_fantasy() {
                     .abs()
             })
             .fold(0.0, f64::max);
-        let bound = compiled.slope_bound(name);
+        let per_unit = if name.component.is_angular() {
+            1e6
+        } else {
+            1e3
+        };
+        let bound = compiled.slope_bound(name.axis, name.component.index()) * per_unit;
         assert!(
             bound >= steepest * 0.999 - 1e-6,
             "{name}: {bound} under {steepest}"
@@ -72,17 +77,20 @@ fn a_tolerance_that_cannot_be_kept_is_refused() {
     );
     let message = Machine::parse(&text, "m")
         .unwrap()
-        .compile(1e-6)
+        .compile(Tolerance::from_nm(1e-3))
         .unwrap_err()
         .to_string();
-    assert!(message.contains("EXX"), "{message}");
+    assert!(
+        message.contains("axis X need more than 1 MiB for 0.001 nm"),
+        "{message}"
+    );
 }
 
 /// What a real-time cycle calls: errors of a compiled machine, the volumetric error, the correction.
 #[test]
 fn a_cycle_allocates_nothing() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
-    let compiled = machine.compile(TOLERANCE_UM).unwrap();
+    let compiled = machine.compile(Tolerance::default()).unwrap();
     let options = CorrectionOptions::first_order();
     let mut sum = 0.0;
     for step in 0..100 {

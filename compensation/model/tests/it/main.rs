@@ -1,7 +1,10 @@
 //! The machine file, its errors and its evaluation, against closed forms.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod compiled;
 mod evaluation;
+mod evaluator;
 mod messages;
 mod round_trip;
 

@@ -1,0 +1,1 @@
+pub const BLOB_VERSION: u32 = 1;

@@ -1,0 +1,207 @@
+//! Tensor grids over the linear axes: per node a few additions and a store.
+
+use std::vec::Vec;
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use volcomp_kinematics::{JointKind, State, nalgebra::Vector3};
+
+use crate::machine::CompiledMachine;
+
+/// Numbers of one node: ΔP (mm), ρ (rad).
+const NODE: usize = 6;
+/// Numbers that are handled together: four nodes fill whole registers of every width.
+const BLOCK: usize = 4 * NODE;
+
+/// The error over a tensor grid of up to three linear axes, the others held: first order is a sum of
+/// functions of one coordinate and of tilts times slides, so each axis is evaluated at its own nodes
+/// only.
+#[derive(Clone, Debug)]
+pub struct LinearGrid {
+    /// For each grid axis in chain order from the workpiece: its nodes, mm.
+    nodes_mm: Vec<Vec<f64>>,
+    /// For each grid axis and node what it adds with the others at 0: ΔP, ρ.
+    adds: Vec<Vec<[f64; NODE]>>,
+    /// Direction of each grid axis in workpiece axes.
+    directions: Vec<Vector3<f64>>,
+    base: [f64; NODE],
+    /// Adds of the innermost axis, node after node, padded to whole blocks.
+    row: Vec<f64>,
+    /// Its coordinates, six times each.
+    row_mm: Vec<f64>,
+}
+
+impl CompiledMachine {
+    /// A grid over linear axes: place in the chain and nodes (mm) of each, in chain order; the others
+    /// stand as in `held`, whose approach counts for all. `None` for an axis that is not linear or
+    /// not there, repeated or out of order, for more than three or none, an axis without nodes, or a
+    /// machine with errors over two coordinates.
+    pub fn linear_grid(&self, grid: &[(usize, Vec<f64>)], held: &State) -> Option<LinearGrid> {
+        let fits = (1..=3).contains(&grid.len())
+            && grid.windows(2).all(|pair| pair[0].0 < pair[1].0)
+            && grid.iter().all(|(index, nodes)| {
+                let linear = |a: &crate::machine::CompiledAxis| a.joint.kind == JointKind::Linear;
+                !nodes.is_empty() && self.axes.get(*index).is_some_and(linear)
+            })
+            && self.axes.iter().all(|axis| axis.patches.is_empty());
+        if !fits {
+            return None;
+        }
+        let mut zero = *held;
+        for (index, _) in grid {
+            zero.q[*index] = 0.0;
+        }
+        let at = |state: &State| {
+            let found = self.evaluate(state);
+            let ([x, y, z], [a, b, c]) = (found.position_mm, found.rotation_rad);
+            [x, y, z, a, b, c]
+        };
+        let base = at(&zero);
+        let adds: Vec<Vec<[f64; NODE]>> = grid
+            .iter()
+            .map(|(index, nodes)| {
+                let add = |&q: &f64| {
+                    let mut state = zero;
+                    state.q[*index] = q;
+                    let found = at(&state);
+                    core::array::from_fn(|k| found[k] - base[k])
+                };
+                nodes.iter().map(add).collect()
+            })
+            .collect();
+        let origin = self.chain.ideal_pose(&zero).translation_mm;
+        let directions = grid
+            .iter()
+            .map(|(index, _)| {
+                let mut moved = zero;
+                moved.q[*index] = 1.0;
+                self.chain.ideal_pose(&moved).translation_mm - origin
+            })
+            .collect();
+        let (row, row_mm) = row(&adds, grid);
+        Some(LinearGrid {
+            nodes_mm: grid.iter().map(|(_, nodes)| nodes.clone()).collect(),
+            adds,
+            directions,
+            base,
+            row,
+            row_mm,
+        })
+    }
+}
+
+/// The innermost axis node after node, padded to whole blocks.
+fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
+    let (Some(adds), Some((_, nodes))) = (adds.last(), grid.last()) else {
+        return (Vec::new(), Vec::new());
+    };
+    let mut row: Vec<f64> = adds.iter().flatten().copied().collect();
+    let mut row_mm: Vec<f64> = nodes.iter().flat_map(|&q| [q; NODE]).collect();
+    let whole = row.len().div_ceil(BLOCK) * BLOCK;
+    row.resize(whole, 0.0);
+    row_mm.resize(whole, 0.0);
+    (row, row_mm)
+}
+
+impl LinearGrid {
+    /// Nodes along each grid axis, in chain order.
+    pub fn counts(&self) -> Vec<usize> {
+        self.nodes_mm.iter().map(Vec::len).collect()
+    }
+
+    /// Nodes of the grid.
+    pub fn len(&self) -> usize {
+        self.nodes_mm.iter().map(Vec::len).product()
+    }
+
+    /// Whether there is no node: never.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Nodes of one row: the last grid axis, which runs fastest.
+    pub fn row_len(&self) -> usize {
+        self.nodes_mm.last().map_or(0, Vec::len)
+    }
+
+    /// Fills `errors` with ΔP (mm) and ρ (rad) of the rows from `first_row` on, as many whole rows as it
+    /// holds, on one core.
+    pub fn fill_rows(&self, first_row: usize, errors: &mut [f64]) {
+        Arch::new().dispatch(Rows {
+            grid: self,
+            first_row,
+            errors,
+        });
+    }
+
+    /// Fills `errors` (six numbers for each node) with the whole grid, on all cores.
+    pub fn fill_parallel(&self, errors: &mut [f64]) {
+        let numbers = self.row_len() * NODE;
+        // About half a megabyte at a time: enough to be worth the hand-over, few enough to share.
+        let rows = (65_536 / numbers.max(1)).max(1);
+        errors
+            .par_chunks_mut(rows * numbers.max(1))
+            .enumerate()
+            .for_each(|(chunk, errors)| self.fill_rows(chunk * rows, errors));
+    }
+
+    /// What a row adds to the adds of its nodes: a constant, and for each mm of the row's coordinate.
+    #[inline(always)]
+    fn row_terms(&self, row: usize) -> ([f64; NODE], Vector3<f64>) {
+        let mut sum = self.base;
+        let mut tilt = Vector3::zeros();
+        let outer = self.adds.len() - 1;
+        let mut rest = row;
+        let mut places = [0; 3];
+        for axis in (0..outer).rev() {
+            let count = self.adds[axis].len();
+            places[axis] = rest % count;
+            rest /= count;
+        }
+        for axis in 0..outer {
+            let slide = tilt.cross(&self.directions[axis]) * self.nodes_mm[axis][places[axis]];
+            let add = &self.adds[axis][places[axis]];
+            for (k, sum) in sum.iter_mut().enumerate() {
+                *sum += add[k] + if k < 3 { slide[k] } else { 0.0 };
+            }
+            tilt += Vector3::new(add[3], add[4], add[5]);
+        }
+        (sum, tilt.cross(&self.directions[outer]))
+    }
+}
+
+struct Rows<'a> {
+    grid: &'a LinearGrid,
+    first_row: usize,
+    errors: &'a mut [f64],
+}
+
+impl WithSimd for Rows<'_> {
+    type Output = ();
+
+    /// Plain code, compiled once for each instruction set.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let grid = self.grid;
+        let numbers = grid.row_len() * NODE;
+        for (offset, row) in self.errors.chunks_exact_mut(numbers.max(1)).enumerate() {
+            let (constant, slope) = grid.row_terms(self.first_row + offset);
+            let constants: [f64; BLOCK] = core::array::from_fn(|i| constant[i % NODE]);
+            let slopes: [f64; BLOCK] =
+                core::array::from_fn(|i| if i % NODE < 3 { slope[i % NODE] } else { 0.0 });
+            let adds = grid.row.chunks_exact(BLOCK);
+            let mut blocks = row.chunks_exact_mut(BLOCK);
+            for ((block, adds), at) in (&mut blocks).zip(adds).zip(grid.row_mm.chunks_exact(BLOCK))
+            {
+                for i in 0..BLOCK {
+                    block[i] = constants[i] + adds[i] + slopes[i] * at[i];
+                }
+            }
+            let rest = blocks.into_remainder();
+            let from = numbers - rest.len();
+            for (i, number) in rest.iter_mut().enumerate() {
+                *number = constants[i] + grid.row[from + i] + slopes[i] * grid.row_mm[from + i];
+            }
+        }
+    }
+}

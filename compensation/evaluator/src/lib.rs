@@ -1,0 +1,25 @@
+#![cfg_attr(not(feature = "std"), no_std)]
+#![doc = include_str!("../README.md")]
+
+extern crate alloc;
+
+#[cfg(feature = "std")]
+mod batch;
+mod blob;
+mod correction;
+mod error;
+#[cfg(feature = "std")]
+mod grid;
+mod machine;
+mod parts;
+mod patch;
+mod table;
+
+pub use blob::BLOB_VERSION;
+pub use correction::FirstOrder;
+pub use error::EvaluatorError;
+#[cfg(feature = "std")]
+pub use grid::LinearGrid;
+pub use machine::{CompiledMachine, Evaluation};
+pub use parts::{AxisParts, Branches, MachineParts, RawCurve, Tolerance};
+pub use patch::Patch;

@@ -1,0 +1,439 @@
+//! The compiled machine and its evaluation at one pose.
+
+use alloc::vec::Vec;
+
+use volcomp_kinematics::{
+    AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, Side, State,
+    nalgebra::{Matrix3, Vector3},
+};
+
+use crate::{
+    EvaluatorError, Tolerance,
+    parts::{AxisParts, Branches, MachineParts, fit_or_refuse},
+    patch::Patch,
+    table::{LANES, Table, WIDE},
+};
+
+/// The volumetric error at one pose, first order, in workpiece axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Evaluation {
+    /// ΔP, mm.
+    pub position_mm: [f64; 3],
+    /// ρ, rad.
+    pub rotation_rad: [f64; 3],
+}
+
+/// One axis, ready to evaluate.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct CompiledAxis {
+    pub(crate) joint: Joint,
+    pub(crate) location: ErrorMotion,
+    pub(crate) assembly: ErrorMotion,
+    pub(crate) travel: [f64; 2],
+    pub(crate) modulo: Option<f64>,
+    /// One table, or forward, backward and mean. Errors are carried to the tool tip at machine zero,
+    /// assembly errors are in.
+    pub(crate) tables: Vec<Table>,
+    pub(crate) patches: Vec<Patch>,
+    /// What a linear axis adds for each mm of its coordinate: tilt of its line, lever of its assembly.
+    pub(crate) slide: Vector3<f64>,
+    /// From the axis's point to the tool tip at machine zero, mm.
+    pub(crate) arm_mm: Vector3<f64>,
+}
+
+/// Where the curve of one component is defined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Range {
+    pub(crate) axis: usize,
+    pub(crate) component: usize,
+    /// The axis whose coordinate counts, and its range in mm or deg.
+    pub(crate) looked_at: usize,
+    pub(crate) range: [f64; 2],
+}
+
+/// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
+/// first order without allocation, lock or panic. Thermal terms are not part of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompiledMachine {
+    pub(crate) chain: Chain,
+    pub(crate) axes: Vec<CompiledAxis>,
+    pub(crate) ranges: Vec<Range>,
+    pub(crate) tolerance: Tolerance,
+    /// No rotary axis and no errors over two coordinates: the sum of tables and slides.
+    pub(crate) only_slides: bool,
+}
+
+impl CompiledMachine {
+    /// Compiles a machine.
+    ///
+    /// # Errors
+    /// [`EvaluatorError::TooLarge`], [`EvaluatorError::Tolerance`].
+    pub fn new(parts: MachineParts<'_>, tolerance: Tolerance) -> Result<Self, EvaluatorError> {
+        for found in [tolerance.linear_mm, tolerance.angular_rad] {
+            if !(found > 0.0 && found.is_finite()) {
+                return Err(EvaluatorError::Tolerance { found });
+            }
+        }
+        let chain = parts.chain.clone();
+        let tip = chain.tool_tip_mm();
+        let mut axes = Vec::new();
+        let mut ranges = Vec::new();
+        for (index, (joint, parts_of)) in chain.joints().iter().zip(parts.axes).enumerate() {
+            let (location, assembly) = (parts.location[index], parts.assembly[index]);
+            ranges.extend(
+                parts_of
+                    .ranges
+                    .iter()
+                    .map(|&(component, looked_at, range)| Range {
+                        axis: index,
+                        component,
+                        looked_at,
+                        range,
+                    }),
+            );
+            let arm_mm = tip - joint.point_mm;
+            let tables = tables(joint, &parts_of, &assembly, &tip, tolerance)?;
+            axes.push(CompiledAxis {
+                joint: *joint,
+                location,
+                assembly,
+                travel: parts_of.travel,
+                modulo: parts_of.modulo,
+                tables,
+                patches: parts_of.patches,
+                slide: slide(joint, &location, &assembly),
+                arm_mm,
+            });
+        }
+        Ok(Self::from_axes(chain, axes, ranges, tolerance))
+    }
+
+    pub(crate) fn from_axes(
+        chain: Chain,
+        axes: Vec<CompiledAxis>,
+        ranges: Vec<Range>,
+        tolerance: Tolerance,
+    ) -> Self {
+        let only_slides = axes
+            .iter()
+            .all(|axis| axis.joint.kind == JointKind::Linear && axis.patches.is_empty());
+        Self {
+            chain,
+            axes,
+            ranges,
+            tolerance,
+            only_slides,
+        }
+    }
+
+    /// The ideal chain, mm and rad.
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// How far its curves may be from their sources.
+    pub fn tolerance(&self) -> Tolerance {
+        self.tolerance
+    }
+
+    /// Cubic pieces of all tables together.
+    pub fn pieces(&self) -> usize {
+        self.tables().map(Table::pieces).sum()
+    }
+
+    /// Bytes of all tables together.
+    pub fn bytes(&self) -> usize {
+        self.tables().map(Table::bytes).sum()
+    }
+
+    fn tables(&self) -> impl Iterator<Item = &Table> {
+        self.axes.iter().flat_map(|axis| &axis.tables)
+    }
+
+    /// The volumetric error at a state (mm, rad), first order (the `twist` form).
+    pub fn evaluate(&self, state: &State) -> Evaluation {
+        if self.only_slides {
+            self.slides(state)
+        } else {
+            self.walk(state).0
+        }
+    }
+
+    /// From the workpiece to the tool: every slide carries the tool over the tilts before it.
+    #[inline(always)]
+    pub(crate) fn slides(&self, state: &State) -> Evaluation {
+        let mut sum = [0.0; WIDE];
+        for (index, axis) in self.axes.iter().enumerate() {
+            let q = state.q[index];
+            let table = axis.table(state.approach[index]);
+            let twist = table.value(axis.looked_up(q));
+            // The errors of an axis ride with its carriage: on the workpiece side they act behind the
+            // slide, on the tool side before it.
+            if axis.joint.side == Side::Workpiece {
+                add(&mut sum, &twist);
+                add_slide(&mut sum, axis, q);
+            } else {
+                add_slide(&mut sum, axis, q);
+                add(&mut sum, &twist);
+            }
+        }
+        Evaluation {
+            position_mm: [sum[0], sum[1], sum[2]],
+            rotation_rad: [sum[3], sum[4], sum[5]],
+        }
+    }
+
+    /// From the tool to the workpiece, as the `twist` form goes, and what the correction needs of the
+    /// rotary axes on the way.
+    #[inline(always)]
+    pub(crate) fn walk(&self, state: &State) -> (Evaluation, Turns) {
+        let tip = self.chain.tool_tip_mm();
+        let mut turns = Turns::new(self, state);
+        let (mut point, mut linear, mut angular) = (tip, Vector3::zeros(), Vector3::zeros());
+        for (index, axis) in self.axes.iter().enumerate().rev() {
+            let q = state.q[index];
+            let mut twist = axis.table(state.approach[index]).value(axis.looked_up(q));
+            if !axis.patches.is_empty() {
+                self.add_patches(&mut twist, index, state);
+            }
+            let error = Vector3::new(twist[0], twist[1], twist[2]);
+            let tilt = Vector3::new(twist[3], twist[4], twist[5]);
+            let joint = &axis.joint;
+            match (joint.kind, joint.side) {
+                (JointKind::Linear, side) => {
+                    let moved = point + joint.direction * q;
+                    let acts_at = if side == Side::Tool { point } else { moved };
+                    linear += error + tilt.cross(&(acts_at - tip)) + axis.slide * q;
+                    angular += tilt;
+                    point = moved;
+                }
+                (JointKind::Rotary, side) => {
+                    if side == Side::Workpiece {
+                        linear += error + tilt.cross(&(point - tip));
+                        angular += tilt;
+                    }
+                    let turn = &turns.rotations[index];
+                    let shift = |lever: &Vector3<f64>| {
+                        axis.location.linear_mm + axis.location.angular_rad.cross(lever)
+                    };
+                    let lever = point - joint.point_mm;
+                    let turned = turn * lever;
+                    linear = turn * (linear - shift(&lever)) + shift(&turned);
+                    angular =
+                        turn * (angular - axis.location.angular_rad) + axis.location.angular_rad;
+                    point = turned + joint.point_mm;
+                    turns.arms[index] = joint.direction.cross(&turned);
+                    if side == Side::Tool {
+                        linear += error + tilt.cross(&(point - tip));
+                        angular += tilt;
+                    }
+                }
+            }
+        }
+        let evaluation = Evaluation {
+            position_mm: linear.into(),
+            rotation_rad: angular.into(),
+        };
+        (evaluation, turns)
+    }
+
+    /// Errors over two coordinates, carried to the tool tip like those of the tables.
+    fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
+        let axis = &self.axes[index];
+        for patch in &axis.patches {
+            let at = patch.axes.map(|looked_at| {
+                self.axes
+                    .get(looked_at)
+                    .map_or(0.0, |axis| axis.looked_up(state.q[looked_at]))
+            });
+            let value = patch.value(at) * patch.weights[state.approach[index] as usize];
+            twist[patch.component] += value;
+            if patch.component >= 3 {
+                let mut tilt = Vector3::zeros();
+                tilt[patch.component - 3] = value;
+                let carried = tilt.cross(&axis.arm_mm);
+                for (lane, part) in twist.iter_mut().zip(carried.iter()) {
+                    *lane += part;
+                }
+            }
+        }
+    }
+
+    /// Bound of |dE/dq| of one error motion at the axis's point over all branches, mm or rad for each
+    /// mm or deg; `component` 0 to 5.
+    pub fn slope_bound(&self, axis: AxisName, component: usize) -> f64 {
+        let Some(axis) = self.axes.iter().find(|a| a.joint.name == axis) else {
+            return 0.0;
+        };
+        let lane = component.min(LANES - 1);
+        let of_tables = axis
+            .tables
+            .iter()
+            .map(|table| table.slope_bounds(&axis.arm_mm)[lane]);
+        let patches = axis.patches.iter().filter(|p| p.component == component);
+        of_tables.fold(0.0, f64::max) + patches.map(Patch::slope_bound).sum::<f64>()
+    }
+
+    /// The components whose curves are evaluated outside their range, as bits: axis × 6 + component.
+    pub fn outside_range(&self, state: &State) -> u64 {
+        let mut outside = 0;
+        for range in &self.ranges {
+            let Some(axis) = self.axes.get(range.looked_at) else {
+                continue;
+            };
+            let [low, high] = range.range;
+            if !(low..=high).contains(&axis.looked_up(state.q[range.looked_at])) {
+                outside |= 1 << (range.axis * LANES + range.component);
+            }
+        }
+        outside
+    }
+}
+
+/// What the rotary axes do at a pose.
+pub(crate) struct Turns {
+    /// The rotation of each rotary joint.
+    pub(crate) rotations: [Matrix3<f64>; MAX_AXES],
+    /// u × lever of the turned tip, in the frame before the joint.
+    pub(crate) arms: [Vector3<f64>; MAX_AXES],
+}
+
+impl Turns {
+    #[inline(always)]
+    fn new(machine: &CompiledMachine, state: &State) -> Self {
+        let mut rotations = [Matrix3::zeros(); MAX_AXES];
+        // All angles first: a call in the walk would push every vector out of its registers.
+        for ((place, axis), &q) in rotations.iter_mut().zip(&machine.axes).zip(&state.q) {
+            if axis.joint.kind == JointKind::Rotary {
+                *place = volcomp_kinematics::rotation_about_axis(&axis.joint.direction, q);
+            }
+        }
+        Self {
+            rotations,
+            arms: [Vector3::zeros(); MAX_AXES],
+        }
+    }
+}
+
+impl CompiledAxis {
+    #[inline(always)]
+    pub(crate) fn table(&self, approach: volcomp_kinematics::Approach) -> &Table {
+        let branch = if self.tables.len() == 3 {
+            approach as usize
+        } else {
+            0
+        };
+        // One table at least: `tables` makes one or three.
+        &self.tables[branch]
+    }
+
+    /// The coordinate (mm, rad) in mm or deg, brought into travel where the axis has a modulo.
+    #[inline(always)]
+    pub(crate) fn looked_up(&self, q: f64) -> f64 {
+        let coordinate = match self.joint.kind {
+            JointKind::Linear => q,
+            JointKind::Rotary => q.to_degrees(),
+        };
+        match self.modulo {
+            Some(period) if !(self.travel[0]..=self.travel[1]).contains(&coordinate) => {
+                // The Euclidean remainder, which `core` lacks.
+                let rest = (coordinate - self.travel[0]) % period;
+                self.travel[0] + if rest < 0.0 { rest + period } else { rest }
+            }
+            _ => coordinate,
+        }
+    }
+}
+
+#[inline(always)]
+fn add(sum: &mut [f64; WIDE], twist: &[f64; WIDE]) {
+    for (lane, part) in sum.iter_mut().zip(twist) {
+        *lane += part;
+    }
+}
+
+/// The tool goes `q` along the axis over the tilts summed so far.
+#[inline(always)]
+fn add_slide(sum: &mut [f64; WIDE], axis: &CompiledAxis, q: f64) {
+    let tilt = Vector3::new(sum[3], sum[4], sum[5]);
+    let moved = (tilt.cross(&axis.joint.direction) + axis.slide) * q;
+    sum[0] += moved.x;
+    sum[1] += moved.y;
+    sum[2] += moved.z;
+}
+
+/// The tables of one axis, errors carried to the tool tip at machine zero and assembly errors in.
+fn tables(
+    joint: &Joint,
+    parts: &AxisParts<'_>,
+    assembly: &ErrorMotion,
+    tip: &Vector3<f64>,
+    tolerance: Tolerance,
+) -> Result<Vec<Table>, EvaluatorError> {
+    use volcomp_kinematics::Approach;
+    let branches: &[Approach] = match parts.branches {
+        Branches::One => &[Approach::Unknown],
+        // In the order of `Approach as usize`.
+        Branches::Three => &[Approach::Positive, Approach::Negative, Approach::Unknown],
+    };
+    let arm = tip - joint.point_mm;
+    let constant = assembly.linear_mm + assembly.angular_rad.cross(tip);
+    let table = |approach: &Approach| {
+        let function = |x: f64| {
+            let error = (parts.errors)(x, *approach);
+            let linear = error.linear_mm + error.angular_rad.cross(&arm) + constant;
+            let angular = error.angular_rad + assembly.angular_rad;
+            [
+                linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+            ]
+        };
+        fit_or_refuse(&function, &parts.breakpoints, tolerance, joint.name)
+    };
+    branches.iter().map(table).collect()
+}
+
+/// What a linear axis adds for each mm: its line is tilted, and its assembly error acts on the other end
+/// of the slide than its error motions do.
+fn slide(joint: &Joint, location: &ErrorMotion, assembly: &ErrorMotion) -> Vector3<f64> {
+    if joint.kind == JointKind::Rotary {
+        return Vector3::zeros();
+    }
+    let assembly_end = match joint.side {
+        Side::Tool => assembly.angular_rad,
+        Side::Workpiece => -assembly.angular_rad,
+    };
+    (location.angular_rad + assembly_end).cross(&joint.direction)
+}
+
+impl ErrorSource for CompiledMachine {
+    /// The error motion at the axis's point, from its table.
+    fn error_motion(&self, index: usize, state: &State) -> ErrorMotion {
+        let Some(axis) = self.axes.get(index) else {
+            return ErrorMotion::ZERO;
+        };
+        let mut twist = axis
+            .table(state.approach[index])
+            .value(axis.looked_up(state.q[index]));
+        self.add_patches(&mut twist, index, state);
+        let at_tip = Vector3::new(twist[0], twist[1], twist[2]);
+        let tilt = Vector3::new(twist[3], twist[4], twist[5]) - axis.assembly.angular_rad;
+        let constant =
+            axis.assembly.linear_mm + axis.assembly.angular_rad.cross(&self.chain.tool_tip_mm());
+        ErrorMotion {
+            linear_mm: at_tip - constant - tilt.cross(&axis.arm_mm),
+            angular_rad: tilt,
+        }
+    }
+
+    fn location(&self, index: usize) -> ErrorMotion {
+        self.axes
+            .get(index)
+            .map_or(ErrorMotion::ZERO, |a| a.location)
+    }
+
+    fn assembly(&self, index: usize) -> ErrorMotion {
+        self.axes
+            .get(index)
+            .map_or(ErrorMotion::ZERO, |a| a.assembly)
+    }
+}

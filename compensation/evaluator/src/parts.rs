@@ -1,0 +1,226 @@
+//! What a compiled machine is made from.
+
+use alloc::{vec, vec::Vec};
+
+use volcomp_kinematics::{Approach, Chain, ErrorMotion, MAX_AXES};
+
+use crate::{
+    EvaluatorError,
+    patch::Patch,
+    table::{LANES, MAX_PIECES, PIECE, Table},
+};
+
+/// Degree of the Chebyshev interpolant that a piece is judged by, plus 1.
+const NODES: usize = 12;
+
+/// How far a compiled curve may be from its source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerance {
+    /// Of displacements, mm.
+    pub linear_mm: f64,
+    /// Of rotations, rad.
+    pub angular_rad: f64,
+}
+
+impl Default for Tolerance {
+    /// 1 nm and 1 nrad.
+    fn default() -> Self {
+        Self::from_nm(1.0)
+    }
+}
+
+impl Tolerance {
+    /// So many nm and nrad.
+    pub fn from_nm(nm: f64) -> Self {
+        Self {
+            linear_mm: nm * 1e-6,
+            angular_rad: nm * 1e-9,
+        }
+    }
+
+    fn lane(&self, lane: usize) -> f64 {
+        if lane < 3 {
+            self.linear_mm
+        } else {
+            self.angular_rad
+        }
+    }
+}
+
+/// The six error motions of an axis as its curves give them: mm and rad at a coordinate in mm or deg.
+pub type RawCurve<'a> = dyn Fn(f64, Approach) -> ErrorMotion + 'a;
+
+/// Whether an axis has different errors in its two directions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Branches {
+    /// The same in both.
+    One,
+    /// Forward, backward, and their mean where the direction is not known.
+    Three,
+}
+
+/// One axis of a machine to be compiled. Coordinates are mm or deg.
+pub struct AxisParts<'a> {
+    /// Its error motions over its own coordinate alone.
+    pub errors: &'a RawCurve<'a>,
+    /// Whether they depend on the direction.
+    pub branches: Branches,
+    /// Every coordinate at which a derivative may jump, domain ends included, in any order; outside
+    /// the first and last the errors are held. Empty for constants.
+    pub breakpoints: Vec<f64>,
+    /// Lower and upper end of travel.
+    pub travel: [f64; 2],
+    /// Period that brings a rotary coordinate into travel.
+    pub modulo: Option<f64>,
+    /// Errors over two coordinates.
+    pub patches: Vec<Patch>,
+    /// For each component, where its curve is defined: the axis looked at and its range.
+    pub ranges: Vec<(usize, usize, [f64; 2])>,
+}
+
+/// A machine to be compiled: axes in chain order.
+pub struct MachineParts<'a> {
+    /// The ideal chain with its tool, mm and rad.
+    pub chain: &'a Chain,
+    /// Its axes.
+    pub axes: Vec<AxisParts<'a>>,
+    /// Location errors, mm and rad.
+    pub location: [ErrorMotion; MAX_AXES],
+    /// Assembly errors, mm and rad.
+    pub assembly: [ErrorMotion; MAX_AXES],
+}
+
+/// A function of six components as piecewise cubics.
+pub(crate) fn fit(
+    function: &dyn Fn(f64) -> [f64; LANES],
+    breakpoints: &[f64],
+    tolerance: Tolerance,
+) -> Option<Table> {
+    let mut points = breakpoints.to_vec();
+    points.sort_unstable_by(f64::total_cmp);
+    points.dedup();
+    let [.., _, _] = points[..] else {
+        return Some(Table::constant(function(
+            points.first().copied().unwrap_or(0.0),
+        )));
+    };
+    let mut starts = vec![points[0]];
+    let mut coefficients = Vec::new();
+    for ends in points.windows(2) {
+        let mut pending = vec![(ends[0], ends[1])];
+        while let Some((from, to)) = pending.pop() {
+            let middle = 0.5 * (from + to);
+            let piece = Piece::over(function, from, to);
+            // An interval that cannot be halved any more is taken as it is: one rounding wide.
+            if piece.keeps(tolerance) || middle <= from || middle >= to {
+                if starts.len() > MAX_PIECES {
+                    return None;
+                }
+                starts.push(to);
+                coefficients.extend(piece.coefficients());
+            } else {
+                if pending.len() + starts.len() > MAX_PIECES {
+                    return None;
+                }
+                pending.push((middle, to));
+                pending.push((from, middle));
+            }
+        }
+    }
+    Some(Table::new(starts, coefficients))
+}
+
+/// Fits with the tolerance, or says which one would fit.
+pub(crate) fn fit_or_refuse(
+    function: &dyn Fn(f64) -> [f64; LANES],
+    breakpoints: &[f64],
+    tolerance: Tolerance,
+    axis: volcomp_kinematics::AxisName,
+) -> Result<Table, EvaluatorError> {
+    if let Some(table) = fit(function, breakpoints, tolerance) {
+        return Ok(table);
+    }
+    let tolerance_nm = tolerance.linear_mm * 1e6;
+    let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));
+    let fits = |nm: &f64| fit(function, breakpoints, Tolerance::from_nm(*nm)).is_some();
+    Err(EvaluatorError::TooLarge {
+        axis,
+        tolerance_nm,
+        fitting_nm: tried.into_iter().find(fits).unwrap_or(f64::INFINITY),
+    })
+}
+
+/// Six functions over one interval: values at Chebyshev–Lobatto points and their Chebyshev series.
+struct Piece {
+    from: f64,
+    length: f64,
+    /// Values at −1, −½, ½, 1 of the interval.
+    corners: [[f64; LANES]; 4],
+    series: [[f64; LANES]; NODES],
+}
+
+impl Piece {
+    fn over(function: &dyn Fn(f64) -> [f64; LANES], from: f64, to: f64) -> Self {
+        let length = to - from;
+        // From the ends inward, so that the ends are met to the last digit.
+        let at = |t: f64| {
+            if t <= -1.0 {
+                function(from)
+            } else if t >= 1.0 {
+                function(to)
+            } else {
+                function(from + 0.5 * (t + 1.0) * length)
+            }
+        };
+        let last = (NODES - 1) as f64;
+        let angle = |j: usize| core::f64::consts::PI * j as f64 / last;
+        let values: [[f64; LANES]; NODES] = core::array::from_fn(|j| at(libm::cos(angle(j))));
+        let mut series = [[0.0; LANES]; NODES];
+        for (k, row) in series.iter_mut().enumerate() {
+            for (j, value) in values.iter().enumerate() {
+                let end = |i: usize| if i == 0 || i == NODES - 1 { 0.5 } else { 1.0 };
+                let weight = 2.0 / last * end(j) * end(k) * libm::cos(angle(j) * k as f64);
+                for lane in 0..LANES {
+                    row[lane] += weight * value[lane];
+                }
+            }
+        }
+        Self {
+            from,
+            length,
+            corners: [at(-1.0), at(-0.5), at(0.5), at(1.0)],
+            series,
+        }
+    }
+
+    /// The cubic through the corners differs from Σ c_k T_k by 2 Σ_{k ≥ 4} |c_k| at the most: at the
+    /// corners T_k coincides with a T of an order below 4. The series is the function itself where that
+    /// is a polynomial of an order below [`NODES`]; else its last two coefficients, which must have
+    /// died out, are counted ten times for the rest.
+    fn keeps(&self, tolerance: Tolerance) -> bool {
+        (0..LANES).all(|lane| {
+            let size = |k: usize| libm::fabs(self.series[k][lane]);
+            let beyond: f64 = (4..NODES).map(size).sum();
+            let rest = size(NODES - 1) + size(NODES - 2);
+            2.0 * beyond + 10.0 * rest <= tolerance.lane(lane)
+        })
+    }
+
+    /// In powers of the distance from the start, component by component within each power.
+    fn coefficients(&self) -> [f64; PIECE] {
+        let mut rows = [0.0; PIECE];
+        let h = self.length;
+        for lane in 0..LANES {
+            let [v0, v1, v2, v3] = self.corners.map(|corner| corner[lane]);
+            // Through s = 0, ¼, ¾, 1 of the length.
+            let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
+            let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;
+            let c3 = (-16.0 * v0 + 32.0 * v1 - 32.0 * v2 + 16.0 * v3) / 3.0;
+            rows[lane] = v0;
+            rows[LANES + lane] = c1 / h;
+            rows[2 * LANES + lane] = c2 / (h * h);
+            rows[3 * LANES + lane] = c3 / (h * h * h);
+        }
+        rows
+    }
+}
