@@ -4,7 +4,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use volcomp_kinematics::{Approach, MAX_AXES, State};
 
-use crate::machine::CompiledMachine;
+use crate::{machine::CompiledMachine, table::Wide};
 
 /// Poses that one core takes at a time.
 const CHUNK: usize = 4096;
@@ -52,19 +52,18 @@ struct Batch<'a> {
 impl WithSimd for Batch<'_> {
     type Output = ();
 
-    /// Plain code, compiled once for each instruction set.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let stride = self.machine.axes.len().max(1);
         let mut state = State {
             approach: self.approach,
             ..State::default()
         };
         for (pose, error) in self.poses.chunks_exact(stride).zip(self.errors) {
-            state.q[..stride].copy_from_slice(pose);
             let found = if self.machine.only_slides {
-                self.machine.slides(&state)
+                self.machine.slides(pose, &self.approach, Wide(simd))
             } else {
+                state.q[..stride].copy_from_slice(pose);
                 self.machine.walk(&state).0
             };
             error[..3].copy_from_slice(&found.position_mm);

@@ -5,7 +5,10 @@ use volcomp_kinematics::{
     nalgebra::{Matrix3, Vector2, Vector3},
 };
 
-use crate::machine::{CompiledMachine, Evaluation};
+use crate::{
+    machine::{CompiledMachine, Evaluation},
+    table::Baseline,
+};
 
 /// Below this singular value of the rotary rows a direction of the tool axis is left out (MODEL.md
 /// section 3).
@@ -30,7 +33,7 @@ impl CompiledMachine {
     /// linear axis of each direction on position (MODEL.md section 3).
     pub fn first_order(&self, state: &State) -> FirstOrder {
         if self.only_slides {
-            let error = self.slides(state);
+            let error = self.slides(&state.q, &state.approach, Baseline);
             let mut delta = [0.0; MAX_AXES];
             let columns = |index: usize| self.axes[index].joint.direction;
             self.correct_position(&Vector3::from(error.position_mm), columns, &mut delta);

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use volcomp_kinematics::{
-    AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, Side, State,
+    Approach, AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, Side, State,
     nalgebra::{Matrix3, Vector3},
 };
 
@@ -11,7 +11,7 @@ use crate::{
     EvaluatorError, Tolerance,
     parts::{AxisParts, Branches, MachineParts, fit_or_refuse},
     patch::Patch,
-    table::{LANES, Table, WIDE},
+    table::{Baseline, LANES, Registers, Table, WIDE},
 };
 
 /// The volumetric error at one pose, first order, in workpiece axes.
@@ -39,6 +39,9 @@ pub(crate) struct CompiledAxis {
     pub(crate) slide: Vector3<f64>,
     /// From the axis's point to the tool tip at machine zero, mm.
     pub(crate) arm_mm: Vector3<f64>,
+    /// 1 where errors act behind the slide: on the workpiece side; else 0.
+    pub(crate) behind: f64,
+    pub(crate) along: Along,
 }
 
 /// Where the curve of one component is defined.
@@ -103,6 +106,8 @@ impl CompiledMachine {
                 patches: parts_of.patches,
                 slide: slide(joint, &location, &assembly),
                 arm_mm,
+                along: Along::of(&joint.direction),
+                behind: f64::from(u8::from(joint.side == Side::Workpiece)),
             });
         }
         Ok(Self::from_axes(chain, axes, ranges, tolerance))
@@ -138,7 +143,7 @@ impl CompiledMachine {
 
     /// Cubic pieces of all tables together.
     pub fn pieces(&self) -> usize {
-        self.tables().map(Table::pieces).sum()
+        self.tables().map(|table| table.pieces().len()).sum()
     }
 
     /// Bytes of all tables together.
@@ -153,7 +158,7 @@ impl CompiledMachine {
     /// The volumetric error at a state (mm, rad), first order (the `twist` form).
     pub fn evaluate(&self, state: &State) -> Evaluation {
         if self.only_slides {
-            self.slides(state)
+            self.slides(&state.q, &state.approach, Baseline)
         } else {
             self.walk(state).0
         }
@@ -161,25 +166,33 @@ impl CompiledMachine {
 
     /// From the workpiece to the tool: every slide carries the tool over the tilts before it.
     #[inline(always)]
-    pub(crate) fn slides(&self, state: &State) -> Evaluation {
-        let mut sum = [0.0; WIDE];
-        for (index, axis) in self.axes.iter().enumerate() {
-            let q = state.q[index];
-            let table = axis.table(state.approach[index]);
-            let twist = table.value(axis.looked_up(q));
-            // The errors of an axis ride with its carriage: on the workpiece side they act behind the
-            // slide, on the tool side before it.
-            if axis.joint.side == Side::Workpiece {
-                add(&mut sum, &twist);
-                add_slide(&mut sum, axis, q);
-            } else {
-                add_slide(&mut sum, axis, q);
-                add(&mut sum, &twist);
+    pub(crate) fn slides(
+        &self,
+        q_mm: &[f64],
+        approach: &[Approach; MAX_AXES],
+        registers: impl Registers,
+    ) -> Evaluation {
+        match &self.axes[..] {
+            [a, b, c] if q_mm.len() >= 3 => {
+                // Three axes, all tables before any sum: nothing waits for anything.
+                let twists = [
+                    registers.value(a.table(approach[0]), q_mm[0]),
+                    registers.value(b.table(approach[1]), q_mm[1]),
+                    registers.value(c.table(approach[2]), q_mm[2]),
+                ];
+                let mut sum = Slides::default();
+                sum.add(a, q_mm[0], &twists[0]);
+                sum.add(b, q_mm[1], &twists[1]);
+                sum.add(c, q_mm[2], &twists[2]);
+                sum.into()
             }
-        }
-        Evaluation {
-            position_mm: [sum[0], sum[1], sum[2]],
-            rotation_rad: [sum[3], sum[4], sum[5]],
+            axes => {
+                let mut sum = Slides::default();
+                for ((axis, &q), &approach) in axes.iter().zip(q_mm).zip(approach) {
+                    sum.add(axis, q, &registers.value(axis.table(approach), q));
+                }
+                sum.into()
+            }
         }
     }
 
@@ -290,6 +303,83 @@ impl CompiledMachine {
     }
 }
 
+/// The sum of a chain of slides. What the slides add is kept apart from the sum of the tables: that
+/// one stays in its registers, of which only the tilts are taken out.
+#[derive(Default)]
+struct Slides {
+    tables: [f64; WIDE],
+    moved: [f64; 3],
+}
+
+impl Slides {
+    #[inline(always)]
+    fn add(&mut self, axis: &CompiledAxis, q_mm: f64, twist: &[f64; WIDE]) {
+        // The errors of an axis ride with its carriage: on the workpiece side they act behind the
+        // slide, on the tool side before it.
+        let tilt = |lane: usize| self.tables[lane] + twist[lane] * axis.behind;
+        let k = &axis.slide;
+        let moved = &mut self.moved;
+        match axis.along {
+            Along::X(sense) => {
+                moved[0] += k[0] * q_mm;
+                moved[1] += (k[1] + tilt(5) * sense) * q_mm;
+                moved[2] += (k[2] - tilt(4) * sense) * q_mm;
+            }
+            Along::Y(sense) => {
+                moved[0] += (k[0] - tilt(5) * sense) * q_mm;
+                moved[1] += k[1] * q_mm;
+                moved[2] += (k[2] + tilt(3) * sense) * q_mm;
+            }
+            Along::Z(sense) => {
+                moved[0] += (k[0] + tilt(4) * sense) * q_mm;
+                moved[1] += (k[1] - tilt(3) * sense) * q_mm;
+                moved[2] += k[2] * q_mm;
+            }
+            Along::Oblique([x, y, z]) => {
+                let (a, b, c) = (tilt(3), tilt(4), tilt(5));
+                moved[0] += (k[0] + b * z - c * y) * q_mm;
+                moved[1] += (k[1] + c * x - a * z) * q_mm;
+                moved[2] += (k[2] + a * y - b * x) * q_mm;
+            }
+        }
+        for (lane, part) in self.tables.iter_mut().zip(twist) {
+            *lane += part;
+        }
+    }
+}
+
+/// The direction of an axis; along a letter a cross product with it is two products.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Along {
+    X(f64),
+    Y(f64),
+    Z(f64),
+    Oblique([f64; 3]),
+}
+
+impl Along {
+    pub(crate) fn of(direction: &Vector3<f64>) -> Self {
+        match <[f64; 3]>::from(*direction) {
+            [x, 0.0, 0.0] => Self::X(x),
+            [0.0, y, 0.0] => Self::Y(y),
+            [0.0, 0.0, z] => Self::Z(z),
+            oblique => Self::Oblique(oblique),
+        }
+    }
+}
+
+impl From<Slides> for Evaluation {
+    #[inline(always)]
+    fn from(sum: Slides) -> Self {
+        let [x, y, z, a, b, c, ..] = sum.tables;
+        let [along_x, along_y, along_z] = sum.moved;
+        Self {
+            position_mm: [x + along_x, y + along_y, z + along_z],
+            rotation_rad: [a, b, c],
+        }
+    }
+}
+
 /// What the rotary axes do at a pose.
 pub(crate) struct Turns {
     /// The rotation of each rotary joint.
@@ -317,7 +407,7 @@ impl Turns {
 
 impl CompiledAxis {
     #[inline(always)]
-    pub(crate) fn table(&self, approach: volcomp_kinematics::Approach) -> &Table {
+    pub(crate) fn table(&self, approach: Approach) -> &Table {
         let branch = if self.tables.len() == 3 {
             approach as usize
         } else {
@@ -345,23 +435,6 @@ impl CompiledAxis {
     }
 }
 
-#[inline(always)]
-fn add(sum: &mut [f64; WIDE], twist: &[f64; WIDE]) {
-    for (lane, part) in sum.iter_mut().zip(twist) {
-        *lane += part;
-    }
-}
-
-/// The tool goes `q` along the axis over the tilts summed so far.
-#[inline(always)]
-fn add_slide(sum: &mut [f64; WIDE], axis: &CompiledAxis, q: f64) {
-    let tilt = Vector3::new(sum[3], sum[4], sum[5]);
-    let moved = (tilt.cross(&axis.joint.direction) + axis.slide) * q;
-    sum[0] += moved.x;
-    sum[1] += moved.y;
-    sum[2] += moved.z;
-}
-
 /// The tables of one axis, errors carried to the tool tip at machine zero and assembly errors in.
 fn tables(
     joint: &Joint,
@@ -370,7 +443,6 @@ fn tables(
     tip: &Vector3<f64>,
     tolerance: Tolerance,
 ) -> Result<Vec<Table>, EvaluatorError> {
-    use volcomp_kinematics::Approach;
     let branches: &[Approach] = match parts.branches {
         Branches::One => &[Approach::Unknown],
         // In the order of `Approach as usize`.

@@ -7,7 +7,7 @@ use volcomp_kinematics::{Approach, Chain, ErrorMotion, MAX_AXES};
 use crate::{
     EvaluatorError,
     patch::Patch,
-    table::{LANES, MAX_PIECES, PIECE, Table},
+    table::{LANES, MAX_PIECES, Piece, Table},
 };
 
 /// Degree of the Chebyshev interpolant that a piece is judged by, plus 1.
@@ -104,22 +104,20 @@ pub(crate) fn fit(
             points.first().copied().unwrap_or(0.0),
         )));
     };
-    let mut starts = vec![points[0]];
-    let mut coefficients = Vec::new();
+    let mut pieces: Vec<Piece> = Vec::new();
     for ends in points.windows(2) {
         let mut pending = vec![(ends[0], ends[1])];
         while let Some((from, to)) = pending.pop() {
             let middle = 0.5 * (from + to);
-            let piece = Piece::over(function, from, to);
+            let piece = Sampled::over(function, from, to);
             // An interval that cannot be halved any more is taken as it is: one rounding wide.
             if piece.keeps(tolerance) || middle <= from || middle >= to {
-                if starts.len() > MAX_PIECES {
+                if pieces.len() >= MAX_PIECES {
                     return None;
                 }
-                starts.push(to);
-                coefficients.extend(piece.coefficients());
+                pieces.push(Piece::new(from, to, piece.powers()));
             } else {
-                if pending.len() + starts.len() > MAX_PIECES {
+                if pending.len() + pieces.len() >= MAX_PIECES {
                     return None;
                 }
                 pending.push((middle, to));
@@ -127,7 +125,7 @@ pub(crate) fn fit(
             }
         }
     }
-    Some(Table::new(starts, coefficients))
+    Some(Table::new(pieces))
 }
 
 /// Fits with the tolerance, or says which one would fit.
@@ -151,15 +149,14 @@ pub(crate) fn fit_or_refuse(
 }
 
 /// Six functions over one interval: values at Chebyshev–Lobatto points and their Chebyshev series.
-struct Piece {
-    from: f64,
+struct Sampled {
     length: f64,
     /// Values at −1, −½, ½, 1 of the interval.
     corners: [[f64; LANES]; 4],
     series: [[f64; LANES]; NODES],
 }
 
-impl Piece {
+impl Sampled {
     fn over(function: &dyn Fn(f64) -> [f64; LANES], from: f64, to: f64) -> Self {
         let length = to - from;
         // From the ends inward, so that the ends are met to the last digit.
@@ -186,7 +183,6 @@ impl Piece {
             }
         }
         Self {
-            from,
             length,
             corners: [at(-1.0), at(-0.5), at(0.5), at(1.0)],
             series,
@@ -206,21 +202,21 @@ impl Piece {
         })
     }
 
-    /// In powers of the distance from the start, component by component within each power.
-    fn coefficients(&self) -> [f64; PIECE] {
-        let mut rows = [0.0; PIECE];
+    /// In powers of the distance from the start.
+    fn powers(&self) -> [[f64; LANES]; 4] {
+        let mut powers = [[0.0; LANES]; 4];
         let h = self.length;
         for lane in 0..LANES {
             let [v0, v1, v2, v3] = self.corners.map(|corner| corner[lane]);
-            // Through s = 0, ¼, ¾, 1 of the length.
+            // Through 0, ¼, ¾ and 1 of the length.
             let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
             let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;
             let c3 = (-16.0 * v0 + 32.0 * v1 - 32.0 * v2 + 16.0 * v3) / 3.0;
-            rows[lane] = v0;
-            rows[LANES + lane] = c1 / h;
-            rows[2 * LANES + lane] = c2 / (h * h);
-            rows[3 * LANES + lane] = c3 / (h * h * h);
+            powers[0][lane] = v0;
+            powers[1][lane] = c1 / h;
+            powers[2][lane] = c2 / (h * h);
+            powers[3][lane] = c3 / (h * h * h);
         }
-        rows
+        powers
     }
 }

@@ -1,0 +1,249 @@
+//! The compiled evaluator against the exact form on curve objects, against 4×4 products fed with the
+//! same compiled curves, against a plain copy and against `memset`. Only ratios within one run mean
+//! anything; `benches/compare` makes the table.
+
+use std::{hint::black_box, time::Duration};
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_curve::{Curve, ErrorCurve, Field};
+use volcomp_fit::{fit_mls, fit_polynomial};
+use volcomp_kinematics::{
+    Approach, CorrectionOptions, Form, JointKind, State, actual_pose, correct,
+};
+use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
+
+#[path = "../../../kinematics/benches/by_hand/mod.rs"]
+mod by_hand;
+
+const GANTRY: &str = include_str!("../../../cli/volcomp/demo/truth.toml");
+const FIVE_AXIS: &str = include_str!("../../../examples/five-axis.toml");
+const POSES: usize = 1024;
+
+/// The demo gantry with curves of one kind fitted to its truth at 21 targets.
+fn gantry(fit: impl Fn(&[f64], &[f64]) -> Curve) -> Machine {
+    let truth = Machine::parse(GANTRY, "truth.toml").expect("the shipped machine");
+    let mut machine = truth.clone();
+    for (name, curve) in truth.errors() {
+        let own = truth.index_of(name.axis).expect("an axis");
+        let [low, high] = truth.axis(name.axis).expect("an axis").travel;
+        let x: Vec<f64> = (0..21).map(|i| low + (high - low) * f64::from(i) / 20.0).collect();
+        let at = |&x: &f64| {
+            let mut coordinates = [0.0; 9];
+            coordinates[own] = x;
+            curve.value(own, &coordinates, volcomp_curve::Branch::Mean)
+        };
+        let u: Vec<f64> = x.iter().map(at).collect();
+        let fitted = ErrorCurve::Single(Field::Curve(fit(&x, &u)));
+        machine.set_error(name, fitted).expect("an error of the machine");
+    }
+    machine
+}
+
+fn mls(x: &[f64], u: &[f64]) -> Curve {
+    fit_mls(x, u, 4, 1.0 / 3.0, 3.0).expect("21 targets").curve
+}
+
+fn polynomial(x: &[f64], u: &[f64]) -> Curve {
+    fit_polynomial(x, u, 6, [x[0], x[20]]).expect("21 targets").curve
+}
+
+/// A machine with every error: 30 curves of order 6 and 11 location errors.
+fn five_axis() -> Machine {
+    let plain = Machine::parse(FIVE_AXIS, "five-axis.toml").expect("the shipped machine");
+    let mut machine = plain.clone();
+    machine.clear_errors();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for axis in plain.axes() {
+        for component in volcomp_model::Component::ALL {
+            let c: Vec<f64> = (0..7).map(|_| rng.random_range(-5.0..5.0)).collect();
+            let curve = volcomp_curve::Chebyshev::new(c, axis.travel).expect("finite");
+            let name = volcomp_model::ErrorName::motion(component, axis.name);
+            machine
+                .set_error(name, ErrorCurve::Single(Field::Curve(curve.into())))
+                .expect("an axis of the machine");
+            // Location errors without effect are refused: eleven remain of eighteen tried.
+            let location = volcomp_model::ErrorName::location(component, axis.name);
+            let _ = machine.set_location(location, 12.0);
+        }
+    }
+    machine
+}
+
+fn states(machine: &Machine) -> Vec<State> {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let state = |_| {
+        let mut state = State::default();
+        for (index, axis) in machine.axes().iter().enumerate() {
+            let coordinate = rng.random_range(axis.travel[0]..=axis.travel[1]);
+            state.q[index] = match axis.name.kind() {
+                JointKind::Linear => coordinate,
+                JointKind::Rotary => coordinate.to_radians(),
+            };
+        }
+        state
+    };
+    (0..POSES).map(state).collect()
+}
+
+fn workloads() -> [(&'static str, Machine); 3] {
+    [
+        ("gantry_mls", gantry(mls)),
+        ("gantry_poly6", gantry(polynomial)),
+        ("five_axis", five_axis()),
+    ]
+}
+
+/// One pose: independent poses (throughput) and a chain in which each pose waits for the one before.
+fn one_pose(c: &mut Criterion) {
+    for (name, machine) in workloads() {
+        let compiled = machine.compile(Tolerance::default()).expect("compiles");
+        println!("{name}: {} pieces, {} bytes", compiled.pieces(), compiled.bytes());
+        let none = Temperatures::new();
+        let source = machine.source(&none);
+        let states = states(&machine);
+        let mut group = c.benchmark_group(format!("one_pose/{name}"));
+        group.throughput(Throughput::Elements(POSES as u64));
+        let each = |f: &dyn Fn(&State) -> f64| {
+            let sum: f64 = states.iter().map(f).sum();
+            black_box(sum)
+        };
+        group.bench_function("compiled", |b| {
+            b.iter(|| {
+                for state in &states {
+                    black_box(compiled.evaluate(black_box(state)));
+                }
+            });
+        });
+        group.bench_function("exact_on_curves", |b| {
+            b.iter(|| each(&|s| actual_pose(machine.chain(), &source, s).translation_mm.x));
+        });
+        group.bench_function("products", |b| {
+            b.iter(|| each(&|s| by_hand::by_hand(compiled.chain(), &compiled, s)[0].x));
+        });
+        group.bench_function("latency", |b| {
+            b.iter(|| {
+                let mut state = states[0];
+                for next in &states {
+                    let before = compiled.evaluate(&state).position_mm[0];
+                    state = *next;
+                    state.q[0] += before * 1e-9;
+                }
+                black_box(state)
+            });
+        });
+        group.finish();
+    }
+}
+
+fn correction(c: &mut Criterion) {
+    let machine = five_axis();
+    let compiled = machine.compile(Tolerance::default()).expect("compiles");
+    let none = Temperatures::new();
+    let source = machine.source(&none);
+    let states = states(&machine);
+    let mut group = c.benchmark_group("correction/five_axis");
+    group.throughput(Throughput::Elements(POSES as u64));
+    group.bench_function("compiled_first_order", |b| {
+        b.iter(|| {
+            for state in &states {
+                black_box(compiled.first_order(black_box(state)));
+            }
+        });
+    });
+    let newton = CorrectionOptions::default();
+    group.bench_function("exact_newton_on_curves", |b| {
+        b.iter(|| {
+            for state in &states {
+                black_box(correct(machine.chain(), &source, black_box(state), &newton));
+            }
+        });
+    });
+    let first = CorrectionOptions::first_order();
+    group.bench_function("products_first_order", |b| {
+        b.iter(|| {
+            for state in &states {
+                black_box(correct(compiled.chain(), &compiled, black_box(state), &first));
+            }
+        });
+    });
+    group.finish();
+}
+
+/// 10⁷ poses from memory, 24 bytes in, 48 out.
+fn scattered(c: &mut Criterion) {
+    const COUNT: usize = 10_000_000;
+    for (name, machine) in [("gantry_mls", gantry(mls)), ("gantry_poly6", gantry(polynomial))] {
+        let compiled = machine.compile(Tolerance::default()).expect("compiles");
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let poses: Vec<f64> = (0..COUNT)
+            .flat_map(|_| [8000.0, 4000.0, 2500.0])
+            .map(|travel| rng.random_range(0.0..travel))
+            .collect();
+        let mut errors = vec![[0.0; 6]; COUNT];
+        let mut group = c.benchmark_group(format!("scattered/{name}"));
+        group.throughput(Throughput::Elements(COUNT as u64));
+        group.sample_size(10);
+        let approach = [Approach::Unknown; 9];
+        group.bench_function("batch", |b| {
+            b.iter(|| compiled.evaluate_batch(&poses, approach, black_box(&mut errors)));
+        });
+        group.bench_function("batch_all_cores", |b| {
+            b.iter(|| compiled.evaluate_batch_parallel(&poses, approach, black_box(&mut errors)));
+        });
+        group.bench_function("one_pose_path", |b| {
+            b.iter(|| one_by_one(&compiled, &poses, black_box(&mut errors)));
+        });
+        group.bench_function("copy", |b| {
+            b.iter(|| {
+                // The same bytes in and out: every pose is read once and written twice.
+                for (pose, error) in poses.chunks_exact(3).zip(black_box(&mut errors)) {
+                    error[..3].copy_from_slice(pose);
+                    error[3..].copy_from_slice(pose);
+                }
+            });
+        });
+        group.finish();
+    }
+}
+
+fn one_by_one(compiled: &CompiledMachine, poses: &[f64], errors: &mut [[f64; 6]]) {
+    for (pose, error) in poses.chunks_exact(3).zip(errors) {
+        let found = compiled.evaluate(&State::from_coordinates(pose));
+        error[..3].copy_from_slice(&found.position_mm);
+        error[3..].copy_from_slice(&found.rotation_rad);
+    }
+}
+
+/// A tensor grid of 400 MB into warm memory.
+fn grid(c: &mut Criterion) {
+    let machine = gantry(mls);
+    let compiled = machine.compile(Tolerance::default()).expect("compiles");
+    let nodes = |count: u32, travel: f64| -> Vec<f64> {
+        (0..count).map(|i| travel * f64::from(i) / f64::from(count - 1)).collect()
+    };
+    let axes = [(0, nodes(203, 8000.0)), (1, nodes(203, 4000.0)), (2, nodes(203, 2500.0))];
+    let grid = compiled.linear_grid(&axes, &State::default()).expect("three linear axes");
+    let mut errors = vec![1.0_f64; grid.len() * 6];
+    let mut group = c.benchmark_group("grid");
+    group.throughput(Throughput::Bytes(8 * errors.len() as u64));
+    group.sample_size(10).measurement_time(Duration::from_secs(8));
+    group.bench_function("fill_one_core", |b| {
+        b.iter(|| grid.fill_rows(0, black_box(&mut errors)));
+    });
+    group.bench_function("fill_all_cores", |b| {
+        b.iter(|| grid.fill_parallel(black_box(&mut errors)));
+    });
+    group.bench_with_input(BenchmarkId::new("memset", errors.len() * 8), &0.0, |b, zero| {
+        b.iter(|| black_box(&mut errors).fill(*black_box(zero)));
+    });
+    let mut bytes = vec![1_u8; errors.len() * 8];
+    group.bench_function("memset_bytes", |b| {
+        b.iter(|| black_box(&mut bytes).fill(black_box(0)));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, one_pose, correction, scattered, grid);
+criterion_main!(benches);
