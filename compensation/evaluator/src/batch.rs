@@ -4,7 +4,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use volcomp_kinematics::{Approach, MAX_AXES, State};
 
-use crate::{machine::CompiledMachine, table::Wide};
+use crate::{machine::{CompiledMachine, Evaluation}, table::Wide};
 
 /// Poses that one core takes at a time.
 const CHUNK: usize = 4096;
@@ -70,4 +70,18 @@ impl WithSimd for Batch<'_> {
             error[3..].copy_from_slice(&found.rotation_rad);
         }
     }
+}
+
+/// One pose of a chain of slides.
+pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
+    struct One<'a>(&'a CompiledMachine, &'a State);
+    impl WithSimd for One<'_> {
+        type Output = Evaluation;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
+            self.0.slides(&self.1.q, &self.1.approach, Wide(simd))
+        }
+    }
+    Arch::new().dispatch(One(machine, state))
 }

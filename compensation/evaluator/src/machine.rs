@@ -158,6 +158,9 @@ impl CompiledMachine {
     /// The volumetric error at a state (mm, rad), first order (the `twist` form).
     pub fn evaluate(&self, state: &State) -> Evaluation {
         if self.only_slides {
+            #[cfg(feature = "std")]
+            return crate::batch::one_pose(self, state);
+            #[cfg(not(feature = "std"))]
             self.slides(&state.q, &state.approach, Baseline)
         } else {
             self.walk(state).0
