@@ -4,7 +4,10 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use volcomp_kinematics::{Approach, MAX_AXES, State};
 
-use crate::{machine::{CompiledMachine, Evaluation}, table::Wide};
+use crate::{
+    machine::{CompiledMachine, Evaluation},
+    table::Wide,
+};
 
 /// Poses that one core takes at a time.
 const CHUNK: usize = 4096;

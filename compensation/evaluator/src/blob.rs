@@ -1,1 +1,328 @@
+//! A compiled machine as bytes, for the gateway and for distribution.
+//!
+//! `VOLCOMPM`, version, SHA-256 of all that follows, then the machine; numbers little-endian.
+
+use alloc::{
+    format,
+    string::{String, ToString},
+    vec::Vec,
+};
+
+use sha2::{Digest, Sha256};
+use volcomp_kinematics::{AxisName, Chain, ErrorMotion, JointKind, Structure, nalgebra::Vector3};
+
+use crate::{
+    EvaluatorError, Tolerance,
+    machine::{CompiledAxis, CompiledMachine, Range},
+    patch::Patch,
+    table::{LANES, MAX_PIECES, Piece, Table},
+};
+
+/// Version of the bytes that this program writes, and the only one it reads.
 pub const BLOB_VERSION: u32 = 1;
+
+const MAGIC: &[u8; 8] = b"VOLCOMPM";
+const HEAD: usize = 8 + 4 + 32;
+/// Nodes of a patch along one axis at the most.
+const MAX_NODES: usize = 1 << 16;
+
+impl CompiledMachine {
+    /// The machine as bytes.
+    pub fn to_blob(&self) -> Vec<u8> {
+        let mut body = Vec::new();
+        let structure = self.chain.structure().to_string();
+        put_count(&mut body, structure.len());
+        body.extend(structure.as_bytes());
+        put(&mut body, self.chain.tool_tip_mm().iter());
+        put(&mut body, self.chain.tool_axis().iter());
+        put(&mut body, self.chain.workpiece_origin_mm().iter());
+        put(
+            &mut body,
+            &[self.tolerance.linear_mm, self.tolerance.angular_rad],
+        );
+        for axis in &self.axes {
+            put_axis(&mut body, axis);
+        }
+        put_count(&mut body, self.ranges.len());
+        for range in &self.ranges {
+            put_count(&mut body, range.axis);
+            put_count(&mut body, range.component);
+            put_count(&mut body, range.looked_at);
+            put(&mut body, &range.range);
+        }
+        let mut blob = Vec::with_capacity(HEAD + body.len());
+        blob.extend(MAGIC);
+        blob.extend(BLOB_VERSION.to_le_bytes());
+        blob.extend(Sha256::digest(&body));
+        blob.extend(body);
+        blob
+    }
+
+    /// The machine from bytes.
+    ///
+    /// # Errors
+    /// [`EvaluatorError::Blob`]: other bytes, another version, a wrong checksum, numbers that make no
+    /// machine.
+    pub fn from_blob(blob: &[u8]) -> Result<Self, EvaluatorError> {
+        let (head, body) = blob
+            .split_at_checked(HEAD)
+            .ok_or_else(|| refused("it is cut off in its head"))?;
+        if &head[..8] != MAGIC {
+            return Err(refused("found no VOLCOMPM at its start"));
+        }
+        let version = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
+        if version != BLOB_VERSION {
+            return Err(refused(&format!(
+                "found version {version}, expected {BLOB_VERSION}"
+            )));
+        }
+        if Sha256::digest(body)[..] != head[12..] {
+            return Err(refused(
+                "its checksum does not fit: it was changed or cut off",
+            ));
+        }
+        read_machine(&mut Reader { body })
+    }
+}
+
+fn put<'a>(body: &mut Vec<u8>, numbers: impl IntoIterator<Item = &'a f64>) {
+    for number in numbers {
+        body.extend(number.to_le_bytes());
+    }
+}
+
+fn put_count(body: &mut Vec<u8>, count: usize) {
+    body.extend((count as u64).to_le_bytes());
+}
+
+fn put_motion(body: &mut Vec<u8>, motion: &ErrorMotion) {
+    put(
+        body,
+        motion.linear_mm.iter().chain(motion.angular_rad.iter()),
+    );
+}
+
+fn put_axis(body: &mut Vec<u8>, axis: &CompiledAxis) {
+    put(
+        body,
+        axis.joint
+            .direction
+            .iter()
+            .chain(axis.joint.point_mm.iter()),
+    );
+    put_motion(body, &axis.location);
+    put_motion(body, &axis.assembly);
+    // No modulo is a period of 0.
+    let [low, high] = axis.travel;
+    put(body, &[low, high, axis.modulo.unwrap_or(0.0)]);
+    put_count(body, axis.tables.len());
+    for table in &axis.tables {
+        put_count(body, table.pieces().len());
+        for piece in table.pieces() {
+            put(body, &[piece.start(), piece.end()]);
+            for power in 0..4 {
+                put(body, &piece.power(power));
+            }
+        }
+    }
+    put_count(body, axis.patches.len());
+    for patch in &axis.patches {
+        put_count(body, patch.component);
+        put(body, &patch.weights);
+        for (axis, nodes) in patch.axes.iter().zip(&patch.nodes) {
+            put_count(body, *axis);
+            put_count(body, nodes.len());
+            put(body, nodes);
+        }
+        put(body, &patch.values);
+    }
+}
+
+fn refused(reason: &str) -> EvaluatorError {
+    EvaluatorError::Blob {
+        reason: String::from(reason),
+    }
+}
+
+struct Reader<'a> {
+    body: &'a [u8],
+}
+
+impl Reader<'_> {
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], EvaluatorError> {
+        let (first, rest) = self
+            .body
+            .split_first_chunk::<N>()
+            .ok_or_else(|| refused("it ends too early"))?;
+        self.body = rest;
+        Ok(*first)
+    }
+
+    fn number(&mut self) -> Result<f64, EvaluatorError> {
+        Some(f64::from_le_bytes(self.bytes()?))
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| refused("found a number that is not finite"))
+    }
+
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], EvaluatorError> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = self.number()?;
+        }
+        Ok(numbers)
+    }
+
+    fn list(&mut self, count: usize) -> Result<Vec<f64>, EvaluatorError> {
+        (0..count).map(|_| self.number()).collect()
+    }
+
+    fn count(&mut self, most: usize, what: &str) -> Result<usize, EvaluatorError> {
+        let found = u64::from_le_bytes(self.bytes()?);
+        usize::try_from(found)
+            .ok()
+            .filter(|count| *count <= most)
+            .ok_or_else(|| refused(&format!("found {found} {what}, expected {most} at most")))
+    }
+
+    fn motion(&mut self) -> Result<ErrorMotion, EvaluatorError> {
+        let [x, y, z, a, b, c] = self.numbers()?;
+        Ok(ErrorMotion {
+            linear_mm: Vector3::new(x, y, z),
+            angular_rad: Vector3::new(a, b, c),
+        })
+    }
+}
+
+fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorError> {
+    let length = reader.count(100, "letters of structure")?;
+    let (text, rest) = reader
+        .body
+        .split_at_checked(length)
+        .ok_or_else(|| refused("it ends too early"))?;
+    reader.body = rest;
+    let structure: Structure = core::str::from_utf8(text)
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .ok_or_else(|| refused("found no structure"))?;
+    let mut chain = Chain::new(structure.clone());
+    let (tip, tool_axis, origin) = (reader.numbers()?, reader.numbers()?, reader.numbers()?);
+    let [linear_mm, angular_rad] = reader.numbers()?;
+    let broken = |e: volcomp_kinematics::ChainError| refused(&e.to_string());
+    chain.set_tool(tip, tool_axis).map_err(broken)?;
+    chain.set_workpiece_origin(origin).map_err(broken)?;
+    let mut read = Vec::new();
+    for &name in structure.axes() {
+        let (direction, point) = (reader.numbers()?, reader.numbers()?);
+        chain.set_direction(name, direction).map_err(broken)?;
+        chain.set_point(name, point).map_err(broken)?;
+        read.push(read_axis(reader, name, structure.axes().len())?);
+    }
+    let axes = chain.joints().iter().zip(read);
+    let tip = chain.tool_tip_mm();
+    let axes = axes
+        .map(|(joint, parts)| parts.into_axis(joint, &tip))
+        .collect();
+    let mut ranges = Vec::new();
+    let last = structure.axes().len() - 1;
+    for _ in 0..reader.count(MAX_NODES, "ranges")? {
+        ranges.push(Range {
+            axis: reader.count(last, "as an axis")?,
+            component: reader.count(LANES - 1, "as a component")?,
+            looked_at: reader.count(last, "as an axis")?,
+            range: reader.numbers()?,
+        });
+    }
+    if !reader.body.is_empty() {
+        return Err(refused("it goes on behind its end"));
+    }
+    let tolerance = Tolerance {
+        linear_mm,
+        angular_rad,
+    };
+    Ok(CompiledMachine::from_axes(chain, axes, ranges, tolerance))
+}
+
+/// What stands in a blob of one axis, besides its joint.
+pub(crate) struct ReadAxis {
+    pub(crate) location: ErrorMotion,
+    pub(crate) assembly: ErrorMotion,
+    pub(crate) travel: [f64; 2],
+    pub(crate) modulo: Option<f64>,
+    pub(crate) tables: Vec<Table>,
+    pub(crate) patches: Vec<Patch>,
+}
+
+fn read_axis(
+    reader: &mut Reader<'_>,
+    name: AxisName,
+    axes: usize,
+) -> Result<ReadAxis, EvaluatorError> {
+    let (location, assembly) = (reader.motion()?, reader.motion()?);
+    let [low, high, period] = reader.numbers()?;
+    if low >= high || period < 0.0 || (period > 0.0 && name.kind() == JointKind::Linear) {
+        return Err(refused("found a travel or a modulo that makes no axis"));
+    }
+    let count = reader.count(3, "tables")?;
+    if count != 1 && count != 3 {
+        return Err(refused("expected one table or three"));
+    }
+    let tables = (0..count)
+        .map(|_| read_table(reader))
+        .collect::<Result<_, _>>()?;
+    let count = reader.count(MAX_NODES, "patches")?;
+    let patches = (0..count)
+        .map(|_| read_patch(reader, axes))
+        .collect::<Result<_, _>>()?;
+    Ok(ReadAxis {
+        location,
+        assembly,
+        travel: [low, high],
+        modulo: (period > 0.0).then_some(period),
+        tables,
+        patches,
+    })
+}
+
+fn read_table(reader: &mut Reader<'_>) -> Result<Table, EvaluatorError> {
+    let count = reader.count(MAX_PIECES, "pieces")?;
+    let mut pieces: Vec<Piece> = Vec::new();
+    for _ in 0..count {
+        let [start, end] = reader.numbers()?;
+        let joins = pieces.last().is_none_or(|before| before.end() == start);
+        if !joins || end < start || (end == start && count > 1) {
+            return Err(refused("found pieces that do not follow one another"));
+        }
+        let mut powers = [[0.0; LANES]; 4];
+        for power in &mut powers {
+            *power = reader.numbers()?;
+        }
+        pieces.push(Piece::new(start, end, powers));
+    }
+    if pieces.is_empty() {
+        return Err(refused("found a table without pieces"));
+    }
+    Ok(Table::new(pieces))
+}
+
+fn read_patch(reader: &mut Reader<'_>, axes: usize) -> Result<Patch, EvaluatorError> {
+    let component = reader.count(LANES - 1, "as a component")?;
+    let weights = reader.numbers()?;
+    let mut looked_at = [0; 2];
+    let mut nodes = [Vec::new(), Vec::new()];
+    for (axis, nodes) in looked_at.iter_mut().zip(&mut nodes) {
+        *axis = reader.count(axes - 1, "as an axis")?;
+        let count = reader.count(MAX_NODES, "nodes")?;
+        *nodes = reader.list(count)?;
+        if nodes.is_empty() || nodes.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return Err(refused("found nodes that do not rise"));
+        }
+    }
+    let values = reader.list(nodes[0].len() * nodes[1].len())?;
+    Ok(Patch {
+        component,
+        weights,
+        axes: looked_at,
+        nodes,
+        values,
+    })
+}

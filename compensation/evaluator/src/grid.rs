@@ -10,6 +10,8 @@ use crate::machine::CompiledMachine;
 
 /// Numbers of one node: ΔP (mm), ρ (rad).
 const NODE: usize = 6;
+/// Numbers that are computed in the cache before they are copied out.
+const COPIED_AT_ONCE: usize = 2048;
 /// Numbers that are handled together: four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;
 
@@ -179,29 +181,51 @@ struct Rows<'a> {
 impl WithSimd for Rows<'_> {
     type Output = ();
 
-    /// Plain code, compiled once for each instruction set.
+    /// Plain code, compiled once for each instruction set. Rows are computed in a buffer that stays in
+    /// the cache and copied out in large pieces, for which the library copies without reading the
+    /// target first: half the traffic of storing numbers one after another.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let grid = self.grid;
-        let numbers = grid.row_len() * NODE;
-        for (offset, row) in self.errors.chunks_exact_mut(numbers.max(1)).enumerate() {
-            let (constant, slope) = grid.row_terms(self.first_row + offset);
-            let constants: [f64; BLOCK] = core::array::from_fn(|i| constant[i % NODE]);
-            let slopes: [f64; BLOCK] =
-                core::array::from_fn(|i| if i % NODE < 3 { slope[i % NODE] } else { 0.0 });
-            let adds = grid.row.chunks_exact(BLOCK);
-            let mut blocks = row.chunks_exact_mut(BLOCK);
-            for ((block, adds), at) in (&mut blocks).zip(adds).zip(grid.row_mm.chunks_exact(BLOCK))
-            {
-                for i in 0..BLOCK {
-                    block[i] = constants[i] + adds[i] + slopes[i] * at[i];
-                }
+        let numbers = (grid.row_len() * NODE).max(1);
+        let rows_at_once = (COPIED_AT_ONCE / numbers).max(1);
+        let mut buffer = std::vec![0.0; rows_at_once * numbers];
+        let mut row = self.first_row;
+        for target in self.errors.chunks_mut(buffer.len()) {
+            let whole = target.len() / numbers * numbers;
+            for buffered in buffer[..whole].chunks_exact_mut(numbers) {
+                grid.fill_row(simd, row, buffered);
+                row += 1;
             }
-            let rest = blocks.into_remainder();
-            let from = numbers - rest.len();
-            for (i, number) in rest.iter_mut().enumerate() {
-                *number = constants[i] + grid.row[from + i] + slopes[i] * grid.row_mm[from + i];
+            target[..whole].copy_from_slice(&buffer[..whole]);
+        }
+    }
+}
+
+impl LinearGrid {
+    #[inline(always)]
+    fn fill_row<S: Simd>(&self, simd: S, row: usize, errors: &mut [f64]) {
+        let (constant, slope) = self.row_terms(row);
+        let constants: [f64; BLOCK] = core::array::from_fn(|i| constant[i % NODE]);
+        let slopes: [f64; BLOCK] =
+            core::array::from_fn(|i| if i % NODE < 3 { slope[i % NODE] } else { 0.0 });
+        let numbers = errors.len();
+        let registers = |block| S::as_simd_f64s(block).0;
+        let (constant, slope) = (registers(&constants), registers(&slopes));
+        let adds = self.row.chunks_exact(BLOCK).map(registers);
+        let places = self.row_mm.chunks_exact(BLOCK).map(registers);
+        let mut blocks = errors.chunks_exact_mut(BLOCK);
+        for ((block, adds), places) in (&mut blocks).zip(adds).zip(places) {
+            let block = S::as_mut_simd_f64s(block).0;
+            for (i, number) in block.iter_mut().enumerate() {
+                let fixed = simd.add_f64s(constant[i], adds[i]);
+                *number = simd.mul_add_e_f64s(slope[i], places[i], fixed);
             }
+        }
+        let rest = blocks.into_remainder();
+        let from = numbers - rest.len();
+        for (i, number) in rest.iter_mut().enumerate() {
+            *number = constants[i] + self.row[from + i] + slopes[i] * self.row_mm[from + i];
         }
     }
 }

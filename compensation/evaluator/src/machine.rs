@@ -9,6 +9,7 @@ use volcomp_kinematics::{
 
 use crate::{
     EvaluatorError, Tolerance,
+    blob::ReadAxis,
     parts::{AxisParts, Branches, MachineParts, fit_or_refuse},
     patch::Patch,
     table::{Baseline, LANES, Registers, Table, WIDE},
@@ -42,6 +43,25 @@ pub(crate) struct CompiledAxis {
     /// 1 where errors act behind the slide: on the workpiece side; else 0.
     pub(crate) behind: f64,
     pub(crate) along: Along,
+}
+
+impl ReadAxis {
+    /// With what follows from its joint.
+    pub(crate) fn into_axis(self, joint: &Joint, tip: &Vector3<f64>) -> CompiledAxis {
+        CompiledAxis {
+            joint: *joint,
+            slide: slide(joint, &self.location, &self.assembly),
+            arm_mm: tip - joint.point_mm,
+            behind: f64::from(u8::from(joint.side == Side::Workpiece)),
+            along: Along::of(&joint.direction),
+            location: self.location,
+            assembly: self.assembly,
+            travel: self.travel,
+            modulo: self.modulo,
+            tables: self.tables,
+            patches: self.patches,
+        }
+    }
 }
 
 /// Where the curve of one component is defined.
@@ -94,21 +114,16 @@ impl CompiledMachine {
                         range,
                     }),
             );
-            let arm_mm = tip - joint.point_mm;
             let tables = tables(joint, &parts_of, &assembly, &tip, tolerance)?;
-            axes.push(CompiledAxis {
-                joint: *joint,
+            let read = ReadAxis {
                 location,
                 assembly,
                 travel: parts_of.travel,
                 modulo: parts_of.modulo,
                 tables,
                 patches: parts_of.patches,
-                slide: slide(joint, &location, &assembly),
-                arm_mm,
-                along: Along::of(&joint.direction),
-                behind: f64::from(u8::from(joint.side == Side::Workpiece)),
-            });
+            };
+            axes.push(read.into_axis(joint, &tip));
         }
         Ok(Self::from_axes(chain, axes, ranges, tolerance))
     }

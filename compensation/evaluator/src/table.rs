@@ -75,7 +75,10 @@ pub(crate) trait Registers: Copy {
 pub(crate) struct Baseline;
 
 impl Registers for Baseline {
-    #[expect(clippy::inline_always, reason = "measured: a call costs as much as the work")]
+    #[expect(
+        clippy::inline_always,
+        reason = "measured: a call costs as much as the work"
+    )]
     #[inline(always)]
     fn value(self, table: &Table, x: f64) -> [f64; WIDE] {
         table.value(x)
@@ -89,7 +92,10 @@ pub(crate) struct Wide<S>(pub(crate) S);
 
 #[cfg(feature = "std")]
 impl<S: pulp::Simd> Registers for Wide<S> {
-    #[expect(clippy::inline_always, reason = "or it is not compiled for the wide registers")]
+    #[expect(
+        clippy::inline_always,
+        reason = "or it is not compiled for the wide registers"
+    )]
     #[inline(always)]
     fn value(self, table: &Table, x: f64) -> [f64; WIDE] {
         table.value_in(self.0, x)
@@ -117,7 +123,11 @@ impl Table {
     /// The value everywhere.
     pub(crate) fn constant(value: [f64; LANES]) -> Self {
         let nothing = [0.0; LANES];
-        Self::new(vec![Piece::new(0.0, 0.0, [value, nothing, nothing, nothing])])
+        Self::new(vec![Piece::new(
+            0.0,
+            0.0,
+            [value, nothing, nothing, nothing],
+        )])
     }
 
     pub(crate) fn pieces(&self) -> &[Piece] {
@@ -130,7 +140,10 @@ impl Table {
     }
 
     /// All components at `x`; the two lanes behind them mean nothing.
-    #[expect(clippy::inline_always, reason = "measured: a call costs as much as the work")]
+    #[expect(
+        clippy::inline_always,
+        reason = "measured: a call costs as much as the work"
+    )]
     #[inline(always)]
     pub(crate) fn value(&self, x: f64) -> [f64; WIDE] {
         let (piece, t) = self.piece(x);
@@ -140,7 +153,10 @@ impl Table {
 
     /// The same in registers as wide as the processor has.
     #[cfg(feature = "std")]
-    #[expect(clippy::inline_always, reason = "or it is not compiled for the wide registers")]
+    #[expect(
+        clippy::inline_always,
+        reason = "or it is not compiled for the wide registers"
+    )]
     #[inline(always)]
     pub(crate) fn value_in<S: pulp::Simd>(&self, simd: S, x: f64) -> [f64; WIDE] {
         let (piece, t) = self.piece(x);
@@ -157,7 +173,10 @@ impl Table {
     }
 
     /// The piece at `x` and the distance from its start.
-    #[expect(clippy::inline_always, reason = "measured: a call costs as much as the work")]
+    #[expect(
+        clippy::inline_always,
+        reason = "measured: a call costs as much as the work"
+    )]
     #[inline(always)]
     fn piece(&self, x: f64) -> (&Piece, f64) {
         // NaN passes through, as in the source.
@@ -236,7 +255,8 @@ fn index(pieces: &[Piece], range: f64) -> (Vec<u32>, f64, usize) {
     let low = pieces[0].start();
     let lengths = pieces.iter().map(|piece| piece.end() - piece.start());
     let narrowest = lengths.fold(range, f64::min);
-    let cells = (libm::ceil(range / narrowest) as usize + 1).clamp(2, MAX_CELLS);
+    let wanted = libm::ceil(range / narrowest).min(MAX_CELLS as f64) as usize;
+    let cells = (wanted + 1).clamp(2, MAX_CELLS);
     let cells_per_unit = (cells - 1) as f64 / range;
     let mut first = vec![0_u32; cells];
     let (mut filled, mut steps) = (0, 0);

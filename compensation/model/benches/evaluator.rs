@@ -28,7 +28,9 @@ fn gantry(fit: impl Fn(&[f64], &[f64]) -> Curve) -> Machine {
     for (name, curve) in truth.errors() {
         let own = truth.index_of(name.axis).expect("an axis");
         let [low, high] = truth.axis(name.axis).expect("an axis").travel;
-        let x: Vec<f64> = (0..21).map(|i| low + (high - low) * f64::from(i) / 20.0).collect();
+        let x: Vec<f64> = (0..21)
+            .map(|i| low + (high - low) * f64::from(i) / 20.0)
+            .collect();
         let at = |&x: &f64| {
             let mut coordinates = [0.0; 9];
             coordinates[own] = x;
@@ -36,7 +38,9 @@ fn gantry(fit: impl Fn(&[f64], &[f64]) -> Curve) -> Machine {
         };
         let u: Vec<f64> = x.iter().map(at).collect();
         let fitted = ErrorCurve::Single(Field::Curve(fit(&x, &u)));
-        machine.set_error(name, fitted).expect("an error of the machine");
+        machine
+            .set_error(name, fitted)
+            .expect("an error of the machine");
     }
     machine
 }
@@ -46,7 +50,9 @@ fn mls(x: &[f64], u: &[f64]) -> Curve {
 }
 
 fn polynomial(x: &[f64], u: &[f64]) -> Curve {
-    fit_polynomial(x, u, 6, [x[0], x[20]]).expect("21 targets").curve
+    fit_polynomial(x, u, 6, [x[0], x[20]])
+        .expect("21 targets")
+        .curve
 }
 
 /// A machine with every error: 30 curves of order 6 and 11 location errors.
@@ -99,7 +105,11 @@ fn workloads() -> [(&'static str, Machine); 3] {
 fn one_pose(c: &mut Criterion) {
     for (name, machine) in workloads() {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
-        println!("{name}: {} pieces, {} bytes", compiled.pieces(), compiled.bytes());
+        println!(
+            "{name}: {} pieces, {} bytes",
+            compiled.pieces(),
+            compiled.bytes()
+        );
         let none = Temperatures::new();
         let source = machine.source(&none);
         let states = states(&machine);
@@ -164,7 +174,12 @@ fn correction(c: &mut Criterion) {
     group.bench_function("products_first_order", |b| {
         b.iter(|| {
             for state in &states {
-                black_box(correct(compiled.chain(), &compiled, black_box(state), &first));
+                black_box(correct(
+                    compiled.chain(),
+                    &compiled,
+                    black_box(state),
+                    &first,
+                ));
             }
         });
     });
@@ -174,7 +189,10 @@ fn correction(c: &mut Criterion) {
 /// 10⁷ poses from memory, 24 bytes in, 48 out.
 fn scattered(c: &mut Criterion) {
     const COUNT: usize = 10_000_000;
-    for (name, machine) in [("gantry_mls", gantry(mls)), ("gantry_poly6", gantry(polynomial))] {
+    for (name, machine) in [
+        ("gantry_mls", gantry(mls)),
+        ("gantry_poly6", gantry(polynomial)),
+    ] {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let poses: Vec<f64> = (0..COUNT)
@@ -221,23 +239,37 @@ fn grid(c: &mut Criterion) {
     let machine = gantry(mls);
     let compiled = machine.compile(Tolerance::default()).expect("compiles");
     let nodes = |count: u32, travel: f64| -> Vec<f64> {
-        (0..count).map(|i| travel * f64::from(i) / f64::from(count - 1)).collect()
+        (0..count)
+            .map(|i| travel * f64::from(i) / f64::from(count - 1))
+            .collect()
     };
-    let axes = [(0, nodes(203, 8000.0)), (1, nodes(203, 4000.0)), (2, nodes(203, 2500.0))];
-    let grid = compiled.linear_grid(&axes, &State::default()).expect("three linear axes");
+    let axes = [
+        (0, nodes(203, 8000.0)),
+        (1, nodes(203, 4000.0)),
+        (2, nodes(203, 2500.0)),
+    ];
+    let grid = compiled
+        .linear_grid(&axes, &State::default())
+        .expect("three linear axes");
     let mut errors = vec![1.0_f64; grid.len() * 6];
     let mut group = c.benchmark_group("grid");
     group.throughput(Throughput::Bytes(8 * errors.len() as u64));
-    group.sample_size(10).measurement_time(Duration::from_secs(8));
+    group
+        .sample_size(10)
+        .measurement_time(Duration::from_secs(8));
     group.bench_function("fill_one_core", |b| {
         b.iter(|| grid.fill_rows(0, black_box(&mut errors)));
     });
     group.bench_function("fill_all_cores", |b| {
         b.iter(|| grid.fill_parallel(black_box(&mut errors)));
     });
-    group.bench_with_input(BenchmarkId::new("memset", errors.len() * 8), &0.0, |b, zero| {
-        b.iter(|| black_box(&mut errors).fill(*black_box(zero)));
-    });
+    group.bench_with_input(
+        BenchmarkId::new("memset", errors.len() * 8),
+        &0.0,
+        |b, zero| {
+            b.iter(|| black_box(&mut errors).fill(*black_box(zero)));
+        },
+    );
     let mut bytes = vec![1_u8; errors.len() * 8];
     group.bench_function("memset_bytes", |b| {
         b.iter(|| black_box(&mut bytes).fill(black_box(0)));

@@ -19,7 +19,11 @@ fn about(rotation: &Matrix3<f64>, point: &Vector3<f64>) -> Matrix4<f64> {
 }
 
 /// The `htm` form as one would write it with 4×4 matrices.
-pub(crate) fn by_hand<S: ErrorSource>(chain: &Chain, errors: &S, state: &State) -> [Vector3<f64>; 2] {
+pub(crate) fn by_hand<S: ErrorSource>(
+    chain: &Chain,
+    errors: &S,
+    state: &State,
+) -> [Vector3<f64>; 2] {
     let (mut actual, mut ideal) = (Matrix4::identity(), Matrix4::identity());
     for (i, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
         let (e, s, location) = (
