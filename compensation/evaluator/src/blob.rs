@@ -48,7 +48,7 @@ impl CompiledMachine {
             put_count(&mut body, range.axis);
             put_count(&mut body, range.component);
             put_count(&mut body, range.looked_at);
-            put(&mut body, &range.range);
+            put(&mut body, &range.domain);
         }
         let mut blob = Vec::with_capacity(HEAD + body.len());
         blob.extend(MAGIC);
@@ -229,7 +229,7 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
             axis: reader.count(last, "as an axis")?,
             component: reader.count(LANES - 1, "as a component")?,
             looked_at: reader.count(last, "as an axis")?,
-            range: reader.numbers()?,
+            domain: reader.numbers()?,
         });
     }
     if !reader.body.is_empty() {

@@ -160,9 +160,9 @@ impl LinearGrid {
             places[axis] = rest % count;
             rest /= count;
         }
-        for axis in 0..outer {
-            let slide = tilt.cross(&self.directions[axis]) * self.nodes_mm[axis][places[axis]];
-            let add = &self.adds[axis][places[axis]];
+        for (axis, &place) in places[..outer].iter().enumerate() {
+            let slide = tilt.cross(&self.directions[axis]) * self.nodes_mm[axis][place];
+            let add = &self.adds[axis][place];
             for (k, sum) in sum.iter_mut().enumerate() {
                 *sum += add[k] + if k < 3 { slide[k] } else { 0.0 };
             }

@@ -1,5 +1,9 @@
 #![cfg_attr(not(feature = "std"), no_std)]
 #![doc = include_str!("../README.md")]
+#![allow(
+    clippy::inline_always,
+    reason = "measured: a call costs as much as the work, and code that is not inlined is not compiled for wide registers"
+)]
 
 extern crate alloc;
 

@@ -12,7 +12,7 @@ use crate::{
     blob::ReadAxis,
     parts::{AxisParts, Branches, MachineParts, fit_or_refuse},
     patch::Patch,
-    table::{Baseline, LANES, Registers, Table, WIDE},
+    table::{LANES, Registers, Table, WIDE},
 };
 
 /// The volumetric error at one pose, first order, in workpiece axes.
@@ -71,7 +71,7 @@ pub(crate) struct Range {
     pub(crate) component: usize,
     /// The axis whose coordinate counts, and its range in mm or deg.
     pub(crate) looked_at: usize,
-    pub(crate) range: [f64; 2],
+    pub(crate) domain: [f64; 2],
 }
 
 /// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
@@ -111,7 +111,7 @@ impl CompiledMachine {
                         axis: index,
                         component,
                         looked_at,
-                        range,
+                        domain: range,
                     }),
             );
             let tables = tables(joint, &parts_of, &assembly, &tip, tolerance)?;
@@ -172,13 +172,12 @@ impl CompiledMachine {
 
     /// The volumetric error at a state (mm, rad), first order (the `twist` form).
     pub fn evaluate(&self, state: &State) -> Evaluation {
-        if self.only_slides {
+        match self.only_slides {
             #[cfg(feature = "std")]
-            return crate::batch::one_pose(self, state);
+            true => crate::batch::one_pose(self, state),
             #[cfg(not(feature = "std"))]
-            self.slides(&state.q, &state.approach, Baseline)
-        } else {
-            self.walk(state).0
+            true => self.slides(&state.q, &state.approach, crate::table::Baseline),
+            false => self.walk(state).0,
         }
     }
 
@@ -312,7 +311,7 @@ impl CompiledMachine {
             let Some(axis) = self.axes.get(range.looked_at) else {
                 continue;
             };
-            let [low, high] = range.range;
+            let [low, high] = range.domain;
             if !(low..=high).contains(&axis.looked_up(state.q[range.looked_at])) {
                 outside |= 1 << (range.axis * LANES + range.component);
             }

@@ -75,10 +75,6 @@ pub(crate) trait Registers: Copy {
 pub(crate) struct Baseline;
 
 impl Registers for Baseline {
-    #[expect(
-        clippy::inline_always,
-        reason = "measured: a call costs as much as the work"
-    )]
     #[inline(always)]
     fn value(self, table: &Table, x: f64) -> [f64; WIDE] {
         table.value(x)
@@ -92,10 +88,6 @@ pub(crate) struct Wide<S>(pub(crate) S);
 
 #[cfg(feature = "std")]
 impl<S: pulp::Simd> Registers for Wide<S> {
-    #[expect(
-        clippy::inline_always,
-        reason = "or it is not compiled for the wide registers"
-    )]
     #[inline(always)]
     fn value(self, table: &Table, x: f64) -> [f64; WIDE] {
         table.value_in(self.0, x)
@@ -140,10 +132,6 @@ impl Table {
     }
 
     /// All components at `x`; the two lanes behind them mean nothing.
-    #[expect(
-        clippy::inline_always,
-        reason = "measured: a call costs as much as the work"
-    )]
     #[inline(always)]
     pub(crate) fn value(&self, x: f64) -> [f64; WIDE] {
         let (piece, t) = self.piece(x);
@@ -153,10 +141,6 @@ impl Table {
 
     /// The same in registers as wide as the processor has.
     #[cfg(feature = "std")]
-    #[expect(
-        clippy::inline_always,
-        reason = "or it is not compiled for the wide registers"
-    )]
     #[inline(always)]
     pub(crate) fn value_in<S: pulp::Simd>(&self, simd: S, x: f64) -> [f64; WIDE] {
         let (piece, t) = self.piece(x);
@@ -173,10 +157,6 @@ impl Table {
     }
 
     /// The piece at `x` and the distance from its start.
-    #[expect(
-        clippy::inline_always,
-        reason = "measured: a call costs as much as the work"
-    )]
     #[inline(always)]
     fn piece(&self, x: f64) -> (&Piece, f64) {
         // NaN passes through, as in the source.
@@ -234,7 +214,6 @@ impl Table {
 
 /// The cell of a place in cells, the nearest whole number: rising with the place, and without the
 /// branches of a cast.
-#[expect(clippy::inline_always, reason = "measured: part of every evaluation")]
 #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
 #[inline(always)]
 fn cell_of(place: f64, last: usize) -> usize {

@@ -1,8 +1,8 @@
 //! The volumetric map: the error on a grid over the travels.
 
-use volcomp_kinematics::{AxisName, Form, State, VolumetricError, volumetric_error};
+use volcomp_kinematics::{AxisName, State, VolumetricError};
 
-use crate::{machine::Machine, thermal::Temperatures};
+use crate::machine::Machine;
 
 /// A grid over the travels of the first linear axes named X, Y, Z that the machine has; all other
 /// axes stand at 0.
@@ -50,17 +50,16 @@ impl MapGrid {
         self.len() == 0
     }
 
-    /// Every node with its error, one at a time, X fastest.
+    /// Every node with its error, one at a time, X fastest; `error` is what the machine's form, its
+    /// compiled form or another source gives at a state.
     pub fn evaluate<'a>(
         &'a self,
         machine: &'a Machine,
-        form: Form,
-        temperatures: &Temperatures,
+        error: impl Fn(&State) -> VolumetricError + 'a,
     ) -> impl Iterator<Item = MapNode> + 'a {
-        let source = machine.source(temperatures);
         (0..self.len()).map(move |index| {
             let (at_mm, state) = self.node(machine, index);
-            let error = volumetric_error(machine.chain(), &source, &state, form);
+            let error = error(&state);
             MapNode { at_mm, error }
         })
     }

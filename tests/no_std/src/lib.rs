@@ -13,6 +13,7 @@ use core::slice;
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
+use volcomp_evaluator::CompiledMachine;
 use volcomp_kinematics::{
     Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error,
 };
@@ -183,4 +184,27 @@ pub unsafe extern "C" fn volcomp_five_axis(
     let correction = correct(&chain, &errors, &state, &CorrectionOptions::default());
     delta.copy_from_slice(&correction.delta[..5]);
     0
+}
+
+/// First-order correction (mm, rad) of a compiled machine from its bytes, at the coordinates `q` (mm, rad) of
+/// its axes. Returns how many axes it has, or −1 if the bytes are refused.
+///
+/// # Safety
+/// `blob` points to `length` bytes, `q` to 9 numbers, `delta` to 9 writable ones.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_compiled_correction(
+    blob: *const u8,
+    length: usize,
+    q: *const f64,
+    delta: *mut f64,
+) -> i32 {
+    // SAFETY: the caller keeps the lengths stated above.
+    let (blob, q) = unsafe { (slice::from_raw_parts(blob, length), slice::from_raw_parts(q, 9)) };
+    // SAFETY: as above, for writing.
+    let delta = unsafe { slice::from_raw_parts_mut(delta, 9) };
+    let Ok(machine) = CompiledMachine::from_blob(blob) else {
+        return -1;
+    };
+    delta.copy_from_slice(&machine.first_order(&State::from_coordinates(q)).delta);
+    machine.chain().joints().len() as i32
 }

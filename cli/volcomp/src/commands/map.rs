@@ -3,11 +3,12 @@
 use std::{
     fmt::Write,
     path::{Path, PathBuf},
+    str::FromStr,
 };
 
 use serde_json::{Map, Value, json};
-use volcomp_kinematics::Form;
-use volcomp_model::{MapGrid, MapNode};
+use volcomp_kinematics::{Form, State, VolumetricError, volumetric_error};
+use volcomp_model::{Machine, MapGrid, MapNode, Temperatures, Tolerance};
 
 use super::{Answer, micrometres, microradians, thermal_note};
 use crate::{failure::Failure, output::OutputFile, points::MachineArguments, progress};
@@ -20,20 +21,66 @@ pub(crate) struct Arguments {
     /// Nodes along X, Y and Z: 21x21x21
     #[arg(long)]
     grid: String,
-    /// File for the field: .csv, or .vti (VTK image data)
+    /// File for the field: .csv, .vti (VTK image data) or .vtr (VTK rectilinear grid)
     #[arg(long, short)]
     output: Option<PathBuf>,
-    /// Form of the model: exact, htm or twist
-    #[arg(long, default_value_t = Form::Exact)]
-    model: Form,
+    /// Form of the model: exact, htm, twist, or compiled: first order, for maps of many nodes
+    #[arg(long, default_value = "exact")]
+    model: Model,
 }
 
-/// Where the nodes go.
-enum Field {
-    None,
-    Csv(OutputFile),
-    /// The rotations follow the positions in the file, so they wait here.
-    Vti(OutputFile, String),
+/// How the error at a node is computed.
+#[derive(Clone, Copy, Debug)]
+enum Model {
+    Form(Form),
+    Compiled,
+}
+
+impl FromStr for Model {
+    type Err = &'static str;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        match name {
+            "compiled" => Ok(Self::Compiled),
+            _ => name
+                .parse()
+                .map(Self::Form)
+                .map_err(|_| "unknown model form, expected exact, htm, twist or compiled"),
+        }
+    }
+}
+
+type ErrorAt<'a> = Box<dyn Fn(&State) -> VolumetricError + 'a>;
+
+impl Model {
+    fn errors<'a>(
+        self,
+        machine: &'a Machine,
+        temperatures: &Temperatures,
+    ) -> Result<ErrorAt<'a>, Failure> {
+        match self {
+            Self::Form(form) => {
+                let source = machine.source(temperatures);
+                Ok(Box::new(move |state| {
+                    volumetric_error(machine.chain(), &source, state, form)
+                }))
+            }
+            Self::Compiled if !temperatures.is_empty() => Err(Failure::Input(
+                "--model compiled takes no temperatures, expected another form with --temperature"
+                    .to_owned(),
+            )),
+            Self::Compiled => {
+                let compiled = machine.compile(Tolerance::default())?;
+                Ok(Box::new(move |state| {
+                    let found = compiled.evaluate(state);
+                    VolumetricError {
+                        position_mm: found.position_mm.into(),
+                        rotation_rad: found.rotation_rad.into(),
+                    }
+                }))
+            }
+        }
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -41,22 +88,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let grid = MapGrid::over_travels(&machine, counts);
     let mut field = Field::open(arguments.output.as_deref(), &grid)?;
+    let errors = arguments.model.errors(&machine, &temperatures)?;
     let mut largest: Option<(f64, MapNode)> = None;
-    let bar = progress::bar(grid.len(), "nodes");
-    for (index, node) in grid
-        .evaluate(&machine, arguments.model, &temperatures)
-        .enumerate()
-    {
-        if index % 4096 == 0 {
-            bar.set_position(index as u64);
+    for pass in 0..field.passes() {
+        let bar = progress::bar(grid.len(), "nodes");
+        field.begin(pass)?;
+        for (index, node) in grid.evaluate(&machine, &errors).enumerate() {
+            if index % 4096 == 0 {
+                bar.set_position(index as u64);
+            }
+            field.write(pass, &grid, &node)?;
+            let length = node.error.position_mm.norm();
+            if largest.as_ref().is_none_or(|(most, _)| length > *most) {
+                largest = Some((length, node));
+            }
         }
-        field.write(&grid, &node)?;
-        let length = node.error.position_mm.norm();
-        if largest.as_ref().is_none_or(|(most, _)| length > *most) {
-            largest = Some((length, node));
-        }
+        bar.finish_and_clear();
     }
-    bar.finish_and_clear();
     field.finish()?;
     let counts: Vec<usize> = grid.nodes_mm.iter().map(Vec::len).collect();
     let mut json = json!({ "counts": counts, "nodes": grid.len() });
@@ -113,6 +161,14 @@ fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
         })
 }
 
+/// Where the nodes go, a node at a time: a map may be larger than memory.
+enum Field {
+    None,
+    Csv(OutputFile),
+    /// Positions, then rotations: VTK wants one after the other, so the nodes are gone through twice.
+    Vtk(OutputFile, &'static str),
+}
+
 impl Field {
     fn open(path: Option<&Path>, grid: &MapGrid) -> Result<Self, Failure> {
         let Some(path) = path else {
@@ -129,20 +185,39 @@ impl Field {
             Some("vti") => {
                 let mut file = OutputFile::open(path)?;
                 file.write(&vti_head(grid))?;
-                Ok(Self::Vti(file, String::new()))
+                Ok(Self::Vtk(file, "ImageData"))
+            }
+            Some("vtr") => {
+                let mut file = OutputFile::open(path)?;
+                file.write(&vtr_head(grid))?;
+                Ok(Self::Vtk(file, "RectilinearGrid"))
             }
             Some("parquet") => Err(Failure::Input(format!(
-                "{}: this build writes no Parquet, expected .csv or .vti",
+                "{}: this build writes no Parquet, expected .csv, .vti or .vtr",
                 path.display()
             ))),
             _ => Err(Failure::Input(format!(
-                "{}: found no known ending, expected .csv or .vti",
+                "{}: found no known ending, expected .csv, .vti or .vtr",
                 path.display()
             ))),
         }
     }
 
-    fn write(&mut self, grid: &MapGrid, node: &MapNode) -> Result<(), Failure> {
+    fn passes(&self) -> usize {
+        if matches!(self, Self::Vtk(..)) { 2 } else { 1 }
+    }
+
+    fn begin(&mut self, pass: usize) -> Result<(), Failure> {
+        match (self, pass) {
+            (Self::Vtk(file, _), 0) => file.write(&array("position_um")),
+            (Self::Vtk(file, _), _) => {
+                file.write(&format!("</DataArray>\n{}", array("rotation_urad")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn write(&mut self, pass: usize, grid: &MapGrid, node: &MapNode) -> Result<(), Failure> {
         let [x, y, z] = micrometres(&node.error.position_mm);
         let [a, b, c] = microradians(&node.error.rotation_rad);
         match self {
@@ -153,10 +228,10 @@ impl Field {
                 let at = at.join(",");
                 file.write(&format!("{at},{x:.6},{y:.6},{z:.6},{a:.6},{b:.6},{c:.6}\n"))
             }
-            Self::Vti(file, rotations) => {
-                let _ = writeln!(rotations, "{a:.6} {b:.6} {c:.6}"); // writing to a String cannot fail
-                file.write(&format!("{x:.6} {y:.6} {z:.6}\n"))
-            }
+            Self::Vtk(file, _) => file.write(&match pass {
+                0 => format!("{x:.6} {y:.6} {z:.6}\n"),
+                _ => format!("{a:.6} {b:.6} {c:.6}\n"),
+            }),
         }
     }
 
@@ -164,13 +239,10 @@ impl Field {
         match self {
             Self::None => Ok(()),
             Self::Csv(file) => file.finish(),
-            Self::Vti(mut file, rotations) => {
-                file.write("</DataArray>\n")?;
+            Self::Vtk(mut file, kind) => {
                 file.write(&format!(
-                    "{}{rotations}</DataArray>\n",
-                    array("rotation_urad")
+                    "</DataArray>\n</PointData>\n</Piece>\n</{kind}>\n</VTKFile>\n"
                 ))?;
-                file.write("</PointData>\n</Piece>\n</ImageData>\n</VTKFile>\n")?;
                 file.finish()
             }
         }
@@ -197,7 +269,29 @@ fn vti_head(grid: &MapGrid) -> String {
     format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
          <ImageData WholeExtent=\"{extent}\" Origin=\"{origin}\" Spacing=\"{spacing}\">\n\
-         <Piece Extent=\"{extent}\">\n<PointData Vectors=\"position_um\">\n{}",
-        array("position_um")
+         <Piece Extent=\"{extent}\">\n<PointData Vectors=\"position_um\">\n"
+    )
+}
+
+/// The nodes themselves before the data.
+fn vtr_head(grid: &MapGrid) -> String {
+    let (mut extent, mut coordinates) = (String::new(), String::new());
+    for place in 0..3 {
+        let nodes = grid.nodes_mm.get(place).map_or(&[0.0][..], Vec::as_slice);
+        let name = ["X_mm", "Y_mm", "Z_mm"][place];
+        let shown: Vec<String> = nodes.iter().map(ToString::to_string).collect();
+        // Writing to a String cannot fail.
+        let _ = write!(extent, "0 {} ", nodes.len() - 1);
+        let _ = writeln!(
+            coordinates,
+            "<DataArray type=\"Float64\" Name=\"{name}\" format=\"ascii\">{}</DataArray>",
+            shown.join(" ")
+        );
+    }
+    let extent = extent.trim();
+    format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"RectilinearGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
+         <RectilinearGrid WholeExtent=\"{extent}\">\n<Piece Extent=\"{extent}\">\n\
+         <Coordinates>\n{coordinates}</Coordinates>\n<PointData Vectors=\"position_um\">\n"
     )
 }

@@ -128,10 +128,21 @@ fn diagonals_before_and_after() {
     }
 }
 
+/// The compiled form neglects what is of second order.
+#[test]
+fn the_compiled_map_is_the_exact_one() {
+    let map = |model: &str| {
+        json(&["map", "-m", GANTRY, "--grid", "9x7x5", "--model", model])["largest_um"].clone()
+    };
+    let exact = map("exact").as_f64().unwrap_or(f64::NAN);
+    close(&map("compiled"), exact, 0.02);
+    assert!(exact > 10.0, "{exact}");
+}
+
 #[test]
 fn the_map_is_written_whole() {
     let dir = tempfile::tempdir().expect("a folder");
-    for name in ["map.csv", "map.vti"] {
+    for name in ["map.csv", "map.vti", "map.vtr"] {
         let path = dir.path().join(name);
         let answer = json(&[
             "map",
@@ -148,17 +159,17 @@ fn the_map_is_written_whole() {
         let rows = field.lines().count();
         assert_eq!(
             rows,
-            if name == "map.csv" {
-                61
-            } else {
-                6 + 60 + 2 + 60 + 5
+            match name {
+                "map.csv" => 61,
+                "map.vti" => 6 + 60 + 2 + 60 + 5,
+                _ => 11 + 60 + 2 + 60 + 5,
             },
             "{name}"
         );
     }
     assert_eq!(
         std::fs::read_dir(dir.path()).expect("a folder").count(),
-        2,
+        3,
         "nothing else is left"
     );
 }

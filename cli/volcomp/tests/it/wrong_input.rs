@@ -90,7 +90,7 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
     ),
     (
         &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.doc"],
-        "expected .csv or .vti",
+        "expected .csv, .vti or .vtr",
     ),
     (
         &[
@@ -106,7 +106,7 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
     ),
     (
         &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "examples"],
-        "expected .csv or .vti",
+        "expected .csv, .vti or .vtr",
     ),
     (&["iso230", "nowhere.csv"], "nowhere.csv: cannot be read"),
     (&["iso230", "examples"], "examples"),

@@ -206,7 +206,9 @@ fn the_map_visits_every_node_x_fastest() {
     let machine = plain("EXX = { poly = [0, 0.01] }");
     let grid = MapGrid::over_travels(&machine, [3, 2, 1]);
     let nodes: Vec<_> = grid
-        .evaluate(&machine, Form::Exact, &Temperatures::new())
+        .evaluate(&machine, |state| {
+            machine.error_at(state, Form::Exact, &Temperatures::new())
+        })
         .collect();
     assert_eq!(nodes.len(), grid.len());
     let at: Vec<_> = nodes.iter().map(|n| n.at_mm).collect();

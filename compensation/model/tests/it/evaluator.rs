@@ -86,7 +86,7 @@ fn random_state(machine: &Machine, rng: &mut ChaCha8Rng) -> State {
     for (index, joint) in machine.chain().joints().iter().enumerate() {
         state.q[index] = match joint.kind {
             JointKind::Linear => rng.random_range(-400.0..=400.0),
-            JointKind::Rotary => rng.random_range(-3.14..=3.14),
+            JointKind::Rotary => rng.random_range(-3.1..=3.1),
         };
         state.approach[index] = [Approach::Positive, Approach::Negative, Approach::Unknown]
             [rng.random_range(0..3_usize)];
