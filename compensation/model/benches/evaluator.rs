@@ -4,14 +4,12 @@
 
 use std::{hint::black_box, time::Duration};
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_fit::{fit_mls, fit_polynomial};
-use volcomp_kinematics::{
-    Approach, CorrectionOptions, Form, JointKind, State, actual_pose, correct,
-};
+use volcomp_kinematics::{Approach, CorrectionOptions, JointKind, State, actual_pose, correct};
 use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
 
 #[path = "../../../kinematics/benches/by_hand/mod.rs"]
@@ -263,15 +261,8 @@ fn grid(c: &mut Criterion) {
     group.bench_function("fill_all_cores", |b| {
         b.iter(|| grid.fill_parallel(black_box(&mut errors)));
     });
-    group.bench_with_input(
-        BenchmarkId::new("memset", errors.len() * 8),
-        &0.0,
-        |b, zero| {
-            b.iter(|| black_box(&mut errors).fill(*black_box(zero)));
-        },
-    );
     let mut bytes = vec![1_u8; errors.len() * 8];
-    group.bench_function("memset_bytes", |b| {
+    group.bench_function("memset", |b| {
         b.iter(|| black_box(&mut bytes).fill(black_box(0)));
     });
     group.finish();
