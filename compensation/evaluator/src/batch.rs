@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use volcomp_kinematics::{Approach, MAX_AXES, State};
 
 use crate::{
-    machine::{CompiledMachine, Evaluation},
+    machine::{CompiledMachine, Evaluation, three_slides},
     table::Wide,
 };
 
@@ -57,25 +57,34 @@ impl WithSimd for Batch<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let stride = self.machine.axes.len().max(1);
+        let machine = self.machine;
+        let registers = Wide(simd);
+        let (axes, approach) = (&machine.axes[..], self.approach);
+        if let ([a, b, c], true) = (axes, machine.only_slides) {
+            let tables = [
+                a.table(approach[0]),
+                b.table(approach[1]),
+                c.table(approach[2]),
+            ];
+            let (poses, _) = self.poses.as_chunks::<3>();
+            for (&pose, error) in poses.iter().zip(self.errors) {
+                *error = three_slides([a, b, c], tables, pose, registers).into_six();
+            }
+            return;
+        }
+        let stride = axes.len().max(1);
         let mut state = State {
-            approach: self.approach,
+            approach,
             ..State::default()
         };
         for (pose, error) in self.poses.chunks_exact(stride).zip(self.errors) {
-            let found = if self.machine.only_slides {
-                self.machine.slides(pose, &self.approach, Wide(simd))
-            } else {
-                state.q[..stride].copy_from_slice(pose);
-                self.machine.walk(&state).0
-            };
-            error[..3].copy_from_slice(&found.position_mm);
-            error[3..].copy_from_slice(&found.rotation_rad);
+            state.q[..stride].copy_from_slice(pose);
+            *error = machine.evaluate_with(&state, registers).into_six();
         }
     }
 }
 
-/// One pose of a chain of slides.
+/// One pose in registers as wide as the processor has.
 pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
     struct One<'a>(&'a CompiledMachine, &'a State);
     impl WithSimd for One<'_> {
@@ -83,7 +92,7 @@ pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
-            self.0.slides(&self.1.q, &self.1.approach, Wide(simd))
+            self.0.evaluate_with(self.1, Wide(simd))
         }
     }
     Arch::new().dispatch(One(machine, state))

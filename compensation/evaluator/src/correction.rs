@@ -8,6 +8,7 @@ use volcomp_kinematics::{
 use crate::{
     machine::{CompiledMachine, Evaluation},
     table::Baseline,
+    walk::Directions,
 };
 
 /// Below this singular value of the rotary rows a direction of the tool axis is left out (MODEL.md
@@ -43,28 +44,17 @@ impl CompiledMachine {
                 singular: true,
             };
         }
-        let (error, turns) = self.walk(state);
-        // Directions in workpiece axes: each joint's is turned by the rotary joints before it.
-        let mut before = Matrix3::identity();
-        let mut columns = [Vector3::zeros(); MAX_AXES];
-        let mut arms = [Vector3::zeros(); MAX_AXES];
-        for (index, axis) in self.axes.iter().enumerate() {
-            columns[index] = before * axis.joint.direction;
-            if axis.joint.kind == JointKind::Rotary {
-                arms[index] = before * turns.arms[index];
-                before *= turns.rotations[index];
-            }
-        }
-        let tool_axis = before * self.chain.tool_axis();
+        let mut directions = Directions::new(self.chain.tool_axis());
+        let error = self.walk(state, Baseline, &mut directions);
         let mut delta = [0.0; MAX_AXES];
-        let singular = self.correct_axis(&error, &columns, &tool_axis, &mut delta);
+        let singular = self.correct_axis(&error, &directions, &mut delta);
         let mut position = Vector3::from(error.position_mm);
         for (index, axis) in self.axes.iter().enumerate() {
             if axis.joint.kind == JointKind::Rotary {
-                position += arms[index] * delta[index];
+                position += directions.arms_mm[index] * delta[index];
             }
         }
-        self.correct_position(&position, |index| columns[index], &mut delta);
+        self.correct_position(&position, |index| directions.axes[index], &mut delta);
         FirstOrder {
             error,
             delta,
@@ -77,10 +67,10 @@ impl CompiledMachine {
     fn correct_axis(
         &self,
         error: &Evaluation,
-        columns: &[Vector3<f64>; MAX_AXES],
-        tool_axis: &Vector3<f64>,
+        directions: &Directions,
         delta: &mut [f64; MAX_AXES],
     ) -> bool {
+        let tool_axis = &directions.tool_axis;
         let mut helper = Vector3::zeros();
         helper[tool_axis.iamin()] = 1.0;
         let first = tool_axis.cross(&helper).normalize();
@@ -92,7 +82,7 @@ impl CompiledMachine {
         let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
         for (index, axis) in self.axes.iter().enumerate() {
             if axis.joint.kind == JointKind::Rotary {
-                let row = seen(&columns[index].cross(tool_axis));
+                let row = seen(&directions.axes[index].cross(tool_axis));
                 (a, b, c) = (a + row.x * row.x, b + row.x * row.y, c + row.y * row.y);
                 rows[index] = row;
             }

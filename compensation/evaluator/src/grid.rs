@@ -53,11 +53,7 @@ impl CompiledMachine {
         for (index, _) in grid {
             zero.q[*index] = 0.0;
         }
-        let at = |state: &State| {
-            let found = self.evaluate(state);
-            let ([x, y, z], [a, b, c]) = (found.position_mm, found.rotation_rad);
-            [x, y, z, a, b, c]
-        };
+        let at = |state: &State| self.evaluate(state).into_six();
         let base = at(&zero);
         let adds: Vec<Vec<[f64; NODE]>> = grid
             .iter()

@@ -18,6 +18,7 @@ mod machine;
 mod parts;
 mod patch;
 mod table;
+mod walk;
 
 pub use blob::BLOB_VERSION;
 pub use correction::FirstOrder;

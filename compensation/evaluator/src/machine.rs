@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use volcomp_kinematics::{
     Approach, AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, Side, State,
-    nalgebra::{Matrix3, Vector3},
+    nalgebra::Vector3,
 };
 
 use crate::{
@@ -22,6 +22,15 @@ pub struct Evaluation {
     pub position_mm: [f64; 3],
     /// ρ, rad.
     pub rotation_rad: [f64; 3],
+}
+
+impl Evaluation {
+    /// ΔP (mm), then ρ (rad).
+    #[inline(always)]
+    pub fn into_six(self) -> [f64; 6] {
+        let ([x, y, z], [a, b, c]) = (self.position_mm, self.rotation_rad);
+        [x, y, z, a, b, c]
+    }
 }
 
 /// One axis, ready to evaluate.
@@ -172,12 +181,17 @@ impl CompiledMachine {
 
     /// The volumetric error at a state (mm, rad), first order (the `twist` form).
     pub fn evaluate(&self, state: &State) -> Evaluation {
+        #[cfg(feature = "std")]
+        return crate::batch::one_pose(self, state);
+        #[cfg(not(feature = "std"))]
+        self.evaluate_with(state, crate::table::Baseline)
+    }
+
+    #[inline(always)]
+    pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
         match self.only_slides {
-            #[cfg(feature = "std")]
-            true => crate::batch::one_pose(self, state),
-            #[cfg(not(feature = "std"))]
-            true => self.slides(&state.q, &state.approach, crate::table::Baseline),
-            false => self.walk(state).0,
+            true => self.slides(&state.q, &state.approach, registers),
+            false => self.walk(state, registers, &mut ()),
         }
     }
 
@@ -189,21 +203,16 @@ impl CompiledMachine {
         approach: &[Approach; MAX_AXES],
         registers: impl Registers,
     ) -> Evaluation {
-        match &self.axes[..] {
-            [a, b, c] if q_mm.len() >= 3 => {
-                // Three axes, all tables before any sum: nothing waits for anything.
-                let twists = [
-                    registers.value(a.table(approach[0]), q_mm[0]),
-                    registers.value(b.table(approach[1]), q_mm[1]),
-                    registers.value(c.table(approach[2]), q_mm[2]),
+        match (&self.axes[..], q_mm) {
+            ([a, b, c], &[x, y, z, ..]) => {
+                let tables = [
+                    a.table(approach[0]),
+                    b.table(approach[1]),
+                    c.table(approach[2]),
                 ];
-                let mut sum = Slides::default();
-                sum.add(a, q_mm[0], &twists[0]);
-                sum.add(b, q_mm[1], &twists[1]);
-                sum.add(c, q_mm[2], &twists[2]);
-                sum.into()
+                three_slides([a, b, c], tables, [x, y, z], registers)
             }
-            axes => {
+            (axes, q_mm) => {
                 let mut sum = Slides::default();
                 for ((axis, &q), &approach) in axes.iter().zip(q_mm).zip(approach) {
                     sum.add(axis, q, &registers.value(axis.table(approach), q));
@@ -213,62 +222,8 @@ impl CompiledMachine {
         }
     }
 
-    /// From the tool to the workpiece, as the `twist` form goes, and what the correction needs of the
-    /// rotary axes on the way.
-    #[inline(always)]
-    pub(crate) fn walk(&self, state: &State) -> (Evaluation, Turns) {
-        let tip = self.chain.tool_tip_mm();
-        let mut turns = Turns::new(self, state);
-        let (mut point, mut linear, mut angular) = (tip, Vector3::zeros(), Vector3::zeros());
-        for (index, axis) in self.axes.iter().enumerate().rev() {
-            let q = state.q[index];
-            let mut twist = axis.table(state.approach[index]).value(axis.looked_up(q));
-            if !axis.patches.is_empty() {
-                self.add_patches(&mut twist, index, state);
-            }
-            let error = Vector3::new(twist[0], twist[1], twist[2]);
-            let tilt = Vector3::new(twist[3], twist[4], twist[5]);
-            let joint = &axis.joint;
-            match (joint.kind, joint.side) {
-                (JointKind::Linear, side) => {
-                    let moved = point + joint.direction * q;
-                    let acts_at = if side == Side::Tool { point } else { moved };
-                    linear += error + tilt.cross(&(acts_at - tip)) + axis.slide * q;
-                    angular += tilt;
-                    point = moved;
-                }
-                (JointKind::Rotary, side) => {
-                    if side == Side::Workpiece {
-                        linear += error + tilt.cross(&(point - tip));
-                        angular += tilt;
-                    }
-                    let turn = &turns.rotations[index];
-                    let shift = |lever: &Vector3<f64>| {
-                        axis.location.linear_mm + axis.location.angular_rad.cross(lever)
-                    };
-                    let lever = point - joint.point_mm;
-                    let turned = turn * lever;
-                    linear = turn * (linear - shift(&lever)) + shift(&turned);
-                    angular =
-                        turn * (angular - axis.location.angular_rad) + axis.location.angular_rad;
-                    point = turned + joint.point_mm;
-                    turns.arms[index] = joint.direction.cross(&turned);
-                    if side == Side::Tool {
-                        linear += error + tilt.cross(&(point - tip));
-                        angular += tilt;
-                    }
-                }
-            }
-        }
-        let evaluation = Evaluation {
-            position_mm: linear.into(),
-            rotation_rad: angular.into(),
-        };
-        (evaluation, turns)
-    }
-
     /// Errors over two coordinates, carried to the tool tip like those of the tables.
-    fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
+    pub(crate) fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
         let axis = &self.axes[index];
         for patch in &axis.patches {
             let at = patch.axes.map(|looked_at| {
@@ -365,6 +320,26 @@ impl Slides {
     }
 }
 
+/// Three slides: all tables before any sum, so that nothing waits for anything.
+#[inline(always)]
+pub(crate) fn three_slides(
+    axes: [&CompiledAxis; 3],
+    tables: [&Table; 3],
+    q_mm: [f64; 3],
+    registers: impl Registers,
+) -> Evaluation {
+    let twists = [
+        registers.value(tables[0], q_mm[0]),
+        registers.value(tables[1], q_mm[1]),
+        registers.value(tables[2], q_mm[2]),
+    ];
+    let mut sum = Slides::default();
+    sum.add(axes[0], q_mm[0], &twists[0]);
+    sum.add(axes[1], q_mm[1], &twists[1]);
+    sum.add(axes[2], q_mm[2], &twists[2]);
+    sum.into()
+}
+
 /// The direction of an axis; along a letter a cross product with it is two products.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Along {
@@ -393,31 +368,6 @@ impl From<Slides> for Evaluation {
         Self {
             position_mm: [x + along_x, y + along_y, z + along_z],
             rotation_rad: [a, b, c],
-        }
-    }
-}
-
-/// What the rotary axes do at a pose.
-pub(crate) struct Turns {
-    /// The rotation of each rotary joint.
-    pub(crate) rotations: [Matrix3<f64>; MAX_AXES],
-    /// u × lever of the turned tip, in the frame before the joint.
-    pub(crate) arms: [Vector3<f64>; MAX_AXES],
-}
-
-impl Turns {
-    #[inline(always)]
-    fn new(machine: &CompiledMachine, state: &State) -> Self {
-        let mut rotations = [Matrix3::zeros(); MAX_AXES];
-        // All angles first: a call in the walk would push every vector out of its registers.
-        for ((place, axis), &q) in rotations.iter_mut().zip(&machine.axes).zip(&state.q) {
-            if axis.joint.kind == JointKind::Rotary {
-                *place = volcomp_kinematics::rotation_about_axis(&axis.joint.direction, q);
-            }
-        }
-        Self {
-            rotations,
-            arms: [Vector3::zeros(); MAX_AXES],
         }
     }
 }
