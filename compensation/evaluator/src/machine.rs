@@ -52,6 +52,8 @@ pub(crate) struct CompiledAxis {
     /// 1 where errors act behind the slide: on the workpiece side; else 0.
     pub(crate) behind: f64,
     pub(crate) along: Along,
+    /// The table of each approach.
+    table_of: [usize; 3],
 }
 
 impl ReadAxis {
@@ -63,6 +65,11 @@ impl ReadAxis {
             arm_mm: tip - joint.point_mm,
             behind: f64::from(u8::from(joint.side == Side::Workpiece)),
             along: Along::of(&joint.direction),
+            table_of: if self.tables.len() == 3 {
+                [0, 1, 2]
+            } else {
+                [0; 3]
+            },
             location: self.location,
             assembly: self.assembly,
             travel: self.travel,
@@ -375,13 +382,8 @@ impl From<Slides> for Evaluation {
 impl CompiledAxis {
     #[inline(always)]
     pub(crate) fn table(&self, approach: Approach) -> &Table {
-        let branch = if self.tables.len() == 3 {
-            approach as usize
-        } else {
-            0
-        };
         // One table at least: `tables` makes one or three.
-        &self.tables[branch]
+        &self.tables[self.table_of[approach as usize]]
     }
 
     /// The coordinate (mm, rad) in mm or deg, brought into travel where the axis has a modulo.
