@@ -196,9 +196,10 @@ impl CompiledMachine {
 
     #[inline(always)]
     pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
-        match self.only_slides {
-            true => self.slides(&state.q, &state.approach, registers),
-            false => self.walk(state, registers, &mut ()),
+        if self.only_slides {
+            self.slides(&state.q, &state.approach, registers)
+        } else {
+            self.walk(state, registers, &mut ())
         }
     }
 
