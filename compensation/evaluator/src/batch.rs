@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use volcomp_kinematics::{Approach, MAX_AXES, State};
 
 use crate::{
-    machine::{CompiledMachine, Evaluation, three_slides},
+    correction::FirstOrder,
+    machine::{CompiledMachine, Evaluation},
     table::Wide,
 };
 
@@ -60,15 +61,12 @@ impl WithSimd for Batch<'_> {
         let machine = self.machine;
         let registers = Wide(simd);
         let (axes, approach) = (&machine.axes[..], self.approach);
-        if let ([a, b, c], true) = (axes, machine.only_slides) {
-            let tables = [
-                a.table(approach[0]),
-                b.table(approach[1]),
-                c.table(approach[2]),
-            ];
+        if let (true, [a, b, c]) = (machine.three_slides, axes) {
+            let (axes, [k, l, m, ..]) = ([a, b, c], approach);
             let (poses, _) = self.poses.as_chunks::<3>();
             for (&pose, error) in poses.iter().zip(self.errors) {
-                *error = three_slides([a, b, c], tables, pose, registers).into_six();
+                let found = machine.three_slides(axes, [k, l, m], pose, registers);
+                *error = found.into_six();
             }
             return;
         }
@@ -93,6 +91,20 @@ pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
             self.0.evaluate_with(self.1, Wide(simd))
+        }
+    }
+    Arch::new().dispatch(One(machine, state))
+}
+
+/// The correction of one pose, the same way.
+pub(crate) fn one_correction(machine: &CompiledMachine, state: &State) -> FirstOrder {
+    struct One<'a>(&'a CompiledMachine, &'a State);
+    impl WithSimd for One<'_> {
+        type Output = FirstOrder;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> FirstOrder {
+            self.0.first_order_with(self.1, Wide(simd))
         }
     }
     Arch::new().dispatch(One(machine, state))

@@ -9,19 +9,23 @@ use alloc::{
 };
 
 use sha2::{Digest, Sha256};
-use volcomp_kinematics::{AxisName, Chain, ErrorMotion, JointKind, Structure, nalgebra::Vector3};
+use volcomp_kinematics::{
+    AxisName, Chain, ErrorMotion, JointKind, MAX_AXES, Structure, nalgebra::Vector3,
+};
 
 use crate::{
     EvaluatorError, Tolerance,
-    machine::{CompiledAxis, CompiledMachine, Range},
+    machine::{AxisTables, CompiledAxis, CompiledMachine, Frame, Range},
+    parts::Branches,
     patch::Patch,
-    table::{LANES, MAX_PIECES, Piece, Table},
+    table::{LANES, MAX_PIECES, Piece},
 };
 
 /// Version of the bytes that this program writes, and the only one it reads.
 pub const BLOB_VERSION: u32 = 1;
 
 const MAGIC: &[u8; 8] = b"VOLCOMPM";
+const NOTHING: [ErrorMotion; MAX_AXES] = [ErrorMotion::ZERO; MAX_AXES];
 const HEAD: usize = 8 + 4 + 32;
 /// Nodes of a patch along one axis at the most.
 const MAX_NODES: usize = 1 << 16;
@@ -40,8 +44,8 @@ impl CompiledMachine {
             &mut body,
             &[self.tolerance.linear_mm, self.tolerance.angular_rad],
         );
-        for axis in &self.axes {
-            put_axis(&mut body, axis);
+        for (index, axis) in self.axes.iter().enumerate() {
+            put_axis(&mut body, self, index, axis);
         }
         put_count(&mut body, self.ranges.len());
         for range in &self.ranges {
@@ -102,7 +106,7 @@ fn put_motion(body: &mut Vec<u8>, motion: &ErrorMotion) {
     );
 }
 
-fn put_axis(body: &mut Vec<u8>, axis: &CompiledAxis) {
+fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &CompiledAxis) {
     put(
         body,
         axis.joint
@@ -110,15 +114,20 @@ fn put_axis(body: &mut Vec<u8>, axis: &CompiledAxis) {
             .iter()
             .chain(axis.joint.point_mm.iter()),
     );
-    put_motion(body, &axis.location);
-    put_motion(body, &axis.assembly);
+    put_motion(body, &machine.location[index]);
+    put_motion(body, &machine.assembly[index]);
     // No modulo is a period of 0.
     let [low, high] = axis.travel;
     put(body, &[low, high, axis.modulo.unwrap_or(0.0)]);
-    put_count(body, axis.tables.len());
-    for table in &axis.tables {
-        put_count(body, table.pieces().len());
-        for piece in table.pieces() {
+    let heads = match axis.branches {
+        Branches::One => &axis.heads[..1],
+        Branches::Three => &axis.heads[..],
+    };
+    put_count(body, heads.len());
+    for head in heads {
+        let pieces = machine.tables.pieces(head);
+        put_count(body, pieces.len());
+        for piece in pieces {
             put(body, &[piece.start(), piece.end()]);
             for power in 0..4 {
                 put(body, &piece.power(power));
@@ -210,18 +219,14 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
     let broken = |e: volcomp_kinematics::ChainError| refused(&e.to_string());
     chain.set_tool(tip, tool_axis).map_err(broken)?;
     chain.set_workpiece_origin(origin).map_err(broken)?;
-    let mut read = Vec::new();
-    for &name in structure.axes() {
+    let (mut axes, mut location, mut assembly) = (Vec::new(), NOTHING, NOTHING);
+    for (index, &name) in structure.axes().iter().enumerate() {
         let (direction, point) = (reader.numbers()?, reader.numbers()?);
         chain.set_direction(name, direction).map_err(broken)?;
         chain.set_point(name, point).map_err(broken)?;
-        read.push(read_axis(reader, name, structure.axes().len())?);
+        (location[index], assembly[index]) = (reader.motion()?, reader.motion()?);
+        axes.push(read_axis(reader, name, structure.axes().len())?);
     }
-    let axes = chain.joints().iter().zip(read);
-    let tip = chain.tool_tip_mm();
-    let axes = axes
-        .map(|(joint, parts)| parts.into_axis(joint, &tip))
-        .collect();
     let mut ranges = Vec::new();
     let last = structure.axes().len() - 1;
     for _ in 0..reader.count(MAX_NODES, "ranges")? {
@@ -239,25 +244,20 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
         linear_mm,
         angular_rad,
     };
-    Ok(CompiledMachine::from_axes(chain, axes, ranges, tolerance))
-}
-
-/// What stands in a blob of one axis, besides its joint.
-pub(crate) struct ReadAxis {
-    pub(crate) location: ErrorMotion,
-    pub(crate) assembly: ErrorMotion,
-    pub(crate) travel: [f64; 2],
-    pub(crate) modulo: Option<f64>,
-    pub(crate) tables: Vec<Table>,
-    pub(crate) patches: Vec<Patch>,
+    let frame = Frame {
+        chain,
+        location,
+        assembly,
+        tolerance,
+    };
+    Ok(CompiledMachine::from_tables(frame, axes, ranges))
 }
 
 fn read_axis(
     reader: &mut Reader<'_>,
     name: AxisName,
     axes: usize,
-) -> Result<ReadAxis, EvaluatorError> {
-    let (location, assembly) = (reader.motion()?, reader.motion()?);
+) -> Result<AxisTables, EvaluatorError> {
     let [low, high, period] = reader.numbers()?;
     if low >= high || period < 0.0 || (period > 0.0 && name.kind() == JointKind::Linear) {
         return Err(refused("found a travel or a modulo that makes no axis"));
@@ -273,9 +273,7 @@ fn read_axis(
     let patches = (0..count)
         .map(|_| read_patch(reader, axes))
         .collect::<Result<_, _>>()?;
-    Ok(ReadAxis {
-        location,
-        assembly,
+    Ok(AxisTables {
         travel: [low, high],
         modulo: (period > 0.0).then_some(period),
         tables,
@@ -283,13 +281,15 @@ fn read_axis(
     })
 }
 
-fn read_table(reader: &mut Reader<'_>) -> Result<Table, EvaluatorError> {
+fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, EvaluatorError> {
     let count = reader.count(MAX_PIECES, "pieces")?;
     let mut pieces: Vec<Piece> = Vec::new();
-    for _ in 0..count {
+    for place in 0..count {
         let [start, end] = reader.numbers()?;
         let joins = pieces.last().is_none_or(|before| before.end() == start);
-        if !joins || end < start || (end == start && count > 1) {
+        // The first and the last are the held ends.
+        let held = place == 0 || place + 1 == count;
+        if !joins || (start >= end) != held || start > end {
             return Err(refused("found pieces that do not follow one another"));
         }
         let mut powers = [[0.0; LANES]; 4];
@@ -298,10 +298,10 @@ fn read_table(reader: &mut Reader<'_>) -> Result<Table, EvaluatorError> {
         }
         pieces.push(Piece::new(start, end, powers));
     }
-    if pieces.is_empty() {
-        return Err(refused("found a table without pieces"));
+    if pieces.len() < 2 {
+        return Err(refused("found a table without ends"));
     }
-    Ok(Table::new(pieces))
+    Ok(pieces)
 }
 
 fn read_patch(reader: &mut Reader<'_>, axes: usize) -> Result<Patch, EvaluatorError> {

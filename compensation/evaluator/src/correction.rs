@@ -1,21 +1,39 @@
 //! The first-order correction of a real-time cycle, and a bound of what it neglects.
 
+use alloc::vec::Vec;
+
 use volcomp_kinematics::{
-    JointKind, MAX_AXES, State,
+    Joint, JointKind, MAX_AXES, SINGULAR_BELOW, State,
     nalgebra::{Matrix3, Vector2, Vector3},
 };
 
 use crate::{
     machine::{CompiledMachine, Evaluation},
-    table::Baseline,
-    walk::Directions,
+    table::Registers,
+    turn::Turn,
+    walk::Turns,
 };
 
-/// Below this singular value of the rotary rows a direction of the tool axis is left out (MODEL.md
-/// section 3).
-const SINGULAR_BELOW: f64 = volcomp_kinematics::SINGULAR_BELOW;
 /// A linear axis corrects when it is at least so far from the plane or line of those before it.
 const INDEPENDENT_ABOVE: f64 = 1e-3;
+
+/// How the rotary axes turned, and the levers from their points to the tip.
+struct Passed([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
+
+impl Turns for Passed {
+    #[inline(always)]
+    fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>) {
+        self.0[index] = Some((turn, lever_mm));
+    }
+}
+
+/// What a correction can do, in workpiece axes.
+struct Directions {
+    axes: [Vector3<f64>; MAX_AXES],
+    /// How the tip goes with each rotary axis, mm for each rad.
+    arms_mm: [Vector3<f64>; MAX_AXES],
+    tool_axis: Vector3<f64>,
+}
 
 /// A first-order correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,26 +51,36 @@ impl CompiledMachine {
     /// The correction of one step: rotary axes on the tool axis with the least norm, then the first
     /// linear axis of each direction on position (MODEL.md section 3).
     pub fn first_order(&self, state: &State) -> FirstOrder {
-        if self.only_slides {
-            let error = self.slides(&state.q, &state.approach, Baseline);
-            let mut delta = [0.0; MAX_AXES];
-            let columns = |index: usize| self.axes[index].joint.direction;
-            self.correct_position(&Vector3::from(error.position_mm), columns, &mut delta);
+        #[cfg(feature = "std")]
+        return crate::batch::one_correction(self, state);
+        #[cfg(not(feature = "std"))]
+        self.first_order_with(state, crate::table::Baseline)
+    }
+
+    #[inline(always)]
+    pub(crate) fn first_order_with(&self, state: &State, registers: impl Registers) -> FirstOrder {
+        let mut delta = [0.0; MAX_AXES];
+        if self.three_slides {
+            let error = self.evaluate_with(state, registers);
+            let position = Vector3::from(error.position_mm);
+            self.correct_position(
+                &position,
+                |index| self.axes[index].joint.direction,
+                &mut delta,
+            );
             return FirstOrder {
                 error,
                 delta,
                 singular: true,
             };
         }
-        let mut directions = Directions::new(self.chain.tool_axis());
-        let error = self.walk(state, Baseline, &mut directions);
-        let mut delta = [0.0; MAX_AXES];
+        let mut passed = Passed([None; MAX_AXES]);
+        let error = self.walk(state, registers, &mut passed);
+        let directions = self.directions(&passed);
         let singular = self.correct_axis(&error, &directions, &mut delta);
         let mut position = Vector3::from(error.position_mm);
-        for (index, axis) in self.axes.iter().enumerate() {
-            if axis.joint.kind == JointKind::Rotary {
-                position += directions.arms_mm[index] * delta[index];
-            }
+        for (arm_mm, delta) in directions.arms_mm.iter().zip(&delta) {
+            position += arm_mm * *delta;
         }
         self.correct_position(&position, |index| directions.axes[index], &mut delta);
         FirstOrder {
@@ -62,8 +90,31 @@ impl CompiledMachine {
         }
     }
 
+    /// Directions and levers in workpiece axes, from the workpiece to the tool.
+    #[inline(always)]
+    fn directions(&self, passed: &Passed) -> Directions {
+        let mut axes = [Vector3::zeros(); MAX_AXES];
+        let mut arms_mm = axes;
+        // The unit vectors of the body reached so far.
+        let mut frame = Matrix3::identity();
+        let joints = self.axes.iter().map(|axis| &axis.joint).zip(&passed.0);
+        for (index, (joint, turned)) in joints.enumerate() {
+            axes[index] = frame * joint.direction;
+            if let Some((turn, lever_mm)) = turned {
+                arms_mm[index] = frame * joint.direction.cross(lever_mm);
+                frame *= turn.matrix();
+            }
+        }
+        Directions {
+            axes,
+            arms_mm,
+            tool_axis: frame * self.chain.tool_axis(),
+        }
+    }
+
     /// Rotary axes, least norm on the two components of the tool-axis error normal to it. Whether a
     /// direction is left out.
+    #[inline(always)]
     fn correct_axis(
         &self,
         error: &Evaluation,
@@ -71,62 +122,53 @@ impl CompiledMachine {
         delta: &mut [f64; MAX_AXES],
     ) -> bool {
         let tool_axis = &directions.tool_axis;
-        let mut helper = Vector3::zeros();
-        helper[tool_axis.iamin()] = 1.0;
-        let first = tool_axis.cross(&helper).normalize();
-        let second = tool_axis.cross(&first);
-        let seen = |v: &Vector3<f64>| Vector2::new(first.dot(v), second.dot(v));
-        let miss = seen(&Vector3::from(error.rotation_rad).cross(tool_axis));
+        let [first, second] = normals(tool_axis);
+        // (v × t) · n = v · (t × n).
+        let seen = |v: &Vector3<f64>| Vector2::new(second.dot(v), -first.dot(v));
+        let miss = seen(&Vector3::from(error.rotation_rad));
         let mut rows = [Vector2::zeros(); MAX_AXES];
         // A·Aᵀ = [a b; b c].
         let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
         for (index, axis) in self.axes.iter().enumerate() {
             if axis.joint.kind == JointKind::Rotary {
-                let row = seen(&directions.axes[index].cross(tool_axis));
+                let row = seen(&directions.axes[index]);
                 (a, b, c) = (a + row.x * row.x, b + row.x * row.y, c + row.y * row.y);
                 rows[index] = row;
             }
         }
-        let weighted = pseudo_inverse(a, b, c, &miss);
+        let (weighted, singular) = pseudo_inverse(a, b, c, &miss);
         for (delta, row) in delta.iter_mut().zip(&rows) {
-            *delta = -row.dot(&weighted.0);
+            *delta = -row.dot(&weighted);
         }
-        weighted.1
+        singular
     }
 
     /// Linear axes, exactly on position; of more than three the first independent ones.
+    #[inline(always)]
     fn correct_position(
         &self,
         position_mm: &Vector3<f64>,
         column: impl Fn(usize) -> Vector3<f64>,
         delta: &mut [f64; MAX_AXES],
     ) {
-        let mut matrix = Matrix3::identity();
-        let mut chosen = [0; 3];
-        let mut count = 0;
-        let mut basis = [Vector3::zeros(); 3];
-        for (index, axis) in self.axes.iter().enumerate() {
-            if axis.joint.kind == JointKind::Rotary || count == 3 {
-                continue;
-            }
-            let mut normal = axis.joint.direction;
-            for unit in &basis[..count] {
-                normal -= unit * unit.dot(&normal);
-            }
-            let norm = normal.norm();
-            if norm > INDEPENDENT_ABOVE {
-                basis[count] = normal / norm;
-                chosen[count] = index;
-                matrix.set_column(count, &column(index));
-                count += 1;
-            }
+        let mut columns = [Vector3::zeros(); 3];
+        for (into, &index) in columns.iter_mut().zip(&self.correcting) {
+            *into = column(index);
         }
+        let count = self.correcting.len();
         if count < 3 {
-            fill_with_normals(&mut matrix, count);
+            fill_with_normals(&mut columns, count);
         }
-        let shares = matrix.try_inverse().unwrap_or_else(Matrix3::zeros) * position_mm;
-        for (place, &index) in chosen[..count].iter().enumerate() {
-            delta[index] = -shares[place];
+        // Cramer's rule.
+        let [first, second, third] = columns;
+        let normals = [
+            second.cross(&third),
+            third.cross(&first),
+            first.cross(&second),
+        ];
+        let per_volume = 1.0 / first.dot(&normals[0]);
+        for (normal, &index) in normals.iter().zip(&self.correcting) {
+            delta[index] = -normal.dot(position_mm) * per_volume;
         }
     }
 
@@ -135,37 +177,23 @@ impl CompiledMachine {
     pub fn neglected_mm(&self, delta: &[f64; MAX_AXES]) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut tilts, mut bound) = (0.0, 0.0);
-        for (axis, delta) in self.axes.iter().zip(delta) {
-            let size = axis.tables.iter().fold([0.0_f64; 2], |most, table| {
-                let m = table.magnitudes();
-                let norm = |v: [f64; 3]| Vector3::from(v).norm();
-                [
-                    most[0].max(norm([m[0], m[1], m[2]])),
-                    most[1].max(norm([m[3], m[4], m[5]])),
-                ]
-            });
-            let per_unit = if axis.joint.kind == JointKind::Linear {
-                1.0
-            } else {
+        for (index, (axis, delta)) in self.axes.iter().zip(delta).enumerate() {
+            let rotary = axis.joint.kind == JointKind::Rotary;
+            let per_unit = if rotary {
                 180.0 / core::f64::consts::PI
-            };
-            let (mut linear, mut angular) = (0.0, 0.0);
-            for component in 0..6 {
-                let slope = self.slope_bound(axis.joint.name, component) * per_unit;
-                *(if component < 3 {
-                    &mut linear
-                } else {
-                    &mut angular
-                }) += slope;
-            }
-            tilts += size[1] + axis.location.angular_rad.norm() + axis.assembly.angular_rad.norm();
-            let turns = if axis.joint.kind == JointKind::Rotary {
-                libm::fabs(*delta)
             } else {
-                0.0
+                1.0
             };
+            let slopes = |components: core::ops::Range<usize>| -> f64 {
+                components.map(|c| axis.slope_bound(c) * per_unit).sum()
+            };
+            let (linear, angular) = (slopes(0..3), slopes(3..6));
+            tilts += axis.bounds.angular_rad
+                + self.location[index].angular_rad.norm()
+                + self.assembly[index].angular_rad.norm();
+            let turns = if rotary { libm::fabs(*delta) } else { 0.0 };
             bound += libm::fabs(*delta) * (linear + angular * reach_mm + tilts);
-            bound += turns * (size[0] + turns * reach_mm);
+            bound += turns * (axis.bounds.linear_mm + turns * reach_mm);
         }
         let turned: f64 = delta
             .iter()
@@ -221,19 +249,48 @@ fn pseudo_inverse(a: f64, b: f64, c: f64, miss: &Vector2<f64>) -> (Vector2<f64>,
     (vector * (vector.dot(miss) / larger), true)
 }
 
-/// Columns from `count` on become unit vectors normal to those before: their shares are not applied.
-fn fill_with_normals(matrix: &mut Matrix3<f64>, count: usize) {
-    let column = |matrix: &Matrix3<f64>, i: usize| Vector3::from(matrix.column(i));
+/// The linear axes that correct: the first of each direction, three at the most.
+pub(crate) fn correcting(joints: &[Joint]) -> Vec<usize> {
+    let mut chosen: Vec<usize> = Vec::new();
+    let mut basis: Vec<Vector3<f64>> = Vec::new();
+    for (index, joint) in joints.iter().enumerate() {
+        if joint.kind == JointKind::Rotary || basis.len() == 3 {
+            continue;
+        }
+        let mut normal = joint.direction;
+        for unit in &basis {
+            normal -= unit * unit.dot(&normal);
+        }
+        let norm = normal.norm();
+        if norm > INDEPENDENT_ABOVE {
+            basis.push(normal / norm);
+            chosen.push(index);
+        }
+    }
+    chosen
+}
+
+/// Columns from `count` on become vectors normal to those before: their shares are not applied.
+fn fill_with_normals(columns: &mut [Vector3<f64>; 3], count: usize) {
     if count == 0 {
-        *matrix = Matrix3::identity();
+        *columns = [Vector3::x(), Vector3::y(), Vector3::z()];
         return;
     }
     if count == 1 {
-        let first = column(matrix, 0);
-        let mut helper = Vector3::zeros();
-        helper[first.iamin()] = 1.0;
-        matrix.set_column(1, &first.cross(&helper).normalize());
+        columns[1] = normals(&columns[0])[0];
     }
-    let third = column(matrix, 0).cross(&column(matrix, 1)).normalize();
-    matrix.set_column(2, &third);
+    columns[2] = columns[0].cross(&columns[1]);
+}
+
+/// Two unit vectors that make a right-handed frame with a unit vector as its third (Duff et al.,
+/// Building an Orthonormal Basis, Revisited, JCGT 6, 2017).
+#[inline(always)]
+fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let sign = 1.0_f64.copysign(unit.z);
+    let a = -1.0 / (sign + unit.z);
+    let b = unit.x * unit.y * a;
+    [
+        Vector3::new(1.0 + sign * unit.x * unit.x * a, sign * b, -sign * unit.x),
+        Vector3::new(b, sign + unit.y * unit.y * a, -unit.y),
+    ]
 }

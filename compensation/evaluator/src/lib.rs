@@ -12,12 +12,14 @@ mod batch;
 mod blob;
 mod correction;
 mod error;
+mod fold;
 #[cfg(feature = "std")]
 mod grid;
 mod machine;
 mod parts;
 mod patch;
 mod table;
+mod turn;
 mod walk;
 
 pub use blob::BLOB_VERSION;

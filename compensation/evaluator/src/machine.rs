@@ -1,18 +1,19 @@
-//! The compiled machine and its evaluation at one pose.
+//! The compiled machine: what it is made of and what it answers about itself.
 
 use alloc::vec::Vec;
 
 use volcomp_kinematics::{
-    Approach, AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, Side, State,
+    Approach, AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, State,
     nalgebra::Vector3,
 };
 
 use crate::{
     EvaluatorError, Tolerance,
-    blob::ReadAxis,
+    fold::{Folded, errors_before_motion, fold},
     parts::{AxisParts, Branches, MachineParts, fit_or_refuse},
     patch::Patch,
-    table::{LANES, Registers, Table, WIDE},
+    table::{Baseline, Bounds, Head, LANES, Piece, Registers, Tables, WIDE},
+    turn::Along,
 };
 
 /// The volumetric error at one pose, first order, in workpiece axes.
@@ -37,47 +38,28 @@ impl Evaluation {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CompiledAxis {
     pub(crate) joint: Joint,
-    pub(crate) location: ErrorMotion,
-    pub(crate) assembly: ErrorMotion,
     pub(crate) travel: [f64; 2],
     pub(crate) modulo: Option<f64>,
-    /// One table, or forward, backward and mean. Errors are carried to the tool tip at machine zero,
-    /// assembly errors are in.
-    pub(crate) tables: Vec<Table>,
+    pub(crate) branches: Branches,
+    /// The table for each approach. Errors are carried to the tool tip at machine zero, constant errors
+    /// are in.
+    pub(crate) heads: [Head; 3],
     pub(crate) patches: Vec<Patch>,
-    /// What a linear axis adds for each mm of its coordinate: tilt of its line, lever of its assembly.
-    pub(crate) slide: Vector3<f64>,
     /// From the axis's point to the tool tip at machine zero, mm.
     pub(crate) arm_mm: Vector3<f64>,
-    /// 1 where errors act behind the slide: on the workpiece side; else 0.
-    pub(crate) behind: f64,
+    /// Whether the errors stand on the tool side of the joint.
+    pub(crate) before_motion: bool,
     pub(crate) along: Along,
-    /// The table of each approach.
-    table_of: [usize; 3],
+    pub(crate) bounds: Bounds,
 }
 
-impl ReadAxis {
-    /// With what follows from its joint.
-    pub(crate) fn into_axis(self, joint: &Joint, tip: &Vector3<f64>) -> CompiledAxis {
-        CompiledAxis {
-            joint: *joint,
-            slide: slide(joint, &self.location, &self.assembly),
-            arm_mm: tip - joint.point_mm,
-            behind: f64::from(u8::from(joint.side == Side::Workpiece)),
-            along: Along::of(&joint.direction),
-            table_of: if self.tables.len() == 3 {
-                [0, 1, 2]
-            } else {
-                [0; 3]
-            },
-            location: self.location,
-            assembly: self.assembly,
-            travel: self.travel,
-            modulo: self.modulo,
-            tables: self.tables,
-            patches: self.patches,
-        }
-    }
+/// What an axis has besides its joint and what follows from it.
+pub(crate) struct AxisTables {
+    pub(crate) travel: [f64; 2],
+    pub(crate) modulo: Option<f64>,
+    /// Pieces of one table, or of forward, backward and mean.
+    pub(crate) tables: Vec<Vec<Piece>>,
+    pub(crate) patches: Vec<Patch>,
 }
 
 /// Where the curve of one component is defined.
@@ -90,16 +72,32 @@ pub(crate) struct Range {
     pub(crate) domain: [f64; 2],
 }
 
+/// A machine without its tables.
+pub(crate) struct Frame {
+    pub(crate) chain: Chain,
+    pub(crate) location: [ErrorMotion; MAX_AXES],
+    pub(crate) assembly: [ErrorMotion; MAX_AXES],
+    pub(crate) tolerance: Tolerance,
+}
+
 /// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
 /// first order without allocation, lock or panic. Thermal terms are not part of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompiledMachine {
     pub(crate) chain: Chain,
-    pub(crate) axes: Vec<CompiledAxis>,
-    pub(crate) ranges: Vec<Range>,
+    pub(crate) location: [ErrorMotion; MAX_AXES],
+    pub(crate) assembly: [ErrorMotion; MAX_AXES],
     pub(crate) tolerance: Tolerance,
-    /// No rotary axis and no errors over two coordinates: the sum of tables and slides.
-    pub(crate) only_slides: bool,
+    pub(crate) axes: Vec<CompiledAxis>,
+    pub(crate) tables: Tables,
+    pub(crate) ranges: Vec<Range>,
+    pub(crate) folded: Folded,
+    /// Whether something is left at the workpiece end.
+    pub(crate) at_workpiece: bool,
+    /// Three linear axes and no errors over two coordinates.
+    pub(crate) three_slides: bool,
+    /// The linear axes that correct: of each direction the first.
+    pub(crate) correcting: Vec<usize>,
 }
 
 impl CompiledMachine {
@@ -113,52 +111,57 @@ impl CompiledMachine {
                 return Err(EvaluatorError::Tolerance { found });
             }
         }
-        let chain = parts.chain.clone();
-        let tip = chain.tool_tip_mm();
-        let mut axes = Vec::new();
-        let mut ranges = Vec::new();
-        for (index, (joint, parts_of)) in chain.joints().iter().zip(parts.axes).enumerate() {
-            let (location, assembly) = (parts.location[index], parts.assembly[index]);
-            ranges.extend(
-                parts_of
-                    .ranges
-                    .iter()
-                    .map(|&(component, looked_at, range)| Range {
-                        axis: index,
-                        component,
-                        looked_at,
-                        domain: range,
-                    }),
-            );
-            let tables = tables(joint, &parts_of, &assembly, &tip, tolerance)?;
-            let read = ReadAxis {
-                location,
-                assembly,
-                travel: parts_of.travel,
-                modulo: parts_of.modulo,
-                tables,
-                patches: parts_of.patches,
-            };
-            axes.push(read.into_axis(joint, &tip));
+        let frame = Frame {
+            chain: parts.chain.clone(),
+            location: parts.location,
+            assembly: parts.assembly,
+            tolerance,
+        };
+        let folded = fold(&frame.chain, &frame.location, &frame.assembly);
+        let (mut axes, mut ranges) = (Vec::new(), Vec::new());
+        for (index, parts) in parts.axes.into_iter().enumerate() {
+            let stated = parts.ranges.iter();
+            ranges.extend(stated.map(|&(component, looked_at, domain)| Range {
+                axis: index,
+                component,
+                looked_at,
+                domain,
+            }));
+            axes.push(AxisTables {
+                travel: parts.travel,
+                modulo: parts.modulo,
+                tables: tables(&frame, &folded, index, &parts)?,
+                patches: parts.patches,
+            });
         }
-        Ok(Self::from_axes(chain, axes, ranges, tolerance))
+        Ok(Self::from_tables(frame, axes, ranges))
     }
 
-    pub(crate) fn from_axes(
-        chain: Chain,
-        axes: Vec<CompiledAxis>,
-        ranges: Vec<Range>,
-        tolerance: Tolerance,
-    ) -> Self {
-        let only_slides = axes
-            .iter()
-            .all(|axis| axis.joint.kind == JointKind::Linear && axis.patches.is_empty());
+    /// From tables that hold the constants already.
+    pub(crate) fn from_tables(frame: Frame, axes: Vec<AxisTables>, ranges: Vec<Range>) -> Self {
+        let folded = fold(&frame.chain, &frame.location, &frame.assembly);
+        let tip = frame.chain.tool_tip_mm();
+        let mut tables = Tables::default();
+        let compiled = |(index, (joint, axis)): (usize, (&Joint, AxisTables))| {
+            let slide = &folded.slide[index];
+            axis.compiled(joint, tip - joint.point_mm, slide, &mut tables)
+        };
+        let joints = frame.chain.joints().iter();
+        let axes: Vec<CompiledAxis> = joints.zip(axes).enumerate().map(compiled).collect();
+        let slides =
+            |axis: &CompiledAxis| axis.joint.kind == JointKind::Linear && axis.patches.is_empty();
         Self {
-            chain,
+            three_slides: axes.len() == 3 && axes.iter().all(slides),
+            at_workpiece: folded.workpiece_end != ErrorMotion::ZERO,
+            correcting: crate::correction::correcting(frame.chain.joints()),
+            chain: frame.chain,
+            location: frame.location,
+            assembly: frame.assembly,
+            tolerance: frame.tolerance,
             axes,
+            tables,
             ranges,
-            tolerance,
-            only_slides,
+            folded,
         }
     }
 
@@ -174,16 +177,12 @@ impl CompiledMachine {
 
     /// Cubic pieces of all tables together.
     pub fn pieces(&self) -> usize {
-        self.tables().map(|table| table.pieces().len()).sum()
+        self.tables.len()
     }
 
     /// Bytes of all tables together.
     pub fn bytes(&self) -> usize {
-        self.tables().map(Table::bytes).sum()
-    }
-
-    fn tables(&self) -> impl Iterator<Item = &Table> {
-        self.axes.iter().flat_map(|axis| &axis.tables)
+        self.tables.bytes()
     }
 
     /// The volumetric error at a state (mm, rad), first order (the `twist` form).
@@ -191,43 +190,16 @@ impl CompiledMachine {
         #[cfg(feature = "std")]
         return crate::batch::one_pose(self, state);
         #[cfg(not(feature = "std"))]
-        self.evaluate_with(state, crate::table::Baseline)
+        self.evaluate_with(state, Baseline)
     }
 
     #[inline(always)]
     pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
-        if self.only_slides {
-            self.slides(&state.q, &state.approach, registers)
-        } else {
-            self.walk(state, registers, &mut ())
+        if let (true, [a, b, c]) = (self.three_slides, &self.axes[..]) {
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q, &state.approach);
+            return self.three_slides([a, b, c], [k, l, m], [x, y, z], registers);
         }
-    }
-
-    /// From the workpiece to the tool: every slide carries the tool over the tilts before it.
-    #[inline(always)]
-    pub(crate) fn slides(
-        &self,
-        q_mm: &[f64],
-        approach: &[Approach; MAX_AXES],
-        registers: impl Registers,
-    ) -> Evaluation {
-        match (&self.axes[..], q_mm) {
-            ([a, b, c], &[x, y, z, ..]) => {
-                let tables = [
-                    a.table(approach[0]),
-                    b.table(approach[1]),
-                    c.table(approach[2]),
-                ];
-                three_slides([a, b, c], tables, [x, y, z], registers)
-            }
-            (axes, q_mm) => {
-                let mut sum = Slides::default();
-                for ((axis, &q), &approach) in axes.iter().zip(q_mm).zip(approach) {
-                    sum.add(axis, q, &registers.value(axis.table(approach), q));
-                }
-                sum.into()
-            }
-        }
+        self.walk(state, registers, &mut ())
     }
 
     /// Errors over two coordinates, carried to the tool tip like those of the tables.
@@ -255,16 +227,8 @@ impl CompiledMachine {
     /// Bound of |dE/dq| of one error motion at the axis's point over all branches, mm or rad for each
     /// mm or deg; `component` 0 to 5.
     pub fn slope_bound(&self, axis: AxisName, component: usize) -> f64 {
-        let Some(axis) = self.axes.iter().find(|a| a.joint.name == axis) else {
-            return 0.0;
-        };
-        let lane = component.min(LANES - 1);
-        let of_tables = axis
-            .tables
-            .iter()
-            .map(|table| table.slope_bounds(&axis.arm_mm)[lane]);
-        let patches = axis.patches.iter().filter(|p| p.component == component);
-        of_tables.fold(0.0, f64::max) + patches.map(Patch::slope_bound).sum::<f64>()
+        let axis = self.axes.iter().find(|a| a.joint.name == axis);
+        axis.map_or(0.0, |axis| axis.slope_bound(component))
     }
 
     /// The components whose curves are evaluated outside their range, as bits: axis × 6 + component.
@@ -283,110 +247,42 @@ impl CompiledMachine {
     }
 }
 
-/// The sum of a chain of slides. What the slides add is kept apart from the sum of the tables: that
-/// one stays in its registers, of which only the tilts are taken out.
-#[derive(Default)]
-struct Slides {
-    tables: [f64; WIDE],
-    moved: [f64; 3],
-}
-
-impl Slides {
-    #[inline(always)]
-    fn add(&mut self, axis: &CompiledAxis, q_mm: f64, twist: &[f64; WIDE]) {
-        // The errors of an axis ride with its carriage: on the workpiece side they act behind the
-        // slide, on the tool side before it.
-        let tilt = |lane: usize| self.tables[lane] + twist[lane] * axis.behind;
-        let k = &axis.slide;
-        let moved = &mut self.moved;
-        match axis.along {
-            Along::X(sense) => {
-                moved[0] += k[0] * q_mm;
-                moved[1] += (k[1] + tilt(5) * sense) * q_mm;
-                moved[2] += (k[2] - tilt(4) * sense) * q_mm;
-            }
-            Along::Y(sense) => {
-                moved[0] += (k[0] - tilt(5) * sense) * q_mm;
-                moved[1] += k[1] * q_mm;
-                moved[2] += (k[2] + tilt(3) * sense) * q_mm;
-            }
-            Along::Z(sense) => {
-                moved[0] += (k[0] + tilt(4) * sense) * q_mm;
-                moved[1] += (k[1] - tilt(3) * sense) * q_mm;
-                moved[2] += k[2] * q_mm;
-            }
-            Along::Oblique([x, y, z]) => {
-                let (a, b, c) = (tilt(3), tilt(4), tilt(5));
-                moved[0] += (k[0] + b * z - c * y) * q_mm;
-                moved[1] += (k[1] + c * x - a * z) * q_mm;
-                moved[2] += (k[2] + a * y - b * x) * q_mm;
-            }
-        }
-        for (lane, part) in self.tables.iter_mut().zip(twist) {
-            *lane += part;
-        }
-    }
-}
-
-/// Three slides: all tables before any sum, so that nothing waits for anything.
-#[inline(always)]
-pub(crate) fn three_slides(
-    axes: [&CompiledAxis; 3],
-    tables: [&Table; 3],
-    q_mm: [f64; 3],
-    registers: impl Registers,
-) -> Evaluation {
-    let twists = [
-        registers.value(tables[0], q_mm[0]),
-        registers.value(tables[1], q_mm[1]),
-        registers.value(tables[2], q_mm[2]),
-    ];
-    let mut sum = Slides::default();
-    sum.add(axes[0], q_mm[0], &twists[0]);
-    sum.add(axes[1], q_mm[1], &twists[1]);
-    sum.add(axes[2], q_mm[2], &twists[2]);
-    sum.into()
-}
-
-/// The direction of an axis; along a letter a cross product with it is two products.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Along {
-    X(f64),
-    Y(f64),
-    Z(f64),
-    Oblique([f64; 3]),
-}
-
-impl Along {
-    pub(crate) fn of(direction: &Vector3<f64>) -> Self {
-        match <[f64; 3]>::from(*direction) {
-            [x, 0.0, 0.0] => Self::X(x),
-            [0.0, y, 0.0] => Self::Y(y),
-            [0.0, 0.0, z] => Self::Z(z),
-            oblique => Self::Oblique(oblique),
-        }
-    }
-}
-
-impl From<Slides> for Evaluation {
-    #[inline(always)]
-    fn from(sum: Slides) -> Self {
-        let [x, y, z, a, b, c, ..] = sum.tables;
-        let [along_x, along_y, along_z] = sum.moved;
-        Self {
-            position_mm: [x + along_x, y + along_y, z + along_z],
-            rotation_rad: [a, b, c],
+impl AxisTables {
+    /// Ready to evaluate, its tables among those of the machine.
+    fn compiled(
+        self,
+        joint: &Joint,
+        arm_mm: Vector3<f64>,
+        slide: &Vector3<f64>,
+        tables: &mut Tables,
+    ) -> CompiledAxis {
+        let heads: Vec<Head> = self
+            .tables
+            .iter()
+            .map(|pieces| tables.add(pieces))
+            .collect();
+        // One table at least: `tables` and a blob have one or three.
+        let (branches, heads) = match heads[..] {
+            [forward, backward, mean] => (Branches::Three, [forward, backward, mean]),
+            _ => (Branches::One, [heads[0]; 3]),
+        };
+        let all = self.tables.iter().flatten();
+        CompiledAxis {
+            joint: *joint,
+            travel: self.travel,
+            modulo: self.modulo,
+            branches,
+            heads,
+            bounds: Bounds::of(all, &arm_mm, slide),
+            patches: self.patches,
+            arm_mm,
+            before_motion: errors_before_motion(joint),
+            along: Along::of(&joint.direction),
         }
     }
 }
 
 impl CompiledAxis {
-    #[inline(always)]
-    pub(crate) fn table(&self, approach: Approach) -> &Table {
-        // One table at least: `tables` makes one or three.
-        &self.tables[self.table_of[approach as usize]]
-    }
-
     /// The coordinate (mm, rad) in mm or deg, brought into travel where the axis has a modulo.
     #[inline(always)]
     pub(crate) fn looked_up(&self, q: f64) -> f64 {
@@ -403,48 +299,45 @@ impl CompiledAxis {
             _ => coordinate,
         }
     }
+
+    pub(crate) fn slope_bound(&self, component: usize) -> f64 {
+        let of_tables = self.bounds.slopes[component.min(LANES - 1)];
+        let patches = self.patches.iter().filter(|p| p.component == component);
+        of_tables + patches.map(Patch::slope_bound).sum::<f64>()
+    }
 }
 
-/// The tables of one axis, errors carried to the tool tip at machine zero and assembly errors in.
+/// The tables of one axis, errors carried to the tool tip at machine zero and constant errors in.
 fn tables(
-    joint: &Joint,
+    frame: &Frame,
+    folded: &Folded,
+    index: usize,
     parts: &AxisParts<'_>,
-    assembly: &ErrorMotion,
-    tip: &Vector3<f64>,
-    tolerance: Tolerance,
-) -> Result<Vec<Table>, EvaluatorError> {
+) -> Result<Vec<Vec<Piece>>, EvaluatorError> {
     let branches: &[Approach] = match parts.branches {
         Branches::One => &[Approach::Unknown],
         // In the order of `Approach as usize`.
         Branches::Three => &[Approach::Positive, Approach::Negative, Approach::Unknown],
     };
-    let arm = tip - joint.point_mm;
-    let constant = assembly.linear_mm + assembly.angular_rad.cross(tip);
+    let joint = &frame.chain.joints()[index];
+    let arm = frame.chain.tool_tip_mm() - joint.point_mm;
+    let constant = &folded.constant[index];
     let table = |approach: &Approach| {
         let function = |x: f64| {
             let error = (parts.errors)(x, *approach);
-            let linear = error.linear_mm + error.angular_rad.cross(&arm) + constant;
-            let angular = error.angular_rad + assembly.angular_rad;
+            let linear = error.linear_mm + error.angular_rad.cross(&arm) + constant.linear_mm;
+            let angular = error.angular_rad + constant.angular_rad;
             [
                 linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
             ]
         };
-        fit_or_refuse(&function, &parts.breakpoints, tolerance, joint.name)
+        let mut pieces = fit_or_refuse(&function, &parts.breakpoints, frame.tolerance, joint.name)?;
+        for piece in &mut pieces {
+            piece.add_slide(&folded.slide[index]);
+        }
+        Ok(pieces)
     };
     branches.iter().map(table).collect()
-}
-
-/// What a linear axis adds for each mm: its line is tilted, and its assembly error acts on the other end
-/// of the slide than its error motions do.
-fn slide(joint: &Joint, location: &ErrorMotion, assembly: &ErrorMotion) -> Vector3<f64> {
-    if joint.kind == JointKind::Rotary {
-        return Vector3::zeros();
-    }
-    let assembly_end = match joint.side {
-        Side::Tool => assembly.angular_rad,
-        Side::Workpiece => -assembly.angular_rad,
-    };
-    (location.angular_rad + assembly_end).cross(&joint.direction)
 }
 
 impl ErrorSource for CompiledMachine {
@@ -453,29 +346,24 @@ impl ErrorSource for CompiledMachine {
         let Some(axis) = self.axes.get(index) else {
             return ErrorMotion::ZERO;
         };
-        let mut twist = axis
-            .table(state.approach[index])
-            .value(axis.looked_up(state.q[index]));
+        let (q, head) = (state.q[index], &axis.heads[state.approach[index] as usize]);
+        let mut twist = Baseline.value(&self.tables, head, axis.looked_up(q));
         self.add_patches(&mut twist, index, state);
-        let at_tip = Vector3::new(twist[0], twist[1], twist[2]);
-        let tilt = Vector3::new(twist[3], twist[4], twist[5]) - axis.assembly.angular_rad;
-        let constant =
-            axis.assembly.linear_mm + axis.assembly.angular_rad.cross(&self.chain.tool_tip_mm());
+        let [x, y, z, a, b, c, ..] = twist;
+        let constant = &self.folded.constant[index];
+        let tilt = Vector3::new(a, b, c) - constant.angular_rad;
+        let at_tip = Vector3::new(x, y, z) - constant.linear_mm - self.folded.slide[index] * q;
         ErrorMotion {
-            linear_mm: at_tip - constant - tilt.cross(&axis.arm_mm),
+            linear_mm: at_tip - tilt.cross(&axis.arm_mm),
             angular_rad: tilt,
         }
     }
 
     fn location(&self, index: usize) -> ErrorMotion {
-        self.axes
-            .get(index)
-            .map_or(ErrorMotion::ZERO, |a| a.location)
+        *self.location.get(index).unwrap_or(&ErrorMotion::ZERO)
     }
 
     fn assembly(&self, index: usize) -> ErrorMotion {
-        self.axes
-            .get(index)
-            .map_or(ErrorMotion::ZERO, |a| a.assembly)
+        *self.assembly.get(index).unwrap_or(&ErrorMotion::ZERO)
     }
 }

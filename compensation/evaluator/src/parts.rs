@@ -7,7 +7,7 @@ use volcomp_kinematics::{Approach, Chain, ErrorMotion, MAX_AXES};
 use crate::{
     EvaluatorError,
     patch::Patch,
-    table::{LANES, MAX_PIECES, Piece, Table},
+    table::{LANES, MAX_PIECES, Piece},
 };
 
 /// Degree of the Chebyshev interpolant that a piece is judged by, plus 1.
@@ -90,21 +90,17 @@ pub struct MachineParts<'a> {
     pub assembly: [ErrorMotion; MAX_AXES],
 }
 
-/// A function of six components as piecewise cubics.
+/// A function of six components as piecewise cubics, the first and the last of them the held ends.
 pub(crate) fn fit(
     function: &dyn Fn(f64) -> [f64; LANES],
     breakpoints: &[f64],
     tolerance: Tolerance,
-) -> Option<Table> {
+) -> Option<Vec<Piece>> {
     let mut points = breakpoints.to_vec();
     points.sort_unstable_by(f64::total_cmp);
     points.dedup();
-    let [.., _, _] = points[..] else {
-        return Some(Table::constant(function(
-            points.first().copied().unwrap_or(0.0),
-        )));
-    };
-    let mut pieces: Vec<Piece> = Vec::new();
+    let ends = [points.first(), points.last()].map(|end| end.copied().unwrap_or(0.0));
+    let mut pieces = vec![Piece::held(ends[0], function(ends[0]))];
     for ends in points.windows(2) {
         let mut pending = vec![(ends[0], ends[1])];
         while let Some((from, to)) = pending.pop() {
@@ -112,12 +108,12 @@ pub(crate) fn fit(
             let piece = Sampled::over(function, from, to);
             // An interval that cannot be halved any more is taken as it is: one rounding wide.
             if piece.keeps(tolerance) || middle <= from || middle >= to {
-                if pieces.len() >= MAX_PIECES {
+                if pieces.len() + 1 >= MAX_PIECES {
                     return None;
                 }
                 pieces.push(Piece::new(from, to, piece.powers()));
             } else {
-                if pending.len() + pieces.len() >= MAX_PIECES {
+                if pending.len() + pieces.len() + 1 >= MAX_PIECES {
                     return None;
                 }
                 pending.push((middle, to));
@@ -125,7 +121,8 @@ pub(crate) fn fit(
             }
         }
     }
-    Some(Table::new(pieces))
+    pieces.push(Piece::held(ends[1], function(ends[1])));
+    Some(pieces)
 }
 
 /// Fits with the tolerance, or says which one would fit.
@@ -134,9 +131,9 @@ pub(crate) fn fit_or_refuse(
     breakpoints: &[f64],
     tolerance: Tolerance,
     axis: volcomp_kinematics::AxisName,
-) -> Result<Table, EvaluatorError> {
-    if let Some(table) = fit(function, breakpoints, tolerance) {
-        return Ok(table);
+) -> Result<Vec<Piece>, EvaluatorError> {
+    if let Some(pieces) = fit(function, breakpoints, tolerance) {
+        return Ok(pieces);
     }
     let tolerance_nm = tolerance.linear_mm * 1e6;
     let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));

@@ -1,6 +1,6 @@
-//! The six errors of one axis as piecewise cubics over one coordinate.
+//! The six errors of an axis as piecewise cubics over one coordinate.
 
-use alloc::{vec, vec::Vec};
+use alloc::vec::Vec;
 
 use volcomp_kinematics::nalgebra::Vector3;
 
@@ -8,11 +8,11 @@ use volcomp_kinematics::nalgebra::Vector3;
 pub(crate) const LANES: usize = 6;
 /// Lanes of a vector register that the components fill up to.
 pub(crate) const WIDE: usize = 8;
-/// Cells of the index at the most.
-const MAX_CELLS: usize = 1 << 15;
+/// Cells of one table's index at the most.
+const MAX_CELLS: usize = 1 << 12;
 /// Pieces that 1 MiB holds.
 pub(crate) const MAX_PIECES: usize = (1 << 20) / size_of::<Piece>();
-/// Added to a number below 2⁵¹ it leaves the nearest whole number in the last bits.
+/// Added to a whole number below 2³² it leaves that in the last bits; to another, the nearest one.
 const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 /// Cubics of all components over one interval: c0, c1, c2, c3, each a cache line, components side by
@@ -35,6 +35,12 @@ impl Piece {
         Self { rows }
     }
 
+    /// The same value at every coordinate on one side of `x`.
+    pub(crate) fn held(x: f64, value: [f64; LANES]) -> Self {
+        let nothing = [0.0; LANES];
+        Self::new(x, x, [value, nothing, nothing, nothing])
+    }
+
     pub(crate) fn start(&self) -> f64 {
         self.rows[0][LANES]
     }
@@ -47,27 +53,55 @@ impl Piece {
     pub(crate) fn power(&self, power: usize) -> [f64; LANES] {
         core::array::from_fn(|lane| self.rows[power][lane])
     }
+
+    /// Adds `slide` mm to the displacements for each unit of the coordinate.
+    pub(crate) fn add_slide(&mut self, slide: &Vector3<f64>) {
+        let start = self.start();
+        for lane in 0..3 {
+            self.rows[0][lane] += slide[lane] * start;
+            self.rows[1][lane] += slide[lane];
+        }
+    }
 }
 
-/// The errors of one axis in one direction: cubics between breakpoints, held outside.
-///
-/// A uniform index leads to the piece in one bounded step: every cell holds the first piece that
-/// reaches into it and no more than `steps` breakpoints.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Table {
+/// A stretch of one table's index, with no more than one breakpoint where that is possible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Cell {
+    /// Its first breakpoint: from there on the piece after `first` counts. Infinite where there is none.
+    split: f64,
+    first: u32,
+    /// Further breakpoints in it.
+    more: u32,
+}
+
+/// One table among [`Tables`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Head {
     low: f64,
-    high: f64,
     cells_per_unit: f64,
-    steps: usize,
-    /// The first piece of each cell.
-    first: Vec<u32>,
+    /// The last cell, counted from the table's first.
+    last: f64,
+    /// [`TO_INTEGER`] and the table's first cell.
+    to_cell: f64,
+    from_piece: u32,
+    pieces: u32,
+}
+
+/// All tables of a machine: pieces and the uniform indices that lead to them. The first and the last
+/// piece of a table reach to infinity.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Tables {
+    cells: Vec<Cell>,
     pieces: Vec<Piece>,
 }
 
-/// How the components of a table are computed.
+/// How numbers are computed.
 pub(crate) trait Registers: Copy {
-    /// All components at `x`; the two lanes behind them mean nothing.
-    fn value(self, table: &Table, x: f64) -> [f64; WIDE];
+    /// All components of a table at `x`; the two lanes behind them mean nothing.
+    fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE];
+
+    /// `a`·`b` + `c`, in one rounding where that is quick.
+    fn mul_add(self, a: f64, b: f64, c: f64) -> f64;
 }
 
 /// Whatever the target has for certain.
@@ -76,8 +110,15 @@ pub(crate) struct Baseline;
 
 impl Registers for Baseline {
     #[inline(always)]
-    fn value(self, table: &Table, x: f64) -> [f64; WIDE] {
-        table.value(x)
+    fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE] {
+        let (piece, t) = tables.piece(head, x);
+        let [c0, c1, c2, c3] = &piece.rows;
+        core::array::from_fn(|lane| c0[lane] + t * (c1[lane] + t * (c2[lane] + t * c3[lane])))
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: f64, b: f64, c: f64) -> f64 {
+        a * b + c
     }
 }
 
@@ -89,61 +130,9 @@ pub(crate) struct Wide<S>(pub(crate) S);
 #[cfg(feature = "std")]
 impl<S: pulp::Simd> Registers for Wide<S> {
     #[inline(always)]
-    fn value(self, table: &Table, x: f64) -> [f64; WIDE] {
-        table.value_in(self.0, x)
-    }
-}
-
-impl Table {
-    /// A table from its pieces, one at least, each beginning where the one before ends.
-    pub(crate) fn new(pieces: Vec<Piece>) -> Self {
-        let (low, high) = match (pieces.first(), pieces.last()) {
-            (Some(first), Some(last)) => (first.start(), last.end()),
-            _ => (0.0, 0.0),
-        };
-        let (first, cells_per_unit, steps) = index(&pieces, high - low);
-        Self {
-            low,
-            high,
-            cells_per_unit,
-            steps,
-            first,
-            pieces,
-        }
-    }
-
-    /// The value everywhere.
-    pub(crate) fn constant(value: [f64; LANES]) -> Self {
-        let nothing = [0.0; LANES];
-        Self::new(vec![Piece::new(
-            0.0,
-            0.0,
-            [value, nothing, nothing, nothing],
-        )])
-    }
-
-    pub(crate) fn pieces(&self) -> &[Piece] {
-        &self.pieces
-    }
-
-    /// Bytes of the table.
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.pieces[..]) + size_of_val(&self.first[..])
-    }
-
-    /// All components at `x`; the two lanes behind them mean nothing.
-    #[inline(always)]
-    pub(crate) fn value(&self, x: f64) -> [f64; WIDE] {
-        let (piece, t) = self.piece(x);
-        let [c0, c1, c2, c3] = &piece.rows;
-        core::array::from_fn(|lane| c0[lane] + t * (c1[lane] + t * (c2[lane] + t * c3[lane])))
-    }
-
-    /// The same in registers as wide as the processor has.
-    #[cfg(feature = "std")]
-    #[inline(always)]
-    pub(crate) fn value_in<S: pulp::Simd>(&self, simd: S, x: f64) -> [f64; WIDE] {
-        let (piece, t) = self.piece(x);
+    fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE] {
+        let simd = self.0;
+        let (piece, t) = tables.piece(head, x);
         let t = simd.splat_f64s(t);
         let [c0, c1, c2, c3] = piece.rows.each_ref().map(|row| S::as_simd_f64s(row).0);
         let mut value = [0.0; WIDE];
@@ -156,105 +145,178 @@ impl Table {
         value
     }
 
+    #[inline(always)]
+    fn mul_add(self, a: f64, b: f64, c: f64) -> f64 {
+        // Every x86 with four lanes has fused products; without them this would be a call.
+        if cfg!(any(target_arch = "x86_64", target_arch = "x86")) && S::F64_LANES >= 4 {
+            a.mul_add(b, c)
+        } else {
+            a * b + c
+        }
+    }
+}
+
+impl Tables {
+    /// Adds a table from its pieces, each beginning where the one before ends; the first and the last
+    /// are points from which they reach to infinity. Two at least.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "4096 pieces and cells a table at most"
+    )]
+    pub(crate) fn add(&mut self, pieces: &[Piece]) -> Head {
+        let (from_piece, from_cell) = (self.pieces.len(), self.cells.len());
+        let breakpoints: Vec<f64> = pieces[1..].iter().map(Piece::start).collect();
+        let (low, high) = (breakpoints[0], breakpoints[breakpoints.len() - 1]);
+        let cells = cells_for(&breakpoints);
+        let cells_per_unit = if cells > 1 {
+            (cells - 1) as f64 / (high - low)
+        } else {
+            0.0
+        };
+        let mut head = Head {
+            low,
+            cells_per_unit,
+            last: (cells - 1) as f64,
+            to_cell: TO_INTEGER + from_cell as f64,
+            from_piece: from_piece as u32,
+            pieces: pieces.len() as u32,
+        };
+        if !cells_per_unit.is_finite() {
+            (head.cells_per_unit, head.last) = (0.0, 0.0);
+        }
+        let mut places = breakpoints
+            .iter()
+            .map(|x| (head.cell(*x) - from_cell, *x))
+            .peekable();
+        let mut first = from_piece as u32;
+        for cell in 0..cells {
+            let (mut split, mut inside) = (f64::INFINITY, 0);
+            while let Some((_, x)) = places.next_if(|(place, _)| *place == cell) {
+                split = split.min(x);
+                inside += 1;
+            }
+            let more = u32::saturating_sub(inside, 1);
+            self.cells.push(Cell { split, first, more });
+            first += inside;
+        }
+        self.pieces.extend(pieces);
+        head
+    }
+
+    pub(crate) fn pieces(&self, head: &Head) -> &[Piece] {
+        &self.pieces[head.from_piece as usize..][..head.pieces as usize]
+    }
+
+    /// Cubic pieces of all tables.
+    pub(crate) fn len(&self) -> usize {
+        self.pieces.len()
+    }
+
+    /// Bytes of all tables.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.pieces[..]) + size_of_val(&self.cells[..])
+    }
+
     /// The piece at `x` and the distance from its start.
     #[inline(always)]
-    fn piece(&self, x: f64) -> (&Piece, f64) {
-        // NaN passes through, as in the source.
-        let x = if x < self.low { self.low } else { x };
-        let x = if x > self.high { self.high } else { x };
-        let cell = cell_of((x - self.low) * self.cells_per_unit, self.first.len() - 1);
-        let mut place = self.first[cell] as usize;
-        let last = self.pieces.len() - 1;
-        for _ in 0..self.steps {
-            place += usize::from(x >= self.pieces[place].end() && place < last);
+    fn piece(&self, head: &Head, x: f64) -> (&Piece, f64) {
+        let cell = &self.cells[head.cell(x)];
+        let mut place = cell.first as usize + usize::from(x >= cell.split);
+        for _ in 0..cell.more {
+            place += usize::from(x >= self.pieces[place].end());
         }
         let piece = &self.pieces[place];
         (piece, x - piece.start())
     }
+}
 
-    /// The largest |slope| of each component over all pieces, displacements carried back from the end
-    /// of `arm_mm`.
-    pub(crate) fn slope_bounds(&self, arm_mm: &Vector3<f64>) -> [f64; LANES] {
-        let mut bounds = [0.0_f64; LANES];
-        for piece in &self.pieces {
-            let length = piece.end() - piece.start();
-            let power = |k: usize| {
-                let row = piece.power(k);
-                let tilt = Vector3::new(row[3], row[4], row[5]);
-                let linear = Vector3::new(row[0], row[1], row[2]) - tilt.cross(arm_mm);
-                [linear.x, linear.y, linear.z, tilt.x, tilt.y, tilt.z]
-            };
-            let (c1, c2, c3) = (power(1), power(2), power(3));
-            for (lane, bound) in bounds.iter_mut().enumerate() {
-                let (c1, c2, c3) = (c1[lane], c2[lane], c3[lane]);
-                let slope = |t: f64| libm::fabs(c1 + t * (2.0 * c2 + t * 3.0 * c3));
-                let turning = -c2 / (3.0 * c3);
-                let inside = (0.0..=length).contains(&turning);
-                let between = if inside { slope(turning) } else { 0.0 };
-                *bound = bound.max(slope(0.0)).max(slope(length)).max(between);
-            }
+impl Head {
+    /// The cell of a coordinate: rising with it; the first one for NaN.
+    #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
+    #[inline(always)]
+    fn cell(&self, x: f64) -> usize {
+        let place = (x - self.low) * self.cells_per_unit;
+        let place = if place > 0.0 { place } else { 0.0 };
+        let place = if place < self.last { place } else { self.last };
+        // The nearest whole number, without the branches of a cast.
+        (place + self.to_cell).to_bits() as u32 as usize
+    }
+}
+
+/// Cells so narrow that none has two breakpoints, unless that would be too many.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "capped"
+)]
+fn cells_for(breakpoints: &[f64]) -> usize {
+    let narrowest = breakpoints
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(f64::INFINITY, f64::min);
+    let range = breakpoints[breakpoints.len() - 1] - breakpoints[0];
+    if breakpoints.len() < 2 || narrowest <= 0.0 {
+        return 1;
+    }
+    (libm::ceil(range / narrowest).min(MAX_CELLS as f64) as usize + 1).min(MAX_CELLS)
+}
+
+/// What a table can do to an axis at the most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Bounds {
+    /// The largest |slope| of each component at the axis's point.
+    pub(crate) slopes: [f64; LANES],
+    /// The largest displacement of the tool tip, and the largest tilt.
+    pub(crate) linear_mm: f64,
+    pub(crate) angular_rad: f64,
+}
+
+impl Bounds {
+    /// Over `pieces`, displacements carried back from the end of `arm_mm`, and without `slide`.
+    pub(crate) fn of<'a>(
+        pieces: impl Iterator<Item = &'a Piece>,
+        arm_mm: &Vector3<f64>,
+        slide: &Vector3<f64>,
+    ) -> Self {
+        let mut bounds = Self::default();
+        for piece in pieces {
+            bounds.take_slopes(piece, arm_mm, slide);
+            bounds.take_sizes(piece);
         }
         bounds
     }
 
-    /// A bound of each component: the sum of the largest powers of each piece.
-    pub(crate) fn magnitudes(&self) -> [f64; LANES] {
-        let mut most = [0.0_f64; LANES];
-        for piece in &self.pieces {
-            let length = piece.end() - piece.start();
-            for (lane, most) in most.iter_mut().enumerate() {
-                let size = |k: usize| libm::fabs(piece.power(k)[lane]);
-                let bound = size(0) + length * (size(1) + length * (size(2) + length * size(3)));
-                *most = most.max(bound);
+    fn take_slopes(&mut self, piece: &Piece, arm_mm: &Vector3<f64>, slide: &Vector3<f64>) {
+        let length = piece.end() - piece.start();
+        let power = |k: usize| {
+            let row = piece.power(k);
+            let tilt = Vector3::new(row[3], row[4], row[5]);
+            let mut linear = Vector3::new(row[0], row[1], row[2]) - tilt.cross(arm_mm);
+            if k == 1 {
+                linear -= slide;
             }
-        }
-        most
-    }
-}
-
-/// The cell of a place in cells, the nearest whole number: rising with the place, and without the
-/// branches of a cast.
-#[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
-#[inline(always)]
-fn cell_of(place: f64, last: usize) -> usize {
-    ((place + TO_INTEGER).to_bits() as u32 as usize).min(last)
-}
-
-/// The index over the pieces: first piece of each cell, cells per unit, breakpoints in the fullest
-/// cell.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "counts of pieces and cells are capped"
-)]
-fn index(pieces: &[Piece], range: f64) -> (Vec<u32>, f64, usize) {
-    if pieces.len() < 2 || range <= 0.0 {
-        return (vec![0], 0.0, 0);
-    }
-    let low = pieces[0].start();
-    let lengths = pieces.iter().map(|piece| piece.end() - piece.start());
-    let narrowest = lengths.fold(range, f64::min);
-    let wanted = libm::ceil(range / narrowest).min(MAX_CELLS as f64) as usize;
-    let cells = (wanted + 1).clamp(2, MAX_CELLS);
-    let cells_per_unit = (cells - 1) as f64 / range;
-    let mut first = vec![0_u32; cells];
-    let (mut filled, mut steps) = (0, 0);
-    let (mut in_cell, mut cell_before) = (0, 0);
-    for (place, piece) in pieces.iter().enumerate().skip(1) {
-        // As an evaluation computes it, so that rounding falls the same way.
-        let cell = cell_of((piece.start() - low) * cells_per_unit, cells - 1);
-        in_cell = if cell == cell_before { in_cell + 1 } else { 1 };
-        cell_before = cell;
-        steps = steps.max(in_cell);
-        // Cells up to this one begin inside the piece before.
-        while filled < cell {
-            filled += 1;
-            first[filled] = (place - 1) as u32;
+            [linear.x, linear.y, linear.z, tilt.x, tilt.y, tilt.z]
+        };
+        let (c1, c2, c3) = (power(1), power(2), power(3));
+        for (lane, bound) in self.slopes.iter_mut().enumerate() {
+            let (c1, c2, c3) = (c1[lane], c2[lane], c3[lane]);
+            let slope = |t: f64| libm::fabs(c1 + t * (2.0 * c2 + t * 3.0 * c3));
+            let turning = -c2 / (3.0 * c3);
+            let inside = (0.0..=length).contains(&turning);
+            let between = if inside { slope(turning) } else { 0.0 };
+            *bound = bound.max(slope(0.0)).max(slope(length)).max(between);
         }
     }
-    while filled + 1 < cells {
-        filled += 1;
-        first[filled] = (pieces.len() - 1) as u32;
+
+    /// The sum of the sizes of the powers at the end of the piece.
+    fn take_sizes(&mut self, piece: &Piece) {
+        let length = piece.end() - piece.start();
+        let sizes: [f64; LANES] = core::array::from_fn(|lane| {
+            let size = |k: usize| libm::fabs(piece.power(k)[lane]);
+            size(0) + length * (size(1) + length * (size(2) + length * size(3)))
+        });
+        let [x, y, z, a, b, c] = sizes;
+        self.linear_mm = self.linear_mm.max(Vector3::new(x, y, z).norm());
+        self.angular_rad = self.angular_rad.max(Vector3::new(a, b, c).norm());
     }
-    (first, cells_per_unit, steps)
 }

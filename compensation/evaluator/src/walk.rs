@@ -1,184 +1,157 @@
-//! Chains with rotary axes: from the tool to the workpiece, as the `twist` form goes.
+//! From the tool to the workpiece: every axis adds its errors where the tip stands by then, and moves it.
 
-use volcomp_kinematics::{ErrorMotion, JointKind, MAX_AXES, Side, State, nalgebra::Vector3};
+use volcomp_kinematics::{Approach, ErrorMotion, JointKind, State, nalgebra::Vector3};
 
 use crate::{
-    machine::{Along, CompiledAxis, CompiledMachine, Evaluation},
-    table::Registers,
+    machine::{CompiledAxis, CompiledMachine, Evaluation},
+    table::{Registers, WIDE},
+    turn::Turn,
 };
 
-/// What is told on the way.
-pub(crate) trait Path {
-    /// A joint is passed: `direction` of its motion before it.
-    fn passed(&mut self, index: usize, direction: &Vector3<f64>);
-    /// Everything passed so far is turned; `arm_mm` is how the tip goes with the turn, a mm for each rad.
-    fn turned(&mut self, index: usize, turn: &Turn, arm_mm: Vector3<f64>);
+/// What is told on the way: a rotary axis turned everything passed before, and where the tip stood, from
+/// the axis's point.
+pub(crate) trait Turns {
+    fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>);
 }
 
 /// Nobody wants to know.
-impl Path for () {
+impl Turns for () {
     #[inline(always)]
-    fn passed(&mut self, _: usize, _: &Vector3<f64>) {}
-    #[inline(always)]
-    fn turned(&mut self, _: usize, _: &Turn, _: Vector3<f64>) {}
+    fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}
 }
 
-/// What the correction needs, in workpiece axes at the end of the way.
-pub(crate) struct Directions {
-    /// Direction of each axis.
-    pub(crate) axes: [Vector3<f64>; MAX_AXES],
-    /// How the tip goes with each rotary axis, mm for each rad.
-    pub(crate) arms_mm: [Vector3<f64>; MAX_AXES],
-    pub(crate) tool_axis: Vector3<f64>,
-}
-
-impl Directions {
-    pub(crate) fn new(tool_axis: Vector3<f64>) -> Self {
-        Self {
-            axes: [Vector3::zeros(); MAX_AXES],
-            arms_mm: [Vector3::zeros(); MAX_AXES],
-            tool_axis,
-        }
-    }
-}
-
-impl Path for Directions {
-    #[inline(always)]
-    fn passed(&mut self, index: usize, direction: &Vector3<f64>) {
-        self.axes[index] = *direction;
-    }
-
-    #[inline(always)]
-    fn turned(&mut self, index: usize, turn: &Turn, arm_mm: Vector3<f64>) {
-        for (axis, arm) in self.axes.iter_mut().zip(&mut self.arms_mm).skip(index + 1) {
-            *axis = turn.apply(axis);
-            *arm = turn.apply(arm);
-        }
-        self.tool_axis = turn.apply(&self.tool_axis);
-        self.arms_mm[index] = arm_mm;
-    }
-}
-
-/// A rotation about the direction of an axis.
-#[derive(Clone, Copy)]
-pub(crate) struct Turn {
-    along: Along,
-    sin: f64,
-    cos: f64,
-}
-
-impl Turn {
-    fn new(axis: &CompiledAxis, q_rad: f64) -> Self {
-        let (sin, cos) = libm::sincos(q_rad);
-        Self {
-            along: axis.along,
-            sin,
-            cos,
-        }
-    }
-
-    /// About a letter two components turn in their plane; else Rodrigues' formula.
-    #[inline(always)]
-    pub(crate) fn apply(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let (sin, cos) = (self.sin, self.cos);
-        match self.along {
-            Along::X(sense) => {
-                let s = sense * sin;
-                Vector3::new(v.x, cos * v.y - s * v.z, s * v.y + cos * v.z)
-            }
-            Along::Y(sense) => {
-                let s = sense * sin;
-                Vector3::new(cos * v.x + s * v.z, v.y, cos * v.z - s * v.x)
-            }
-            Along::Z(sense) => {
-                let s = sense * sin;
-                Vector3::new(cos * v.x - s * v.y, s * v.x + cos * v.y, v.z)
-            }
-            Along::Oblique(direction) => {
-                let u = Vector3::from(direction);
-                v * cos + u.cross(v) * sin + u * (u.dot(v) * (1.0 - cos))
-            }
-        }
-    }
-}
-
-/// The tip on its way to the workpiece: how far it is from where it stands at machine zero, and its
-/// displacement and rotation so far.
-struct Tip {
+/// The tip on its way: how far it is from where it stands at machine zero, and its displacement and
+/// rotation so far.
+struct Tip<R> {
+    registers: R,
     from_zero: Vector3<f64>,
     linear: Vector3<f64>,
     angular: Vector3<f64>,
 }
 
-impl Tip {
-    /// A motion stated at the tip at machine zero.
+impl<R: Registers> Tip<R> {
     #[inline(always)]
-    fn add(&mut self, linear: &Vector3<f64>, tilt: &Vector3<f64>) {
-        self.linear += linear + tilt.cross(&self.from_zero);
-        self.angular += tilt;
+    fn new(registers: R, start: &ErrorMotion) -> Self {
+        Self {
+            registers,
+            from_zero: Vector3::zeros(),
+            linear: start.linear_mm,
+            angular: start.angular_rad,
+        }
     }
 
-    /// Through a rotary joint whose line lies elsewhere. The line does not turn with the joint, the body
-    /// does: (I − Ad) of the location twist. Returns the turned lever.
+    /// A motion stated at the tip at machine zero.
     #[inline(always)]
-    fn turn(&mut self, turn: &Turn, location: &ErrorMotion, arm_mm: &Vector3<f64>) -> Vector3<f64> {
-        let shift = |lever: &Vector3<f64>| location.linear_mm + location.angular_rad.cross(lever);
-        let lever = self.from_zero + arm_mm;
-        let turned = turn.apply(&lever);
-        self.linear = turn.apply(&(self.linear - shift(&lever))) + shift(&turned);
-        self.angular = turn.apply(&(self.angular - location.angular_rad)) + location.angular_rad;
+    fn add(&mut self, [x, y, z, a, b, c, ..]: &[f64; WIDE]) {
+        let (p, linear, r) = (self.from_zero, &mut self.linear, self.registers);
+        linear.x = r.mul_add(*b, p.z, r.mul_add(-*c, p.y, linear.x + x));
+        linear.y = r.mul_add(*c, p.x, r.mul_add(-*a, p.z, linear.y + y));
+        linear.z = r.mul_add(*a, p.y, r.mul_add(-*b, p.x, linear.z + z));
+        self.angular += Vector3::new(*a, *b, *c);
+    }
+
+    /// Along a linear axis.
+    #[inline(always)]
+    fn slide(&mut self, direction: &Vector3<f64>, q_mm: f64) {
+        let (p, r) = (&mut self.from_zero, self.registers);
+        p.x = r.mul_add(direction.x, q_mm, p.x);
+        p.y = r.mul_add(direction.y, q_mm, p.y);
+        p.z = r.mul_add(direction.z, q_mm, p.z);
+    }
+
+    /// About a rotary axis; `arm_mm` leads from its point to the tip at machine zero. Returns the turned
+    /// lever.
+    #[inline(always)]
+    fn turn(&mut self, turn: &Turn, arm_mm: &Vector3<f64>) -> Vector3<f64> {
+        self.linear = turn.apply(&self.linear);
+        self.angular = turn.apply(&self.angular);
+        let turned = turn.apply(&(self.from_zero + arm_mm));
         self.from_zero = turned - arm_mm;
         turned
     }
 }
 
+fn as_lanes(motion: &ErrorMotion) -> [f64; WIDE] {
+    let (l, a) = (&motion.linear_mm, &motion.angular_rad);
+    [l.x, l.y, l.z, a.x, a.y, a.z, 0.0, 0.0]
+}
+
 impl CompiledMachine {
-    /// The error of a chain with rotary axes or with errors over two coordinates.
+    /// The error of any chain.
     #[inline(always)]
     pub(crate) fn walk(
         &self,
         state: &State,
         registers: impl Registers,
-        path: &mut impl Path,
+        turns: &mut impl Turns,
     ) -> Evaluation {
-        let mut tip = Tip {
-            from_zero: Vector3::zeros(),
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
-        };
-        for (index, axis) in self.axes.iter().enumerate().rev() {
-            let q = state.q[index];
-            let table = axis.table(state.approach[index]);
-            let mut twist = registers.value(table, axis.looked_up(q));
+        let mut tip = Tip::new(registers, &self.folded.tool_end);
+        let stands = state.q.iter().zip(&state.approach);
+        for (index, (axis, (&q, &approach))) in self.axes.iter().zip(stands).enumerate().rev() {
+            let head = &axis.heads[approach as usize];
+            let mut error = registers.value(&self.tables, head, axis.looked_up(q));
             if !axis.patches.is_empty() {
-                self.add_patches(&mut twist, index, state);
+                self.add_patches(&mut error, index, state);
             }
-            let error = Vector3::new(twist[0], twist[1], twist[2]);
-            let tilt = Vector3::new(twist[3], twist[4], twist[5]);
-            let joint = &axis.joint;
-            // A linear axis's errors ride with its carriage, a rotary axis's stay in the frame that does
-            // not turn.
-            let first = (joint.kind == JointKind::Linear) == (joint.side == Side::Tool);
-            if first {
-                tip.add(&error, &tilt);
+            if axis.before_motion {
+                tip.add(&error);
             }
-            match joint.kind {
-                JointKind::Linear => {
-                    tip.linear += axis.slide * q;
-                    tip.from_zero += joint.direction * q;
-                }
+            match axis.joint.kind {
+                JointKind::Linear => tip.slide(&axis.joint.direction, q),
                 JointKind::Rotary => {
-                    let turn = Turn::new(axis, q);
-                    let turned = tip.turn(&turn, &axis.location, &axis.arm_mm);
-                    path.turned(index, &turn, joint.direction.cross(&turned));
+                    let turn = Turn::new(registers, axis.along, q);
+                    let lever_mm = tip.turn(&turn, &axis.arm_mm);
+                    turns.turned(index, turn, lever_mm);
                 }
             }
-            path.passed(index, &joint.direction);
-            if !first {
-                tip.add(&error, &tilt);
+            if !axis.before_motion {
+                tip.add(&error);
             }
         }
-        Evaluation {
+        if self.at_workpiece {
+            tip.add(&as_lanes(&self.folded.workpiece_end));
+        }
+        tip.into()
+    }
+
+    /// The error of three slides: all tables before any sum, so that nothing waits for anything.
+    #[inline(always)]
+    pub(crate) fn three_slides(
+        &self,
+        axes: [&CompiledAxis; 3],
+        approach: [Approach; 3],
+        q_mm: [f64; 3],
+        registers: impl Registers,
+    ) -> Evaluation {
+        // No closure: one that is not inlined is not compiled for wide registers.
+        let heads = [
+            &axes[0].heads[approach[0] as usize],
+            &axes[1].heads[approach[1] as usize],
+            &axes[2].heads[approach[2] as usize],
+        ];
+        let errors = [
+            registers.value(&self.tables, heads[0], q_mm[0]),
+            registers.value(&self.tables, heads[1], q_mm[1]),
+            registers.value(&self.tables, heads[2], q_mm[2]),
+        ];
+        let mut tip = Tip::new(registers, &self.folded.tool_end);
+        for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(&errors).rev() {
+            if axis.before_motion {
+                tip.add(error);
+            }
+            tip.slide(&axis.joint.direction, q);
+            if !axis.before_motion {
+                tip.add(error);
+            }
+        }
+        tip.into()
+    }
+}
+
+impl<R> From<Tip<R>> for Evaluation {
+    #[inline(always)]
+    fn from(tip: Tip<R>) -> Self {
+        Self {
             position_mm: tip.linear.into(),
             rotation_rad: tip.angular.into(),
         }

@@ -1,0 +1,101 @@
+//! Constant errors, folded into the tables of the axes.
+//!
+//! To first order the error of a chain is a sum of twists, each standing in the gap between two joints.
+//! An axis line that lies elsewhere is a twist on the fixed side of its joint and the opposite one on
+//! its moving side; an assembly error is a twist in one gap. A constant twist in the gap in which an
+//! axis has its error motions is a constant of that axis's table; across a linear joint a tilt leaves
+//! a displacement that grows with the coordinate, which the table takes too. What no table can take stays
+//! at an end of the chain.
+
+use volcomp_kinematics::{Chain, ErrorMotion, Joint, JointKind, MAX_AXES, Side, nalgebra::Vector3};
+
+/// Where the constant errors of a chain went. Displacements are those of the tool tip at machine zero.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Folded {
+    /// Between the last joint and the tool.
+    pub(crate) tool_end: ErrorMotion,
+    /// Between the workpiece and the first joint, where that joint has its errors behind it.
+    pub(crate) workpiece_end: ErrorMotion,
+    /// Constants of each axis's table.
+    pub(crate) constant: [ErrorMotion; MAX_AXES],
+    /// What the table of a linear axis gains for each mm of its coordinate.
+    pub(crate) slide: [Vector3<f64>; MAX_AXES],
+}
+
+/// Whether the error motions of an axis stand on the tool side of its joint: those of a linear axis ride
+/// with its carriage, those of a rotary axis stay in the frame that does not turn.
+pub(crate) fn errors_before_motion(joint: &Joint) -> bool {
+    (joint.kind == JointKind::Linear) == (joint.side == Side::Tool)
+}
+
+/// Folds location and assembly errors.
+pub(crate) fn fold(
+    chain: &Chain,
+    location: &[ErrorMotion; MAX_AXES],
+    assembly: &[ErrorMotion; MAX_AXES],
+) -> Folded {
+    let (joints, tip) = (chain.joints(), chain.tool_tip_mm());
+    let mut slide = [Vector3::zeros(); MAX_AXES];
+    // Gap i lies on the workpiece side of joint i, gap i + 1 on its tool side.
+    let mut gaps = [ErrorMotion::ZERO; MAX_AXES + 1];
+    for (i, joint) in joints.iter().enumerate() {
+        let fixed_to = match joint.side {
+            Side::Tool => i,
+            Side::Workpiece => i + 1,
+        };
+        add(&mut gaps[fixed_to], &at_tip(&assembly[i], &tip), 1.0);
+        match joint.kind {
+            JointKind::Linear => slide[i] += location[i].angular_rad.cross(&joint.direction),
+            JointKind::Rotary => {
+                let line = at_tip(&location[i], &(tip - joint.point_mm));
+                add(&mut gaps[i], &line, 1.0);
+                add(&mut gaps[i + 1], &line, -1.0);
+            }
+        }
+    }
+    let mut constant = [ErrorMotion::ZERO; MAX_AXES];
+    let last = joints.len();
+    let (mut tool_end, mut workpiece_end) = (ErrorMotion::ZERO, ErrorMotion::ZERO);
+    for (gap, held) in gaps.iter().enumerate().take(last + 1) {
+        let inner = joints.get(gap);
+        let outer = gap.checked_sub(1).and_then(|i| joints.get(i));
+        let linear = |joint: Option<&Joint>| joint.is_some_and(|j| j.kind == JointKind::Linear);
+        let tilt = &held.angular_rad;
+        if inner.is_some_and(|joint| !errors_before_motion(joint)) {
+            add(&mut constant[gap], held, 1.0);
+        } else if outer.is_some_and(errors_before_motion) {
+            add(&mut constant[gap - 1], held, 1.0);
+        } else if let (true, Some(joint)) = (linear(inner), inner) {
+            add(&mut constant[gap], held, 1.0);
+            slide[gap] += tilt.cross(&joint.direction);
+        } else if let (true, Some(joint)) = (linear(outer), outer) {
+            add(&mut constant[gap - 1], held, 1.0);
+            slide[gap - 1] -= tilt.cross(&joint.direction);
+        } else if gap == 0 {
+            workpiece_end = *held;
+        } else {
+            // Two rotary joints with their errors on their far sides cannot meet inside a chain: the one
+            // nearer the workpiece would have to be on the tool side of the bed.
+            tool_end = *held;
+        }
+    }
+    Folded {
+        tool_end,
+        workpiece_end,
+        constant,
+        slide,
+    }
+}
+
+/// With its displacement at the end of `arm_mm`.
+fn at_tip(motion: &ErrorMotion, arm_mm: &Vector3<f64>) -> ErrorMotion {
+    ErrorMotion {
+        linear_mm: motion.linear_mm + motion.angular_rad.cross(arm_mm),
+        angular_rad: motion.angular_rad,
+    }
+}
+
+fn add(sum: &mut ErrorMotion, motion: &ErrorMotion, factor: f64) {
+    sum.linear_mm += motion.linear_mm * factor;
+    sum.angular_rad += motion.angular_rad * factor;
+}
