@@ -6,7 +6,7 @@ use volcomp_kinematics::{Approach, MAX_AXES, State};
 
 use crate::{
     correction::FirstOrder,
-    machine::{CompiledMachine, Evaluation},
+    machine::{CompiledAxis, CompiledMachine, Evaluation},
     table::Wide,
 };
 
@@ -84,16 +84,31 @@ impl WithSimd for Batch<'_> {
 
 /// One pose in registers as wide as the processor has.
 pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
-    struct One<'a>(&'a CompiledMachine, &'a State);
-    impl WithSimd for One<'_> {
+    struct Slides<'a>(&'a CompiledMachine, [&'a CompiledAxis; 3], &'a State);
+    impl WithSimd for Slides<'_> {
         type Output = Evaluation;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
-            self.0.evaluate_with(self.1, Wide(simd))
+            let Self(machine, axes, state) = self;
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q, &state.approach);
+            machine.three_slides(axes, [k, l, m], [x, y, z], Wide(simd))
         }
     }
-    Arch::new().dispatch(One(machine, state))
+    struct Walk<'a>(&'a CompiledMachine, &'a State);
+    impl WithSimd for Walk<'_> {
+        type Output = Evaluation;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
+            self.0.walk(self.1, Wide(simd), &mut ())
+        }
+    }
+    if let (true, [a, b, c]) = (machine.three_slides, &machine.axes[..]) {
+        Arch::new().dispatch(Slides(machine, [a, b, c], state))
+    } else {
+        Arch::new().dispatch(Walk(machine, state))
+    }
 }
 
 /// The correction of one pose, the same way.
