@@ -100,6 +100,9 @@ pub(crate) trait Registers: Copy {
     /// All components of a table at `x`; the two lanes behind them mean nothing.
     fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE];
 
+    /// The sum of all components.
+    fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE];
+
     /// `a`·`b` + `c`, in one rounding where that is quick.
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64;
 }
@@ -114,6 +117,11 @@ impl Registers for Baseline {
         let (piece, t) = tables.piece(head, x);
         let [c0, c1, c2, c3] = &piece.rows;
         core::array::from_fn(|lane| c0[lane] + t * (c1[lane] + t * (c2[lane] + t * c3[lane])))
+    }
+
+    #[inline(always)]
+    fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE] {
+        core::array::from_fn(|lane| a[lane] + b[lane])
     }
 
     #[inline(always)]
@@ -143,6 +151,17 @@ impl<S: pulp::Simd> Registers for Wide<S> {
             *register = simd.mul_add_e_f64s(middle, t, c0[lane]);
         }
         value
+    }
+
+    #[inline(always)]
+    fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE] {
+        let mut sum = [0.0; WIDE];
+        let registers = S::as_mut_simd_f64s(&mut sum).0;
+        let (a, b) = (S::as_simd_f64s(a).0, S::as_simd_f64s(b).0);
+        for (lane, register) in registers.iter_mut().enumerate() {
+            *register = self.0.add_f64s(a[lane], b[lane]);
+        }
+        sum
     }
 
     #[inline(always)]

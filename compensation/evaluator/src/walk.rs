@@ -42,12 +42,20 @@ impl<R: Registers> Tip<R> {
 
     /// A motion stated at the tip at machine zero.
     #[inline(always)]
-    fn add(&mut self, [x, y, z, a, b, c, ..]: &[f64; WIDE]) {
+    fn add(&mut self, error: &[f64; WIDE]) {
+        let [x, y, z, a, b, c, ..] = *error;
+        self.linear += Vector3::new(x, y, z);
+        self.angular += Vector3::new(a, b, c);
+        self.carry(error);
+    }
+
+    /// What the tilt of a motion does to the tip that is away from where it stands at machine zero.
+    #[inline(always)]
+    fn carry(&mut self, &[_, _, _, a, b, c, ..]: &[f64; WIDE]) {
         let (p, linear, r) = (self.from_zero, &mut self.linear, self.registers);
-        linear.x = r.mul_add(*b, p.z, r.mul_add(-*c, p.y, linear.x + x));
-        linear.y = r.mul_add(*c, p.x, r.mul_add(-*a, p.z, linear.y + y));
-        linear.z = r.mul_add(*a, p.y, r.mul_add(-*b, p.x, linear.z + z));
-        self.angular += Vector3::new(*a, *b, *c);
+        linear.x = r.mul_add(b, p.z, r.mul_add(-c, p.y, linear.x));
+        linear.y = r.mul_add(c, p.x, r.mul_add(-a, p.z, linear.y));
+        linear.z = r.mul_add(a, p.y, r.mul_add(-b, p.x, linear.z));
     }
 
     /// Along a linear axis.
@@ -134,16 +142,23 @@ impl CompiledMachine {
             registers.value(&self.tables, heads[1], q_mm[1]),
             registers.value(&self.tables, heads[2], q_mm[2]),
         ];
-        let mut tip = Tip::new(registers, &self.folded.tool_end);
+        let sum = registers.sum(&registers.sum(&errors[0], &errors[1]), &errors[2]);
+        // Linear joints leave nothing at the tool end, and before the last of them no tilt has a lever.
+        let mut tip = Tip::new(registers, &ErrorMotion::ZERO);
+        let mut levered = false;
         for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(&errors).rev() {
-            if axis.before_motion {
-                tip.add(error);
+            if axis.before_motion && levered {
+                tip.carry(error);
             }
             tip.slide(&axis.joint.direction, q);
             if !axis.before_motion {
-                tip.add(error);
+                tip.carry(error);
             }
+            levered = true;
         }
+        let [x, y, z, a, b, c, ..] = sum;
+        tip.linear += Vector3::new(x, y, z);
+        tip.angular += Vector3::new(a, b, c);
         tip.into()
     }
 }
