@@ -95,32 +95,38 @@ pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
             machine.three_slides(axes, [k, l, m], [x, y, z], Wide(simd))
         }
     }
-    struct Walk<'a>(&'a CompiledMachine, &'a State);
-    impl WithSimd for Walk<'_> {
+    struct Walk<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State);
+    impl<const PATCHED: bool> WithSimd for Walk<'_, PATCHED> {
         type Output = Evaluation;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
-            self.0.walk(self.1, Wide(simd), &mut ())
+            self.0.walk::<PATCHED>(self.1, Wide(simd), &mut ())
         }
     }
     if let (true, [a, b, c]) = (machine.three_slides, &machine.axes[..]) {
         Arch::new().dispatch(Slides(machine, [a, b, c], state))
+    } else if machine.patched {
+        Arch::new().dispatch(Walk::<true>(machine, state))
     } else {
-        Arch::new().dispatch(Walk(machine, state))
+        Arch::new().dispatch(Walk::<false>(machine, state))
     }
 }
 
 /// The correction of one pose, the same way.
 pub(crate) fn one_correction(machine: &CompiledMachine, state: &State) -> FirstOrder {
-    struct One<'a>(&'a CompiledMachine, &'a State);
-    impl WithSimd for One<'_> {
+    struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State);
+    impl<const PATCHED: bool> WithSimd for One<'_, PATCHED> {
         type Output = FirstOrder;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> FirstOrder {
-            self.0.first_order_with(self.1, Wide(simd))
+            self.0.first_order_with::<PATCHED>(self.1, Wide(simd))
         }
     }
-    Arch::new().dispatch(One(machine, state))
+    if machine.patched {
+        Arch::new().dispatch(One::<true>(machine, state))
+    } else {
+        Arch::new().dispatch(One::<false>(machine, state))
+    }
 }

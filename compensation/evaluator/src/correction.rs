@@ -54,11 +54,15 @@ impl CompiledMachine {
         #[cfg(feature = "std")]
         return crate::batch::one_correction(self, state);
         #[cfg(not(feature = "std"))]
-        self.first_order_with(state, crate::table::Baseline)
+        self.first_order_with::<true>(state, crate::table::Baseline)
     }
 
     #[inline(always)]
-    pub(crate) fn first_order_with(&self, state: &State, registers: impl Registers) -> FirstOrder {
+    pub(crate) fn first_order_with<const PATCHED: bool>(
+        &self,
+        state: &State,
+        registers: impl Registers,
+    ) -> FirstOrder {
         let mut delta = [0.0; MAX_AXES];
         if self.three_slides {
             let error = self.evaluate_with(state, registers);
@@ -75,8 +79,8 @@ impl CompiledMachine {
             };
         }
         let mut passed = Passed([None; MAX_AXES]);
-        let error = self.walk(state, registers, &mut passed);
-        let directions = self.directions(&passed);
+        let error = self.walk::<PATCHED>(state, registers, &mut passed);
+        let directions = self.directions(&passed, registers);
         let singular = self.correct_axis(&error, &directions, &mut delta);
         let mut position = Vector3::from(error.position_mm);
         for (arm_mm, delta) in directions.arms_mm.iter().zip(&delta) {
@@ -92,7 +96,7 @@ impl CompiledMachine {
 
     /// Directions and levers in workpiece axes, from the workpiece to the tool.
     #[inline(always)]
-    fn directions(&self, passed: &Passed) -> Directions {
+    fn directions(&self, passed: &Passed, registers: impl Registers) -> Directions {
         let mut axes = [Vector3::zeros(); MAX_AXES];
         let mut arms_mm = axes;
         // The unit vectors of the body reached so far.
@@ -102,7 +106,7 @@ impl CompiledMachine {
             axes[index] = frame * joint.direction;
             if let Some((turn, lever_mm)) = turned {
                 arms_mm[index] = frame * joint.direction.cross(lever_mm);
-                frame *= turn.matrix();
+                frame *= turn.matrix(registers);
             }
         }
         Directions {

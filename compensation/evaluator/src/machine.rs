@@ -94,6 +94,8 @@ pub struct CompiledMachine {
     pub(crate) folded: Folded,
     /// Whether something is left at the workpiece end.
     pub(crate) at_workpiece: bool,
+    /// Whether an axis has errors over two coordinates.
+    pub(crate) patched: bool,
     /// Three linear axes and no errors over two coordinates.
     pub(crate) three_slides: bool,
     /// The linear axes that correct: of each direction the first.
@@ -151,6 +153,7 @@ impl CompiledMachine {
         let slides =
             |axis: &CompiledAxis| axis.joint.kind == JointKind::Linear && axis.patches.is_empty();
         Self {
+            patched: axes.iter().any(|axis| !axis.patches.is_empty()),
             three_slides: axes.len() == 3 && axes.iter().all(slides),
             at_workpiece: folded.workpiece_end != ErrorMotion::ZERO,
             correcting: crate::correction::correcting(frame.chain.joints()),
@@ -199,7 +202,7 @@ impl CompiledMachine {
             let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q, &state.approach);
             return self.three_slides([a, b, c], [k, l, m], [x, y, z], registers);
         }
-        self.walk(state, registers, &mut ())
+        self.walk::<true>(state, registers, &mut ())
     }
 
     /// Errors over two coordinates, carried to the tool tip like those of the tables.

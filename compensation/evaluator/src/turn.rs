@@ -39,37 +39,59 @@ impl Turn {
         Self { along, sin, cos }
     }
 
-    /// About a letter two components turn in their plane; else Rodrigues' formula.
+    /// About a letter two components turn in their plane; else Rodrigues' formula. Several at once: the
+    /// direction is asked for once.
     #[inline(always)]
-    pub(crate) fn apply(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let (sin, cos) = (self.sin, self.cos);
+    pub(crate) fn apply<const N: usize>(
+        &self,
+        registers: impl Registers,
+        mut vectors: [Vector3<f64>; N],
+    ) -> [Vector3<f64>; N] {
+        let cos = self.cos;
         match self.along {
             Along::X(sense) => {
-                let s = sense * sin;
-                Vector3::new(v.x, cos * v.y - s * v.z, s * v.y + cos * v.z)
+                let sin = sense * self.sin;
+                for v in &mut vectors {
+                    (v.y, v.z) = in_plane(registers, sin, cos, v.y, v.z);
+                }
             }
             Along::Y(sense) => {
-                let s = sense * sin;
-                Vector3::new(cos * v.x + s * v.z, v.y, cos * v.z - s * v.x)
+                let sin = sense * self.sin;
+                for v in &mut vectors {
+                    (v.z, v.x) = in_plane(registers, sin, cos, v.z, v.x);
+                }
             }
             Along::Z(sense) => {
-                let s = sense * sin;
-                Vector3::new(cos * v.x - s * v.y, s * v.x + cos * v.y, v.z)
+                let sin = sense * self.sin;
+                for v in &mut vectors {
+                    (v.x, v.y) = in_plane(registers, sin, cos, v.x, v.y);
+                }
             }
             Along::Oblique(direction) => {
                 let u = Vector3::from(direction);
-                v * cos + u.cross(v) * sin + u * (u.dot(v) * (1.0 - cos))
+                for v in &mut vectors {
+                    *v = *v * cos + u.cross(v) * self.sin + u * (u.dot(v) * (1.0 - cos));
+                }
             }
         }
+        vectors
+    }
+
+    /// Its matrix.
+    #[inline(always)]
+    pub(crate) fn matrix(&self, registers: impl Registers) -> Matrix3<f64> {
+        let unit = [Vector3::x(), Vector3::y(), Vector3::z()];
+        Matrix3::from_columns(&self.apply(registers, unit))
     }
 }
 
-impl Turn {
-    #[inline(always)]
-    pub(crate) fn matrix(&self) -> Matrix3<f64> {
-        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
-        Matrix3::from_columns(&[self.apply(&x), self.apply(&y), self.apply(&z)])
-    }
+/// A vector of a plane, turned from its first axis to its second.
+#[inline(always)]
+fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f64, f64) {
+    (
+        registers.mul_add(cos, u, -(sin * v)),
+        registers.mul_add(sin, u, cos * v),
+    )
 }
 
 /// Turns up to which the reduction below is good to the last digits.

@@ -20,13 +20,13 @@ impl Turns for () {
     fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}
 }
 
-/// The tip on its way: how far it is from where it stands at machine zero, and its displacement and
-/// rotation so far.
+/// The tip on its way: how far it is from where it stands at machine zero, the errors so far, and the
+/// displacement that tilts gave it.
 struct Tip<R> {
     registers: R,
     from_zero: Vector3<f64>,
-    linear: Vector3<f64>,
-    angular: Vector3<f64>,
+    errors: [f64; WIDE],
+    carried: Vector3<f64>,
 }
 
 impl<R: Registers> Tip<R> {
@@ -35,24 +35,22 @@ impl<R: Registers> Tip<R> {
         Self {
             registers,
             from_zero: Vector3::zeros(),
-            linear: start.linear_mm,
-            angular: start.angular_rad,
+            errors: as_lanes(start),
+            carried: Vector3::zeros(),
         }
     }
 
     /// A motion stated at the tip at machine zero.
     #[inline(always)]
     fn add(&mut self, error: &[f64; WIDE]) {
-        let [x, y, z, a, b, c, ..] = *error;
-        self.linear += Vector3::new(x, y, z);
-        self.angular += Vector3::new(a, b, c);
+        self.errors = self.registers.sum(&self.errors, error);
         self.carry(error);
     }
 
     /// What the tilt of a motion does to the tip that is away from where it stands at machine zero.
     #[inline(always)]
     fn carry(&mut self, &[_, _, _, a, b, c, ..]: &[f64; WIDE]) {
-        let (p, linear, r) = (self.from_zero, &mut self.linear, self.registers);
+        let (p, linear, r) = (self.from_zero, &mut self.carried, self.registers);
         linear.x = r.mul_add(b, p.z, r.mul_add(-c, p.y, linear.x));
         linear.y = r.mul_add(c, p.x, r.mul_add(-a, p.z, linear.y));
         linear.z = r.mul_add(a, p.y, r.mul_add(-b, p.x, linear.z));
@@ -71,11 +69,22 @@ impl<R: Registers> Tip<R> {
     /// lever.
     #[inline(always)]
     fn turn(&mut self, turn: &Turn, arm_mm: &Vector3<f64>) -> Vector3<f64> {
-        self.linear = turn.apply(&self.linear);
-        self.angular = turn.apply(&self.angular);
-        let turned = turn.apply(&(self.from_zero + arm_mm));
+        let [linear, angular] = self.motion();
+        let lever = self.from_zero + arm_mm;
+        let [linear, angular, turned] = turn.apply(self.registers, [linear, angular, lever]);
+        self.errors = [
+            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z, 0.0, 0.0,
+        ];
+        self.carried = Vector3::zeros();
         self.from_zero = turned - arm_mm;
         turned
+    }
+
+    /// Displacement and rotation so far.
+    #[inline(always)]
+    fn motion(&self) -> [Vector3<f64>; 2] {
+        let [x, y, z, a, b, c, ..] = self.errors;
+        [Vector3::new(x, y, z) + self.carried, Vector3::new(a, b, c)]
     }
 }
 
@@ -85,9 +94,9 @@ fn as_lanes(motion: &ErrorMotion) -> [f64; WIDE] {
 }
 
 impl CompiledMachine {
-    /// The error of any chain.
+    /// The error of any chain; `PATCHED` where it has errors over two coordinates.
     #[inline(always)]
-    pub(crate) fn walk(
+    pub(crate) fn walk<const PATCHED: bool>(
         &self,
         state: &State,
         registers: impl Registers,
@@ -98,7 +107,7 @@ impl CompiledMachine {
         for (index, (axis, (&q, &approach))) in self.axes.iter().zip(stands).enumerate().rev() {
             let head = &axis.heads[approach as usize];
             let mut error = registers.value(&self.tables, head, axis.looked_up(q));
-            if !axis.patches.is_empty() {
+            if PATCHED {
                 self.add_patches(&mut error, index, state);
             }
             if axis.before_motion {
@@ -156,19 +165,18 @@ impl CompiledMachine {
             }
             levered = true;
         }
-        let [x, y, z, a, b, c, ..] = sum;
-        tip.linear += Vector3::new(x, y, z);
-        tip.angular += Vector3::new(a, b, c);
+        tip.errors = sum;
         tip.into()
     }
 }
 
-impl<R> From<Tip<R>> for Evaluation {
+impl<R: Registers> From<Tip<R>> for Evaluation {
     #[inline(always)]
     fn from(tip: Tip<R>) -> Self {
+        let [linear, angular] = tip.motion();
         Self {
-            position_mm: tip.linear.into(),
-            rotation_rad: tip.angular.into(),
+            position_mm: linear.into(),
+            rotation_rad: angular.into(),
         }
     }
 }

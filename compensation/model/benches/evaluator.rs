@@ -136,7 +136,9 @@ fn one_pose(c: &mut Criterion) {
                 for next in &states {
                     let before = compiled.evaluate(&state).position_mm[0];
                     state = *next;
-                    state.q[0] += before * 1e-9;
+                    for q in &mut state.q {
+                        *q += before * 1e-9;
+                    }
                 }
                 black_box(state)
             });
