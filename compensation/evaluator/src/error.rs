@@ -1,22 +1,20 @@
-use alloc::string::String;
-
-use volcomp_kinematics::AxisName;
+use alloc::{format, string::String};
 
 /// Why a machine cannot be compiled or a blob not be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvaluatorError {
-    /// The curves of one axis need too much room.
+    /// A curve needs too much room.
     #[error(
-        "the curves of axis {axis} need more than 1 MiB for {tolerance_nm} nm (nrad): expected a tolerance of {fitting_nm} nm or more"
+        "curve {curve} needs more than 1 MiB for {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
     )]
     TooLarge {
-        /// The axis.
-        axis: AxisName,
+        /// Its name, or the axis whose curves do not fit together.
+        curve: String,
         /// The tolerance asked for, nm and nrad.
         tolerance_nm: f64,
-        /// A tolerance that fits, nm and nrad; infinite when none was found.
-        fitting_nm: f64,
+        /// A tolerance that fits, nm and nrad; `None`: there are too many breakpoints for any.
+        fitting_nm: Option<f64>,
     },
     /// A tolerance that is not positive.
     #[error("found the tolerance {found}, expected a positive finite number")]
@@ -30,4 +28,11 @@ pub enum EvaluatorError {
         /// Why not.
         reason: String,
     },
+}
+
+fn expected(fitting_nm: Option<f64>) -> String {
+    match fitting_nm {
+        Some(nm) => format!("expected a tolerance of {nm} nm or more"),
+        None => "expected fewer breakpoints: no tolerance fits".into(),
+    }
 }

@@ -10,7 +10,7 @@ use volcomp_kinematics::{
 use crate::{
     EvaluatorError, Tolerance,
     fold::{Folded, errors_before_motion, fold},
-    parts::{AxisParts, Branches, MachineParts, fit_or_refuse},
+    parts::{AxisParts, Branches, MachineParts, ToTable},
     patch::Patch,
     table::{Baseline, Bounds, Head, LANES, Piece, Registers, Tables, WIDE},
     turn::Along,
@@ -323,20 +323,19 @@ fn tables(
         Branches::Three => &[Approach::Positive, Approach::Negative, Approach::Unknown],
     };
     let joint = &frame.chain.joints()[index];
-    let arm = frame.chain.tool_tip_mm() - joint.point_mm;
-    let constant = &folded.constant[index];
+    let slope = folded.slide[index] + Vector3::from(parts.slope_mm);
     let table = |approach: &Approach| {
-        let function = |x: f64| {
-            let error = (parts.errors)(x, *approach);
-            let linear = error.linear_mm + error.angular_rad.cross(&arm) + constant.linear_mm;
-            let angular = error.angular_rad + constant.angular_rad;
-            [
-                linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-            ]
+        let wanted = ToTable {
+            errors: &|x| (parts.errors)(x, *approach),
+            breakpoints: &parts.breakpoints,
+            arm_mm: frame.chain.tool_tip_mm() - joint.point_mm,
+            constant: folded.constant[index],
+            tolerance: frame.tolerance,
+            axis: joint.name,
         };
-        let mut pieces = fit_or_refuse(&function, &parts.breakpoints, frame.tolerance, joint.name)?;
+        let mut pieces = wanted.fit()?;
         for piece in &mut pieces {
-            piece.add_slide(&folded.slide[index]);
+            piece.add_slope(&slope);
         }
         Ok(pieces)
     };

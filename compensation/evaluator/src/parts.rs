@@ -1,8 +1,8 @@
 //! What a compiled machine is made from.
 
-use alloc::{vec, vec::Vec};
+use alloc::{format, vec, vec::Vec};
 
-use volcomp_kinematics::{Approach, Chain, ErrorMotion, MAX_AXES};
+use volcomp_kinematics::{Approach, AxisName, Chain, ErrorMotion, MAX_AXES, nalgebra::Vector3};
 
 use crate::{
     EvaluatorError,
@@ -65,9 +65,12 @@ pub struct AxisParts<'a> {
     pub errors: &'a RawCurve<'a>,
     /// Whether they depend on the direction.
     pub branches: Branches,
-    /// Every coordinate at which a derivative may jump, domain ends included, in any order; outside
-    /// the first and last the errors are held. Empty for constants.
-    pub breakpoints: Vec<f64>,
+    /// For each component every coordinate at which a derivative may jump, domain ends included, in any
+    /// order; outside the first and last of all the errors are held. Empty for constants.
+    pub breakpoints: [Vec<f64>; 6],
+    /// What its displacements gain for each mm or deg of the coordinate besides, mm, outside the
+    /// breakpoints too.
+    pub slope_mm: [f64; 3],
     /// Lower and upper end of travel.
     pub travel: [f64; 2],
     /// Period that brings a rotary coordinate into travel.
@@ -91,12 +94,11 @@ pub struct MachineParts<'a> {
 }
 
 /// A function of six components as piecewise cubics, the first and the last of them the held ends.
-pub(crate) fn fit(
+fn fit(
     function: &dyn Fn(f64) -> [f64; LANES],
-    breakpoints: &[f64],
+    mut points: Vec<f64>,
     tolerance: Tolerance,
 ) -> Option<Vec<Piece>> {
-    let mut points = breakpoints.to_vec();
     points.sort_unstable_by(f64::total_cmp);
     points.dedup();
     let ends = [points.first(), points.last()].map(|end| end.copied().unwrap_or(0.0));
@@ -125,24 +127,66 @@ pub(crate) fn fit(
     Some(pieces)
 }
 
-/// Fits with the tolerance, or says which one would fit.
-pub(crate) fn fit_or_refuse(
-    function: &dyn Fn(f64) -> [f64; LANES],
-    breakpoints: &[f64],
-    tolerance: Tolerance,
-    axis: volcomp_kinematics::AxisName,
-) -> Result<Vec<Piece>, EvaluatorError> {
-    if let Some(pieces) = fit(function, breakpoints, tolerance) {
-        return Ok(pieces);
+/// The errors of an axis as its tables want them.
+pub(crate) struct ToTable<'a> {
+    pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
+    pub(crate) breakpoints: &'a [Vec<f64>; LANES],
+    /// From the axis's point to the tool tip, mm.
+    pub(crate) arm_mm: Vector3<f64>,
+    pub(crate) constant: ErrorMotion,
+    pub(crate) tolerance: Tolerance,
+    pub(crate) axis: AxisName,
+}
+
+impl ToTable<'_> {
+    /// The table, or which curve is too much for it.
+    pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
+        self.pieces(None, self.tolerance)
+            .ok_or_else(|| self.too_large())
     }
-    let tolerance_nm = tolerance.linear_mm * 1e6;
-    let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));
-    let fits = |nm: &f64| fit(function, breakpoints, Tolerance::from_nm(*nm)).is_some();
-    Err(EvaluatorError::TooLarge {
-        axis,
-        tolerance_nm,
-        fitting_nm: tried.into_iter().find(fits).unwrap_or(f64::INFINITY),
-    })
+
+    /// The pieces of all components or of one of them alone; displacements at the tool tip.
+    fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Option<Vec<Piece>> {
+        let function = |x: f64| {
+            let mut error = (self.errors)(x);
+            if let Some(alone) = alone {
+                for k in 0..3 {
+                    error.linear_mm[k] *= f64::from(u8::from(alone == k));
+                    error.angular_rad[k] *= f64::from(u8::from(alone == k + 3));
+                }
+            }
+            let carried = error.angular_rad.cross(&self.arm_mm);
+            let linear = error.linear_mm + carried + self.constant.linear_mm;
+            let angular = error.angular_rad + self.constant.angular_rad;
+            [
+                linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+            ]
+        };
+        let counted = |lane: usize| alone.is_none_or(|alone| alone == lane);
+        let lanes = (0..LANES).filter(|lane| counted(*lane));
+        let breakpoints = lanes.flat_map(|lane| self.breakpoints[lane].iter().copied());
+        fit(&function, breakpoints.collect(), tolerance)
+    }
+
+    /// The first curve that is too large by itself, else the axis, and a tolerance that fits.
+    fn too_large(&self) -> EvaluatorError {
+        let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_none());
+        let tolerance_nm = self.tolerance.linear_mm * 1e6;
+        let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));
+        let fits = |nm: &f64| self.pieces(None, Tolerance::from_nm(*nm)).is_some();
+        EvaluatorError::TooLarge {
+            curve: match alone {
+                Some(lane) => format!(
+                    "{}{}",
+                    ["EX", "EY", "EZ", "EA", "EB", "EC"][lane],
+                    self.axis
+                ),
+                None => format!("all of axis {}", self.axis),
+            },
+            tolerance_nm,
+            fitting_nm: tried.into_iter().find(fits),
+        }
+    }
 }
 
 /// Six functions over one interval: values at Chebyshev–Lobatto points and their Chebyshev series.

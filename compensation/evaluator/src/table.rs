@@ -54,12 +54,12 @@ impl Piece {
         core::array::from_fn(|lane| self.rows[power][lane])
     }
 
-    /// Adds `slide` mm to the displacements for each unit of the coordinate.
-    pub(crate) fn add_slide(&mut self, slide: &Vector3<f64>) {
+    /// Adds `slope_mm` to the displacements for each unit of the coordinate.
+    pub(crate) fn add_slope(&mut self, slope_mm: &Vector3<f64>) {
         let start = self.start();
         for lane in 0..3 {
-            self.rows[0][lane] += slide[lane] * start;
-            self.rows[1][lane] += slide[lane];
+            self.rows[0][lane] += slope_mm[lane] * start;
+            self.rows[1][lane] += slope_mm[lane];
         }
     }
 }

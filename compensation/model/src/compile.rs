@@ -4,23 +4,45 @@ use volcomp_curve::{Branch, ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, Branches, CompiledMachine, MachineParts, Patch, Tolerance};
 use volcomp_kinematics::{Approach, ErrorMotion, MAX_AXES};
 
-use crate::{error::ModelError, error_name::Component, machine::Machine, source::branch};
+use crate::{
+    error::ModelError, error_name::Component, machine::Machine, source::branch,
+    thermal::Temperatures,
+};
 
 impl Machine {
     /// The machine with every curve as piecewise cubics within `tolerance` of it, for the tool that is
     /// in the spindle; without thermal terms.
     ///
     /// # Errors
-    /// [`ModelError::Compile`]: curves that need more than 1 MiB, a tolerance that is not positive.
+    /// [`ModelError::Compile`]: a curve that needs more than 1 MiB, a tolerance that is not positive.
     pub fn compile(&self, tolerance: Tolerance) -> Result<CompiledMachine, ModelError> {
-        let raw: Vec<_> = (0..self.axes().len())
-            .map(|axis| move |x: f64, approach: Approach| self.curve_errors(axis, x, approach))
+        self.compile_at(tolerance, &Temperatures::new())
+    }
+
+    /// The same with the thermal terms at steady temperatures.
+    ///
+    /// # Errors
+    /// As [`compile`](Self::compile).
+    pub fn compile_at(
+        &self,
+        tolerance: Tolerance,
+        temperatures: &Temperatures,
+    ) -> Result<CompiledMachine, ModelError> {
+        let thermal = |axis: usize| self.thermal_of(axis, temperatures);
+        let thermal: Vec<_> = (0..self.axes().len()).map(thermal).collect();
+        let raw: Vec<_> = thermal
+            .iter()
+            .enumerate()
+            .map(|(axis, six)| {
+                let offsets = six.map(|[offset, _]| offset);
+                move |x: f64, approach: Approach| self.curve_errors(axis, x, approach, offsets)
+            })
             .collect();
         let axes = raw.iter().enumerate();
         let parts = MachineParts {
             chain: self.chain(),
             axes: axes
-                .map(|(axis, errors)| self.axis_parts(axis, errors))
+                .map(|(axis, errors)| self.axis_parts(axis, errors, &thermal[axis]))
                 .collect(),
             location: core::array::from_fn(|axis| self.location_of(axis)),
             assembly: core::array::from_fn(|axis| ErrorMotion::from_um_urad(self.assembly(axis))),
@@ -31,14 +53,20 @@ impl Machine {
         })
     }
 
-    /// What the curves over the axis's own coordinate (mm or deg) give.
-    fn curve_errors(&self, axis: usize, x: f64, approach: Approach) -> ErrorMotion {
+    /// What the curves over the axis's own coordinate (mm or deg) give, on top of offsets (um, urad).
+    fn curve_errors(
+        &self,
+        axis: usize,
+        x: f64,
+        approach: Approach,
+        offsets: [f64; 6],
+    ) -> ErrorMotion {
         let mut coordinates = [0.0; MAX_AXES];
         coordinates[axis] = x;
-        let mut six = [0.0; 6];
+        let mut six = offsets;
         for (component, value) in six.iter_mut().enumerate() {
             if let Some(curve) = self.curve(axis, component) {
-                *value = one_argument(curve, axis, &coordinates, branch(approach));
+                *value += one_argument(curve, axis, &coordinates, branch(approach));
             }
         }
         ErrorMotion::from_um_urad(six)
@@ -48,12 +76,15 @@ impl Machine {
         &'a self,
         axis: usize,
         errors: &'a dyn Fn(f64, Approach) -> ErrorMotion,
+        thermal: &[[f64; 2]; 6],
     ) -> AxisParts<'a> {
         let stated = &self.axes()[axis];
         let mut parts = AxisParts {
             errors,
             branches: Branches::One,
-            breakpoints: Vec::new(),
+            breakpoints: Default::default(),
+            // Only linear error motions of linear axes expand.
+            slope_mm: core::array::from_fn(|component| thermal[component][1] * 1e-3),
             travel: stated.travel,
             modulo: stated.modulo,
             patches: Vec::new(),
@@ -69,7 +100,7 @@ impl Machine {
             for (field, weights) in weighted_fields(curve) {
                 match field {
                     Field::Curve(curve) => {
-                        parts.breakpoints.extend(curve.breakpoints());
+                        parts.breakpoints[component].extend(curve.breakpoints());
                         let range = curve.domain().map(|domain| (component, axis, domain));
                         parts.ranges.extend(range);
                     }

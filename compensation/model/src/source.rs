@@ -23,12 +23,8 @@ impl<'a> MachineErrors<'a> {
     pub(crate) fn new(machine: &'a Machine, temperatures: &Temperatures) -> Self {
         let mut thermal = [[[0.0; 2]; 6]; MAX_AXES];
         let mut location = [ErrorMotion::ZERO; MAX_AXES];
-        for (index, axis) in machine.axes().iter().enumerate() {
-            for component in Component::ALL {
-                let name = ErrorName::motion(component, axis.name);
-                thermal[index][component.index()] =
-                    machine.thermal.offset_and_slope(name, temperatures);
-            }
+        for index in 0..machine.axes().len() {
+            thermal[index] = machine.thermal_of(index, temperatures);
             location[index] = machine.location_of(index);
         }
         Self {
@@ -36,6 +32,17 @@ impl<'a> MachineErrors<'a> {
             thermal,
             location,
         }
+    }
+}
+
+impl Machine {
+    /// Offset and slope (by mm) that the thermal terms add to each error motion of an axis, um or urad.
+    pub(crate) fn thermal_of(&self, axis: usize, temperatures: &Temperatures) -> [[f64; 2]; 6] {
+        let name = self.axes()[axis].name;
+        Component::ALL.map(|component| {
+            let error = ErrorName::motion(component, name);
+            self.thermal.offset_and_slope(error, temperatures)
+        })
     }
 }
 

@@ -81,7 +81,7 @@ fn a_tolerance_that_cannot_be_kept_is_refused() {
         .unwrap_err()
         .to_string();
     assert!(
-        message.contains("axis X need more than 1 MiB for 0.001 nm"),
+        message.contains("curve EXX needs more than 1 MiB for 0.001 nm"),
         "{message}"
     );
 }

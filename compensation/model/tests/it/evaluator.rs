@@ -290,6 +290,77 @@ fn grids_are_the_same_as_single_poses() {
     }
 }
 
+/// Expansion goes on outside the range of the curves, drift is a constant, of angles too.
+#[test]
+fn thermal_terms_are_those_of_the_source() {
+    let text = format!(
+        "{EXAMPLE}\n[[thermal.drift]]\nerror = \"EAY\"\nsensors = {{ bed = 1.0 }}\nurad_per_k = 1.5\n"
+    );
+    let machine = Machine::parse(&text, "m").unwrap();
+    let sensors = machine.thermal.sensors();
+    assert!(sensors.len() > 1 && !machine.thermal.expansion.is_empty());
+    let temperatures: Temperatures = sensors
+        .iter()
+        .zip([26.5, 31.0, 18.0])
+        .map(|(name, degc)| ((*name).to_owned(), degc))
+        .collect();
+    let compiled = machine
+        .compile_at(Tolerance::default(), &temperatures)
+        .unwrap();
+    let cold = machine.compile(Tolerance::default()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut moved = 0.0_f64;
+    for _ in 0..2000 {
+        let mut state = random_state(&machine, &mut rng);
+        for q in &mut state.q[1..] {
+            *q = rng.random_range(-2000.0..12_000.0);
+        }
+        let expected = machine.error_at(&state, Form::Twist, &temperatures);
+        let found = compiled.evaluate(&state);
+        for k in 0..3 {
+            assert!((expected.position_mm[k] - found.position_mm[k]).abs() < 5e-5);
+            assert!((expected.rotation_rad[k] - found.rotation_rad[k]).abs() < 5e-9);
+            moved = moved.max((found.position_mm[k] - cold.evaluate(&state).position_mm[k]).abs());
+        }
+    }
+    assert!(moved > 0.05, "{moved}");
+}
+
+#[test]
+fn curves_that_need_too_much_are_named() {
+    let wave = |period: f64| {
+        let text = format!(
+            "structure = \"w b X t\"\n[axes.X]\ntravel = [0, 1000]\n[errors]\nEXX = 1.0\nEYX = {{ fourier = [0.0, 5.0], period = {period} }}\n"
+        );
+        Machine::parse(&text, "m").map(|m| m.compile(Tolerance::default()))
+    };
+    let nodes: Vec<String> = (0..5000)
+        .map(|i| format!("[{}.0, {}.5]", i, i % 7))
+        .collect();
+    let table = format!(
+        "structure = \"w b X t\"\n[axes.X]\ntravel = [0, 5000]\n[errors]\nEBX = {{ table = [{}] }}\n",
+        nodes.join(", ")
+    );
+    let reason = Machine::parse(&table, "m")
+        .unwrap()
+        .compile(Tolerance::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        reason.contains("curve EBX needs more than 1 MiB") && reason.contains("fewer breakpoints"),
+        "{reason}"
+    );
+    // A Fourier series on a linear axis may be refused by the machine file; on C it is not.
+    if let Ok(compiled) = wave(2.0) {
+        let reason = compiled.unwrap_err().to_string();
+        assert!(
+            reason.contains("curve EYX needs more than 1 MiB"),
+            "{reason}"
+        );
+        assert!(reason.contains("expected a tolerance of"), "{reason}");
+    }
+}
+
 /// Out of range where the source is, ends and a modulo included.
 #[test]
 fn flags_are_those_of_the_source() {
