@@ -13,6 +13,7 @@ use crate::{
     curve_choice::CurveChoice,
     error::{CalibrateError, read_text},
     setup::{SETUP_KEYS, Setup, decode_error, decode_motion, one_of, set_coordinates},
+    uncertainty::Uncertainty,
 };
 
 /// A calibration file with everything it names read.
@@ -29,6 +30,8 @@ pub struct CalibrationFile {
     pub measurements: Vec<Line>,
     /// The squareness errors.
     pub squareness: Vec<Squareness>,
+    /// What the scatter of the readings does not show.
+    pub uncertainty: Uncertainty,
 }
 
 /// One measurement: an error along one line.
@@ -84,6 +87,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         "reference_axes",
         "measurement",
         "squareness",
+        "uncertainty",
     ])?;
     let machine = Machine::read(&folder.join(root.require("machine")?.text()?))?;
     let mut reference: Vec<f64> = machine
@@ -119,6 +123,10 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         reference,
         measurements,
         squareness,
+        uncertainty: match root.section("uncertainty")? {
+            Some(section) => Uncertainty::decode(&section)?,
+            None => Uncertainty::default(),
+        },
     })
 }
 

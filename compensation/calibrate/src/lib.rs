@@ -10,6 +10,7 @@ mod line_of_sight;
 mod setup;
 mod shop;
 mod track;
+mod uncertainty;
 
 pub use calibrate::{Calibration, FittedCurve, calibrate};
 pub use calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource};
@@ -19,3 +20,4 @@ pub use instrument::Instrument;
 pub use line_of_sight::LineOfSight;
 pub use setup::{Method, Setup};
 pub use shop::{Format, Shop, ShopLine};
+pub use uncertainty::Uncertainty;

@@ -4,6 +4,7 @@ mod compile;
 mod curve_file;
 mod diagonals;
 pub mod document;
+mod ensemble;
 mod error;
 mod error_name;
 mod machine;
@@ -14,6 +15,7 @@ mod thermal;
 
 pub use curve_file::write_curve;
 pub use diagonals::{Diagonal, corrected, diagonals, quantised};
+pub use ensemble::Ensemble;
 pub use error::{InputError, ModelError};
 pub use error_name::{Component, ErrorName, UnknownError};
 pub use machine::{Axis, Machine, Tool};

@@ -3,3 +3,4 @@
 mod gantry;
 mod messages;
 mod round_trip;
+mod uncertainty;

@@ -1,0 +1,116 @@
+//! Drawn calibrations against the covariance of the readings, computed by itself.
+
+use std::{fmt::Write, fs, path::Path};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_kinematics::AxisName;
+use volcomp_model::{Ensemble, Machine, Tolerance};
+
+const TRIALS: u64 = 2000;
+const MACHINE: &str =
+    "structure = \"w b X Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\n";
+const TARGETS: usize = 6;
+const RUNS: usize = 5;
+
+/// Runs that move as a whole besides their noise, so that targets are correlated.
+fn runs() -> Vec<[f64; TARGETS]> {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut run = |_| {
+        let (shift, slope) = (rng.random_range(-2.0..2.0), rng.random_range(-1.0..1.0));
+        std::array::from_fn(|i| shift + slope * i as f64 + rng.random_range(-0.5..0.5))
+    };
+    (0..RUNS).map(&mut run).collect()
+}
+
+fn written(folder: &Path, more: &str) -> CalibrationFile {
+    let mut csv = String::from("target,run,direction,deviation\n");
+    for (run, values) in runs().iter().enumerate() {
+        for (i, value) in values.iter().enumerate() {
+            writeln!(csv, "{},{},+,{value}", 200 * i, run + 1).expect("a String");
+        }
+    }
+    fs::write(folder.join("x.csv"), csv).expect("written");
+    fs::write(folder.join("machine.toml"), MACHINE).expect("written");
+    let text = format!(
+        "machine = \"machine.toml\"\n{more}\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\ncurve = {{ table = {{}} }}\n"
+    );
+    fs::write(folder.join("calibration.toml"), text).expect("written");
+    CalibrationFile::read(&folder.join("calibration.toml")).expect("a valid calibration")
+}
+
+fn machine_of(file: &CalibrationFile) -> Machine {
+    calibrate(file, |_, _| {}).expect("calibrated").machine
+}
+
+fn ensemble(file: &CalibrationFile) -> Ensemble {
+    let compiled = |trial| {
+        let machine = machine_of(&file.varied(7, trial));
+        machine.compile(Tolerance::default()).expect("compiles")
+    };
+    Ensemble::new((0..TRIALS).map(compiled).collect()).expect("many machines")
+}
+
+fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 6] {
+    let state = machine.state(&[(AxisName::X, x), (AxisName::Y, y)]);
+    ensemble.standard_uncertainty(&state.expect("a state"))
+}
+
+/// The curve is zero at 0, so what counts at a target is its difference from the first.
+#[test]
+fn the_spread_is_that_of_the_means_of_the_runs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = written(folder.path(), "");
+    let (ensemble, runs) = (ensemble(&file), runs());
+    for i in 1..TARGETS {
+        let differences: Vec<f64> = runs.iter().map(|run| run[i] - run[0]).collect();
+        let mean = differences.iter().sum::<f64>() / RUNS as f64;
+        let squares: f64 = differences.iter().map(|d| (d - mean).powi(2)).sum();
+        let expected_mm = (squares / (RUNS * (RUNS - 1)) as f64).sqrt() * 1e-3;
+        let found = uncertainty(&ensemble, &file.machine, 200.0 * i as f64, 0.0)[0];
+        // Four standard deviations of a spread estimated from so many trials.
+        let allowed = 4.0 / (2.0 * TRIALS as f64).sqrt();
+        assert!(
+            (found / expected_mm - 1.0).abs() < allowed,
+            "{found} {expected_mm}"
+        );
+    }
+    let at_reference = uncertainty(&ensemble, &file.machine, 0.0, 0.0);
+    assert!(at_reference.iter().all(|u| *u < 1e-15));
+}
+
+#[test]
+fn stated_uncertainties_are_carried() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let more = "[uncertainty]\nlaser_um_per_m = 20.0\nsquare_urad = 5.0\n[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 12.0";
+    let mut file = written(folder.path(), more);
+    // Without scatter only the stated ones are left.
+    for reading in &mut file.measurements[0].readings.readings {
+        reading.deviation = 1.0;
+    }
+    let ensemble = ensemble(&file);
+    let found = uncertainty(&ensemble, &file.machine, 1000.0, 500.0);
+    // 20 um/m over 1 m and 5 urad over 0.5 m in quadrature along X.
+    let expected_mm = f64::hypot(20e-3, 2.5e-3);
+    let allowed = 4.0 / (2.0 * TRIALS as f64).sqrt();
+    assert!((found[0] / expected_mm - 1.0).abs() < allowed, "{found:?}");
+    assert!(found[1] < 1e-12 && found[5] < 1e-12, "{found:?}");
+}
+
+#[test]
+fn a_trial_is_the_same_whatever_was_drawn_before() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = written(folder.path(), "[uncertainty]\nreading_um = 0.5");
+    let deviations = |seed, trial| {
+        let varied = file.varied(seed, trial);
+        let readings = varied.measurements[0].readings.readings.clone();
+        readings.iter().map(|r| r.deviation).collect::<Vec<_>>()
+    };
+    let fifth = deviations(1, 5);
+    let _ = deviations(1, 4);
+    assert_eq!(deviations(1, 5), fifth);
+    assert_ne!(deviations(1, 6), fifth);
+    assert_ne!(deviations(2, 5), fifth);
+    assert_eq!(file.without_scatter().count(), 0);
+}
