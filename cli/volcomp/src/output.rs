@@ -113,10 +113,11 @@ impl OutputFile {
         })
     }
 
-    pub(crate) fn write(&mut self, text: &str) -> Result<(), Failure> {
+    /// Adds to the file.
+    pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {
             Some(writer) => writer
-                .write_all(text.as_bytes())
+                .write_all(bytes)
                 .map_err(|e| Failure::work_on(&self.path, &e)),
             None => Ok(()),
         }
@@ -133,6 +134,20 @@ impl OutputFile {
         file.persist(&self.path).map_err(|e| failed(&e.error))?;
         tracing::debug!("wrote {}", self.path.display());
         Ok(())
+    }
+}
+
+/// For libraries that write by themselves.
+#[cfg(feature = "parquet")]
+impl Write for OutputFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.writer
+            .as_mut()
+            .map_or(Ok(0), |writer| writer.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.as_mut().map_or(Ok(()), Write::flush)
     }
 }
 

@@ -19,7 +19,7 @@ pub use ensemble::Ensemble;
 pub use error::{InputError, ModelError};
 pub use error_name::{Component, ErrorName, UnknownError};
 pub use machine::{Axis, Machine, Tool};
-pub use map::{MapGrid, MapNode};
+pub use map::MapGrid;
 pub use source::MachineErrors;
 pub use thermal::{Drift, Expansion, Temperatures, Thermal};
 pub use volcomp_evaluator as evaluator;

@@ -209,6 +209,15 @@ impl Machine {
         Ok(self.chain.set_tool(tip, axis)?)
     }
 
+    /// Puts the tool that is in the spindle of another machine into this one's.
+    ///
+    /// # Errors
+    /// None for a tool that stands in a machine already.
+    pub fn use_tool_of(&mut self, other: &Self) -> Result<(), ModelError> {
+        let (tip, axis) = (other.chain.tool_tip_mm(), other.chain.tool_axis());
+        Ok(self.chain.set_tool(tip.into(), axis.into())?)
+    }
+
     /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in
     /// chain order and component.
     pub fn errors(&self) -> impl Iterator<Item = (ErrorName, &ErrorCurve)> {

@@ -1,6 +1,6 @@
 //! The volumetric map: the error on a grid over the travels.
 
-use volcomp_kinematics::{AxisName, State, VolumetricError};
+use volcomp_kinematics::{AxisName, State};
 
 use crate::machine::Machine;
 
@@ -12,15 +12,6 @@ pub struct MapGrid {
     pub axes: Vec<AxisName>,
     /// Nodes along each axis, mm.
     pub nodes_mm: Vec<Vec<f64>>,
-}
-
-/// One node of the map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapNode {
-    /// Coordinates along the axes of the grid, mm; 0 for an axis that is not there.
-    pub at_mm: [f64; 3],
-    /// The error at the node, mm and rad in workpiece axes.
-    pub error: VolumetricError,
 }
 
 impl MapGrid {
@@ -50,21 +41,9 @@ impl MapGrid {
         self.len() == 0
     }
 
-    /// Every node with its error, one at a time, X fastest; `error` is what the machine's form, its
-    /// compiled form or another source gives at a state.
-    pub fn evaluate<'a>(
-        &'a self,
-        machine: &'a Machine,
-        error: impl Fn(&State) -> VolumetricError + 'a,
-    ) -> impl Iterator<Item = MapNode> + 'a {
-        (0..self.len()).map(move |index| {
-            let (at_mm, state) = self.node(machine, index);
-            let error = error(&state);
-            MapNode { at_mm, error }
-        })
-    }
-
-    fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
+    /// A node by its number, X fastest: its coordinates along the axes of the grid (mm; 0 for an axis that
+    /// is not there) and its state.
+    pub fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
         let mut at_mm = [0.0; 3];
         let mut state = State::default();
         for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {

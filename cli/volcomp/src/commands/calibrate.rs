@@ -23,7 +23,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let file = CalibrationFile::read(&arguments.calibration)?;
     let mut output = OutputFile::open(&arguments.output)?;
     let calibration = fit(&file)?;
-    output.write(&calibration.machine.to_toml())?;
+    output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
     Ok(Answer {
         json: json(arguments, &calibration),

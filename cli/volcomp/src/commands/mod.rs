@@ -51,7 +51,7 @@ fn table_text(table: &Table) -> String {
 /// Writes a whole file; it appears by rename.
 fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     let mut file = OutputFile::open(path)?;
-    file.write(text)?;
+    file.append(text.as_bytes())?;
     file.finish()
 }
 

@@ -58,7 +58,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Vec<String>, Failure> 
             Some(file) => file,
             None => OutputFile::open(&folder.join(&name))?,
         };
-        file.write(&text)?;
+        file.append(text.as_bytes())?;
         file.finish()?;
         names.push(name);
     }

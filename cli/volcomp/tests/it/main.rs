@@ -1,6 +1,7 @@
 //! The real program: what it prints, its JSON, its exit status.
 
 mod answers;
+mod map;
 mod whole_way;
 mod wrong_input;
 
@@ -51,4 +52,20 @@ pub(crate) fn refused(arguments: &[&str]) -> String {
     );
     assert!(!stderr.contains("panicked"), "{stderr}");
     stderr
+}
+
+/// The Python of `./test`, with the programs that ours are tested against. Where it is missing the test is
+/// named and left out, but not under CI.
+#[cfg(feature = "parquet")]
+pub(crate) fn peer_python() -> Option<PathBuf> {
+    let python = root().join("target/test-venv/bin/python");
+    if python.is_file() {
+        return Some(python);
+    }
+    assert!(
+        std::env::var_os("CI").is_none(),
+        "target/test-venv is missing: ./test makes it"
+    );
+    eprintln!("not run: target/test-venv is missing, ./test makes it");
+    None
 }

@@ -1,0 +1,235 @@
+//! The field of a map in its file, nodes at a time: a map may be larger than memory.
+
+use std::{fmt::Write, path::Path};
+
+use volcomp_model::MapGrid;
+
+use super::Node;
+use crate::{failure::Failure, output::OutputFile};
+
+/// What a file holds of each node besides its place: names and units of six columns in two vectors.
+const VECTORS: [[&str; 2]; 2] = [
+    ["position_um", "rotation_urad"],
+    ["u_position_um", "u_rotation_urad"],
+];
+#[cfg(feature = "parquet")]
+const COLUMNS: [[&str; 6]; 2] = [
+    ["x_um", "y_um", "z_um", "a_urad", "b_urad", "c_urad"],
+    [
+        "u_x_um", "u_y_um", "u_z_um", "u_a_urad", "u_b_urad", "u_c_urad",
+    ],
+];
+const CSV_COLUMNS: [&str; 2] = [
+    "x_um,y_um,z_um,a_urad,b_urad,c_urad",
+    "u_x_um,u_y_um,u_z_um,u_a_urad,u_b_urad,u_c_urad",
+];
+
+/// A field that is being written.
+pub(super) enum Field {
+    None,
+    Text(TextField),
+    #[cfg(feature = "parquet")]
+    Parquet(Box<super::parquet::ParquetField>),
+}
+
+/// A field as text.
+pub(super) struct TextField {
+    file: OutputFile,
+    format: TextFormat,
+    /// 1 where errors are written, 2 with their uncertainties.
+    groups: usize,
+}
+
+/// How nodes become text; chunks of them on many cores.
+#[derive(Clone, Copy)]
+pub(super) enum TextFormat {
+    Csv,
+    /// One array after the other, so the nodes are gone through several times.
+    Vtk(&'static str),
+}
+
+impl Field {
+    pub(super) fn open(
+        path: Option<&Path>,
+        grid: &MapGrid,
+        uncertain: bool,
+    ) -> Result<Self, Failure> {
+        let Some(path) = path else {
+            return Ok(Self::None);
+        };
+        let groups = 1 + usize::from(uncertain);
+        let text = |format, head: String| {
+            let mut file = OutputFile::open(path)?;
+            file.append(head.as_bytes())?;
+            Ok(Self::Text(TextField {
+                file,
+                format,
+                groups,
+            }))
+        };
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("csv") => {
+                let axes: Vec<String> = grid.axes.iter().map(|name| format!("{name}_mm")).collect();
+                let columns = CSV_COLUMNS[..groups].join(",");
+                text(TextFormat::Csv, format!("{},{columns}\n", axes.join(",")))
+            }
+            Some("vti") => text(TextFormat::Vtk("ImageData"), vti_head(grid)),
+            Some("vtr") => text(TextFormat::Vtk("RectilinearGrid"), vtr_head(grid)),
+            #[cfg(feature = "parquet")]
+            Some("parquet") => {
+                let columns = COLUMNS[..groups].concat();
+                let field = super::parquet::ParquetField::open(path, grid, &columns)?;
+                Ok(Self::Parquet(Box::new(field)))
+            }
+            #[cfg(not(feature = "parquet"))]
+            Some("parquet") => Err(Failure::Input(format!(
+                "{}: this build writes no Parquet (cargo feature `parquet`), expected .csv, .vti or .vtr",
+                path.display()
+            ))),
+            _ => Err(Failure::Input(format!(
+                "{}: found no known ending, expected .csv, .vti, .vtr or .parquet",
+                path.display()
+            ))),
+        }
+    }
+
+    /// How often the nodes are gone through.
+    pub(super) fn passes(&self) -> usize {
+        match self.text_format() {
+            Some((TextFormat::Vtk(_), groups)) => 2 * groups,
+            _ => 1,
+        }
+    }
+
+    pub(super) fn begin(&mut self, pass: usize) -> Result<(), Failure> {
+        if let Self::Text(TextField {
+            file,
+            format: TextFormat::Vtk(_),
+            ..
+        }) = self
+        {
+            let before = if pass == 0 { "" } else { "</DataArray>\n" };
+            let name = VECTORS[pass / 2][pass % 2];
+            let head = format!(
+                "{before}<DataArray type=\"Float64\" Name=\"{name}\" NumberOfComponents=\"3\" format=\"ascii\">\n"
+            );
+            file.append(head.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// How nodes become text, where they do, and how many groups of columns.
+    pub(super) fn text_format(&self) -> Option<(TextFormat, usize)> {
+        if let Self::Text(text) = self {
+            Some((text.format, text.groups))
+        } else {
+            None
+        }
+    }
+
+    pub(super) fn write(&mut self, nodes: &[Node], text: &str) -> Result<(), Failure> {
+        match self {
+            Self::Text(field) => field.file.append(text.as_bytes()),
+            #[cfg(feature = "parquet")]
+            Self::Parquet(field) => field.write(nodes),
+            Self::None => {
+                debug_assert!(!nodes.is_empty());
+                Ok(())
+            }
+        }
+    }
+
+    pub(super) fn finish(self) -> Result<(), Failure> {
+        match self {
+            Self::None => Ok(()),
+            #[cfg(feature = "parquet")]
+            Self::Parquet(field) => field.finish(),
+            Self::Text(mut text) => {
+                if let TextFormat::Vtk(kind) = text.format {
+                    let end =
+                        format!("</DataArray>\n</PointData>\n</Piece>\n</{kind}>\n</VTKFile>\n");
+                    text.file.append(end.as_bytes())?;
+                }
+                text.file.finish()
+            }
+        }
+    }
+}
+
+impl TextFormat {
+    /// The lines of some nodes.
+    pub(super) fn lines(self, pass: usize, axes: usize, nodes: &[Node]) -> String {
+        let mut text = String::new();
+        for node in nodes {
+            // Writing to a String cannot fail.
+            let _ = match self {
+                Self::Csv => csv_line(&mut text, axes, node),
+                Self::Vtk(_) => {
+                    let six = if pass < 2 {
+                        node.in_file_units()
+                    } else {
+                        node.uncertainty_in_file_units()
+                    };
+                    let from = 3 * (pass % 2);
+                    let [x, y, z] = [six[from], six[from + 1], six[from + 2]];
+                    writeln!(text, "{x:.6} {y:.6} {z:.6}")
+                }
+            };
+        }
+        text
+    }
+}
+
+fn csv_line(text: &mut String, axes: usize, node: &Node) -> std::fmt::Result {
+    for place in &node.at_mm[..axes] {
+        write!(text, "{place},")?;
+    }
+    let [x, y, z, a, b, c] = node.in_file_units();
+    write!(text, "{x:.6},{y:.6},{z:.6},{a:.6},{b:.6},{c:.6}")?;
+    if node.uncertainty.is_some() {
+        let [x, y, z, a, b, c] = node.uncertainty_in_file_units();
+        write!(text, ",{x:.6},{y:.6},{z:.6},{a:.6},{b:.6},{c:.6}")?;
+    }
+    writeln!(text)
+}
+
+fn vti_head(grid: &MapGrid) -> String {
+    let (mut extent, mut origin, mut spacing) = (String::new(), String::new(), String::new());
+    for place in 0..3 {
+        let nodes = grid.nodes_mm.get(place).map_or(&[0.0][..], Vec::as_slice);
+        let step = nodes.get(1).map_or(1.0, |second| second - nodes[0]);
+        // Writing to a String cannot fail.
+        let _ = write!(extent, "0 {} ", nodes.len() - 1);
+        let _ = write!(origin, "{} ", nodes[0]);
+        let _ = write!(spacing, "{step} ");
+    }
+    let (extent, origin, spacing) = (extent.trim(), origin.trim(), spacing.trim());
+    format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
+         <ImageData WholeExtent=\"{extent}\" Origin=\"{origin}\" Spacing=\"{spacing}\">\n\
+         <Piece Extent=\"{extent}\">\n<PointData Vectors=\"position_um\">\n"
+    )
+}
+
+/// The nodes themselves before the data.
+fn vtr_head(grid: &MapGrid) -> String {
+    let (mut extent, mut coordinates) = (String::new(), String::new());
+    for place in 0..3 {
+        let nodes = grid.nodes_mm.get(place).map_or(&[0.0][..], Vec::as_slice);
+        let name = ["X_mm", "Y_mm", "Z_mm"][place];
+        let shown: Vec<String> = nodes.iter().map(ToString::to_string).collect();
+        // Writing to a String cannot fail.
+        let _ = write!(extent, "0 {} ", nodes.len() - 1);
+        let _ = writeln!(
+            coordinates,
+            "<DataArray type=\"Float64\" Name=\"{name}\" format=\"ascii\">{}</DataArray>",
+            shown.join(" ")
+        );
+    }
+    let extent = extent.trim();
+    format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"RectilinearGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
+         <RectilinearGrid WholeExtent=\"{extent}\">\n<Piece Extent=\"{extent}\">\n\
+         <Coordinates>\n{coordinates}</Coordinates>\n<PointData Vectors=\"position_um\">\n"
+    )
+}

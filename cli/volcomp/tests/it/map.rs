@@ -1,0 +1,121 @@
+//! The volumetric map and its uncertainty.
+
+use std::{fs, path::Path, process::Command};
+
+use serde_json::Value;
+
+use crate::{json, refused, root};
+
+const SHOP: &str = "cli/volcomp/demo/shop.toml";
+
+/// A map with its uncertainty on so many threads: the document and the file.
+fn uncertain(folder: &Path, threads: &str, file: &str, seed: &str) -> (Value, String) {
+    let calibration = folder.join("calibration.toml");
+    let map = folder.join(file);
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .env("RAYON_NUM_THREADS", threads)
+        .current_dir(root())
+        .args([
+            "--json", "map", "--grid", "5x4x3", "--trials", "12", "--seed", seed, "-m",
+        ])
+        .arg(folder.join("machine.toml"))
+        .arg("--uncertainty")
+        .arg(calibration)
+        .arg("-o")
+        .arg(&map)
+        .output()
+        .expect("started");
+    assert!(output.status.success(), "{output:?}");
+    let document = serde_json::from_slice(&output.stdout).expect("a document");
+    (document, fs::read_to_string(map).expect("written"))
+}
+
+#[test]
+fn the_uncertainty_is_the_same_on_any_number_of_cores() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    json(&["simulate", SHOP, "-o", path.to_str().expect("UTF-8")]);
+    let (answer, csv) = uncertain(path, "1", "map.csv", "3");
+    let (again, same) = uncertain(path, "2", "map.csv", "3");
+    assert_eq!((&answer, &csv), (&again, &same));
+    assert_ne!(uncertain(path, "2", "map.csv", "4").1, csv);
+    assert_eq!(answer["uncertainty"]["trials"], 12);
+    // 1 um of noise, five runs each way, over lines that also make slopes and squareness.
+    let largest = answer["uncertainty"]["largest_um"]
+        .as_f64()
+        .unwrap_or(f64::NAN);
+    assert!((0.3..5.0).contains(&largest), "{largest}");
+    let mut lines = csv.lines();
+    assert_eq!(
+        lines.next(),
+        Some(
+            "X_mm,Y_mm,Z_mm,x_um,y_um,z_um,a_urad,b_urad,c_urad,u_x_um,u_y_um,u_z_um,u_a_urad,u_b_urad,u_c_urad"
+        )
+    );
+    let rows: Vec<Vec<f64>> = lines
+        .map(|line| {
+            line.split(',')
+                .map(|n| n.parse().expect("a number"))
+                .collect()
+        })
+        .collect();
+    assert_eq!(rows.len(), 60);
+    // At the reference all positioning curves are zero by convention.
+    assert!(rows[0][9..12].iter().all(|u| *u < 1.0), "{:?}", rows[0]);
+    let (_, vti) = uncertain(path, "2", "map.vti", "3");
+    assert_eq!(vti.matches("NumberOfComponents=\"3\"").count(), 4);
+    assert_eq!(vti.lines().count(), 6 + 4 * 60 + 3 * 2 + 5);
+}
+
+#[test]
+fn an_uncertainty_of_another_machine_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_str().expect("UTF-8");
+    json(&["simulate", SHOP, "-o", path]);
+    let calibration = folder.path().join("calibration.toml");
+    let calibration = calibration.to_str().expect("UTF-8");
+    let map = ["map", "-m", "examples/five-axis.toml", "--grid", "2x2x2"];
+    let message = refused(&[&map[..], &["--uncertainty", calibration]].concat());
+    assert!(
+        message.contains("found the structure `w X' b Y Z t`"),
+        "{message}"
+    );
+    let message = refused(&[&map[..], &["--trials", "5"]].concat());
+    assert!(message.contains("--uncertainty"), "{message}");
+}
+
+/// Read back by Apache Arrow's own reader.
+#[cfg(feature = "parquet")]
+#[test]
+fn arrow_reads_the_parquet_map() {
+    let Some(python) = crate::peer_python() else {
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let [parquet, csv] = ["map.parquet", "map.csv"].map(|name| {
+        let path = folder.path().join(name).display().to_string();
+        let map = [
+            "map",
+            "-m",
+            "examples/gantry.toml",
+            "--grid",
+            "30x20x10",
+            "-o",
+        ];
+        json(&[&map[..], &[&path]].concat());
+        path
+    });
+    let program = "import sys, csv, pyarrow.parquet as p\n\
+        t = p.read_table(sys.argv[1])\n\
+        rows = list(csv.reader(open(sys.argv[2])))\n\
+        assert t.column_names == rows[0], t.column_names\n\
+        assert t.num_rows == len(rows) - 1 == 6000\n\
+        for k, name in enumerate(rows[0]):\n\
+        \x20   worst = max(abs(a - float(row[k])) for a, row in zip(t[name].to_pylist(), rows[1:]))\n\
+        \x20   assert worst <= 5.1e-7, (name, worst)\n";
+    let output = Command::new(python)
+        .args(["-c", program, &parquet, &csv])
+        .output()
+        .expect("Python is there");
+    assert!(output.status.success(), "{output:?}");
+}
