@@ -5,6 +5,7 @@
 mod compiled;
 mod evaluation;
 mod evaluator;
+mod fuzz_corpus;
 mod messages;
 mod round_trip;
 

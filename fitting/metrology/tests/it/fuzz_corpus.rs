@@ -9,7 +9,7 @@ use volcomp_metrology::{
 
 fn replay(target: &str, read: impl Fn(&[u8], &str) -> Result<Measurement, MetrologyError>) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../fuzz/corpus")
+        .join("../../tests/fuzz/corpus")
         .join(target);
     let files: Vec<_> = std::fs::read_dir(folder)
         .unwrap()
