@@ -50,6 +50,8 @@ def main():
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for cells in rows:
         print("| " + " | ".join(cells) + " |")
+    patches = (f"{n} {ns('patches', n):.1f}" for n in ("0", "1", "6"))
+    print(f"\nOne pose, ns, with so many errors over two coordinates: {', '.join(patches)}")
     print(f"\nLatency of one pose, ns: {', '.join(latencies)}")
 
 

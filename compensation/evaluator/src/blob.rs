@@ -135,7 +135,7 @@ fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &
         }
     }
     put_count(body, axis.patches.len());
-    for patch in &axis.patches {
+    for patch in axis.patches.iter().map(|compiled| &compiled.patch) {
         put_count(body, patch.component);
         put(body, &patch.weights);
         for (axis, nodes) in patch.axes.iter().zip(&patch.nodes) {

@@ -15,6 +15,7 @@ mod error;
 mod fold;
 #[cfg(feature = "std")]
 mod grid;
+mod index;
 mod machine;
 mod parts;
 mod patch;

@@ -11,7 +11,7 @@ use crate::{
     EvaluatorError, Tolerance,
     fold::{Folded, errors_before_motion, fold},
     parts::{AxisParts, Branches, MachineParts, ToTable},
-    patch::Patch,
+    patch::{CompiledPatch, Patch},
     table::{Baseline, Bounds, Head, LANES, Piece, Registers, Tables, WIDE},
     turn::Along,
 };
@@ -44,7 +44,7 @@ pub(crate) struct CompiledAxis {
     /// The table for each approach. Errors are carried to the tool tip at machine zero, constant errors
     /// are in.
     pub(crate) heads: [Head; 3],
-    pub(crate) patches: Vec<Patch>,
+    pub(crate) patches: Vec<CompiledPatch>,
     /// From the axis's point to the tool tip at machine zero, mm.
     pub(crate) arm_mm: Vector3<f64>,
     /// Whether the errors stand on the tool side of the joint.
@@ -208,13 +208,14 @@ impl CompiledMachine {
     /// Errors over two coordinates, carried to the tool tip like those of the tables.
     pub(crate) fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
         let axis = &self.axes[index];
-        for patch in &axis.patches {
+        for compiled in &axis.patches {
+            let patch = &compiled.patch;
             let at = patch.axes.map(|looked_at| {
                 self.axes
                     .get(looked_at)
                     .map_or(0.0, |axis| axis.looked_up(state.q[looked_at]))
             });
-            let value = patch.value(at) * patch.weights[state.approach[index] as usize];
+            let value = compiled.value(at) * patch.weights[state.approach[index] as usize];
             twist[patch.component] += value;
             if patch.component >= 3 {
                 let mut tilt = Vector3::zeros();
@@ -277,7 +278,7 @@ impl AxisTables {
             branches,
             heads,
             bounds: Bounds::of(all, &arm_mm, slide),
-            patches: self.patches,
+            patches: self.patches.into_iter().map(CompiledPatch::new).collect(),
             arm_mm,
             before_motion: errors_before_motion(joint),
             along: Along::of(&joint.direction),
@@ -305,7 +306,8 @@ impl CompiledAxis {
 
     pub(crate) fn slope_bound(&self, component: usize) -> f64 {
         let of_tables = self.bounds.slopes[component.min(LANES - 1)];
-        let patches = self.patches.iter().filter(|p| p.component == component);
+        let patches = self.patches.iter().map(|compiled| &compiled.patch);
+        let patches = patches.filter(|patch| patch.component == component);
         of_tables + patches.map(Patch::slope_bound).sum::<f64>()
     }
 }

@@ -2,6 +2,8 @@
 
 use alloc::vec::Vec;
 
+use crate::index::{Cell, Uniform};
+
 /// One component of an axis over two coordinates, bilinear between nodes, held outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
@@ -17,25 +19,94 @@ pub struct Patch {
     pub values: Vec<f64>,
 }
 
-impl Patch {
-    /// The value at the two coordinates.
-    pub(crate) fn value(&self, at: [f64; 2]) -> f64 {
-        let [first, second] = &self.nodes;
-        let (i, s) = place(first, at[0]);
-        let (j, t) = place(second, at[1]);
-        let columns = second.len();
-        let node = |i: usize, j: usize| {
-            let (i, j) = (i.min(first.len() - 1), j.min(columns - 1));
-            self.values.get(i * columns + j).copied().unwrap_or(0.0)
-        };
-        let row = |i: usize| {
-            let (from, to) = (node(i, j), node(i, j + 1));
-            from + (to - from) * t
-        };
-        let (from, to) = (row(i), row(i + 1));
-        from + (to - from) * s
+/// A patch with the indices over its nodes.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct CompiledPatch {
+    pub(crate) patch: Patch,
+    places: [Places; 2],
+}
+
+/// From a coordinate to the segment of nodes.
+#[derive(Clone, Debug, PartialEq)]
+struct Places {
+    index: Uniform,
+    cells: Vec<Cell>,
+    /// Start of each segment and one over its length.
+    segments: Vec<[f64; 2]>,
+}
+
+impl CompiledPatch {
+    pub(crate) fn new(patch: Patch) -> Self {
+        Self {
+            places: patch.nodes.each_ref().map(|nodes| Places::new(nodes)),
+            patch,
+        }
     }
 
+    /// The value at the two coordinates.
+    pub(crate) fn value(&self, at: [f64; 2]) -> f64 {
+        let (i, s) = self.places[0].place(at[0]);
+        let (j, t) = self.places[1].place(at[1]);
+        let columns = self.patch.nodes[1].len();
+        // A single node along an axis is its own neighbour.
+        let down = if self.patch.nodes[0].len() > 1 {
+            columns
+        } else {
+            0
+        };
+        let right = usize::from(columns > 1);
+        let from = i * columns + j;
+        let node = |place: usize| self.patch.values.get(place).copied().unwrap_or(0.0);
+        let row = |start: usize| {
+            let (left, right) = (node(start), node(start + right));
+            left + (right - left) * t
+        };
+        let (upper, lower) = (row(from), row(from + down));
+        upper + (lower - upper) * s
+    }
+}
+
+impl Places {
+    /// Over rising nodes, one at least.
+    fn new(nodes: &[f64]) -> Self {
+        let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
+        let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();
+        if segments.is_empty() {
+            segments.push([nodes[0], 0.0]);
+        }
+        let mut cells = Vec::new();
+        // The nodes between segments; where there is none, one that changes nothing.
+        let inner = nodes
+            .get(1..nodes.len() - 1)
+            .filter(|inner| !inner.is_empty());
+        let index = Uniform::add(&mut cells, inner.unwrap_or(&[f64::MAX]), 0);
+        Self {
+            index,
+            cells,
+            segments,
+        }
+    }
+
+    /// The segment of a coordinate and the part of it passed, 0 to 1; NaN stays NaN.
+    fn place(&self, x: f64) -> (usize, f64) {
+        let cell = &self.cells[self.index.cell(x)];
+        let mut place = cell.first as usize + usize::from(x >= cell.split);
+        for _ in 0..cell.more {
+            place += usize::from(
+                self.segments
+                    .get(place + 1)
+                    .is_some_and(|next| x >= next[0]),
+            );
+        }
+        let place = place.min(self.segments.len() - 1);
+        let [start, per_length] = self.segments[place];
+        let part = (x - start) * per_length;
+        let part = if part < 0.0 { 0.0 } else { part };
+        (place, if part > 1.0 { 1.0 } else { part })
+    }
+}
+
+impl Patch {
     /// The largest slope along either axis.
     pub(crate) fn slope_bound(&self) -> f64 {
         let [first, second] = &self.nodes;
@@ -56,19 +127,4 @@ impl Patch {
         }
         bound
     }
-}
-
-/// The segment of a coordinate and the part of it passed, 0 to 1; NaN stays NaN.
-fn place(nodes: &[f64], x: f64) -> (usize, f64) {
-    let last = nodes.len() - 1;
-    let segment = nodes
-        .partition_point(|node| *node <= x)
-        .saturating_sub(1)
-        .min(last.saturating_sub(1));
-    let Some(width) = nodes.get(segment + 1).map(|next| next - nodes[segment]) else {
-        return (0, 0.0 * x);
-    };
-    let part = (x - nodes[segment]) / width;
-    let part = if part < 0.0 { 0.0 } else { part };
-    (segment, if part > 1.0 { 1.0 } else { part })
 }

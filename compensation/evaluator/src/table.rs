@@ -4,16 +4,14 @@ use alloc::vec::Vec;
 
 use volcomp_kinematics::nalgebra::Vector3;
 
+use crate::index::{Cell, Uniform};
+
 /// Components of a twist: three translations, three rotations.
 pub(crate) const LANES: usize = 6;
 /// Lanes of a vector register that the components fill up to.
 pub(crate) const WIDE: usize = 8;
-/// Cells of one table's index at the most.
-const MAX_CELLS: usize = 1 << 12;
 /// Pieces that 1 MiB holds.
 pub(crate) const MAX_PIECES: usize = (1 << 20) / size_of::<Piece>();
-/// Added to a whole number below 2³² it leaves that in the last bits; to another, the nearest one.
-const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 /// Cubics of all components over one interval: c0, c1, c2, c3, each a cache line, components side by
 /// side. The two lanes that are left hold the start and the end of the interval in the first row.
@@ -64,25 +62,10 @@ impl Piece {
     }
 }
 
-/// A stretch of one table's index, with no more than one breakpoint where that is possible.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Cell {
-    /// Its first breakpoint: from there on the piece after `first` counts. Infinite where there is none.
-    split: f64,
-    first: u32,
-    /// Further breakpoints in it.
-    more: u32,
-}
-
 /// One table among [`Tables`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Head {
-    low: f64,
-    cells_per_unit: f64,
-    /// The last cell, counted from the table's first.
-    last: f64,
-    /// [`TO_INTEGER`] and the table's first cell.
-    to_cell: f64,
+    index: Uniform,
     from_piece: u32,
     pieces: u32,
 }
@@ -180,46 +163,17 @@ impl Tables {
     /// are points from which they reach to infinity. Two at least.
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "4096 pieces and cells a table at most"
+        reason = "4096 pieces a table at most"
     )]
     pub(crate) fn add(&mut self, pieces: &[Piece]) -> Head {
-        let (from_piece, from_cell) = (self.pieces.len(), self.cells.len());
         let breakpoints: Vec<f64> = pieces[1..].iter().map(Piece::start).collect();
-        let (low, high) = (breakpoints[0], breakpoints[breakpoints.len() - 1]);
-        let cells = cells_for(&breakpoints);
-        let cells_per_unit = if cells > 1 {
-            (cells - 1) as f64 / (high - low)
-        } else {
-            0.0
-        };
-        let mut head = Head {
-            low,
-            cells_per_unit,
-            last: (cells - 1) as f64,
-            to_cell: TO_INTEGER + from_cell as f64,
+        let from_piece = self.pieces.len();
+        self.pieces.extend(pieces);
+        Head {
+            index: Uniform::add(&mut self.cells, &breakpoints, from_piece),
             from_piece: from_piece as u32,
             pieces: pieces.len() as u32,
-        };
-        if !cells_per_unit.is_finite() {
-            (head.cells_per_unit, head.last) = (0.0, 0.0);
         }
-        let mut places = breakpoints
-            .iter()
-            .map(|x| (head.cell(*x) - from_cell, *x))
-            .peekable();
-        let mut first = from_piece as u32;
-        for cell in 0..cells {
-            let (mut split, mut inside) = (f64::INFINITY, 0);
-            while let Some((_, x)) = places.next_if(|(place, _)| *place == cell) {
-                split = split.min(x);
-                inside += 1;
-            }
-            let more = u32::saturating_sub(inside, 1);
-            self.cells.push(Cell { split, first, more });
-            first += inside;
-        }
-        self.pieces.extend(pieces);
-        head
     }
 
     pub(crate) fn pieces(&self, head: &Head) -> &[Piece] {
@@ -239,7 +193,7 @@ impl Tables {
     /// The piece at `x` and the distance from its start.
     #[inline(always)]
     fn piece(&self, head: &Head, x: f64) -> (&Piece, f64) {
-        let cell = &self.cells[head.cell(x)];
+        let cell = &self.cells[head.index.cell(x)];
         let mut place = cell.first as usize + usize::from(x >= cell.split);
         for _ in 0..cell.more {
             place += usize::from(x >= self.pieces[place].end());
@@ -247,37 +201,6 @@ impl Tables {
         let piece = &self.pieces[place];
         (piece, x - piece.start())
     }
-}
-
-impl Head {
-    /// The cell of a coordinate: rising with it; the first one for NaN.
-    #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
-    #[inline(always)]
-    fn cell(&self, x: f64) -> usize {
-        let place = (x - self.low) * self.cells_per_unit;
-        let place = if place > 0.0 { place } else { 0.0 };
-        let place = if place < self.last { place } else { self.last };
-        // The nearest whole number, without the branches of a cast.
-        (place + self.to_cell).to_bits() as u32 as usize
-    }
-}
-
-/// Cells so narrow that none has two breakpoints, unless that would be too many.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "capped"
-)]
-fn cells_for(breakpoints: &[f64]) -> usize {
-    let narrowest = breakpoints
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .fold(f64::INFINITY, f64::min);
-    let range = breakpoints[breakpoints.len() - 1] - breakpoints[0];
-    if breakpoints.len() < 2 || narrowest <= 0.0 {
-        return 1;
-    }
-    (libm::ceil(range / narrowest).min(MAX_CELLS as f64) as usize + 1).min(MAX_CELLS)
 }
 
 /// What a table can do to an axis at the most.

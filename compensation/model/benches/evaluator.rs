@@ -147,6 +147,39 @@ fn one_pose(c: &mut Criterion) {
     }
 }
 
+/// Errors over two coordinates: none, one and six bilinear patches on a machine of polynomials.
+fn patches(c: &mut Criterion) {
+    let mut group = c.benchmark_group("patches");
+    group.throughput(Throughput::Elements(POSES as u64));
+    let plain = gantry(polynomial);
+    let y = volcomp_kinematics::AxisName::Y;
+    for count in [0, 1, 6] {
+        let mut machine = plain.clone();
+        for component in &volcomp_model::Component::ALL[..count] {
+            let nodes = [1, 2].map(|axis| (0..21).map(|i| 100.0 * f64::from(i * axis)).collect());
+            let values = (0..21).map(|i| (0..21).map(|j| f64::from(i * j % 7)).collect());
+            let grid = volcomp_curve::Grid::new([1, 2], nodes, values.collect());
+            let field = Field::Grid(grid.expect("rising nodes"));
+            machine
+                .set_error(
+                    volcomp_model::ErrorName::motion(*component, y),
+                    ErrorCurve::Single(field),
+                )
+                .expect("an error of the machine");
+        }
+        let compiled = machine.compile(Tolerance::default()).expect("compiles");
+        let states = states(&machine);
+        group.bench_function(count.to_string(), |b| {
+            b.iter(|| {
+                for state in &states {
+                    black_box(compiled.evaluate(black_box(state)));
+                }
+            });
+        });
+    }
+    group.finish();
+}
+
 fn correction(c: &mut Criterion) {
     let machine = five_axis();
     let compiled = machine.compile(Tolerance::default()).expect("compiles");
@@ -270,5 +303,5 @@ fn grid(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, one_pose, correction, scattered, grid);
+criterion_group!(benches, one_pose, patches, correction, scattered, grid);
 criterion_main!(benches);

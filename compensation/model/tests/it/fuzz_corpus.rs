@@ -15,8 +15,8 @@ fn replay(target: &str, is_read: impl Fn(&[u8]) -> bool) {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         let read = is_read(&std::fs::read(&path).unwrap());
-        assert!(!(name.starts_with("valid-") && !read), "{name} was refused");
-        assert!(!(name.starts_with("broken-") && read), "{name} was read");
+        assert!(read || !name.starts_with("valid-"), "{name} was refused");
+        assert!(!read || !name.starts_with("broken-"), "{name} was read");
         count += 1;
     }
     assert!(count >= 3, "{count} files for {target}");

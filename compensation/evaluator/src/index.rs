@@ -1,0 +1,128 @@
+//! A uniform index over breakpoints: from a coordinate to its interval in one bounded step.
+
+use alloc::vec::Vec;
+
+/// Cells of one index at the most.
+const MAX_CELLS: usize = 1 << 12;
+/// Added to a whole number below 2³² it leaves that in the last bits; to another, the nearest one.
+const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
+
+/// A stretch of an index, with no more than one breakpoint where that is possible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cell {
+    /// Its first breakpoint: from there on the interval after `first` counts. Infinite where there is none.
+    pub(crate) split: f64,
+    /// The interval in which it begins.
+    pub(crate) first: u32,
+    /// Further breakpoints in it.
+    pub(crate) more: u32,
+}
+
+/// Which cell a coordinate falls into.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Uniform {
+    low: f64,
+    cells_per_unit: f64,
+    /// The last cell, counted from the first of this index.
+    last: f64,
+    /// [`TO_INTEGER`] and the first cell of this index among those of others.
+    to_cell: f64,
+}
+
+impl Uniform {
+    /// Adds the cells of rising breakpoints, one at least; intervals are counted from `first_interval`.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "breakpoints are counted in thousands"
+    )]
+    pub(crate) fn add(cells: &mut Vec<Cell>, breakpoints: &[f64], first_interval: usize) -> Self {
+        let from = cells.len();
+        let (low, high) = (breakpoints[0], breakpoints[breakpoints.len() - 1]);
+        let count = cells_for(breakpoints);
+        let per_unit = (count - 1) as f64 / (high - low);
+        let (cells_per_unit, last) = if count > 1 && per_unit.is_finite() {
+            (per_unit, (count - 1) as f64)
+        } else {
+            (0.0, 0.0)
+        };
+        let uniform = Self {
+            low,
+            cells_per_unit,
+            last,
+            to_cell: TO_INTEGER + from as f64,
+        };
+        let place = |x: &f64| (uniform.cell(*x) - from, *x);
+        let mut places = breakpoints.iter().map(place).peekable();
+        let mut first = first_interval as u32;
+        for cell in 0..count {
+            let (mut split, mut inside) = (f64::INFINITY, 0);
+            while let Some((_, x)) = places.next_if(|(place, _)| *place == cell) {
+                split = split.min(x);
+                inside += 1;
+            }
+            let more = u32::saturating_sub(inside, 1);
+            cells.push(Cell { split, first, more });
+            first += inside;
+        }
+        uniform
+    }
+
+    /// The cell of a coordinate: rising with it; the first one for NaN.
+    #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
+    #[inline(always)]
+    pub(crate) fn cell(&self, x: f64) -> usize {
+        let place = (x - self.low) * self.cells_per_unit;
+        let place = if place > 0.0 { place } else { 0.0 };
+        let place = if place < self.last { place } else { self.last };
+        // The nearest whole number, without the branches of a cast.
+        (place + self.to_cell).to_bits() as u32 as usize
+    }
+}
+
+/// Cells so narrow that none has two breakpoints, unless that would be too many.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "capped"
+)]
+fn cells_for(breakpoints: &[f64]) -> usize {
+    let widths = breakpoints.windows(2).map(|pair| pair[1] - pair[0]);
+    let narrowest = widths.fold(f64::INFINITY, f64::min);
+    let range = breakpoints[breakpoints.len() - 1] - breakpoints[0];
+    if breakpoints.len() < 2 || narrowest <= 0.0 {
+        return 1;
+    }
+    (libm::ceil(range / narrowest).min(MAX_CELLS as f64) as usize + 1).min(MAX_CELLS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The interval of a coordinate by the index, and by counting.
+    fn check(breakpoints: &[f64], x: f64) {
+        let mut cells = Vec::new();
+        let uniform = Uniform::add(&mut cells, breakpoints, 0);
+        let cell = cells[uniform.cell(x)];
+        let mut found = cell.first as usize + usize::from(x >= cell.split);
+        for _ in 0..cell.more {
+            found += usize::from(x >= breakpoints[found]);
+        }
+        let expected = breakpoints.iter().filter(|b| x >= **b).count();
+        assert_eq!(found, expected, "{x} among {breakpoints:?}");
+    }
+
+    #[test]
+    fn the_interval_is_that_of_a_count() {
+        let even: Vec<f64> = (0..21).map(|i| f64::from(i) * 400.0 + 0.1).collect();
+        let uneven: Vec<f64> = (0..40).map(|i| f64::from(i * i) * 0.37 - 5.0).collect();
+        let crowded = [0.0, 1e-9, 2e-9, 3e-9, 1.0, 1000.0, 1000.0 + 1e-9];
+        for breakpoints in [&even[..], &uneven, &crowded, &[3.0], &[-1.0, 1.0]] {
+            for &b in breakpoints {
+                for x in [b, b.next_down(), b.next_up(), b + 0.3, b - 1e6, b + 1e6] {
+                    check(breakpoints, x);
+                }
+            }
+        }
+    }
+}
