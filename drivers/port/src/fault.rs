@@ -1,0 +1,58 @@
+//! What goes wrong: in a cycle, and when a device is set up.
+
+/// Why a call of a real-time cycle failed. Plain data: making one allocates nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Fault {
+    /// There is no connection; a new one is being made in the background.
+    #[error("not connected")]
+    NotConnected,
+    /// The deadline passed before the answer was whole. The connection is given up: a late answer must not
+    /// be taken for the next one's.
+    #[error("no answer before the deadline")]
+    TimedOut,
+    /// The other side closed the connection, or the device is gone.
+    #[error("connection lost")]
+    Disconnected,
+    /// The answer is not what the protocol allows.
+    #[error("broken answer: {0}")]
+    Protocol(&'static str),
+    /// The device refused the request.
+    #[error("refused with code {code}: {what}")]
+    Refused {
+        /// The device's own code.
+        code: i32,
+        /// What was asked for.
+        what: &'static str,
+    },
+    /// The device cannot do this.
+    #[error("not supported: {0}")]
+    Unsupported(&'static str),
+}
+
+/// Why a device cannot be set up or opened: which one, what, and what to do.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{device}: {what}; {remedy}")]
+pub struct DeviceError {
+    /// The device as the configuration names it.
+    pub device: String,
+    /// What was found.
+    pub what: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+impl DeviceError {
+    /// An error of `device`.
+    pub fn new(
+        device: impl Into<String>,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            device: device.into(),
+            what: what.into(),
+            remedy: remedy.into(),
+        }
+    }
+}

@@ -1,0 +1,26 @@
+#![doc = include_str!("../README.md")]
+
+mod clock;
+#[cfg(feature = "contract")]
+pub mod contract;
+mod controller;
+mod digital;
+mod fault;
+pub mod inject;
+pub mod simulated;
+mod supply;
+mod thermometer;
+
+pub use clock::Clock;
+pub use controller::{
+    Axis, AxisValues, Controller, ControllerState, Description, Heartbeat, MAX_AXES, Snapshot,
+};
+pub use digital::DigitalIo;
+pub use fault::{DeviceError, Fault};
+pub use supply::{Backoff, Supply};
+pub use thermometer::{
+    Publisher, Published, Quality, Reason, Temperature, Thermometer, published,
+};
+
+#[cfg(feature = "mock")]
+pub use {controller::MockController, digital::MockDigitalIo, thermometer::MockThermometer};

@@ -1,0 +1,168 @@
+//! What a thermometer is.
+
+use std::time::Instant;
+
+/// Why a temperature is not simply good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Reason {
+    /// Nothing was heard of it yet.
+    #[error("no reading yet")]
+    NotRead,
+    /// The device does not answer.
+    #[error("the device does not answer")]
+    NoAnswer,
+    /// The device reports a fault, or gives a value that stands for one.
+    #[error("the device reports a fault")]
+    Reported,
+    /// The sensor or its wire is broken, or the value at the upper clamp of the module.
+    #[error("open circuit, or the value above the range")]
+    Open,
+    /// The sensor is shorted, or the value at the lower clamp of the module.
+    #[error("short circuit, or the value below the range")]
+    Short,
+    /// Outside what the configuration allows.
+    #[error("outside the valid range")]
+    OutOfRange,
+    /// The same digits for too long.
+    #[error("stuck at one value")]
+    Stuck,
+    /// Faster than the machine's mass allows.
+    #[error("changes too fast")]
+    TooFast,
+    /// Far from the sensors beside it.
+    #[error("disagrees with its neighbours")]
+    Disagrees,
+    /// No number.
+    #[error("not a number")]
+    NotANumber,
+}
+
+/// How far a temperature can be relied on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// It can.
+    Good,
+    /// It may be used with care.
+    Uncertain(Reason),
+    /// It is never used.
+    Bad(Reason),
+}
+
+/// One temperature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Temperature {
+    /// °C; `None` when bad.
+    pub degc: Option<f64>,
+    /// How good it is.
+    pub quality: Quality,
+    /// When it was measured; `None` before the first reading.
+    pub taken: Option<Instant>,
+}
+
+impl Temperature {
+    /// Nothing was heard yet.
+    pub const NOT_READ: Self = Self {
+        degc: None,
+        quality: Quality::Bad(Reason::NotRead),
+        taken: None,
+    };
+
+    /// A good temperature; one that is no number is bad.
+    pub fn good(degc: f64, taken: Instant) -> Self {
+        if degc.is_finite() {
+            Self {
+                degc: Some(degc),
+                quality: Quality::Good,
+                taken: Some(taken),
+            }
+        } else {
+            Self::bad(Reason::NotANumber, taken)
+        }
+    }
+
+    /// A reading that must not be used.
+    pub fn bad(reason: Reason, taken: Instant) -> Self {
+        Self {
+            degc: None,
+            quality: Quality::Bad(reason),
+            taken: Some(taken),
+        }
+    }
+}
+
+/// Named temperatures that somebody else keeps up to date.
+#[cfg_attr(feature = "mock", mockall::automock)]
+pub trait Thermometer: Send {
+    /// The device as the configuration names it.
+    fn device(&self) -> &str;
+
+    /// The names of its sensors.
+    fn names(&self) -> &[String];
+
+    /// The latest temperature of each sensor, in the order of the names. Never blocks or allocates.
+    fn latest(&mut self) -> &[Temperature];
+}
+
+impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
+    fn device(&self) -> &str {
+        (**self).device()
+    }
+
+    fn names(&self) -> &[String] {
+        (**self).names()
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        (**self).latest()
+    }
+}
+
+/// The side of a driver's own thread: publishes what it measured.
+pub struct Publisher {
+    into: triple_buffer::Input<Vec<Temperature>>,
+}
+
+impl Publisher {
+    /// Publishes temperatures; a sensor without one keeps what stood in this buffer before.
+    pub fn publish(&mut self, temperatures: &[Temperature]) {
+        let buffer = self.into.input_buffer_mut();
+        for (place, found) in buffer.iter_mut().zip(temperatures) {
+            *place = *found;
+        }
+        self.into.publish();
+    }
+}
+
+/// A thermometer that shows what its [`Publisher`] published last.
+pub struct Published {
+    device: String,
+    names: Vec<String>,
+    from: triple_buffer::Output<Vec<Temperature>>,
+}
+
+/// A thermometer and the side that feeds it.
+pub fn published(device: impl Into<String>, names: Vec<String>) -> (Publisher, Published) {
+    let empty = vec![Temperature::NOT_READ; names.len()];
+    let (into, from) = triple_buffer::triple_buffer(&empty);
+    let thermometer = Published {
+        device: device.into(),
+        names,
+        from,
+    };
+    (Publisher { into }, thermometer)
+}
+
+impl Thermometer for Published {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        self.from.read()
+    }
+}

@@ -1,0 +1,118 @@
+use std::time::{Duration, Instant};
+
+use volcomp_port::{
+    Clock, Controller, DigitalIo, Fault, MockController, MockDigitalIo, Quality, Thermometer,
+    contract,
+    inject::{Faults, Faulty},
+};
+
+use crate::machine;
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_millis(20)
+}
+
+#[test]
+fn without_faults_the_device_is_as_it_was() {
+    let (controller, thermometer, _) = machine(Clock::manual()).start();
+    contract::controller(&mut Faulty::new(controller, Faults::default(), 1));
+    contract::thermometer(&mut Faulty::new(thermometer, Faults::default(), 1));
+}
+
+/// The same seed makes the same faults, another one others, about as often as asked for.
+#[test]
+fn faults_are_seeded() {
+    let faults = Faults {
+        drop: 0.1,
+        corrupt: 0.1,
+        disconnect: 0.02,
+        calls: 3,
+        ..Faults::default()
+    };
+    let run = |seed| {
+        let (controller, _, _) = machine(Clock::manual()).start();
+        let mut faulty = Faulty::new(controller, faults, seed);
+        let outcome = |_| match faulty.read(soon()) {
+            Ok(snapshot) if snapshot.positions == [0.0; 9] => 'o',
+            Ok(_) => 'c',
+            Err(Fault::TimedOut) => 't',
+            Err(Fault::NotConnected) => 'd',
+            Err(other) => panic!("{other}"),
+        };
+        (0..2000).map(outcome).collect::<String>()
+    };
+    let first = run(7);
+    assert_eq!(first, run(7));
+    assert_ne!(first, run(8));
+    let count = |what| first.matches(what).count();
+    assert!((140..260).contains(&count('t')), "{}", count('t'));
+    assert!((110..260).contains(&count('c')), "{}", count('c'));
+    assert!((60..180).contains(&count('d')), "{}", count('d'));
+}
+
+#[test]
+fn frozen_answers_are_the_last_one() {
+    let clock = Clock::manual();
+    let (controller, _, _) = machine(clock.clone()).start();
+    let mut faulty = Faulty::new(controller, Faults::default(), 1);
+    let first = faulty.read(soon()).unwrap();
+    faulty.faults.freeze = 1.0;
+    faulty.faults.calls = 5;
+    clock.advance(Duration::from_millis(300));
+    for _ in 0..5 {
+        assert_eq!(faulty.read(soon()).unwrap().positions, first.positions);
+    }
+    faulty.faults.freeze = 0.0;
+    assert_ne!(faulty.read(soon()).unwrap().positions, first.positions);
+}
+
+#[test]
+fn a_delay_ends_at_the_deadline() {
+    let (controller, _, _) = machine(Clock::manual()).start();
+    let faults = Faults {
+        delay: Duration::from_secs(3600),
+        ..Faults::default()
+    };
+    let mut faulty = Faulty::new(controller, faults, 1);
+    assert_eq!(faulty.read(soon()), Err(Fault::TimedOut));
+    faulty.faults.delay = Duration::from_millis(1);
+    assert!(faulty.read(soon()).is_ok());
+}
+
+/// Mocks stand in for devices; a flipped bit is one bit.
+#[test]
+fn mocks_and_flipped_bits() {
+    let mut port = MockDigitalIo::new();
+    port.expect_inputs().return_const(8_u32);
+    port.expect_read().returning(|_| Ok(0b1010_0101));
+    let faults = Faults {
+        corrupt: 1.0,
+        ..Faults::default()
+    };
+    let mut faulty = Faulty::new(port, faults, 3);
+    for _ in 0..50 {
+        let levels = faulty.read(soon()).unwrap();
+        assert_eq!((levels ^ 0b1010_0101).count_ones(), 1);
+    }
+    let mut controller = MockController::new();
+    controller.expect_apply().returning(|_, _| Err(Fault::Disconnected));
+    assert_eq!(controller.apply(&[0.0; 9], soon()), Err(Fault::Disconnected));
+}
+
+#[test]
+fn a_corrupt_temperature_may_be_anything() {
+    let (_, thermometer, _) = machine(Clock::manual()).start();
+    let faults = Faults {
+        corrupt: 1.0,
+        ..Faults::default()
+    };
+    let mut faulty = Faulty::new(thermometer, faults, 3);
+    let mut seen_nan = false;
+    for _ in 0..50 {
+        let found = faulty.latest()[0];
+        assert_eq!(found.quality, Quality::Good);
+        assert_ne!(found.degc, Some(20.0));
+        seen_nan |= found.degc.is_some_and(f64::is_nan);
+    }
+    assert!(seen_nan);
+}

@@ -1,0 +1,51 @@
+//! The traits, the simulated machine, faults on purpose and connections that come back.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod faults;
+mod simulated;
+mod supply;
+
+use std::{sync::Arc, time::Duration};
+
+use volcomp_port::{
+    Axis, Clock,
+    simulated::{Machine, Move, Warming},
+};
+
+fn axis(name: char, includes_correction: bool) -> Axis {
+    Axis {
+        name,
+        rotary: false,
+        includes_correction,
+        resolution: 0.001,
+    }
+}
+
+fn place(x: f64, y: f64) -> [f64; 9] {
+    [x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+}
+
+/// A square of 300 × 400 mm; X misses 2e-5 of itself and 1 µm for each kelvin.
+fn machine(clock: Clock) -> Machine {
+    let step = |(x, y, dwell_ms)| Move {
+        to: place(x, y),
+        feed_per_s: 200.0,
+        dwell: Duration::from_millis(dwell_ms),
+    };
+    Machine {
+        axes: vec![axis('X', false), axis('Y', true)],
+        program: [(300.0, 0.0, 0), (300.0, 400.0, 100), (0.0, 0.0, 0)]
+            .map(step)
+            .to_vec(),
+        acceleration_per_s2: 1000.0,
+        sensors: vec![Warming {
+            name: "scale_x".to_owned(),
+            start_degc: 20.0,
+            rise_k: 5.0,
+            time_constant_s: 100.0,
+        }],
+        truth: Arc::new(|at, degc| place(2e-5 * at[0] + 0.001 * (degc[0] - 20.0), 0.0)),
+        clock,
+    }
+}

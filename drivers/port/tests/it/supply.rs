@@ -1,0 +1,113 @@
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use volcomp_port::{
+    Backoff, DeviceError, Fault, Quality, Reason, Supply, Temperature, Thermometer, published,
+};
+
+const QUICK: Backoff = Backoff {
+    first: Duration::from_millis(1),
+    most: Duration::from_millis(4),
+};
+
+/// Counts how many of it live.
+struct Connection(Arc<AtomicUsize>);
+
+impl Connection {
+    fn new(alive: &Arc<AtomicUsize>) -> Self {
+        alive.fetch_add(1, Ordering::SeqCst);
+        Self(Arc::clone(alive))
+    }
+}
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+fn until(holds: impl Fn() -> bool) {
+    let end = Instant::now() + Duration::from_secs(10);
+    while !holds() {
+        assert!(Instant::now() < end, "never");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+#[test]
+fn a_lost_connection_comes_back_and_nothing_is_kept() {
+    let alive = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&alive);
+    let mut supply =
+        Supply::new("test", QUICK, move || Ok(Connection::new(&counted))).unwrap();
+    for round in 1..=300 {
+        supply.wait(Duration::from_secs(5)).unwrap();
+        assert!(supply.current().is_ok());
+        assert_eq!(supply.opened(), round);
+        assert!(alive.load(Ordering::SeqCst) <= 2);
+        supply.lose();
+    }
+    drop(supply);
+    until(|| alive.load(Ordering::SeqCst) == 0);
+}
+
+#[test]
+fn failures_are_told_and_tried_again() {
+    let tries = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&tries);
+    let mut supply = Supply::new("camera://x", QUICK, move || {
+        if counted.fetch_add(1, Ordering::SeqCst) < 5 {
+            Err(DeviceError::new("camera://x", "no answer", "plug it in"))
+        } else {
+            Ok(7)
+        }
+    })
+    .unwrap();
+    assert_eq!(supply.current().map(|n| *n), Err(Fault::NotConnected));
+    until(|| tries.load(Ordering::SeqCst) > 1);
+    let told = supply.last_error().map(|e| e.to_string());
+    assert!(told.is_none_or(|told| told == "camera://x: no answer; plug it in"));
+    until(|| tries.load(Ordering::SeqCst) > 5);
+    assert_eq!(supply.wait(Duration::from_secs(5)).map(|n| *n), Ok(7));
+    assert_eq!(supply.last_error(), None);
+}
+
+#[test]
+fn the_thread_ends_with_the_supply() {
+    let alive = Arc::new(AtomicUsize::new(0));
+    let held = Connection::new(&alive);
+    let supply = Supply::<()>::new("gone", QUICK, move || {
+        let _ = &held;
+        Err(DeviceError::new("gone", "nothing", "nothing"))
+    })
+    .unwrap();
+    drop(supply);
+    until(|| alive.load(Ordering::SeqCst) == 0);
+}
+
+#[test]
+fn published_temperatures_are_the_latest() {
+    let (mut publisher, mut thermometer) =
+        published("modbus", vec!["bed".to_owned(), "column".to_owned()]);
+    assert_eq!(
+        thermometer.latest()[0].quality,
+        Quality::Bad(Reason::NotRead)
+    );
+    let now = Instant::now();
+    for degc in [20.0, 21.0, 22.0] {
+        let reading = [
+            Temperature::good(degc, now),
+            Temperature::good(f64::NAN, now),
+        ];
+        publisher.publish(&reading);
+    }
+    let latest = thermometer.latest();
+    assert_eq!(latest[0].degc, Some(22.0));
+    assert_eq!(latest[1].quality, Quality::Bad(Reason::NotANumber));
+    assert_eq!(latest[1].degc, None);
+}
