@@ -29,13 +29,18 @@ pub fn controller(device: &mut impl Controller) {
     assert!(!description.device.is_empty() && !description.channel.is_empty());
     assert!((1..=MAX_AXES).contains(&description.axes.len()));
     for (index, axis) in description.axes.iter().enumerate() {
-        assert_eq!(description.index_of(axis.name), Some(index), "an axis stands twice");
+        assert_eq!(
+            description.index_of(axis.name),
+            Some(index),
+            "an axis stands twice"
+        );
         assert!(axis.resolution > 0.0 && axis.resolution.is_finite());
     }
     let before = Instant::now();
     let first = device.read(soon()).expect("a connected controller reads");
-    let (earliest, latest) = (first.taken - first.uncertainty, first.taken + first.uncertainty);
-    assert!(latest >= before && earliest <= Instant::now(), "the time stamp is not of this call");
+    let within = first.taken + first.uncertainty >= before
+        && first.taken <= Instant::now() + first.uncertainty;
+    assert!(within, "the time stamp is not of this call");
     assert!(first.positions.iter().all(|p| p.is_finite()));
     let beyond = &first.positions[description.axes.len()..];
     assert!(beyond.iter().all(|p| *p == 0.0), "numbers beyond the axes");
@@ -46,7 +51,9 @@ pub fn controller(device: &mut impl Controller) {
         wanted[index] = steps * axis.resolution;
     }
     for corrections in [wanted, [0.0; MAX_AXES]] {
-        device.apply(&corrections, soon()).expect("it takes corrections");
+        device
+            .apply(&corrections, soon())
+            .expect("it takes corrections");
         let close = |applied: &[f64; MAX_AXES]| {
             description.axes.iter().enumerate().all(|(index, axis)| {
                 (applied[index] - corrections[index]).abs() <= 0.51 * axis.resolution
@@ -62,8 +69,13 @@ pub fn controller(device: &mut impl Controller) {
     // A deadline that has passed fails in time and leaves the device usable.
     let begun = Instant::now();
     let _ = device.read(begun);
-    assert!(begun.elapsed() < PATIENCE, "a passed deadline must end the call");
-    eventually("it reads again after a passed deadline", || device.read(soon()).is_ok());
+    assert!(
+        begun.elapsed() < PATIENCE,
+        "a passed deadline must end the call"
+    );
+    eventually("it reads again after a passed deadline", || {
+        device.read(soon()).is_ok()
+    });
 }
 
 /// A digital port whose outputs come back on its inputs where `wired`, line by line.
@@ -77,12 +89,16 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     let all = |lines: u32| u64::MAX.checked_shr(64 - lines).unwrap_or(0);
     let both = device.inputs().min(outputs);
     for levels in [0, 0x5555_5555_5555_5555, 0xaaaa_aaaa_aaaa_aaaa, u64::MAX, 0] {
-        device.write(levels & all(outputs), soon()).expect("it writes");
+        device
+            .write(levels & all(outputs), soon())
+            .expect("it writes");
         let found = device.read(soon()).expect("it reads");
         assert_eq!(found & !all(device.inputs()), 0, "bits beyond the inputs");
         if wired {
             eventually("outputs come back on the inputs", || {
-                device.read(soon()).is_ok_and(|found| (found ^ levels) & all(both) == 0)
+                device
+                    .read(soon())
+                    .is_ok_and(|found| (found ^ levels) & all(both) == 0)
             });
         }
     }
@@ -105,6 +121,10 @@ pub fn thermometer(device: &mut impl Thermometer) {
     for temperature in device.latest() {
         let degc = temperature.degc.expect("good, so there is a number");
         assert!((-273.15..2000.0).contains(&degc), "{degc}");
-        assert!(temperature.taken.is_some_and(|taken| taken <= Instant::now()));
+        assert!(
+            temperature
+                .taken
+                .is_some_and(|taken| taken <= Instant::now())
+        );
     }
 }

@@ -162,7 +162,10 @@ impl<D: DigitalIo> DigitalIo for Faulty<D> {
         }
         let mut levels = self.last_levels;
         if self.happens(self.faults.corrupt) {
-            levels ^= 1 << self.random.random_range(0..self.device.inputs().clamp(1, 64));
+            levels ^= 1
+                << self
+                    .random
+                    .random_range(0..self.device.inputs().clamp(1, 64));
         }
         Ok(levels)
     }

@@ -18,9 +18,7 @@ pub use controller::{
 pub use digital::DigitalIo;
 pub use fault::{DeviceError, Fault};
 pub use supply::{Backoff, Supply};
-pub use thermometer::{
-    Publisher, Published, Quality, Reason, Temperature, Thermometer, published,
-};
+pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};
 
 #[cfg(feature = "mock")]
 pub use {controller::MockController, digital::MockDigitalIo, thermometer::MockThermometer};

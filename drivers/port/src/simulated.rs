@@ -267,7 +267,9 @@ impl Path {
             0.0
         };
         let index = self.starts_s.partition_point(|start| *start <= time);
-        let place = index.saturating_sub(1).min(self.segments.len().saturating_sub(1));
+        let place = index
+            .saturating_sub(1)
+            .min(self.segments.len().saturating_sub(1));
         let segment = self.segments.get(place);
         segment.map_or([0.0; MAX_AXES], |s| s.at(time - self.starts_s[place]))
     }

@@ -117,16 +117,14 @@ impl<T: Send + 'static> Supply<T> {
         if self.current.is_none() {
             self.current = self.open.recv_timeout(at_most).ok();
         }
-        let last_error = || {
-            self.last_error().unwrap_or_else(|| {
+        if self.current.is_none() {
+            return Err(self.last_error().unwrap_or_else(|| {
                 let what = format!("no connection within {} ms", at_most.as_millis());
                 DeviceError::new("connection", what, "check the address and the cable")
-            })
-        };
-        match &mut self.current {
-            Some(open) => Ok(open),
-            None => Err(last_error()),
+            }));
         }
+        self.current()
+            .map_err(|fault| DeviceError::new("connection", fault.to_string(), "check the cable"))
     }
 
     /// How often a connection was made.

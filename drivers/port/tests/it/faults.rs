@@ -95,8 +95,13 @@ fn mocks_and_flipped_bits() {
         assert_eq!((levels ^ 0b1010_0101).count_ones(), 1);
     }
     let mut controller = MockController::new();
-    controller.expect_apply().returning(|_, _| Err(Fault::Disconnected));
-    assert_eq!(controller.apply(&[0.0; 9], soon()), Err(Fault::Disconnected));
+    controller
+        .expect_apply()
+        .returning(|_, _| Err(Fault::Disconnected));
+    assert_eq!(
+        controller.apply(&[0.0; 9], soon()),
+        Err(Fault::Disconnected)
+    );
 }
 
 #[test]

@@ -45,7 +45,11 @@ fn moves_keep_their_limits() {
     assert!((199.0..200.001).contains(&fastest), "{fastest}");
     assert!((places[1700][0] - 300.0).abs() < 1e-9);
     assert!((places[3900][1] - 400.0).abs() < 1e-9 && places[3950][1] == places[3999][1]);
-    assert!(places[6700].iter().all(|x| x.abs() < 1e-9), "{:?}", places[6700]);
+    assert!(
+        places[6700].iter().all(|x| x.abs() < 1e-9),
+        "{:?}",
+        places[6700]
+    );
 }
 
 #[test]
@@ -94,5 +98,8 @@ fn what_a_test_does_is_seen() {
     assert_ne!(controller.read(soon()).unwrap().positions, first);
     controls.disconnected.store(true, Ordering::Relaxed);
     assert_eq!(controller.read(soon()), Err(Fault::NotConnected));
-    assert_eq!(controller.apply(&[0.0; 9], soon()), Err(Fault::NotConnected));
+    assert_eq!(
+        controller.apply(&[0.0; 9], soon()),
+        Err(Fault::NotConnected)
+    );
 }

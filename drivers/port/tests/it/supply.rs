@@ -43,8 +43,7 @@ fn until(holds: impl Fn() -> bool) {
 fn a_lost_connection_comes_back_and_nothing_is_kept() {
     let alive = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&alive);
-    let mut supply =
-        Supply::new("test", QUICK, move || Ok(Connection::new(&counted))).unwrap();
+    let mut supply = Supply::new("test", QUICK, move || Ok(Connection::new(&counted))).unwrap();
     for round in 1..=300 {
         supply.wait(Duration::from_secs(5)).unwrap();
         assert!(supply.current().is_ok());
