@@ -1,0 +1,103 @@
+//! A cycle against the simulator on loopback, and the same two exchanges of the same sizes with a bare echo:
+//! medians and 99th percentiles of one run, taken in turns.
+
+use std::{
+    io::{Read, Write},
+    net::{TcpListener, TcpStream},
+    time::{Duration, Instant},
+};
+
+use volcomp_focas::{
+    FocasConfig, FocasController,
+    simulator::{Options, Simulator, World},
+};
+use volcomp_port::Controller;
+
+const CYCLES: usize = 20_000;
+/// Bytes out and in of a cycle's two exchanges: positions, status, shifts, heartbeat, referenced; shifts, heartbeat.
+const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    println!("us                    focas     echo    ratio   goal");
+    for (cores, servers_on) in [("one core", 0), ("two cores", 1)] {
+        // A scheduler that moves the other side between cores would decide the ratio.
+        pin_to(servers_on)?;
+        let [cycles, bare] = measure(servers_on)?;
+        for (what, place, goal) in [("median", CYCLES / 2, 1.5), ("p99", CYCLES / 100 * 99, 2.0)] {
+            let [ours, theirs] = [&cycles, &bare].map(|all| all[place].as_secs_f64() * 1e6);
+            let ratio = ours / theirs;
+            println!("{cores:10} {what:6} {ours:8.1} {theirs:8.1} {ratio:8.2} <= {goal}");
+        }
+    }
+    Ok(())
+}
+
+/// This thread, and those that it starts from now on.
+fn pin_to(core: usize) -> Result<(), rustix::io::Errno> {
+    let mut set = rustix::thread::CpuSet::new();
+    set.set(core);
+    rustix::thread::sched_setaffinity(None, &set)
+}
+
+/// Times of the cycles and of the bare exchanges, rising.
+fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::Error>> {
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = std::sync::Arc::new(|_| vec![1.0, 2.0, 3.0]);
+    let simulator = Simulator::start("127.0.0.1:0", Options::default(), world)?;
+    let mut echo = echo()?;
+    let mut controller = FocasController::new(FocasConfig {
+        port: simulator.address().port(),
+        ..FocasConfig::new("127.0.0.1", &['X', 'Y', 'Z'])
+    })?;
+    controller.wait(Duration::from_secs(5))?;
+    pin_to(0)?;
+    let (mut cycles, mut bare) = (Vec::new(), Vec::new());
+    let mut corrections = [0.0; 9];
+    for cycle in 0..CYCLES + 1000 {
+        let begun = Instant::now();
+        let deadline = begun + Duration::from_millis(100);
+        controller.read(deadline)?;
+        corrections[0] = f64::from(u8::try_from(cycle % 100)?) * 1e-3;
+        controller.apply(&corrections, deadline)?;
+        let took = begun.elapsed();
+        let begun = Instant::now();
+        exchange_twice(&mut echo)?;
+        // The first thousand warm up.
+        if cycle >= 1000 {
+            cycles.push(took);
+            bare.push(begun.elapsed());
+        }
+    }
+    cycles.sort_unstable();
+    bare.sort_unstable();
+    pin_to(servers_on)?;
+    Ok([cycles, bare])
+}
+
+/// A thread that answers so many bytes with so many, as the simulator's sessions do.
+fn echo() -> std::io::Result<TcpStream> {
+    let listener = TcpListener::bind("127.0.0.1:0")?;
+    let stream = TcpStream::connect(listener.local_addr()?)?;
+    stream.set_nodelay(true)?;
+    std::thread::spawn(move || -> std::io::Result<()> {
+        let (mut stream, _) = listener.accept()?;
+        stream.set_nodelay(true)?;
+        let mut buffer = [0; 1024];
+        loop {
+            for (out, back) in EXCHANGES {
+                stream.read_exact(&mut buffer[..out])?;
+                stream.write_all(&buffer[..back])?;
+            }
+        }
+    });
+    Ok(stream)
+}
+
+fn exchange_twice(stream: &mut TcpStream) -> std::io::Result<()> {
+    let mut buffer = [0; 1024];
+    for (out, back) in EXCHANGES {
+        stream.write_all(&buffer[..out])?;
+        stream.read_exact(&mut buffer[..back])?;
+    }
+    Ok(())
+}

@@ -1,0 +1,389 @@
+//! The frames of the protocol, both ways, big-endian. What is known comes from public sources named in the
+//! README; nothing here allocates but the building of requests.
+
+/// Bytes of a frame's head.
+pub const HEAD: usize = 10;
+/// What every frame begins with.
+const SYNC: [u8; 4] = [0xa0; 4];
+/// Version that a request states.
+const REQUEST_VERSION: u16 = 1;
+/// Bytes of a command without data.
+const COMMAND: usize = 0x1c;
+/// Bytes of a block without data, as an error is answered.
+const BLOCK: usize = 16;
+
+/// What a frame is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Open a session.
+    Open,
+    /// The session is open.
+    Opened,
+    /// The session is refused: there are too many.
+    Refused,
+    /// Close a session.
+    Close,
+    /// The session is closed.
+    Closed,
+    /// Commands.
+    Command,
+    /// Their answers.
+    Answer,
+    /// The commands are refused as a whole.
+    Negative,
+}
+
+impl Kind {
+    const CODES: [(Self, [u8; 2]); 8] = [
+        (Self::Open, [0x01, 0x01]),
+        (Self::Opened, [0x01, 0x02]),
+        (Self::Refused, [0x01, 0x03]),
+        (Self::Close, [0x02, 0x01]),
+        (Self::Closed, [0x02, 0x02]),
+        (Self::Command, [0x21, 0x01]),
+        (Self::Answer, [0x21, 0x02]),
+        (Self::Negative, [0x21, 0x03]),
+    ];
+
+    fn code(self) -> [u8; 2] {
+        let known = Self::CODES.iter().find(|(kind, _)| *kind == self);
+        known.map_or([0; 2], |(_, code)| *code)
+    }
+}
+
+/// A frame that the protocol does not allow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Broken(pub &'static str);
+
+impl From<Broken> for volcomp_port::Fault {
+    fn from(broken: Broken) -> Self {
+        Self::Protocol(broken.0)
+    }
+}
+
+/// The head of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// 1 in requests; 2, 3 or 4 in answers, by the generation of the controller.
+    pub version: u16,
+    /// What it is for.
+    pub kind: Kind,
+    /// Bytes that follow.
+    pub length: usize,
+}
+
+impl Head {
+    /// Reads a head.
+    ///
+    /// # Errors
+    /// Other bytes at the start, an unknown kind.
+    pub fn parse(bytes: &[u8; HEAD]) -> Result<Self, Broken> {
+        let [a, b, c, d, v, w, func, dir, l, m] = *bytes;
+        if [a, b, c, d] != SYNC {
+            return Err(Broken("a frame does not begin with a0 a0 a0 a0"));
+        }
+        let kind = Kind::CODES.iter().find(|(_, code)| *code == [func, dir]);
+        Ok(Self {
+            version: u16::from_be_bytes([v, w]),
+            kind: kind.ok_or(Broken("an unknown kind of frame"))?.0,
+            length: usize::from(u16::from_be_bytes([l, m])),
+        })
+    }
+}
+
+/// A whole frame.
+///
+/// # Errors
+/// A payload that is longer than a frame can be.
+pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, Broken> {
+    let length = u16::try_from(payload.len()).map_err(|_| Broken("a frame that is too long"))?;
+    let mut bytes = Vec::with_capacity(HEAD + payload.len());
+    bytes.extend(SYNC);
+    bytes.extend(version.to_be_bytes());
+    bytes.extend(kind.code());
+    bytes.extend(length.to_be_bytes());
+    bytes.extend(payload);
+    Ok(bytes)
+}
+
+/// The frame that opens a session for commands (role 2; role 1 is for programs).
+pub fn open_frame() -> [u8; HEAD + 2] {
+    [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 1, 1, 0, 2, 0, 2]
+}
+
+/// The frame that closes it.
+pub fn close_frame() -> [u8; HEAD] {
+    [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 2, 1, 0, 0]
+}
+
+/// Which part of the controller a command is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub enum Target {
+    /// The numerical control.
+    Cnc = 1,
+    /// The programmable machine controller.
+    Pmc = 2,
+}
+
+/// One command. `a5` is the length of `data` on a write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Command<'a> {
+    /// What it is for.
+    pub target: Target,
+    /// Path of the control, from 1.
+    pub path: u16,
+    /// Function code.
+    pub function: u16,
+    /// The arguments a1 to a5.
+    pub args: [i32; 5],
+    /// What is written.
+    pub data: &'a [u8],
+}
+
+/// A request of one or more commands, built once and sent often.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Request {
+    bytes: Vec<u8>,
+    commands: Vec<Sent>,
+}
+
+/// What an answer must agree with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Sent {
+    target: u16,
+    path: u16,
+    function: u16,
+    /// Where its data stand in the frame.
+    data: usize,
+}
+
+impl Request {
+    /// A request of these commands.
+    ///
+    /// # Errors
+    /// More than a frame can hold.
+    pub fn new(commands: &[Command<'_>]) -> Result<Self, Broken> {
+        let too_long = |_| Broken("a request that is too long");
+        let count = u16::try_from(commands.len()).map_err(too_long)?;
+        let mut payload = Vec::from(count.to_be_bytes());
+        let mut sent = Vec::new();
+        for command in commands {
+            let size = u16::try_from(COMMAND + command.data.len()).map_err(too_long)?;
+            let target = command.target as u16;
+            for number in [size, target, command.path, command.function] {
+                payload.extend(number.to_be_bytes());
+            }
+            for argument in command.args {
+                payload.extend(argument.to_be_bytes());
+            }
+            sent.push(Sent {
+                target,
+                path: command.path,
+                function: command.function,
+                data: HEAD + payload.len(),
+            });
+            payload.extend(command.data);
+        }
+        Ok(Self {
+            bytes: frame(REQUEST_VERSION, Kind::Command, &payload)?,
+            commands: sent,
+        })
+    }
+
+    /// The frame as it is sent.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The data of a command, to be changed in place before the next sending.
+    pub fn data_mut(&mut self, command: usize) -> &mut [u8] {
+        let Some(sent) = self.commands.get(command) else {
+            return &mut [];
+        };
+        let next = self.commands.get(command + 1);
+        let end = next.map_or(self.bytes.len(), |next| next.data - COMMAND);
+        self.bytes.get_mut(sent.data..end).unwrap_or_default()
+    }
+
+    /// The blocks of an answer to this request, checked against it.
+    ///
+    /// # Errors
+    /// An answer to something else, or a broken one.
+    pub fn answers<'a>(&self, payload: &'a [u8]) -> Result<Blocks<'a>, Broken> {
+        let blocks = Blocks::parse(payload)?;
+        let mut count = 0;
+        for (block, sent) in blocks.clone().zip(&self.commands) {
+            let block = block?;
+            if (block.target, block.path, block.function) != (sent.target, sent.path, sent.function)
+            {
+                return Err(Broken("an answer to another command"));
+            }
+            count += 1;
+        }
+        if count != self.commands.len() || blocks.count != self.commands.len() {
+            return Err(Broken("another number of answers than of commands"));
+        }
+        Ok(blocks)
+    }
+}
+
+/// The answer to one command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block<'a> {
+    /// Target, path and function of the command.
+    pub target: u16,
+    /// See `target`.
+    pub path: u16,
+    /// See `target`.
+    pub function: u16,
+    /// 0, or why the command was refused.
+    pub error: i16,
+    /// What was read.
+    pub data: &'a [u8],
+}
+
+/// The answers of a frame, one after the other.
+#[derive(Clone, Debug)]
+pub struct Blocks<'a> {
+    rest: &'a [u8],
+    left: usize,
+    count: usize,
+}
+
+impl<'a> Blocks<'a> {
+    /// From the payload of an answer.
+    ///
+    /// # Errors
+    /// A payload without a count.
+    pub fn parse(payload: &'a [u8]) -> Result<Self, Broken> {
+        let (count, rest) = payload
+            .split_first_chunk::<2>()
+            .ok_or(Broken("an answer without a count"))?;
+        let count = usize::from(u16::from_be_bytes(*count));
+        Ok(Self {
+            rest,
+            left: count,
+            count,
+        })
+    }
+
+    fn block(&mut self) -> Result<Block<'a>, Broken> {
+        const CUT: Broken = Broken("an answer that is cut off");
+        let head = self.rest.first_chunk::<BLOCK>().ok_or(CUT)?;
+        let number = |at: usize| u16::from_be_bytes([head[at], head[at + 1]]);
+        let size = usize::from(number(0));
+        let block = self.rest.get(..size).ok_or(CUT)?;
+        self.rest = &self.rest[size..];
+        let error = i16::from_be_bytes([head[8], head[9]]);
+        let length = usize::from(number(14));
+        let data = block.get(BLOCK..).ok_or(CUT)?;
+        // An error may state a length without data.
+        let data = match data.get(..length) {
+            Some(data) => data,
+            None if error != 0 => &[],
+            None => return Err(CUT),
+        };
+        Ok(Block {
+            target: number(2),
+            path: number(4),
+            function: number(6),
+            error,
+            data,
+        })
+    }
+}
+
+impl<'a> Iterator for Blocks<'a> {
+    type Item = Result<Block<'a>, Broken>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.left = self.left.checked_sub(1)?;
+        let block = self.block();
+        if block.is_err() {
+            self.left = 0;
+        }
+        Some(block)
+    }
+}
+
+/// The commands of a request's payload: what a simulator reads.
+///
+/// # Errors
+/// A broken request.
+pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, Broken> {
+    const CUT: Broken = Broken("a request that is cut off");
+    let (count, mut rest) = payload.split_first_chunk::<2>().ok_or(CUT)?;
+    let mut commands = Vec::new();
+    for _ in 0..u16::from_be_bytes(*count) {
+        let head = rest.first_chunk::<COMMAND>().ok_or(CUT)?;
+        let number = |at: usize| u16::from_be_bytes([head[at], head[at + 1]]);
+        let size = usize::from(number(0));
+        let data = rest.get(COMMAND..size).ok_or(CUT)?;
+        let argument = |k: usize| {
+            let at = 8 + 4 * k;
+            i32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]])
+        };
+        commands.push(Command {
+            target: match number(2) {
+                1 => Target::Cnc,
+                2 => Target::Pmc,
+                _ => return Err(Broken("a command for an unknown target")),
+            },
+            path: number(4),
+            function: number(6),
+            args: std::array::from_fn(argument),
+            data,
+        });
+        rest = &rest[size..];
+    }
+    Ok(commands)
+}
+
+/// The block that answers a command.
+///
+/// # Errors
+/// More data than a block can hold.
+pub fn push_block(
+    payload: &mut Vec<u8>,
+    command: &Command<'_>,
+    error: i16,
+    data: &[u8],
+) -> Result<(), Broken> {
+    let too_long = |_| Broken("an answer that is too long");
+    let size = u16::try_from(BLOCK + data.len()).map_err(too_long)?;
+    let length = u16::try_from(data.len()).map_err(too_long)?;
+    for number in [size, command.target as u16, command.path, command.function] {
+        payload.extend(number.to_be_bytes());
+    }
+    payload.extend(error.to_be_bytes());
+    payload.extend([0; 4]);
+    payload.extend(length.to_be_bytes());
+    payload.extend(data);
+    Ok(())
+}
+
+/// A number of eight bytes: mantissa, base, exponent. `None` where it is vacant or no number.
+pub fn number(bytes: [u8; 8]) -> Option<f64> {
+    let [a, b, c, d, e, f, g, h] = bytes;
+    let mantissa = f64::from(i32::from_be_bytes([a, b, c, d]));
+    let base = match u16::from_be_bytes([e, f]) {
+        10 => 10.0_f64,
+        2 => 2.0,
+        _ => return None,
+    };
+    let exponent = i16::from_be_bytes([g, h]);
+    // Exponent ffff: vacant.
+    (0..=30)
+        .contains(&exponent)
+        .then(|| mantissa / base.powi(i32::from(exponent)))
+}
+
+/// A number with so many decimals in eight bytes, as far as its mantissa reaches.
+#[expect(clippy::cast_possible_truncation, reason = "a cast of f64 saturates")]
+pub fn number_bytes(value: f64, decimals: i16) -> [u8; 8] {
+    let mantissa = (value * 10_f64.powi(i32::from(decimals))).round() as i32;
+    let [a, b, c, d] = mantissa.to_be_bytes();
+    let [g, h] = decimals.to_be_bytes();
+    [a, b, c, d, 0, 10, g, h]
+}

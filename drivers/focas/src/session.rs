@@ -1,0 +1,224 @@
+//! One open session: a request out, its answer in, before a deadline.
+
+use std::{
+    io::{Error, ErrorKind, Read, Write},
+    net::{TcpStream, ToSocketAddrs},
+    time::{Duration, Instant},
+};
+
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
+use volcomp_port::{DeviceError, Fault};
+
+use crate::frame::{Blocks, HEAD, Head, Kind, Request, close_frame, open_frame};
+
+/// The longest answer there can be.
+const LONGEST: usize = 65_536;
+
+/// An open session. After a fault other than a refusal it is dead: what is still on its way would be taken
+/// for the next answer.
+#[derive(Debug)]
+pub struct Session {
+    stream: TcpStream,
+    answer: Box<[u8]>,
+    dead: bool,
+    version: u16,
+}
+
+impl Session {
+    /// Connects to `host`:`port` and opens a session.
+    ///
+    /// # Errors
+    /// No such host, no answer within `at_most`, a refused session.
+    pub fn open(host: &str, port: u16, at_most: Duration) -> Result<Self, DeviceError> {
+        let device = format!("focas://{host}:{port}");
+        let failed = |what: String, remedy: &str| DeviceError::new(&*device, what, remedy);
+        let deadline = Instant::now() + at_most;
+        let addresses = (host, port).to_socket_addrs().map_err(|e| {
+            failed(
+                format!("the name cannot be resolved: {e}"),
+                "check the host",
+            )
+        })?;
+        let mut refused = "the name has no address".to_owned();
+        for address in addresses {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match TcpStream::connect_timeout(&address, left.max(Duration::from_millis(1))) {
+                Ok(stream) => return Self::on(stream, deadline).map_err(|e| e.told(&device)),
+                Err(e) => refused = format!("no connection to {address}: {e}"),
+            }
+        }
+        let remedy = "check the address, the cable and that FOCAS is enabled on the control";
+        Err(failed(refused, remedy))
+    }
+
+    /// Opens a session on a connection.
+    fn on(stream: TcpStream, deadline: Instant) -> Result<Self, NotOpened> {
+        let set = stream
+            .set_nodelay(true)
+            .and_then(|()| stream.set_nonblocking(true));
+        set.map_err(|_| Fault::Disconnected)?;
+        let mut session = Self {
+            stream,
+            answer: vec![0; LONGEST].into_boxed_slice(),
+            dead: false,
+            version: 0,
+        };
+        session.send(&open_frame(), deadline)?;
+        let head = session.receive(deadline)?;
+        session.version = head.version;
+        match head.kind {
+            Kind::Opened => Ok(session),
+            Kind::Refused => Err(NotOpened::Refused),
+            _ => Err(Fault::Protocol("another answer than to the opening of a session").into()),
+        }
+    }
+
+    /// Version that the controller answers with: 2, 3 or 4 by its generation.
+    pub fn version(&self) -> u16 {
+        self.version
+    }
+
+    /// Whether the session must be opened anew.
+    pub fn is_dead(&self) -> bool {
+        self.dead
+    }
+
+    /// Sends a request and waits for its answers. No allocation.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`] when the controller refuses the request as a whole: the session lives on. After
+    /// every other fault it is dead.
+    pub fn exchange(&mut self, request: &Request, deadline: Instant) -> Result<Blocks<'_>, Fault> {
+        if self.dead {
+            return Err(Fault::NotConnected);
+        }
+        if Instant::now() >= deadline {
+            // Nothing is on its way yet.
+            return Err(Fault::TimedOut);
+        }
+        // Dead unless everything goes well.
+        self.dead = true;
+        self.send(request.bytes(), deadline)?;
+        let head = self.receive(deadline)?;
+        let payload = &self.answer[..head.length];
+        match head.kind {
+            Kind::Answer => {
+                let blocks = request.answers(payload)?;
+                self.dead = false;
+                Ok(blocks)
+            }
+            Kind::Negative => {
+                self.dead = false;
+                let code = payload
+                    .get(2..4)
+                    .map_or(0, |c| i16::from_be_bytes([c[0], c[1]]));
+                Err(Fault::Refused {
+                    code: i32::from(code),
+                    what: "the whole request",
+                })
+            }
+            _ => Err(Fault::Protocol("an answer of another kind")),
+        }
+    }
+
+    fn send(&mut self, mut bytes: &[u8], deadline: Instant) -> Result<(), Fault> {
+        while !bytes.is_empty() {
+            match self.stream.write(bytes) {
+                Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
+                Err(e) => self.wait_for(&e, PollFlags::OUT, deadline)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits where the socket is not ready, to the microsecond: time-outs of a socket are as coarse as the
+    /// kernel's ticks.
+    fn wait_for(&self, error: &Error, what: PollFlags, deadline: Instant) -> Result<(), Fault> {
+        match error.kind() {
+            ErrorKind::Interrupted => return Ok(()),
+            ErrorKind::WouldBlock => {}
+            _ => return Err(Fault::Disconnected),
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        let left = Timespec::try_from(left).map_err(|_| Fault::TimedOut)?;
+        match poll(&mut [PollFd::new(&self.stream, what)], Some(&left)) {
+            Ok(0) => Err(Fault::TimedOut),
+            Ok(_) | Err(Errno::INTR) => Ok(()),
+            Err(_) => Err(Fault::Disconnected),
+        }
+    }
+
+    /// Reads one frame whole into `answer`.
+    fn receive(&mut self, deadline: Instant) -> Result<Head, Fault> {
+        let mut have = 0;
+        let mut head: Option<Head> = None;
+        loop {
+            let wanted = HEAD + head.map_or(0, |head| head.length);
+            if have >= wanted {
+                match head {
+                    None => {
+                        // `have` says that they are there.
+                        let bytes = self.answer.first_chunk().unwrap_or(&[0; HEAD]);
+                        head = Some(Head::parse(bytes)?);
+                        continue;
+                    }
+                    Some(_) if have > wanted => {
+                        return Err(Fault::Protocol("more than one answer"));
+                    }
+                    Some(head) => {
+                        self.answer.copy_within(HEAD..wanted, 0);
+                        return Ok(head);
+                    }
+                }
+            }
+            // One read for the whole answer where it comes in one piece.
+            match self.stream.read(&mut self.answer[have..]) {
+                Ok(0) => return Err(Fault::Disconnected),
+                Ok(count) => have += count,
+                Err(e) => self.wait_for(&e, PollFlags::IN, deadline)?,
+            }
+        }
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // The other side may be gone; there is nothing to be done about it.
+        let _ = self
+            .stream
+            .set_write_timeout(Some(Duration::from_millis(10)));
+        let _ = self.stream.write_all(&close_frame());
+    }
+}
+
+/// Why a session was not opened.
+enum NotOpened {
+    Refused,
+    Fault(Fault),
+}
+
+impl From<Fault> for NotOpened {
+    fn from(fault: Fault) -> Self {
+        Self::Fault(fault)
+    }
+}
+
+impl NotOpened {
+    fn told(&self, device: &str) -> DeviceError {
+        match self {
+            Self::Refused => DeviceError::new(
+                device,
+                "the session was refused",
+                "end another program that talks to this control; it serves only a few",
+            ),
+            Self::Fault(fault) => DeviceError::new(
+                device,
+                format!("no session: {fault}"),
+                "check that this port is the control's FOCAS port",
+            ),
+        }
+    }
+}

@@ -1,0 +1,271 @@
+//! What the simulated controller answers.
+
+use super::{Options, World};
+use crate::{
+    client::{PmcArea, function},
+    frame::{Command, Kind, Target, number_bytes, parse_commands, push_block},
+};
+
+const LENGTH: i16 = 2;
+const NUMBER: i16 = 3;
+const NO_FUNCTION: i16 = 1;
+
+/// Payload of the answer to an opening.
+pub(super) fn opened(options: &Options) -> Vec<u8> {
+    let (length, count_at) = if options.version < 3 {
+        (16 + 8 * 10, 8)
+    } else {
+        (40 + 32 * 10, 10)
+    };
+    let mut payload = vec![0; length];
+    payload[count_at + 1] = 10;
+    payload
+}
+
+/// The answer to a request.
+pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (Kind, Vec<u8>) {
+    let negative = |code: i16| {
+        (
+            Kind::Negative,
+            [&[0; 2], &code.to_be_bytes()[..], &[0, 1, 0, 0]].concat(),
+        )
+    };
+    let Ok(commands) = parse_commands(payload) else {
+        return negative(-17);
+    };
+    let mixed = commands
+        .windows(2)
+        .any(|pair| pair[0].target != pair[1].target);
+    if options.refuses_mix && mixed {
+        return negative(-17);
+    }
+    let mut answer = Vec::new();
+    answer.extend(u16::try_from(commands.len()).unwrap_or(0).to_be_bytes());
+    for command in &commands {
+        let (error, data) = match answer_one(command, options, world) {
+            Ok(data) => (0, data),
+            Err(Refusal::Command(error)) => (error, Vec::new()),
+            Err(Refusal::Frame) => return negative(-17),
+        };
+        if push_block(&mut answer, command, error, &data).is_err() {
+            return negative(-17);
+        }
+    }
+    (Kind::Answer, answer)
+}
+
+enum Refusal {
+    /// The command alone, with its code.
+    Command(i16),
+    /// The whole frame: a number that does not exist.
+    Frame,
+}
+
+type Answered = Result<Vec<u8>, Refusal>;
+
+fn answer_one(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+    match (command.target, command.function) {
+        (Target::Cnc, function::SYSTEM) => Ok(system(options, world)),
+        (Target::Cnc, function::STATUS) => Ok(status(world)),
+        (Target::Cnc, function::AXIS_NAMES) => Ok(axis_names(options, world)),
+        (Target::Cnc, function::POSITIONS) => positions(command, options, world),
+        (Target::Cnc, function::ALARMS) => Ok(alarms(world)),
+        (Target::Cnc, function::READ_MACRO) => Ok(read_macro(command, world)),
+        (Target::Cnc, READ_MACRO_NUMBERS) => read_macro_numbers(command, world),
+        (Target::Cnc, function::WRITE_MACRO) => write_macro(command, world),
+        (Target::Cnc, function::READ_OFFSET) => {
+            let number = command.args[0];
+            let of = |slot| world.offsets.get(&(number, slot)).copied().unwrap_or(0.0);
+            Ok(slots((0..world.axes.len()).map(of), options))
+        }
+        (Target::Cnc, function::WRITE_OFFSET) => write_offset(command, world),
+        (Target::Cnc, function::READ_PARAMETER) => parameter(command, options, world),
+        (Target::Pmc, function::READ_PMC) => read_pmc(command, options, world),
+        (Target::Pmc, function::WRITE_PMC) => write_pmc(command, options, world),
+        _ => Err(Refusal::Command(NO_FUNCTION)),
+    }
+}
+
+/// Reading macro variables as mantissa and exponent.
+const READ_MACRO_NUMBERS: u16 = 0x15;
+
+fn system(options: &Options, world: &World) -> Vec<u8> {
+    let slots = u16::try_from(options.slots).unwrap_or(u16::MAX);
+    let kind: &[u8; 4] = match options.version {
+        2 => b"16 M",
+        3 => b" 0 M",
+        _ => b"31 M",
+    };
+    let mut data = vec![0x06, 0x62];
+    data.extend(slots.to_be_bytes());
+    data.extend(kind);
+    data.extend(b"D4G328.0");
+    data.extend(format!("{:02}", world.axes.len().min(99)).bytes());
+    data
+}
+
+fn status(world: &World) -> Vec<u8> {
+    let emergency = u16::from(world.emergency_stop);
+    let alarm = u16::from(!world.alarms.is_empty());
+    let words = [1, 3, 1, 0, emergency, alarm, 0];
+    words.into_iter().flat_map(u16::to_be_bytes).collect()
+}
+
+fn axis_names(options: &Options, world: &World) -> Vec<u8> {
+    let name = |letter: &char| [u8::try_from(*letter).unwrap_or(b'?'), 0, 0, 0];
+    let mut data: Vec<u8> = world.axes.iter().flat_map(name).collect();
+    data.resize(4 * options.slots.max(world.axes.len()), 0);
+    data
+}
+
+/// Numbers with three decimals, and what stands in the unused slots.
+fn slots(values: impl Iterator<Item = f64>, options: &Options) -> Vec<u8> {
+    let mut data: Vec<u8> = values.flat_map(|value| number_bytes(value, 3)).collect();
+    let mut garbage = 0x5eed_u32;
+    while data.len() < 8 * options.slots {
+        garbage = garbage.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let [a, ..] = garbage.to_be_bytes();
+        data.push(if options.garbage { a } else { 0 });
+    }
+    data
+}
+
+fn positions(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+    let positions = world.positions();
+    match command.args {
+        [1 | 4 | 0, -1, ..] => Ok(slots(positions.into_iter(), options)),
+        [1 | 4 | 0, axis, ..] => {
+            let index = usize::try_from(axis - 1).map_err(|_| Refusal::Command(NUMBER))?;
+            let position = positions.get(index).ok_or(Refusal::Command(NUMBER))?;
+            Ok(number_bytes(*position, 3).to_vec())
+        }
+        _ => Err(Refusal::Command(NO_FUNCTION)),
+    }
+}
+
+fn alarms(world: &World) -> Vec<u8> {
+    let record = |(number, text): &(i32, String)| {
+        let mut record = Vec::new();
+        let length = i32::try_from(text.len().min(64)).unwrap_or(0);
+        for word in [*number, 6, 0, length] {
+            record.extend(word.to_be_bytes());
+        }
+        record.extend(text.bytes().take(64));
+        record.resize(80, 0);
+        record
+    };
+    world.alarms.iter().flat_map(record).collect()
+}
+
+fn read_macro(command: &Command<'_>, world: &World) -> Vec<u8> {
+    let [first, count, ..] = command.args;
+    let value = |number| world.macros.get(&number).copied().unwrap_or(f64::NAN);
+    let numbers = first..first.saturating_add(count.clamp(0, 100));
+    numbers.flat_map(|n| value(n).to_be_bytes()).collect()
+}
+
+fn read_macro_numbers(command: &Command<'_>, world: &World) -> Answered {
+    let [first, last, ..] = command.args;
+    let value = |number| match world.macros.get(&number) {
+        Some(value) => number_bytes(*value, 6),
+        None => [0, 0, 0, 0, 0, 10, 0xff, 0xff],
+    };
+    if !(first..first.saturating_add(100)).contains(&last) {
+        return Err(Refusal::Command(NUMBER));
+    }
+    Ok((first..=last).flat_map(value).collect())
+}
+
+fn write_macro(command: &Command<'_>, world: &mut World) -> Answered {
+    let bytes = command.data.first_chunk().ok_or(Refusal::Command(LENGTH))?;
+    world
+        .macros
+        .insert(command.args[0], f64::from_be_bytes(*bytes));
+    Ok(Vec::new())
+}
+
+fn write_offset(command: &Command<'_>, world: &mut World) -> Answered {
+    let [number, _, axis, ..] = command.args;
+    let slot = usize::try_from(axis - 1).map_err(|_| Refusal::Command(NUMBER))?;
+    let mantissa = command.data.first_chunk().ok_or(Refusal::Command(LENGTH))?;
+    if slot >= world.axes.len() {
+        return Err(Refusal::Command(NUMBER));
+    }
+    let value = f64::from(i32::from_be_bytes(*mantissa)) / 1000.0;
+    world.offsets.insert((number, slot), value);
+    Ok(Vec::new())
+}
+
+fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answered {
+    let number = command.args[0];
+    if !world.parameters.keys().any(|(known, _)| *known == number) {
+        // As captured: a number that does not exist refuses the frame.
+        return Err(Refusal::Frame);
+    }
+    let of = |slot| {
+        world
+            .parameters
+            .get(&(number, slot))
+            .copied()
+            .unwrap_or(0.0)
+    };
+    let mut data = number.to_be_bytes().to_vec();
+    data.extend([0, 0, 0, 2]);
+    data.extend(slots((0..world.axes.len()).map(of), options));
+    Ok(data)
+}
+
+/// Area, first byte, bytes of a point and of the whole.
+fn pmc_range(
+    command: &Command<'_>,
+    options: &Options,
+) -> Result<(PmcArea, usize, usize, usize), Refusal> {
+    let [first, last, area, width, _] = command.args;
+    let area = usize::try_from(area)
+        .ok()
+        .and_then(|area| PmcArea::ALL.get(area));
+    let area = *area.ok_or(Refusal::Command(NUMBER))?;
+    let width = match width {
+        0 => 1,
+        1 => 2,
+        2 => 4,
+        _ => return Err(Refusal::Command(NUMBER)),
+    };
+    let at = usize::try_from(first).map_err(|_| Refusal::Command(NUMBER))?;
+    let bytes = usize::try_from(last - first + 1).map_err(|_| Refusal::Command(NUMBER))?;
+    if bytes == 0 || bytes % width != 0 || bytes > 2048 {
+        return Err(Refusal::Command(LENGTH));
+    }
+    if options.one_point && bytes > width {
+        return Err(Refusal::Command(NUMBER));
+    }
+    Ok((area, at, width, bytes))
+}
+
+/// Memory is little-endian, the wire is big-endian.
+fn turned(bytes: &[u8], width: usize) -> Vec<u8> {
+    let points = bytes.chunks(width);
+    points
+        .flat_map(|point| point.iter().rev().copied())
+        .collect()
+}
+
+fn read_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+    let (area, at, width, bytes) = pmc_range(command, options)?;
+    let memory = world.read(area, at, bytes);
+    memory
+        .map(|bytes| turned(&bytes, width))
+        .ok_or(Refusal::Command(NUMBER))
+}
+
+fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+    let (area, at, width, bytes) = pmc_range(command, options)?;
+    if command.data.len() != bytes {
+        return Err(Refusal::Command(LENGTH));
+    }
+    // As seen on a simulated control of the maker: outputs to the machine are refused.
+    if area == PmcArea::Y || !world.write(area, at, &turned(command.data, width)) {
+        return Err(Refusal::Command(NUMBER));
+    }
+    Ok(Vec::new())
+}

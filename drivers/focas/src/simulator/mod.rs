@@ -1,0 +1,232 @@
+//! A controller on the wire for tests: it answers as public captures show, and misbehaves on request.
+
+mod answer;
+mod world;
+
+use std::{
+    io::{Read, Write},
+    net::{Shutdown, SocketAddr, TcpListener, TcpStream},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+pub use world::{Motion, ShiftArea, World};
+
+use crate::frame::{HEAD, Head, Kind, frame};
+
+/// How the simulator behaves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Version in its answers: 2 (16i), 3 (0i), 4 (31i).
+    pub version: u16,
+    /// Slots in answers about all axes: 8 or 32.
+    pub slots: usize,
+    /// Slots behind the axes hold garbage.
+    pub garbage: bool,
+    /// PMC memory is served one point at a time.
+    pub one_point: bool,
+    /// Commands for control and PMC in one frame are refused.
+    pub refuses_mix: bool,
+    /// How many sessions are served.
+    pub sessions: usize,
+    /// Answers are sent in pieces of so many bytes; 0: whole.
+    pub fragment: usize,
+    /// Answers take so long.
+    pub latency: Duration,
+}
+
+impl Default for Options {
+    /// Version 3 with 32 slots, garbage in the unused ones.
+    fn default() -> Self {
+        Self {
+            version: 3,
+            slots: 32,
+            garbage: true,
+            one_point: false,
+            refuses_mix: false,
+            sessions: 4,
+            fragment: 0,
+            latency: Duration::ZERO,
+        }
+    }
+}
+
+/// A simulated controller on a socket; it goes with its threads when dropped.
+pub struct Simulator {
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    listener: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    options: Options,
+    world: Mutex<World>,
+    sessions: Mutex<Vec<TcpStream>>,
+    stop: AtomicBool,
+}
+
+impl Shared {
+    fn world(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn sessions(&self) -> MutexGuard<'_, Vec<TcpStream>> {
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Simulator {
+    /// Listens on an address, such as `127.0.0.1:0`.
+    ///
+    /// # Errors
+    /// The address cannot be bound.
+    pub fn start(address: &str, options: Options, world: World) -> std::io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
+        let address = listener.local_addr()?;
+        let shared = Arc::new(Shared {
+            options,
+            world: Mutex::new(world),
+            sessions: Mutex::new(Vec::new()),
+            stop: AtomicBool::new(false),
+        });
+        let served = Arc::clone(&shared);
+        let listener = thread::Builder::new()
+            .name("focas-sim".to_owned())
+            .spawn(move || listen(&listener, &served))?;
+        Ok(Self {
+            address,
+            shared,
+            listener: Some(listener),
+        })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Its machine and memory. Answers wait while this is held.
+    pub fn world(&self) -> MutexGuard<'_, World> {
+        self.shared.world()
+    }
+
+    /// How many sessions are open.
+    pub fn open_sessions(&self) -> usize {
+        self.shared.sessions().len()
+    }
+
+    /// Cuts all connections, as a pulled cable would in the end.
+    pub fn disconnect_all(&self) {
+        for session in self.shared.sessions().iter() {
+            // It may be gone already.
+            let _ = session.shutdown(Shutdown::Both);
+        }
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::SeqCst);
+        self.disconnect_all();
+        // Wakes the listener.
+        drop(TcpStream::connect(self.address));
+        if let Some(listener) = self.listener.take() {
+            // A panic of the listener has been told by its own message.
+            let _ = listener.join();
+        }
+    }
+}
+
+fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
+    for stream in listener.incoming() {
+        if shared.stop.load(Ordering::SeqCst) {
+            return;
+        }
+        let Ok(stream) = stream else { continue };
+        let served = Arc::clone(shared);
+        let started = thread::Builder::new()
+            .name("focas-session".to_owned())
+            .spawn(move || {
+                // A session ends with its connection, however that goes.
+                let _ = serve(stream, &served);
+            });
+        if started.is_err() {
+            return;
+        }
+    }
+}
+
+fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
+    stream.set_nodelay(true)?;
+    let local = stream.peer_addr()?;
+    let (head, _) = receive(&mut stream)?;
+    let version = shared.options.version;
+    if head.kind != Kind::Open {
+        return Ok(());
+    }
+    {
+        let mut sessions = shared.sessions();
+        if sessions.len() >= shared.options.sessions {
+            return send(&mut stream, shared, version, Kind::Refused, &[0, 0, 0, 4]);
+        }
+        sessions.push(stream.try_clone()?);
+    }
+    let served = answer_all(&mut stream, shared);
+    let mut sessions = shared.sessions();
+    sessions.retain(|other| other.peer_addr().is_ok_and(|address| address != local));
+    served
+}
+
+fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
+    let options = &shared.options;
+    let opened = answer::opened(options);
+    send(stream, shared, options.version, Kind::Opened, &opened)?;
+    loop {
+        let (head, payload) = receive(stream)?;
+        match head.kind {
+            Kind::Close => return send(stream, shared, options.version, Kind::Closed, &[]),
+            Kind::Command => {
+                thread::sleep(options.latency);
+                let (kind, answer) = {
+                    let mut world = shared.world();
+                    answer::answer(&payload, options, &mut world)
+                };
+                send(stream, shared, options.version, kind, &answer)?;
+            }
+            // Anything else drops the connection.
+            _ => return Ok(()),
+        }
+    }
+}
+
+fn receive(stream: &mut TcpStream) -> std::io::Result<(Head, Vec<u8>)> {
+    let mut head = [0; HEAD];
+    stream.read_exact(&mut head)?;
+    let head = Head::parse(&head).map_err(|e| std::io::Error::other(e.0))?;
+    let mut payload = vec![0; head.length];
+    stream.read_exact(&mut payload)?;
+    Ok((head, payload))
+}
+
+fn send(
+    stream: &mut TcpStream,
+    shared: &Shared,
+    version: u16,
+    kind: Kind,
+    payload: &[u8],
+) -> std::io::Result<()> {
+    let bytes = frame(version, kind, payload).map_err(|e| std::io::Error::other(e.0))?;
+    match shared.options.fragment {
+        0 => stream.write_all(&bytes),
+        pieces => bytes.chunks(pieces).try_for_each(|piece| {
+            stream.write_all(piece)?;
+            // So that the pieces do not travel together.
+            thread::sleep(Duration::from_micros(200));
+            Ok(())
+        }),
+    }
+}

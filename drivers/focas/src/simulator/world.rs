@@ -1,0 +1,154 @@
+//! The machine behind the simulated controller, and its memory.
+
+use std::{
+    collections::BTreeMap,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use crate::client::{PmcArea, Width};
+
+/// Bytes of each PMC area.
+const AREA: usize = 10_000;
+
+/// Where the machine zero point shifts of the axes stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShiftArea {
+    /// The area.
+    pub area: PmcArea,
+    /// Byte of the first axis.
+    pub first: usize,
+    /// Bytes of each number.
+    pub width: Width,
+    /// What one count moves an axis, mm or deg.
+    pub count: f64,
+    /// Whether reported positions contain it.
+    pub in_positions: bool,
+}
+
+/// Where the axes are at a time since the start, mm or deg.
+pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
+
+/// The machine and the memory of the control.
+pub struct World {
+    /// Letters of the axes.
+    pub axes: Vec<char>,
+    /// How they move.
+    pub motion: Motion,
+    /// Where shifts are taken from.
+    pub shift: ShiftArea,
+    /// What is written to PMC memory is seen only so much later.
+    pub readback_delay: Duration,
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// Alarms that are on: number and text.
+    pub alarms: Vec<(i32, String)>,
+    /// Macro variables.
+    pub macros: BTreeMap<i32, f64>,
+    /// Parameters by number and slot.
+    pub parameters: BTreeMap<(i32, usize), f64>,
+    /// Work offsets by number and slot, mm or deg.
+    pub offsets: BTreeMap<(i32, usize), f64>,
+    started: Instant,
+    memory: Vec<Vec<u8>>,
+    pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
+}
+
+impl World {
+    /// Axes that stand at 0, referenced, shifts in words of 0.001 from R100 on.
+    pub fn new(axes: &[char]) -> Self {
+        let count = axes.len();
+        let mut world = Self {
+            axes: axes.to_vec(),
+            motion: Arc::new(move |_| vec![0.0; count]),
+            shift: ShiftArea {
+                area: PmcArea::R,
+                first: 100,
+                width: Width::Word,
+                count: 0.001,
+                in_positions: false,
+            },
+            readback_delay: Duration::ZERO,
+            emergency_stop: false,
+            alarms: Vec::new(),
+            macros: BTreeMap::new(),
+            parameters: BTreeMap::new(),
+            offsets: BTreeMap::new(),
+            started: Instant::now(),
+            memory: vec![vec![0; AREA]; PmcArea::ALL.len()],
+            pending: Vec::new(),
+        };
+        world.memory[PmcArea::F as usize][120] = 0xff;
+        world
+    }
+
+    /// Where the axes are, as reported, mm or deg.
+    pub fn positions(&mut self) -> Vec<f64> {
+        let mut positions = (self.motion)(self.started.elapsed());
+        if self.shift.in_positions {
+            let shifts = self.shifts();
+            for (position, shift) in positions.iter_mut().zip(shifts) {
+                *position += shift;
+            }
+        }
+        positions
+    }
+
+    /// The shifts that are in force, mm or deg.
+    pub fn shifts(&mut self) -> Vec<f64> {
+        let shift = self.shift;
+        let width = usize::from(shift.width.bytes());
+        let axes = self.axes.len();
+        let count = |slot: usize| {
+            let bytes = self.read(shift.area, shift.first + slot * width, width)?;
+            // Memory is little-endian.
+            let mut wide = match bytes.last() {
+                Some(high) if high & 0x80 != 0 => [0xff; 8],
+                _ => [0; 8],
+            };
+            wide[..width].copy_from_slice(&bytes);
+            #[expect(clippy::cast_precision_loss, reason = "four bytes at the most")]
+            Some(i64::from_le_bytes(wide) as f64 * shift.count)
+        };
+        (0..axes)
+            .map(count)
+            .map(Option::unwrap_or_default)
+            .collect()
+    }
+
+    /// Bytes of PMC memory as they are seen now.
+    pub fn read(&mut self, area: PmcArea, at: usize, length: usize) -> Option<Vec<u8>> {
+        let now = Instant::now();
+        let (due, later) = std::mem::take(&mut self.pending)
+            .into_iter()
+            .partition(|(when, ..)| *when <= now);
+        self.pending = later;
+        for (_, area, at, bytes) in due {
+            self.store(area, at, &bytes);
+        }
+        let memory = self.memory.get(area as usize)?;
+        memory.get(at..at.checked_add(length)?).map(<[u8]>::to_vec)
+    }
+
+    /// Writes PMC memory; `false` outside it.
+    pub fn write(&mut self, area: PmcArea, at: usize, bytes: &[u8]) -> bool {
+        if at.checked_add(bytes.len()).is_none_or(|end| end > AREA) {
+            return false;
+        }
+        if self.readback_delay.is_zero() {
+            self.store(area, at, bytes);
+        } else {
+            let when = Instant::now() + self.readback_delay;
+            self.pending.push((when, area, at, bytes.to_vec()));
+        }
+        true
+    }
+
+    fn store(&mut self, area: PmcArea, at: usize, bytes: &[u8]) {
+        if let Some(memory) = self.memory.get_mut(area as usize)
+            && let Some(into) = memory.get_mut(at..at + bytes.len())
+        {
+            into.copy_from_slice(bytes);
+        }
+    }
+}

@@ -1,0 +1,171 @@
+use std::time::Duration;
+
+use volcomp_focas::{
+    Client, PmcArea, PositionKind,
+    simulator::{Options, Simulator},
+};
+use volcomp_port::Fault;
+
+use crate::{PATIENCE, simulator, until};
+
+fn client(simulator: &Simulator) -> Client {
+    Client::open("127.0.0.1", simulator.address().port(), PATIENCE).unwrap()
+}
+
+/// Every generation, with garbage in the unused slots, in one piece and in many.
+#[test]
+fn every_question_is_answered() {
+    for (version, slots, fragment) in [(2, 8, 0), (3, 32, 7), (4, 32, 0), (3, 32, 1)] {
+        let simulator = simulator(Options {
+            version,
+            slots,
+            fragment,
+            ..Options::default()
+        });
+        {
+            let mut world = simulator.world();
+            world.motion = std::sync::Arc::new(|_| vec![-598.358, 0.001, 1234.5, 90.0]);
+            world.alarms = vec![(10, "SERVO OFF".to_owned())];
+            world.parameters.insert((1280, 0), 100.0);
+            world.parameters.insert((1281, 2), -7.0);
+        }
+        let mut client = client(&simulator);
+        assert_eq!(client.version(), version);
+        let system = client.system_info().unwrap();
+        assert_eq!(usize::from(system.max_axes), slots);
+        assert_eq!((&*system.series, &*system.axes), ("D4G3", "04"));
+        assert_eq!(client.axis_names().unwrap(), ['X', 'Y', 'Z', 'C']);
+        let positions = client.positions(PositionKind::Machine, 4).unwrap();
+        assert_eq!(positions, [-598.358, 0.001, 1234.5, 90.0]);
+        let status = client.status().unwrap();
+        assert!(status.alarm != 0 && status.emergency == 0 && status.run == 3);
+        let alarms = client.alarms().unwrap();
+        assert_eq!((alarms[0].number, &*alarms[0].text), (10, "SERVO OFF"));
+        assert_eq!(client.read_parameter(1280, None), Ok(100.0));
+        assert_eq!(client.read_parameter(1281, Some(2)), Ok(-7.0));
+        client.write_pmc(PmcArea::D, 200, &[1, 2, 0xff]).unwrap();
+        assert_eq!(
+            client.read_pmc(PmcArea::D, 199, 5).unwrap(),
+            [0, 1, 2, 0xff, 0]
+        );
+        client.write_macro(500, -2.25).unwrap();
+        assert_eq!(client.read_macro(500), Ok(Some(-2.25)));
+        assert_eq!(client.read_macro(501), Ok(None));
+        client.write_work_offset(1, 2, -0.012).unwrap();
+        assert_eq!(client.read_work_offset(1, 2), Ok(-0.012));
+    }
+}
+
+#[test]
+fn refusals_have_their_code_and_leave_the_session_open() {
+    let simulator = simulator(Options::default());
+    let mut client = client(&simulator);
+    assert_eq!(
+        client.read_parameter(9999, None),
+        Err(Fault::Refused {
+            code: -17,
+            what: "the whole request"
+        })
+    );
+    assert_eq!(
+        client.write_pmc(PmcArea::Y, 0, &[1]),
+        Err(Fault::Refused {
+            code: 3,
+            what: "writing PMC memory"
+        })
+    );
+    assert!(client.status().is_ok());
+    assert_eq!(
+        client.positions(PositionKind::Machine, 33),
+        Err(Fault::Protocol("a position that is no number")),
+        "garbage in the slots behind the axes"
+    );
+}
+
+#[test]
+fn sessions_are_closed_and_too_many_refused() {
+    let simulator = simulator(Options {
+        sessions: 2,
+        ..Options::default()
+    });
+    let first = client(&simulator);
+    let _second = client(&simulator);
+    let port = simulator.address().port();
+    let refused = Client::open("127.0.0.1", port, PATIENCE).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        format!(
+            "focas://127.0.0.1:{port}: the session was refused; end another program that talks to this control; it serves only a few"
+        )
+    );
+    drop(first);
+    until("the session is free again", || {
+        simulator.open_sessions() == 1
+    });
+    assert!(Client::open("127.0.0.1", port, PATIENCE).is_ok());
+}
+
+#[test]
+fn what_is_not_there_is_told() {
+    let error = Client::open("127.0.0.1", 1, Duration::from_millis(200)).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .starts_with("focas://127.0.0.1:1: no connection to 127.0.0.1:1"),
+        "{error}"
+    );
+    let error = Client::open("no.such.host.invalid", 1, PATIENCE).unwrap_err();
+    assert!(error.what.contains("cannot be resolved"), "{error}");
+    // A port that says nothing.
+    let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = silent.local_addr().unwrap().port();
+    let error = Client::open("127.0.0.1", port, Duration::from_millis(100)).unwrap_err();
+    assert!(
+        error.what.contains("no answer before the deadline"),
+        "{error}"
+    );
+}
+
+/// The answer cut off after every byte: a fault in time, never a number.
+#[test]
+fn answers_cut_at_every_byte_end_in_time() {
+    use std::io::{Read, Write};
+    use volcomp_focas::frame::{Command, Kind, Target, frame, push_block};
+    let command = Command {
+        target: Target::Cnc,
+        path: 1,
+        function: 0x19,
+        args: [0; 5],
+        data: &[],
+    };
+    let mut payload = vec![0, 1];
+    push_block(&mut payload, &command, 0, &[0; 14]).unwrap();
+    let answer = frame(3, Kind::Answer, &payload).unwrap();
+    let opened = frame(3, Kind::Opened, &[0; 360]).unwrap();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let whole = answer.len();
+    let peer = std::thread::spawn(move || {
+        for cut in 0..=answer.len() {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.read_exact(&mut [0; 12]).unwrap();
+            stream.write_all(&opened).unwrap();
+            stream.read_exact(&mut [0; 40]).unwrap();
+            stream.write_all(&answer[..cut]).unwrap();
+            stream.shutdown(std::net::Shutdown::Write).unwrap();
+            // Until the other side is gone too.
+            let _ = stream.read(&mut [0; 64]);
+        }
+    });
+    for cut in 0..=whole {
+        let mut client = Client::open("127.0.0.1", port, PATIENCE).unwrap();
+        let found = client.status();
+        if cut == whole {
+            assert!(found.is_ok());
+        } else {
+            assert_eq!(found, Err(Fault::Disconnected), "{cut}");
+            assert_eq!(client.status(), Err(Fault::NotConnected));
+        }
+    }
+    peer.join().unwrap();
+}

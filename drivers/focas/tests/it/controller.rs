@@ -1,0 +1,264 @@
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use volcomp_focas::{
+    FocasConfig, FocasController, PmcAddress, PmcArea,
+    simulator::{Options, Simulator},
+};
+use volcomp_port::{Controller, Fault, contract};
+
+use crate::{PATIENCE, config, simulator, until};
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_secs(1)
+}
+
+fn connected(config: FocasConfig) -> FocasController {
+    let mut controller = FocasController::new(config).unwrap();
+    controller.wait(PATIENCE).unwrap();
+    controller
+}
+
+/// Corrections of the first three axes, um.
+fn um(x: f64, y: f64, z: f64) -> [f64; 9] {
+    [x * 1e-3, y * 1e-3, z * 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+}
+
+/// Every way a control may be asked.
+#[test]
+fn the_contract_of_controllers() {
+    for (options, change) in [
+        (Options::default(), (|_| {}) as fn(&mut FocasConfig)),
+        (
+            Options {
+                version: 2,
+                slots: 8,
+                one_point: true,
+                ..Options::default()
+            },
+            |config| config.one_point = true,
+        ),
+        (
+            Options {
+                version: 4,
+                refuses_mix: true,
+                fragment: 11,
+                ..Options::default()
+            },
+            |config| config.split = true,
+        ),
+    ] {
+        let simulator = simulator(options);
+        simulator.world().readback_delay = Duration::from_millis(3);
+        let mut config = config(&simulator, &['X', 'Y', 'Z']);
+        // What is seen late cannot show who moved the heartbeat.
+        config.heartbeat = None;
+        change(&mut config);
+        contract::controller(&mut connected(config));
+    }
+}
+
+#[test]
+fn shifts_reach_the_axes_of_their_names() {
+    let simulator = simulator(Options::default());
+    simulator.world().shift.in_positions = true;
+    simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
+    // Another order than the control's, and one axis left out.
+    let mut controller = connected(config(&simulator, &['Z', 'X']));
+    controller.apply(&um(5.0, -12.0, 0.0), soon()).unwrap();
+    assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
+    let snapshot = controller.read(soon()).unwrap();
+    assert!((snapshot.positions[0] - 30.005).abs() < 1e-12);
+    assert!((snapshot.positions[1] - 9.988).abs() < 1e-12);
+    assert_eq!(snapshot.positions[2..], [0.0; 7]);
+    let applied = snapshot.applied.unwrap();
+    assert!((applied[0] - 0.005).abs() < 1e-12 && (applied[1] + 0.012).abs() < 1e-12);
+    assert!(snapshot.uncertainty < Duration::from_millis(500));
+}
+
+#[test]
+fn a_shift_is_held_within_its_word() {
+    let simulator = simulator(Options::default());
+    let mut controller = connected(config(&simulator, &['X', 'Y', 'Z']));
+    let wild = [f64::INFINITY, -1e9, f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    controller.apply(&wild, soon()).unwrap();
+    assert_eq!(simulator.world().shifts(), [32.767, -32.768, 0.0, 0.0]);
+}
+
+#[test]
+fn rotary_axes_are_in_radians() {
+    let simulator = simulator(Options::default());
+    simulator.world().motion = Arc::new(|_| vec![1.0, 2.0, 3.0, 180.0]);
+    let mut config = config(&simulator, &['X']);
+    config.axes = vec![('C', true), ('X', false)];
+    let mut controller = connected(config);
+    let snapshot = controller.read(soon()).unwrap();
+    assert!((snapshot.positions[0] - std::f64::consts::PI).abs() < 1e-12);
+    assert!((snapshot.positions[1] - 1.0).abs() < 1e-12);
+    let mut corrections = [0.0; 9];
+    corrections[0] = 0.004_f64.to_radians();
+    controller.apply(&corrections, soon()).unwrap();
+    assert_eq!(simulator.world().shifts()[3], 0.004);
+}
+
+#[test]
+fn states_are_told() {
+    let simulator = simulator(Options::default());
+    let mut controller = connected(config(&simulator, &['X', 'Y', 'Z']));
+    let state = |controller: &mut FocasController| controller.read(soon()).unwrap().state;
+    assert!(state(&mut controller).referenced && !state(&mut controller).alarm);
+    simulator.world().write(PmcArea::F, 120, &[0b1011]);
+    assert!(!state(&mut controller).referenced);
+    simulator.world().emergency_stop = true;
+    simulator.world().alarms.push((1, String::new()));
+    let found = state(&mut controller);
+    assert!(found.alarm && found.emergency_stop);
+}
+
+#[test]
+fn the_heartbeat_moves_with_every_correction_and_shows_another_gateway() {
+    let simulator = simulator(Options::default());
+    let mut controller = connected(config(&simulator, &['X']));
+    let beat = |simulator: &Simulator| simulator.world().read(PmcArea::R, 120, 1).unwrap()[0];
+    for expected in 1..=3 {
+        controller.read(soon()).unwrap();
+        controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap();
+        assert_eq!(beat(&simulator), expected);
+    }
+    controller.read(soon()).unwrap();
+    simulator.world().write(PmcArea::R, 120, &[77]);
+    assert_eq!(
+        controller.read(soon()),
+        Err(Fault::Refused {
+            code: 77,
+            what: "the heartbeat is moved by another gateway"
+        })
+    );
+    assert!(controller.read(soon()).is_ok(), "told once for each move");
+}
+
+#[test]
+fn what_the_control_lacks_is_named() {
+    let simulator = simulator(Options::default());
+    let mut controller = FocasController::new(config(&simulator, &['X', 'B'])).unwrap();
+    until("told", || controller.last_error().is_some());
+    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("the control has no axis B, found XYZC"),
+        "{error}"
+    );
+    for (axes, expected) in [
+        (&[][..], "found 0 axes"),
+        (&['X', 'X'][..], "axis X stands twice"),
+    ] {
+        let refused = FocasController::new(config(&simulator, axes))
+            .err()
+            .unwrap();
+        assert!(refused.to_string().contains(expected), "{refused}");
+    }
+    let mut senseless = config(&simulator, &['X']);
+    senseless.shift.count_mm = 0.0;
+    let refused = FocasController::new(senseless).err().unwrap();
+    assert!(
+        refused.to_string().contains("a resolution of 0"),
+        "{refused}"
+    );
+}
+
+/// A cut connection, an answer that comes too late, a control that is switched off and on again: the
+/// controller comes back by itself, and no late answer is taken for the next one's.
+#[test]
+fn it_comes_back_by_itself() {
+    let options = Options {
+        latency: Duration::from_millis(5),
+        ..Options::default()
+    };
+    let mut simulator = Some(simulator(options.clone()));
+    let mut controller = connected(config(simulator.as_ref().unwrap(), &['X', 'Y', 'Z']));
+    let back = |controller: &mut FocasController| {
+        let end = Instant::now() + PATIENCE;
+        while controller.read(soon()).is_err() {
+            assert!(
+                Instant::now() < end,
+                "not back: {:?}",
+                controller.last_error()
+            );
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    };
+    simulator.as_ref().unwrap().disconnect_all();
+    assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
+    back(&mut controller);
+    let late = Instant::now() + Duration::from_millis(1);
+    assert_eq!(controller.read(late), Err(Fault::TimedOut));
+    back(&mut controller);
+    let address = simulator.as_ref().unwrap().address().to_string();
+    drop(simulator.take());
+    assert!(controller.read(soon()).is_err());
+    assert!(controller.apply(&um(1.0, 0.0, 0.0), soon()).is_err());
+    let world = volcomp_focas::simulator::World::new(&['X', 'Y', 'Z', 'C']);
+    simulator = Some(Simulator::start(&address, options, world).unwrap());
+    back(&mut controller);
+    drop(simulator);
+}
+
+/// Nothing is left behind by a thousand connections: descriptors counted.
+#[test]
+fn a_thousand_connections_leave_nothing() {
+    let simulator = simulator(Options {
+        sessions: 50,
+        ..Options::default()
+    });
+    let later = Duration::from_micros(300);
+    let mut config = config(&simulator, &['X']);
+    config.backoff.most = Duration::from_millis(1);
+    let mut controller = connected(config);
+    let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
+    let count_at = |controller: &mut FocasController, connections: u64| {
+        while controller.connections() < connections {
+            controller.wait(PATIENCE).unwrap();
+            // The simulator is held up, so the answer is too late and the connection given up.
+            let _world = simulator.world();
+            assert_eq!(
+                controller.read(Instant::now() + later),
+                Err(Fault::TimedOut)
+            );
+        }
+        until("sessions end", || simulator.open_sessions() <= 2);
+        descriptors()
+    };
+    let early = count_at(&mut controller, 20);
+    let late = count_at(&mut controller, 1000);
+    // Other tests of this program open a few at the same time.
+    assert!(late <= early + 60, "{early} descriptors, then {late}");
+}
+
+#[test]
+fn places_in_memory_are_configured() {
+    let simulator = simulator(Options::default());
+    {
+        let mut world = simulator.world();
+        world.shift.area = PmcArea::D;
+        world.shift.first = 1000;
+        world.shift.width = volcomp_focas::Width::Long;
+        world.shift.count = 0.0001;
+    }
+    let mut config = config(&simulator, &['Y', 'Z']);
+    config.shift.first = PmcAddress {
+        area: PmcArea::D,
+        at: 1000,
+    };
+    config.shift.width = volcomp_focas::Width::Long;
+    config.shift.count_mm = 0.0001;
+    let mut controller = connected(config);
+    controller.apply(&um(123.4, -5.55, 0.0), soon()).unwrap();
+    let shifts = simulator.world().shifts();
+    assert!(
+        (shifts[1] - 0.1234).abs() < 1e-12 && (shifts[2] + 0.0056).abs() < 1e-12,
+        "{shifts:?}"
+    );
+}

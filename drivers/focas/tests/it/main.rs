@@ -1,0 +1,42 @@
+//! Frames against bytes from public captures, the client and the controller against the simulator, the
+//! simulator against another program's client.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod client;
+mod controller;
+mod frames;
+mod peer;
+
+use std::time::Duration;
+
+use volcomp_focas::{
+    FocasConfig,
+    simulator::{Options, Simulator, World},
+};
+use volcomp_port::Backoff;
+
+const PATIENCE: Duration = Duration::from_secs(5);
+
+fn simulator(options: Options) -> Simulator {
+    Simulator::start("127.0.0.1:0", options, World::new(&['X', 'Y', 'Z', 'C'])).unwrap()
+}
+
+fn config(simulator: &Simulator, axes: &[char]) -> FocasConfig {
+    FocasConfig {
+        port: simulator.address().port(),
+        backoff: Backoff {
+            first: Duration::from_millis(1),
+            most: Duration::from_millis(20),
+        },
+        ..FocasConfig::new("127.0.0.1", axes)
+    }
+}
+
+fn until(what: &str, holds: impl Fn() -> bool) {
+    let end = std::time::Instant::now() + PATIENCE;
+    while !holds() {
+        assert!(std::time::Instant::now() < end, "{what}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
