@@ -1,0 +1,227 @@
+//! A control without a bus, corrected over lines.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::{
+    Axis, AxisValues, Controller, ControllerState, Description, DeviceError, DigitalIo, Fault,
+    Heartbeat, MAX_AXES, Snapshot,
+};
+
+use crate::{
+    coherent::{Coherence, read_coherent},
+    wiring::Wiring,
+    words::{CorrectionWord, PositionWord, Unwrapper},
+};
+
+/// One axis and its words.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DigitalAxis {
+    /// Its letter.
+    pub name: char,
+    /// Whether its numbers are angles, rad.
+    pub rotary: bool,
+    /// What the control shows of it.
+    pub position: PositionWord,
+    /// Only the low bits are shown: the position when the first word is read, mm or rad.
+    pub low_bits_from: Option<f64>,
+    /// What the control takes.
+    pub correction: CorrectionWord,
+    /// Whether shown positions contain the correction.
+    pub includes_correction: bool,
+}
+
+impl DigitalAxis {
+    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm.
+    pub fn published(name: char) -> Self {
+        Self {
+            name,
+            rotary: false,
+            position: PositionWord {
+                bits: 15,
+                code: crate::PositionCode::Binary,
+                mm_per_count: 1.0 / 32.0,
+                zero_mm: 0.0,
+            },
+            low_bits_from: None,
+            correction: CorrectionWord {
+                bits: 8,
+                code: crate::CorrectionCode::TwosComplement,
+                mm_per_count: 0.001,
+            },
+            includes_correction: false,
+        }
+    }
+}
+
+/// A control that shows positions on lines and takes corrections on others. Where several axes share the
+/// lines, each is read and corrected when the control shows it.
+///
+/// Lines say nothing of the control's state: it counts as referenced and without alarm. They have no memory
+/// that a second gateway could be seen in, and nothing watches them unless the control's side does.
+pub struct DigitalController<D> {
+    io: D,
+    wiring: Wiring,
+    coherence: Coherence,
+    axes: Vec<DigitalAxis>,
+    description: Description,
+    seen: Vec<Option<Seen>>,
+    /// The axis that was shown last.
+    shown: usize,
+    wanted: AxisValues,
+    applied: AxisValues,
+    has_applied: bool,
+    saturated: u32,
+}
+
+#[derive(Clone, Copy)]
+struct Seen {
+    position: f64,
+    taken: Instant,
+    unwrapper: Option<Unwrapper>,
+}
+
+impl<D: DigitalIo> DigitalController<D> {
+    /// A control behind a port.
+    ///
+    /// # Errors
+    /// A wiring that does not fit the port or the words.
+    pub fn new(
+        io: D,
+        channel: impl Into<String>,
+        wiring: Wiring,
+        coherence: Coherence,
+        axes: Vec<DigitalAxis>,
+    ) -> Result<Self, DeviceError> {
+        let device = io.device().to_owned();
+        let words: Vec<_> = axes.iter().map(|a| (a.position, a.correction)).collect();
+        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
+        wiring
+            .check(io.inputs(), io.outputs(), axes.len(), &words)
+            .map_err(|e| refused(e.to_string()))?;
+        if coherence == Coherence::Strobe && wiring.strobe.is_none() {
+            return Err(refused("no strobe line is named".to_owned()));
+        }
+        if axes.len() > MAX_AXES {
+            let what = format!("found {} axes, expected {MAX_AXES} at the most", axes.len());
+            return Err(refused(what));
+        }
+        let axis = |axis: &DigitalAxis| Axis {
+            name: axis.name,
+            rotary: axis.rotary,
+            includes_correction: axis.includes_correction,
+            resolution: axis.correction.mm_per_count,
+        };
+        let readings = match coherence {
+            Coherence::Latched => 1,
+            Coherence::TwoAgree | Coherence::Strobe => 2,
+        };
+        let description = Description {
+            channel: channel.into(),
+            axes: axes.iter().map(axis).collect(),
+            heartbeat: Heartbeat::Unwatched,
+            sees_other_gateways: false,
+            // The readings and one writing, for each axis in turn.
+            shortest_cycle: io.shortest_cycle() * (readings + 1),
+            device,
+        };
+        Ok(Self {
+            seen: vec![None; axes.len()],
+            io,
+            wiring,
+            coherence,
+            axes,
+            description,
+            shown: 0,
+            wanted: [0.0; MAX_AXES],
+            applied: [0.0; MAX_AXES],
+            has_applied: false,
+            saturated: 0,
+        })
+    }
+
+    /// How often a correction was larger than its word can say.
+    pub fn saturated(&self) -> u32 {
+        self.saturated
+    }
+
+    /// The port, for what it can do besides.
+    pub fn io_mut(&mut self) -> &mut D {
+        &mut self.io
+    }
+
+    /// Reads the axis that is shown.
+    fn look(&mut self, deadline: Instant) -> Result<(), Fault> {
+        let begun = Instant::now();
+        let levels = read_coherent(&mut self.io, &self.wiring, self.coherence, deadline)?;
+        let shown = self.wiring.shown(levels);
+        let index = usize::try_from(shown.axis).unwrap_or(usize::MAX);
+        let Some((axis, seen)) = self.axes.get(index).zip(self.seen.get_mut(index)) else {
+            return Err(Fault::Protocol("an axis is shown that is not configured"));
+        };
+        let mut unwrapper = seen.and_then(|seen| seen.unwrapper).or_else(|| {
+            let known = axis.low_bits_from?;
+            Some(Unwrapper::new(axis.position, shown.word, known))
+        });
+        let coded = match &mut unwrapper {
+            Some(unwrapper) => unwrapper.follow(shown.word),
+            None => axis.position.decode(shown.word),
+        };
+        *seen = Some(Seen {
+            position: coded.mm,
+            taken: begun + begun.elapsed() / 2,
+            unwrapper,
+        });
+        self.shown = index;
+        Ok(())
+    }
+}
+
+impl<D: DigitalIo> Controller for DigitalController<D> {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        let begun = Instant::now();
+        self.look(deadline)?;
+        while self.seen.iter().any(Option::is_none) {
+            if Instant::now() >= deadline {
+                return Err(Fault::TimedOut);
+            }
+            self.look(deadline)?;
+        }
+        let mut positions = [0.0; MAX_AXES];
+        let mut oldest = Instant::now();
+        for (position, seen) in positions.iter_mut().zip(self.seen.iter().flatten()) {
+            *position = seen.position;
+            oldest = oldest.min(seen.taken);
+        }
+        Ok(Snapshot {
+            positions,
+            taken: oldest,
+            uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
+            state: ControllerState {
+                referenced: true,
+                ..ControllerState::default()
+            },
+            applied: self.has_applied.then_some(self.applied),
+        })
+    }
+
+    /// Writes the correction of the axis that is shown; the others follow when they are.
+    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+        self.wanted = *corrections;
+        let index = self.shown;
+        let Some(axis) = self.axes.get(index) else {
+            return Err(Fault::NotConnected);
+        };
+        let correction = axis.correction.encode(self.wanted[index]);
+        self.saturated = self.saturated.wrapping_add(u32::from(correction.saturated));
+        let number = u32::try_from(index).unwrap_or(0);
+        self.io
+            .write(self.wiring.levels(correction.word, number), deadline)?;
+        self.applied[index] = correction.sent_mm;
+        self.has_applied = true;
+        Ok(())
+    }
+}

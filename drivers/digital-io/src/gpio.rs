@@ -1,0 +1,164 @@
+//! Lines of the Linux GPIO character device.
+
+use std::{
+    path::PathBuf,
+    time::{Duration, Instant},
+};
+
+use gpiocdev::{
+    Chip, Request,
+    line::{Offset, Value, Values},
+};
+use volcomp_port::{DeviceError, DigitalIo, Fault};
+
+/// Lines of one chip, in the order of their bits.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LineSet {
+    /// Label, name or path of the chip: `panel-out`, `gpiochip0`, `/dev/gpiochip0`.
+    pub chip: String,
+    /// The lines.
+    pub lines: Vec<Offset>,
+}
+
+impl LineSet {
+    /// From `panel-out:0-14` or `gpiochip0:3,5,9-11`.
+    ///
+    /// # Errors
+    /// Another text.
+    pub fn parse(text: &str) -> Result<Self, DeviceError> {
+        let wrong = || {
+            let what = format!("found `{text}` as lines");
+            DeviceError::new("gpio", what, "expected CHIP:LINES such as panel-out:0-14")
+        };
+        let (chip, list) = text.rsplit_once(':').ok_or_else(wrong)?;
+        let mut lines = Vec::new();
+        for part in list.split(',') {
+            let (from, to) = part.split_once('-').unwrap_or((part, part));
+            let number = |text: &str| text.parse::<Offset>().map_err(|_| wrong());
+            let (from, to) = (number(from)?, number(to)?);
+            if from > to || to - from >= 64 {
+                return Err(wrong());
+            }
+            lines.extend(from..=to);
+        }
+        if chip.is_empty() || lines.len() > 64 {
+            return Err(wrong());
+        }
+        Ok(Self {
+            chip: chip.to_owned(),
+            lines,
+        })
+    }
+}
+
+/// Inputs of one chip and outputs of another, or the same.
+pub struct GpioPort {
+    device: String,
+    inputs: Request,
+    input_lines: Vec<Offset>,
+    outputs: Request,
+    output_lines: Vec<Offset>,
+    values: Values,
+}
+
+impl GpioPort {
+    /// Takes the lines that a control drives as inputs, and those that it reads as outputs, at 0.
+    ///
+    /// # Errors
+    /// A chip or line that is not there, or taken by another program.
+    pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
+        let inputs = Request::builder()
+            .on_chip(find(control_outputs)?)
+            .with_consumer("volcomp")
+            .with_lines(&control_outputs.lines)
+            .as_input()
+            .request()
+            .map_err(|e| refused(control_outputs, &e))?;
+        let outputs = Request::builder()
+            .on_chip(find(control_inputs)?)
+            .with_consumer("volcomp")
+            .with_lines(&control_inputs.lines)
+            .as_output(Value::Inactive)
+            .request()
+            .map_err(|e| refused(control_inputs, &e))?;
+        Ok(Self {
+            device: format!("gpio {} and {}", control_outputs.chip, control_inputs.chip),
+            values: Values::from_offsets(&control_outputs.lines),
+            inputs,
+            input_lines: control_outputs.lines.clone(),
+            outputs,
+            output_lines: control_inputs.lines.clone(),
+        })
+    }
+}
+
+fn refused(set: &LineSet, error: &gpiocdev::Error) -> DeviceError {
+    let what = format!("lines {:?} cannot be taken: {error}", set.lines);
+    let remedy = "check the lines, the group of this user, and which program has them (gpioinfo)";
+    DeviceError::new(format!("gpio {}", set.chip), what, remedy)
+}
+
+/// The chip of a label, name or path.
+fn find(set: &LineSet) -> Result<PathBuf, DeviceError> {
+    let missing = |what: String| {
+        let remedy = "check its name (gpiodetect) and the group of this user";
+        DeviceError::new(format!("gpio {}", set.chip), what, remedy)
+    };
+    let chips = gpiocdev::chip::chips().map_err(|e| missing(format!("no chip was found: {e}")))?;
+    let mut known = Vec::new();
+    for path in chips {
+        let Ok(info) = Chip::from_path(&path).and_then(|chip| chip.info()) else {
+            continue;
+        };
+        if path.to_string_lossy() == set.chip || info.name == set.chip || info.label == set.chip {
+            return Ok(path);
+        }
+        known.push(info.label);
+    }
+    let found = if known.is_empty() {
+        "none".to_owned()
+    } else {
+        known.join(", ")
+    };
+    Err(missing(format!("there is no such chip, found {found}")))
+}
+
+impl DigitalIo for GpioPort {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn inputs(&self) -> u32 {
+        u32::try_from(self.input_lines.len()).unwrap_or(0)
+    }
+
+    fn outputs(&self) -> u32 {
+        u32::try_from(self.output_lines.len()).unwrap_or(0)
+    }
+
+    fn shortest_cycle(&self) -> Duration {
+        Duration::from_micros(50)
+    }
+
+    /// One call of the kernel for all lines; whether the chip latches them together is its own affair.
+    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
+        let read = self.inputs.values(&mut self.values);
+        read.map_err(|_| Fault::Disconnected)?;
+        let mut levels = 0;
+        for (bit, line) in self.input_lines.iter().enumerate() {
+            let active = self.values.get(*line) == Some(Value::Active);
+            levels |= u64::from(active) << bit;
+        }
+        Ok(levels)
+    }
+
+    fn write(&mut self, levels: u64, _deadline: Instant) -> Result<(), Fault> {
+        let mut values = Values::default();
+        for (bit, line) in self.output_lines.iter().enumerate() {
+            values.set(*line, Value::from(levels >> bit & 1 == 1));
+        }
+        self.outputs
+            .set_values(&values)
+            .map_err(|_| Fault::Disconnected)
+    }
+}

@@ -1,0 +1,17 @@
+#![doc = include_str!("../README.md")]
+
+mod coherent;
+mod controller;
+#[cfg(feature = "gpio")]
+mod gpio;
+mod wiring;
+mod words;
+
+pub use coherent::{Coherence, read_coherent};
+pub use controller::{DigitalAxis, DigitalController};
+#[cfg(feature = "gpio")]
+pub use gpio::{GpioPort, LineSet};
+pub use wiring::{Wiring, WiringError};
+pub use words::{
+    Coded, Correction, CorrectionCode, CorrectionWord, PositionCode, PositionWord, Unwrapper,
+};

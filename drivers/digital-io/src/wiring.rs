@@ -1,0 +1,225 @@
+//! Which line carries what.
+
+use crate::words::{CorrectionWord, PositionWord, mask};
+
+/// Which line carries which bit. Named from the control: its outputs show the position and are our inputs,
+/// its inputs take the correction and are our outputs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Wiring {
+    /// Our inputs with the bits of the position, lowest first.
+    pub position: Vec<u32>,
+    /// Our input that makes the number of ones among the position, the axis selection and itself even.
+    pub parity: Option<u32>,
+    /// Our input that stands at 1 while the word holds still.
+    pub strobe: Option<u32>,
+    /// Our inputs with the number of the axis that is shown, lowest bit first.
+    pub select: Vec<u32>,
+    /// Our outputs with the bits of the correction, lowest first.
+    pub correction: Vec<u32>,
+    /// Our outputs that say for which axis the correction is, lowest bit first: as many as `select`. The
+    /// control takes a correction only while they agree with what it shows.
+    pub echo: Vec<u32>,
+    /// Inputs that are inverted on the way.
+    pub inverted_inputs: u64,
+    /// Outputs that are inverted on the way.
+    pub inverted_outputs: u64,
+}
+
+/// A wiring that makes no sense.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{what}: {found}, expected {expected}")]
+pub struct WiringError {
+    /// Which part.
+    pub what: &'static str,
+    /// What was found.
+    pub found: String,
+    /// What was expected.
+    pub expected: String,
+}
+
+/// What the inputs say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Shown {
+    pub(crate) word: u32,
+    pub(crate) axis: u32,
+    /// Whether the parity is right and the word holds still.
+    pub(crate) valid: bool,
+}
+
+impl Wiring {
+    /// The published scheme: 15 lines from the control with one position, 8 lines to it with one correction.
+    pub fn published() -> Self {
+        Self {
+            position: (0..15).collect(),
+            correction: (0..8).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// Checks the wiring against a port and the words.
+    ///
+    /// # Errors
+    /// A line that is not there or used twice, words of another length, axes that cannot be told apart.
+    pub fn check(
+        &self,
+        inputs: u32,
+        outputs: u32,
+        axes: usize,
+        words: &[(PositionWord, CorrectionWord)],
+    ) -> Result<(), WiringError> {
+        let ours: Vec<u32> = self.inputs().collect();
+        each_once("inputs", &ours, inputs)?;
+        let theirs: Vec<u32> = self.correction.iter().chain(&self.echo).copied().collect();
+        each_once("outputs", &theirs, outputs)?;
+        for (position, correction) in words {
+            same(
+                "lines of the position",
+                self.position.len(),
+                position.bits,
+                1,
+            )?;
+            same(
+                "lines of the correction",
+                self.correction.len(),
+                correction.bits,
+                2,
+            )?;
+            for (what, count) in [
+                ("resolution of the position", position.mm_per_count),
+                ("resolution of the correction", correction.mm_per_count),
+            ] {
+                if !(count > 0.0 && count.is_finite()) {
+                    return Err(wrong(what, &count, "a positive number"));
+                }
+            }
+        }
+        let told_apart = 1_usize.checked_shl(u32::try_from(self.select.len()).unwrap_or(u32::MAX));
+        if axes == 0 || told_apart.is_some_and(|most| axes > most) {
+            let expected = format!("1 to {} with so many lines", told_apart.unwrap_or(0));
+            return Err(wrong("axes", &axes, &expected));
+        }
+        if self.echo.len() != self.select.len() {
+            let expected = format!(
+                "{}: a correction must say for which axis it is",
+                self.select.len()
+            );
+            return Err(wrong("lines of the echo", &self.echo.len(), &expected));
+        }
+        Ok(())
+    }
+
+    /// Our inputs that carry something.
+    fn inputs(&self) -> impl Iterator<Item = u32> {
+        let single = self.parity.iter().chain(&self.strobe);
+        let words = self.position.iter().chain(&self.select);
+        words.chain(single).copied()
+    }
+
+    /// The inputs that must agree between two readings.
+    pub(crate) fn used_inputs(&self) -> u64 {
+        self.inputs().fold(0, |used, line| used | 1 << line)
+    }
+
+    /// What the levels of the inputs say.
+    #[inline]
+    pub(crate) fn shown(&self, levels: u64) -> Shown {
+        let levels = levels ^ self.inverted_inputs;
+        let (word, axis) = (gather(levels, &self.position), gather(levels, &self.select));
+        let bit = |line: u32| u32::from(levels >> line & 1 == 1);
+        let ones = word.count_ones() + axis.count_ones();
+        let parity_is_right = self.parity.is_none_or(|line| (ones + bit(line)) % 2 == 0);
+        let holds_still = self.strobe.is_none_or(|line| bit(line) == 1);
+        Shown {
+            word,
+            axis,
+            valid: parity_is_right && holds_still,
+        }
+    }
+
+    /// The word of the position on the inputs; `None` where the parity is wrong or it moves.
+    #[inline]
+    pub fn position_word(&self, levels: u64) -> Option<u32> {
+        let shown = self.shown(levels);
+        shown.valid.then_some(shown.word)
+    }
+
+    /// The levels of the outputs for a correction of an axis.
+    #[inline]
+    pub fn levels(&self, word: u32, axis: u32) -> u64 {
+        let bits = scatter(word, &self.correction) | scatter(axis, &self.echo);
+        bits ^ self.inverted_outputs
+    }
+
+    /// What a control's outputs are when it shows a word of an axis: for simulated controls and tests.
+    pub fn control_outputs(&self, word: u32, axis: u32, strobe: bool) -> u64 {
+        let ones = (word & mask(self.position.len().try_into().unwrap_or(32))).count_ones();
+        let ones = ones + axis.count_ones();
+        let mut levels = scatter(word, &self.position) | scatter(axis, &self.select);
+        levels |= self.parity.map_or(0, |line| u64::from(ones % 2) << line);
+        levels |= self.strobe.map_or(0, |line| u64::from(strobe) << line);
+        levels ^ self.inverted_inputs
+    }
+
+    /// The correction word and the axis on a control's inputs.
+    pub fn control_inputs(&self, levels: u64) -> (u32, u32) {
+        let levels = levels ^ self.inverted_outputs;
+        (gather(levels, &self.correction), gather(levels, &self.echo))
+    }
+}
+
+/// The bits of some lines, the first lowest.
+#[inline]
+fn gather(levels: u64, lines: &[u32]) -> u32 {
+    let mut word = 0;
+    for (bit, line) in lines.iter().enumerate() {
+        word |= u32::from(levels >> (line & 63) & 1 == 1) << bit;
+    }
+    word
+}
+
+#[inline]
+fn scatter(word: u32, lines: &[u32]) -> u64 {
+    let mut levels = 0;
+    for (bit, line) in lines.iter().enumerate() {
+        levels |= u64::from(word >> bit & 1) << (line & 63);
+    }
+    levels
+}
+
+fn wrong(what: &'static str, found: &dyn std::fmt::Display, expected: &str) -> WiringError {
+    WiringError {
+        what,
+        found: format!("found {found}"),
+        expected: expected.to_owned(),
+    }
+}
+
+fn same(what: &'static str, found: usize, bits: u32, least: u32) -> Result<(), WiringError> {
+    if !(least..=32).contains(&bits) {
+        return Err(wrong(what, &bits, &format!("{least} to 32 bits")));
+    }
+    if usize::try_from(bits).ok() == Some(found) {
+        return Ok(());
+    }
+    Err(wrong(
+        what,
+        &found,
+        &format!("{bits}, the bits of the word"),
+    ))
+}
+
+fn each_once(what: &'static str, lines: &[u32], there: u32) -> Result<(), WiringError> {
+    for (index, line) in lines.iter().enumerate() {
+        if *line >= there.min(64) {
+            return Err(wrong(
+                what,
+                line,
+                &format!("a line below {}", there.min(64)),
+            ));
+        }
+        if lines[..index].contains(line) {
+            return Err(wrong(what, line, "each line once"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,240 @@
+use std::{
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+use volcomp_digital_io::{
+    Coherence, CorrectionCode, CorrectionWord, DigitalAxis, DigitalController, PositionCode,
+    PositionWord, Wiring,
+};
+use volcomp_port::{Controller, DigitalIo, Fault, contract};
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_millis(200)
+}
+
+/// A control on the other side of the lines: shows axis after axis and takes corrections for the one it
+/// shows.
+struct Control {
+    wiring: Wiring,
+    axes: Vec<DigitalAxis>,
+    positions: Vec<f64>,
+    corrections: Vec<f64>,
+    shown: usize,
+    readings: usize,
+    hold: usize,
+}
+
+#[derive(Clone)]
+struct Panel(Arc<Mutex<Control>>);
+
+impl Panel {
+    fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
+        let count = axes.len();
+        Self(Arc::new(Mutex::new(Control {
+            wiring,
+            axes,
+            positions: vec![0.0; count],
+            corrections: vec![0.0; count],
+            shown: 0,
+            readings: 0,
+            hold: 5,
+        })))
+    }
+}
+
+impl DigitalIo for Panel {
+    fn device(&self) -> &'static str {
+        "panel"
+    }
+
+    fn inputs(&self) -> u32 {
+        20
+    }
+
+    fn outputs(&self) -> u32 {
+        10
+    }
+
+    fn shortest_cycle(&self) -> Duration {
+        Duration::from_micros(10)
+    }
+
+    fn read(&mut self, _: Instant) -> Result<u64, Fault> {
+        let mut control = self.0.lock().unwrap();
+        control.readings += 1;
+        if control.readings.is_multiple_of(control.hold) {
+            control.shown = (control.shown + 1) % control.axes.len();
+        }
+        let shown = control.shown;
+        let word = control.axes[shown]
+            .position
+            .encode(control.positions[shown]);
+        let number = u32::try_from(shown).unwrap();
+        Ok(control
+            .wiring
+            .control_outputs(word.unwrap_or(0), number, true))
+    }
+
+    fn write(&mut self, levels: u64, _: Instant) -> Result<(), Fault> {
+        let mut control = self.0.lock().unwrap();
+        let (word, axis) = control.wiring.control_inputs(levels);
+        let shown = control.shown;
+        // The ladder takes it only for the axis that it shows.
+        if usize::try_from(axis).unwrap() == shown {
+            control.corrections[shown] = control.axes[shown].correction.decode(word).unwrap();
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn the_published_scheme() {
+    let axis = DigitalAxis::published('X');
+    let panel = Panel::new(Wiring::published(), vec![axis]);
+    let mut controller = DigitalController::new(
+        panel.clone(),
+        "lines",
+        Wiring::published(),
+        Coherence::TwoAgree,
+        vec![axis],
+    )
+    .unwrap();
+    contract::controller(&mut controller);
+    // 1000 mm and back; a correction of 100 um a metre.
+    for step in 0..=200 {
+        let place = 1000.0 - 10.0 * f64::from(i32::abs(step - 100));
+        panel.0.lock().unwrap().positions[0] = place;
+        let snapshot = controller.read(soon()).unwrap();
+        assert!((snapshot.positions[0] - place).abs() <= 1.0 / 64.0);
+        let mut wanted = [0.0; 9];
+        wanted[0] = -1e-4 * snapshot.positions[0];
+        controller.apply(&wanted, soon()).unwrap();
+        let sent = panel.0.lock().unwrap().corrections[0];
+        // Half a micrometre, and what 1/64 mm of position makes.
+        assert!(
+            (sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0,
+            "{sent} at {place}"
+        );
+        assert_eq!(controller.read(soon()).unwrap().applied.unwrap()[0], sent);
+    }
+    assert_eq!(controller.saturated(), 0);
+    controller.apply(&[0.2; 9], soon()).unwrap();
+    assert_eq!(controller.saturated(), 1);
+    assert!((panel.0.lock().unwrap().corrections[0] - 0.127).abs() < 1e-12);
+}
+
+/// Three axes in turn over the same lines, each corrected only while it is shown.
+#[test]
+fn several_axes_take_turns() {
+    let wiring = Wiring {
+        position: (0..15).collect(),
+        select: vec![15, 16],
+        parity: Some(17),
+        correction: (0..7).collect(),
+        echo: vec![7, 8],
+        inverted_inputs: 0b1010,
+        inverted_outputs: 0b1,
+        ..Wiring::default()
+    };
+    let axis = |name| DigitalAxis {
+        correction: CorrectionWord {
+            bits: 7,
+            code: CorrectionCode::SignMagnitude,
+            mm_per_count: 0.001,
+        },
+        ..DigitalAxis::published(name)
+    };
+    let axes = vec![axis('X'), axis('Y'), axis('Z')];
+    let panel = Panel::new(wiring.clone(), axes.clone());
+    panel.0.lock().unwrap().positions = vec![10.0, 20.0, 30.0];
+    let mut controller =
+        DigitalController::new(panel.clone(), "lines", wiring, Coherence::TwoAgree, axes).unwrap();
+    let wanted = [0.011, -0.022, 0.033, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let snapshot = controller.read(soon()).unwrap();
+    assert_eq!(snapshot.positions[..4], [10.0, 20.0, 30.0, 0.0]);
+    assert_eq!(snapshot.applied, None, "nothing was written yet");
+    for _ in 0..20 {
+        controller.read(soon()).unwrap();
+        controller.apply(&wanted, soon()).unwrap();
+    }
+    let taken = panel.0.lock().unwrap().corrections.clone();
+    for (taken, wanted) in taken.iter().zip(wanted) {
+        assert!((taken - wanted).abs() < 1e-12, "{taken:?}");
+    }
+    // A control that stops at one axis: the others grow old.
+    panel.0.lock().unwrap().hold = usize::MAX;
+    let first = controller.read(soon()).unwrap().taken;
+    std::thread::sleep(Duration::from_millis(5));
+    assert_eq!(controller.read(soon()).unwrap().taken, first);
+}
+
+#[test]
+fn low_bits_follow_a_long_axis() {
+    let axis = DigitalAxis {
+        position: PositionWord {
+            bits: 8,
+            code: PositionCode::Gray,
+            mm_per_count: 0.01,
+            zero_mm: 0.0,
+        },
+        low_bits_from: Some(0.0),
+        ..DigitalAxis::published('X')
+    };
+    let wiring = Wiring {
+        position: (0..8).collect(),
+        correction: (0..8).collect(),
+        ..Wiring::default()
+    };
+    let panel = Panel::new(wiring.clone(), vec![axis]);
+    let mut controller = DigitalController::new(
+        panel.clone(),
+        "lines",
+        wiring,
+        Coherence::TwoAgree,
+        vec![axis],
+    )
+    .unwrap();
+    for step in 0..5000 {
+        let place = f64::from(step);
+        panel.0.lock().unwrap().positions[0] = place % 2.56;
+        let found = controller.read(soon()).unwrap().positions[0];
+        assert!((found - place).abs() < 0.011, "{found} at {place}");
+    }
+}
+
+#[test]
+fn an_axis_that_is_not_configured_is_a_fault() {
+    let wiring = Wiring {
+        position: (0..15).collect(),
+        select: vec![15, 16],
+        correction: (0..7).collect(),
+        echo: vec![7, 8],
+        ..Wiring::default()
+    };
+    let mut axis = DigitalAxis::published('X');
+    axis.correction.bits = 7;
+    let panel = Panel::new(wiring.clone(), vec![axis; 3]);
+    let mut controller = DigitalController::new(
+        panel,
+        "lines",
+        wiring.clone(),
+        Coherence::TwoAgree,
+        vec![axis, axis],
+    )
+    .unwrap();
+    let mut faults = Vec::new();
+    for _ in 0..20 {
+        faults.extend(controller.read(soon()).err());
+    }
+    assert!(faults.contains(&Fault::Protocol("an axis is shown that is not configured")));
+    let strobe = DigitalController::new(
+        Panel::new(wiring.clone(), vec![axis]),
+        "lines",
+        wiring,
+        Coherence::Strobe,
+        vec![axis],
+    );
+    let message = strobe.err().unwrap().to_string();
+    assert!(message.contains("no strobe line is named"), "{message}");
+}

@@ -1,0 +1,7 @@
+//! The words, the wiring, reading lines that switch one after the other, and a control behind them.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod controller;
+mod wiring;
+mod words;
