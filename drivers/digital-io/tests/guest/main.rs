@@ -1,3 +1,197 @@
-//! Lines of the kernel's simulated GPIO chips: run by `tests/guest/run` where the host's kernel has none.
+//! Lines of the kernel's simulated GPIO chips: `panel-out` are the control's 15 outputs, `panel-in` its 8 inputs.
+//! Run by `./test` in the guest, or by `tests/guest/run`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::{
+    fs,
+    path::PathBuf,
+    sync::{LazyLock, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use volcomp_digital_io::{
+    Coherence, DigitalAxis, DigitalController, GpioPort, LineSet, PositionCode, Wiring,
+};
+use volcomp_port::{Controller, DigitalIo};
+
+/// There is one panel, so one test at a time.
+fn panel() -> MutexGuard<'static, ()> {
+    static PANEL: Mutex<()> = Mutex::new(());
+    PANEL.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_secs(2)
+}
+
+/// The control's side of a chip: where the simulator is told levels and tells them.
+fn bank(label: &str) -> PathBuf {
+    let labelled = |chip: &PathBuf| {
+        let info = gpiocdev::Chip::from_path(chip).and_then(|chip| chip.info());
+        info.is_ok_and(|info| info.label == label)
+    };
+    let chip = gpiocdev::chip::chips().unwrap().into_iter().find(labelled);
+    let name = chip.expect(label).file_name().unwrap().to_owned();
+    let devices = fs::read_dir("/sys/devices/platform").unwrap().flatten();
+    let mut banks = devices.map(|device| device.path().join(&name));
+    banks
+        .find(|bank| bank.join("sim_gpio0").is_dir())
+        .expect(label)
+}
+
+fn simulated(label: &'static str, line: u32) -> PathBuf {
+    static BANKS: LazyLock<[PathBuf; 2]> = LazyLock::new(|| ["panel-out", "panel-in"].map(bank));
+    let bank = &BANKS[usize::from(label == "panel-in")];
+    bank.join(format!("sim_gpio{line}"))
+}
+
+/// The control sets its outputs, in the order of their numbers, one after the other.
+fn control_shows(levels: u64) {
+    for line in 0..15 {
+        let level = if levels >> line & 1 == 1 {
+            "pull-up"
+        } else {
+            "pull-down"
+        };
+        fs::write(simulated("panel-out", line).join("pull"), level).unwrap();
+    }
+}
+
+/// What stands on the control's inputs.
+fn control_sees() -> u64 {
+    let level = |line: u32| {
+        let text = fs::read_to_string(simulated("panel-in", line).join("value")).unwrap();
+        u64::from(text.trim() == "1") << line
+    };
+    (0..8).map(level).sum()
+}
+
+fn lines(text: &str) -> LineSet {
+    LineSet::parse(text).unwrap()
+}
+
+fn port() -> GpioPort {
+    GpioPort::open(&lines("panel-out:0-14"), &lines("panel-in:0-7")).unwrap()
+}
+
+#[test]
+fn every_line_is_where_it_belongs() {
+    let _panel = panel();
+    let mut port = port();
+    assert_eq!((port.inputs(), port.outputs()), (15, 8));
+    for line in 0..15 {
+        control_shows(1 << line);
+        assert_eq!(
+            port.read(soon()),
+            Ok(1 << line),
+            "output {line} of the control"
+        );
+    }
+    for line in 0..8 {
+        port.write(1 << line, soon()).unwrap();
+        assert_eq!(control_sees(), 1 << line, "input {line} of the control");
+    }
+}
+
+/// The axis goes through its kilometre of a metre, the correction follows.
+#[test]
+fn a_ramp_of_positions_is_corrected() {
+    let _panel = panel();
+    for (code, inverted) in [(PositionCode::Binary, 0), (PositionCode::Gray, 0x5a5a)] {
+        let mut axis = DigitalAxis::published('X');
+        axis.position.code = code;
+        let wiring = Wiring {
+            inverted_inputs: inverted & 0x7fff,
+            inverted_outputs: inverted & 0xff,
+            ..Wiring::published()
+        };
+        let mut controller = DigitalController::new(
+            port(),
+            "lines",
+            wiring.clone(),
+            Coherence::TwoAgree,
+            vec![axis],
+        )
+        .unwrap();
+        for step in 0..60 {
+            let place = 1020.0 * f64::from(step) / 60.0;
+            control_shows(wiring.control_outputs(axis.position.encode(place).unwrap(), 0, true));
+            let found = controller.read(soon()).unwrap().positions[0];
+            assert!((found - place).abs() <= 1.0 / 64.0, "{found} at {place}");
+            let mut wanted = [0.0; 9];
+            wanted[0] = 0.1 * (place / 100.0).sin();
+            controller.apply(&wanted, soon()).unwrap();
+            let (word, _) = wiring.control_inputs(control_sees());
+            let taken = axis.correction.decode(word).unwrap();
+            assert!(
+                (taken - wanted[0]).abs() <= 0.000_501,
+                "{taken} for {}",
+                wanted[0]
+            );
+        }
+    }
+}
+
+/// The control's outputs taken for its inputs: there are not enough lines.
+#[test]
+fn swapped_roles_are_refused() {
+    let _panel = panel();
+    let swapped = GpioPort::open(&lines("panel-in:0-7"), &lines("panel-out:0-14")).unwrap();
+    let refused = DigitalController::new(
+        swapped,
+        "lines",
+        Wiring::published(),
+        Coherence::TwoAgree,
+        vec![DigitalAxis::published('X')],
+    );
+    let message = refused.err().unwrap().to_string();
+    assert!(
+        message.contains("inputs: found 8, expected a line below 8"),
+        "{message}"
+    );
+}
+
+#[test]
+fn what_cannot_be_taken_is_named() {
+    let _panel = panel();
+    let missing = GpioPort::open(&lines("panel-up:0-14"), &lines("panel-in:0-7"));
+    let message = missing.err().unwrap().to_string();
+    assert!(
+        message.contains("gpio panel-up: there is no such chip, found panel-")
+            && message.contains("gpiodetect"),
+        "{message}"
+    );
+    let _taken = port();
+    let message = GpioPort::open(&lines("panel-out:0-14"), &lines("panel-in:0-7"));
+    let message = message.err().unwrap().to_string();
+    assert!(
+        message.contains("cannot be taken") && message.contains("gpioinfo"),
+        "{message}"
+    );
+    let beyond = GpioPort::open(&lines("panel-out:0-20"), &lines("panel-in:0-7"));
+    assert!(beyond.is_err());
+}
+
+/// How fast it goes, for the eye: nothing is asserted of times.
+#[test]
+fn a_thousand_cycles() {
+    let _panel = panel();
+    let mut controller = DigitalController::new(
+        port(),
+        "lines",
+        Wiring::published(),
+        Coherence::TwoAgree,
+        vec![DigitalAxis::published('X')],
+    )
+    .unwrap();
+    let begun = Instant::now();
+    for _ in 0..1000 {
+        controller.read(soon()).unwrap();
+        controller.apply(&[0.01; 9], soon()).unwrap();
+    }
+    println!(
+        "{:.0} us a cycle in the guest",
+        begun.elapsed().as_secs_f64() * 1e3
+    );
+}

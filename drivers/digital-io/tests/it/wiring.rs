@@ -154,3 +154,25 @@ proptest! {
         prop_assert_eq!(wiring.control_inputs(wiring.levels(sent, axis)), (sent, axis));
     }
 }
+
+#[test]
+fn sets_of_lines_are_read() {
+    use volcomp_digital_io::LineSet;
+    let set = LineSet::parse("panel-out:0-3,9,7").unwrap();
+    assert_eq!(
+        (set.chip.as_str(), &set.lines[..]),
+        ("panel-out", &[0, 1, 2, 3, 9, 7][..])
+    );
+    for wrong in [
+        "",
+        "panel",
+        ":0",
+        "panel:",
+        "panel:3-1",
+        "panel:0-99",
+        "panel:x",
+    ] {
+        let message = LineSet::parse(wrong).unwrap_err().to_string();
+        assert!(message.contains(&format!("found `{wrong}`")), "{message}");
+    }
+}

@@ -1,0 +1,263 @@
+//! The line to the modules: serial or TCP, one question at a time, drained after one that was not answered.
+
+use std::{
+    io,
+    pin::Pin,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    task::{Context as Task, Poll},
+    time::Duration,
+};
+
+use tokio::{
+    io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf},
+    net::TcpStream,
+    time::timeout,
+};
+use tokio_modbus::{
+    client::{Context, rtu, tcp},
+    prelude::{Client, Request, Response, Slave, SlaveContext},
+};
+use tokio_serial::{SerialPortBuilderExt, SerialStream};
+use volcomp_port::DeviceError;
+
+/// Parity of a serial line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Parity {
+    /// None.
+    #[default]
+    None,
+    /// Even.
+    Even,
+    /// Odd.
+    Odd,
+}
+
+/// How modules are reached.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Bus {
+    /// Modbus TCP.
+    Tcp {
+        /// Name or address.
+        host: String,
+        /// Port, 502 by convention.
+        port: u16,
+    },
+    /// Modbus RTU.
+    Rtu {
+        /// The serial device, such as `/dev/ttyUSB0`.
+        path: String,
+        /// Speed, Bd.
+        baud: u32,
+        /// Parity.
+        parity: Parity,
+        /// 1 or 2.
+        stop_bits: u8,
+    },
+}
+
+impl Bus {
+    /// The device as messages name it.
+    pub fn device(&self) -> String {
+        match self {
+            Self::Tcp { host, port } => format!("modbus://{host}:{port}"),
+            Self::Rtu { path, .. } => format!("modbus-rtu://{path}"),
+        }
+    }
+
+    /// Silence that ends a frame: 3.5 characters of 11 bits, at least 1.75 ms.
+    pub(crate) fn frame_gap(&self) -> Duration {
+        match self {
+            Self::Tcp { .. } => Duration::ZERO,
+            Self::Rtu { baud, .. } => {
+                let seconds = 3.5 * 11.0 / f64::from((*baud).max(1));
+                Duration::from_secs_f64(seconds).max(Duration::from_micros(1750))
+            }
+        }
+    }
+
+    pub(crate) async fn connect(&self, at_most: Duration) -> Result<Line, DeviceError> {
+        let failed = |what: String, remedy: &str| DeviceError::new(self.device(), what, remedy);
+        match self {
+            Self::Tcp { host, port } => {
+                let connecting = TcpStream::connect((host.as_str(), *port));
+                let stream = timeout(at_most, connecting)
+                    .await
+                    .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
+                    .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
+                    .map_err(|e| {
+                        let remedy = "check the address, the cable and the module's supply";
+                        failed(format!("no connection: {e}"), remedy)
+                    })?;
+                let context = tcp::attach_slave(stream, Slave(0));
+                Ok(Line {
+                    context,
+                    serial: None,
+                    gap: Duration::ZERO,
+                })
+            }
+            Self::Rtu {
+                path,
+                baud,
+                parity,
+                stop_bits,
+            } => {
+                let mut builder = tokio_serial::new(path, *baud).parity(match parity {
+                    Parity::None => tokio_serial::Parity::None,
+                    Parity::Even => tokio_serial::Parity::Even,
+                    Parity::Odd => tokio_serial::Parity::Odd,
+                });
+                if *stop_bits == 2 {
+                    builder = builder.stop_bits(tokio_serial::StopBits::Two);
+                }
+                let stream = builder.open_native_async().map_err(|e| {
+                    let remedy = "check its name (volcomp probe lists the ports) and that this user is in the group dialout";
+                    failed(format!("the port cannot be opened: {e}"), remedy)
+                })?;
+                let shared = Shared(Arc::new(Mutex::new(stream)));
+                let context = rtu::attach_slave(shared.clone(), Slave(0));
+                Ok(Line {
+                    context,
+                    serial: Some(shared),
+                    gap: self.frame_gap(),
+                })
+            }
+        }
+    }
+}
+
+/// A serial port as the system names it, and what it says of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SerialPort {
+    /// Its device.
+    pub path: String,
+    /// Maker and product of a USB adapter.
+    pub description: String,
+}
+
+/// The serial ports of this machine.
+pub fn serial_ports() -> Vec<SerialPort> {
+    let ports = tokio_serial::available_ports().unwrap_or_default();
+    let describe = |port: tokio_serial::SerialPortInfo| SerialPort {
+        description: match port.port_type {
+            tokio_serial::SerialPortType::UsbPort(usb) => {
+                let parts = [usb.manufacturer, usb.product, usb.serial_number];
+                parts.into_iter().flatten().collect::<Vec<_>>().join(" ")
+            }
+            _ => String::new(),
+        },
+        path: port.port_name,
+    };
+    ports.into_iter().map(describe).collect()
+}
+
+/// Why a question was not answered with data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unanswered {
+    /// No answer in time. The line was drained: a late answer is gone.
+    Silent,
+    /// The module refused.
+    Refused,
+    /// The line is broken.
+    Broken,
+}
+
+/// An open line.
+pub(crate) struct Line {
+    context: Context,
+    serial: Option<Shared>,
+    gap: Duration,
+}
+
+impl Line {
+    /// Asks a module.
+    pub(crate) async fn ask(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        at_most: Duration,
+    ) -> Result<Response, Unanswered> {
+        if self.serial.is_some() {
+            // The line must have been silent before a new frame.
+            tokio::time::sleep(self.gap).await;
+        }
+        self.context.set_slave(Slave(unit));
+        match timeout(at_most, self.context.call(request)).await {
+            Ok(Ok(Ok(response))) => Ok(response),
+            Ok(Ok(Err(_exception))) => Err(Unanswered::Refused),
+            Ok(Err(_)) => {
+                // On a serial line a disturbed frame; on TCP a connection that is gone.
+                self.drain(at_most).await?;
+                Err(Unanswered::Silent)
+            }
+            Err(_) => {
+                self.drain(at_most).await?;
+                Err(Unanswered::Silent)
+            }
+        }
+    }
+
+    /// Waits until the line has been silent for the time an answer may take, and forgets what came.
+    async fn drain(&mut self, at_most: Duration) -> Result<(), Unanswered> {
+        let Some(serial) = &mut self.serial else {
+            // TCP numbers its answers, but a connection that does not answer is made anew.
+            return Err(Unanswered::Broken);
+        };
+        let silence = at_most.max(self.gap);
+        let mut rest = [0; 256];
+        loop {
+            match timeout(silence, serial.read(&mut rest)).await {
+                Err(_) => break,
+                Ok(Ok(0) | Err(_)) => return Err(Unanswered::Broken),
+                Ok(Ok(_)) => {}
+            }
+        }
+        // Half a frame may stand in the old one's buffer.
+        self.context = rtu::attach_slave(serial.clone(), Slave(0));
+        Ok(())
+    }
+}
+
+/// A serial port that is used by a context and drained beside it.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<SerialStream>>);
+
+impl Shared {
+    fn port(&self) -> MutexGuard<'_, SerialStream> {
+        // One thread drives the line, so nobody waits here.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl std::fmt::Debug for Shared {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("serial port")
+    }
+}
+
+impl AsyncRead for Shared {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        task: &mut Task<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        Pin::new(&mut *self.port()).poll_read(task, buffer)
+    }
+}
+
+impl AsyncWrite for Shared {
+    fn poll_write(
+        self: Pin<&mut Self>,
+        task: &mut Task<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        Pin::new(&mut *self.port()).poll_write(task, bytes)
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, task: &mut Task<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut *self.port()).poll_flush(task)
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, task: &mut Task<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut *self.port()).poll_shutdown(task)
+    }
+}

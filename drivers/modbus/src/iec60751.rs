@@ -1,0 +1,73 @@
+//! Platinum resistance thermometers by IEC 60751: the Callendar–Van Dusen equation both ways, −200 to 850 °C.
+
+/// A of the standard, 1/°C.
+pub const A: f64 = 3.9083e-3;
+/// B of the standard, 1/°C².
+pub const B: f64 = -5.775e-7;
+/// C of the standard, 1/°C⁴, below 0 °C only.
+pub const C: f64 = -4.183e-12;
+/// The range of the standard, °C.
+pub const RANGE_DEGC: [f64; 2] = [-200.0, 850.0];
+
+/// R(t)/R₀ = 1 + A·t + B·t² (+ C·(t − 100)·t³ below 0 °C). `None` outside the range.
+pub fn ratio(degc: f64) -> Option<f64> {
+    (RANGE_DEGC[0]..=RANGE_DEGC[1])
+        .contains(&degc)
+        .then(|| unchecked_ratio(degc))
+}
+
+fn unchecked_ratio(t: f64) -> f64 {
+    let below = if t < 0.0 { C * (t - 100.0) * t } else { 0.0 };
+    1.0 + t * (A + t * (B + below))
+}
+
+/// The temperature of a resistance ratio R/R₀, °C; `None` outside the range, also for NaN.
+pub fn temperature(ratio: f64) -> Option<f64> {
+    let [low, high] = RANGE_DEGC.map(unchecked_ratio);
+    // Half a nanokelvin beyond the ends, for what rounding does there.
+    if !((low - 2e-12)..=(high + 2e-12)).contains(&ratio) {
+        return None;
+    }
+    // From the quadratic of the upper range; below 0 °C a start for Newton.
+    let discriminant = A * A - 4.0 * B * (1.0 - ratio);
+    let mut t = 2.0 * (ratio - 1.0) / (A + discriminant.sqrt());
+    if ratio < 1.0 {
+        for _ in 0..4 {
+            let slope = A + t * (2.0 * B + t * C * (4.0 * t - 300.0));
+            t -= (unchecked_ratio(t) - ratio) / slope;
+        }
+    }
+    Some(t.clamp(RANGE_DEGC[0], RANGE_DEGC[1]))
+}
+
+/// The temperature of a two-wire sensor: the resistance of both leads taken off first. `r0_ohm` is 100 for a
+/// PT100.
+pub fn two_wire(ohm: f64, leads_ohm: f64, r0_ohm: f64) -> Option<f64> {
+    temperature((ohm - leads_ohm) / r0_ohm)
+}
+
+/// Tolerance classes of the standard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// ±(0.1 + 0.0017·|t|).
+    AA,
+    /// ±(0.15 + 0.002·|t|).
+    A,
+    /// ±(0.3 + 0.005·|t|).
+    B,
+    /// ±(0.6 + 0.01·|t|).
+    C,
+}
+
+impl Class {
+    /// The tolerance at a temperature, ±K. Figures from memory of the standard.
+    pub fn tolerance_k(self, degc: f64) -> f64 {
+        let (constant, slope) = match self {
+            Self::AA => (0.1, 0.0017),
+            Self::A => (0.15, 0.002),
+            Self::B => (0.3, 0.005),
+            Self::C => (0.6, 0.01),
+        };
+        constant + slope * degc.abs()
+    }
+}

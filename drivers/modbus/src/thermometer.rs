@@ -1,0 +1,318 @@
+//! Modules asked in the background, their temperatures judged and published.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use tokio_modbus::prelude::{Request, Response};
+use volcomp_port::{
+    Backoff, DeviceError, Published, Publisher, Reason, Temperature, Thermometer, published,
+};
+
+use crate::{
+    bus::{Bus, Line, Unanswered},
+    profile::{Channels, Profile, Status},
+    quality::{Judge, Limits},
+    registers::read_channel,
+};
+
+/// A silent module is asked again only after so many rounds at the most.
+const SKIPPED_AT_MOST: u32 = 16;
+
+/// A module on the line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThermometerUnit {
+    /// Its address on the line.
+    pub unit: u8,
+    /// What it is.
+    pub profile: Profile,
+    /// Names of its channels from the first on; channels without a name are not used.
+    pub names: Vec<String>,
+}
+
+/// Modules on one line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThermometerConfig {
+    /// The line.
+    pub bus: Bus,
+    /// The modules, asked in turn.
+    pub units: Vec<ThermometerUnit>,
+    /// From round to round.
+    pub interval: Duration,
+    /// A module answers within.
+    pub answer_within: Duration,
+    /// What is believed.
+    pub limits: Limits,
+    /// Between tries to connect.
+    pub backoff: Backoff,
+}
+
+impl ThermometerConfig {
+    /// One module with these sensors, asked every second.
+    pub fn new(bus: Bus, unit: ThermometerUnit) -> Self {
+        Self {
+            bus,
+            units: vec![unit],
+            interval: Duration::from_secs(1),
+            answer_within: Duration::from_millis(300),
+            limits: Limits::default(),
+            backoff: Backoff::default(),
+        }
+    }
+}
+
+/// Temperatures from modules on one line, kept up to date by a thread of its own that ends with it.
+pub struct ModbusThermometer {
+    published: Published,
+    stop: Arc<AtomicBool>,
+}
+
+impl ModbusThermometer {
+    /// Begins to ask.
+    ///
+    /// # Errors
+    /// A configuration that makes no sense. A line that cannot be opened is tried again and again; its
+    /// sensors are bad until then.
+    pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
+        let device = config.bus.device();
+        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
+        let mut names: Vec<String> = Vec::new();
+        for unit in &config.units {
+            let channels = unit.profile.channels.as_ref().ok_or_else(|| {
+                refused(format!("profile {} has no temperatures", unit.profile.name))
+            })?;
+            if unit.names.len() > usize::from(channels.count) {
+                return Err(refused(format!(
+                    "{} names for the {} channels of {}",
+                    unit.names.len(),
+                    channels.count,
+                    unit.profile.name
+                )));
+            }
+            names.extend(unit.names.iter().cloned());
+        }
+        if names.is_empty() {
+            return Err(refused("no sensor is named".to_owned()));
+        }
+        for (index, name) in names.iter().enumerate() {
+            if names[..index].contains(name) {
+                return Err(refused(format!("the sensor {name} stands twice")));
+            }
+        }
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(|e| refused(format!("no runtime: {e}")))?;
+        let (publisher, published) = published(&*device, names.clone());
+        let stop = Arc::new(AtomicBool::new(false));
+        let poller = Poller {
+            judge: Judge::new(config.limits, names.len()),
+            temperatures: vec![Temperature::NOT_READ; names.len()],
+            silent: vec![Silence::default(); config.units.len()],
+            config,
+            publisher,
+            stop: Arc::clone(&stop),
+        };
+        std::thread::Builder::new()
+            .name("modbus".to_owned())
+            .spawn(move || runtime.block_on(poller.run()))
+            .map_err(|e| refused(format!("no thread: {e}")))?;
+        Ok(Self { published, stop })
+    }
+}
+
+impl Drop for ModbusThermometer {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Thermometer for ModbusThermometer {
+    fn device(&self) -> &str {
+        self.published.device()
+    }
+
+    fn names(&self) -> &[String] {
+        self.published.names()
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        self.published.latest()
+    }
+}
+
+/// How long a module has been silent, in rounds, and for how many it is left alone.
+#[derive(Clone, Copy, Default)]
+struct Silence {
+    rounds: u32,
+    skip: u32,
+}
+
+struct Poller {
+    config: ThermometerConfig,
+    judge: Judge,
+    temperatures: Vec<Temperature>,
+    silent: Vec<Silence>,
+    publisher: Publisher,
+    stop: Arc<AtomicBool>,
+}
+
+impl Poller {
+    async fn run(mut self) {
+        let mut pause = Duration::ZERO;
+        while !self.stopped() {
+            match self.config.bus.connect(self.config.answer_within * 4).await {
+                Ok(mut line) => {
+                    let born = Instant::now();
+                    self.rounds(&mut line).await;
+                    if born.elapsed() > self.config.backoff.most {
+                        pause = Duration::ZERO;
+                    }
+                }
+                Err(_) => self.all_bad(),
+            }
+            let Backoff { first, most } = self.config.backoff;
+            pause = (pause * 2).clamp(first, most);
+            self.sleep(pause).await;
+        }
+    }
+
+    fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Sleeps, but not past the end.
+    async fn sleep(&self, pause: Duration) {
+        let end = Instant::now() + pause;
+        while !self.stopped() && Instant::now() < end {
+            let left = end.saturating_duration_since(Instant::now());
+            tokio::time::sleep(left.min(Duration::from_millis(50))).await;
+        }
+    }
+
+    /// Rounds over all modules until the line breaks.
+    async fn rounds(&mut self, line: &mut Line) {
+        while !self.stopped() {
+            let begun = Instant::now();
+            for index in 0..self.config.units.len() {
+                let silence = &mut self.silent[index];
+                if silence.skip > 0 {
+                    silence.skip -= 1;
+                    continue;
+                }
+                let answered = self.ask(line, index).await;
+                self.judge.compare(&mut self.temperatures);
+                self.publisher.publish(&self.temperatures);
+                let silence = &mut self.silent[index];
+                match answered {
+                    Ok(()) => *silence = Silence::default(),
+                    Err(Unanswered::Broken) => {
+                        self.all_bad();
+                        return;
+                    }
+                    Err(Unanswered::Silent | Unanswered::Refused) => {
+                        silence.rounds += 1;
+                        let skip = 1_u32.checked_shl(silence.rounds - 1).unwrap_or(u32::MAX) - 1;
+                        // With one module alone nobody is held up by asking it.
+                        let others = self.config.units.len() > 1;
+                        silence.skip = if others { skip.min(SKIPPED_AT_MOST) } else { 0 };
+                    }
+                }
+            }
+            self.sleep(self.config.interval.saturating_sub(begun.elapsed()))
+                .await;
+        }
+    }
+
+    /// Where the sensors of a module stand among all.
+    fn first_sensor(&self, index: usize) -> usize {
+        self.config.units[..index]
+            .iter()
+            .map(|unit| unit.names.len())
+            .sum()
+    }
+
+    async fn ask(&mut self, line: &mut Line, index: usize) -> Result<(), Unanswered> {
+        let (first, within) = (self.first_sensor(index), self.config.answer_within);
+        let unit = &self.config.units[index];
+        // Checked when it was made.
+        let Some(channels) = &unit.profile.channels else {
+            return Ok(());
+        };
+        let read = read_module(line, unit.unit, channels, within).await;
+        let taken = Instant::now();
+        for sensor in 0..unit.names.len() {
+            self.temperatures[first + sensor] = match &read {
+                Err(_) => Temperature::bad(Reason::NoAnswer, taken),
+                Ok((registers, status)) => {
+                    let bits = status.as_ref().and_then(|bits| bits.get(sensor).copied());
+                    let (raw, found) = read_channel(channels, registers, sensor, bits, taken);
+                    self.judge.see(first + sensor, raw, found)
+                }
+            };
+        }
+        read.map(|_| ())
+    }
+
+    fn all_bad(&mut self) {
+        let now = Instant::now();
+        self.temperatures
+            .fill(Temperature::bad(Reason::NoAnswer, now));
+        self.publisher.publish(&self.temperatures);
+    }
+}
+
+/// The registers of a module's channels, and their fault bits where it has some.
+async fn read_module(
+    line: &mut Line,
+    unit: u8,
+    channels: &Channels,
+    within: Duration,
+) -> Result<(Vec<u16>, Option<Vec<u16>>), Unanswered> {
+    let count = channels.count * channels.number.registers();
+    let request = match channels.function {
+        4 => Request::ReadInputRegisters(channels.address, count),
+        _ => Request::ReadHoldingRegisters(channels.address, count),
+    };
+    let answer = line.ask(unit, request, within).await?;
+    let (Response::ReadInputRegisters(registers) | Response::ReadHoldingRegisters(registers)) =
+        answer
+    else {
+        return Err(Unanswered::Refused);
+    };
+    let Some(status) = channels.status else {
+        return Ok((registers, None));
+    };
+    Ok((
+        registers,
+        Some(read_status(line, unit, &status, channels.count, within).await?),
+    ))
+}
+
+async fn read_status(
+    line: &mut Line,
+    unit: u8,
+    status: &Status,
+    count: u16,
+    within: Duration,
+) -> Result<Vec<u16>, Unanswered> {
+    let request = match status.function {
+        1 => Request::ReadCoils(status.address, count),
+        2 => Request::ReadDiscreteInputs(status.address, count),
+        4 => Request::ReadInputRegisters(status.address, count),
+        _ => Request::ReadHoldingRegisters(status.address, count),
+    };
+    Ok(match line.ask(unit, request, within).await? {
+        Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits) => {
+            bits.into_iter().map(u16::from).collect()
+        }
+        Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words) => {
+            words.into_iter().map(|word| word & status.mask).collect()
+        }
+        _ => return Err(Unanswered::Refused),
+    })
+}
