@@ -1,0 +1,345 @@
+//! Modules of our own on the line that answer late, wrongly, or not at all.
+
+use std::{
+    fs::{File, OpenOptions},
+    io::{Read, Write},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
+
+use volcomp_modbus::{DigitalModule, ModbusDigital, ModbusThermometer, Profile};
+use volcomp_port::{Backoff, DigitalIo, Fault, Quality, Reason, Thermometer};
+
+use crate::{Wire, config, until};
+
+/// CRC of a frame on a serial line.
+fn crc(bytes: &[u8]) -> [u8; 2] {
+    let mut crc = 0xffff_u16;
+    for byte in bytes {
+        crc ^= u16::from(*byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 1 {
+                crc >> 1 ^ 0xa001
+            } else {
+                crc >> 1
+            };
+        }
+    }
+    crc.to_le_bytes()
+}
+
+/// What a module does with a question: an answer, and how long it takes.
+type Behaviour = dyn FnMut(&[u8]) -> Option<(Duration, Vec<u8>)> + Send;
+
+/// Modules on the other end of the wire.
+struct Modules {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Modules {
+    fn start(wire: &Wire, mut behaviour: Box<Behaviour>) -> Self {
+        let mut port: File = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(&wire.theirs)
+            .unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut question = Vec::new();
+            let mut byte = [0; 1];
+            while port.read(&mut byte).is_ok_and(|count| count == 1) {
+                if stopped.load(Ordering::Relaxed) {
+                    return;
+                }
+                question.push(byte[0]);
+                // Reading questions have eight bytes; writing ones state their length.
+                let length = match question.get(1) {
+                    Some(15) => question.get(6).map_or(usize::MAX, |n| 9 + usize::from(*n)),
+                    _ => 8,
+                };
+                if question.len() < length {
+                    continue;
+                }
+                let (frame, sum) = question.split_at(length - 2);
+                assert_eq!(sum, crc(frame), "a disturbed question");
+                if let Some((wait, mut answer)) = behaviour(frame) {
+                    std::thread::sleep(wait);
+                    answer.extend(crc(&answer));
+                    port.write_all(&answer).unwrap();
+                }
+                question.clear();
+            }
+        });
+        Self {
+            stop,
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for Modules {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // The thread ends with the wire, or with the next question.
+        drop(self.thread.take());
+    }
+}
+
+/// Registers of a unit: 20.1 °C and one degree for each unit.
+fn registers(question: &[u8]) -> Vec<u8> {
+    let unit = question[0];
+    let mut answer = vec![unit, question[1], 8];
+    for channel in 1..=4_u16 {
+        answer.extend((200 + 10 * u16::from(unit) + channel).to_be_bytes());
+    }
+    answer
+}
+
+#[test]
+fn units_on_one_line_are_asked_in_turn() {
+    let Some(wire) = Wire::new() else { return };
+    let asked = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&asked);
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |question| {
+            seen.lock().unwrap().push(question[0]);
+            Some((Duration::ZERO, registers(question)))
+        }),
+    );
+    let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1, 2, 3])).unwrap();
+    until("all are good", || {
+        thermometer
+            .latest()
+            .iter()
+            .all(|t| t.quality == Quality::Good)
+    });
+    let degc: Vec<f64> = thermometer.latest().iter().filter_map(|t| t.degc).collect();
+    for (found, expected) in degc
+        .iter()
+        .zip([21.1, 21.2, 21.3, 21.4, 22.1, 22.2, 22.3, 22.4, 23.1])
+    {
+        assert!((found - expected).abs() < 1e-9, "{degc:?}");
+    }
+    until("some rounds", || asked.lock().unwrap().len() > 30);
+    let asked = asked.lock().unwrap();
+    assert!(
+        asked.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]),
+        "{asked:?}"
+    );
+}
+
+/// Unit 1 answers only after the time-out, with what would fit unit 1's or any other's question: its answer
+/// is never taken for unit 2's, nor for its own next one.
+#[test]
+fn a_late_answer_is_never_taken_for_anothers() {
+    let Some(wire) = Wire::new() else { return };
+    let late = Arc::new(AtomicBool::new(true));
+    let is_late = Arc::clone(&late);
+    let count = Arc::new(Mutex::new(0_u16));
+    let counted = Arc::clone(&count);
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |question| {
+            if question[0] == 1 && is_late.load(Ordering::Relaxed) {
+                // The late answer says that it is unit 2's, and 99 °C.
+                *counted.lock().unwrap() += 1;
+                let mut answer = vec![2, 3, 8];
+                answer.extend([990_u16; 4].iter().flat_map(|word| word.to_be_bytes()));
+                return Some((Duration::from_millis(150), answer));
+            }
+            Some((Duration::from_millis(1), registers(question)))
+        }),
+    );
+    let mut config = config(wire.bus(), &[1, 2]);
+    config.limits.max_degc_per_min = 1e9;
+    let mut thermometer = ModbusThermometer::new(config).unwrap();
+    until("some late answers", || {
+        for (sensor, found) in thermometer.latest().iter().enumerate() {
+            if let Some(degc) = found.degc {
+                assert!(
+                    sensor >= 4 && (22.0..22.5).contains(&degc),
+                    "{sensor}: {degc}"
+                );
+            }
+        }
+        *count.lock().unwrap() > 4
+    });
+    assert_eq!(
+        thermometer.latest()[0].quality,
+        Quality::Bad(Reason::NoAnswer)
+    );
+    late.store(false, Ordering::Relaxed);
+    until("unit 1 is back", || {
+        thermometer.latest()[0].quality == Quality::Good
+    });
+    assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
+}
+
+/// Answers cut at every byte and answers with a wrong sum: no number of them, and the next one is good.
+#[test]
+fn disturbed_answers_are_no_answers() {
+    let Some(wire) = Wire::new() else { return };
+    let turn = Arc::new(Mutex::new(0_usize));
+    let counted = Arc::clone(&turn);
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |question| {
+            let mut turn = counted.lock().unwrap();
+            *turn += 1;
+            let mut answer = registers(question);
+            if turn.is_multiple_of(2) {
+                return Some((Duration::ZERO, answer));
+            }
+            // Cut, with a right sum over what is left; the length byte tells that it is cut.
+            answer.truncate((*turn / 2) % 11);
+            answer.push(0xee);
+            Some((Duration::ZERO, answer))
+        }),
+    );
+    let mut config = config(wire.bus(), &[1]);
+    config.answer_within = Duration::from_millis(30);
+    let mut thermometer = ModbusThermometer::new(config).unwrap();
+    until("every cut", || {
+        for (sensor, found) in thermometer.latest().iter().enumerate() {
+            if let Some(degc) = found.degc {
+                #[expect(clippy::cast_precision_loss, reason = "four sensors")]
+                let expected = 21.1 + 0.1 * sensor as f64;
+                assert!((degc - expected).abs() < 1e-9, "{sensor}: {degc}");
+            }
+        }
+        *turn.lock().unwrap() > 40
+    });
+}
+
+/// A wire that is pulled out and put in again.
+#[test]
+fn a_pulled_wire_comes_back() {
+    let Some(wire) = Wire::new() else { return };
+    let bus = wire.bus();
+    let answer = || Box::new(|question: &[u8]| Some((Duration::ZERO, registers(question))));
+    let modules = Modules::start(&wire, answer());
+    let mut thermometer = ModbusThermometer::new(config(bus, &[1])).unwrap();
+    let good = |t: &mut ModbusThermometer| t.latest()[0].quality == Quality::Good;
+    until("it answers", || good(&mut thermometer));
+    let (ours, theirs) = (wire.ours.clone(), wire.theirs.clone());
+    drop(wire);
+    drop(modules);
+    until("it is told", || {
+        thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
+    });
+    // The adapter is put in again under its old names.
+    std::fs::create_dir_all(ours.parent().unwrap()).unwrap();
+    let end = |path: &std::path::Path| format!("pty,raw,echo=0,link={}", path.display());
+    let socat = std::process::Command::new("socat")
+        .args([end(&ours), end(&theirs)])
+        .spawn();
+    let _socat = crate::Running(socat.unwrap());
+    until("the ports are back", || ours.exists() && theirs.exists());
+    let again = Wire {
+        _socat: crate::Running(std::process::Command::new("true").spawn().unwrap()),
+        _folder: tempfile::tempdir().unwrap(),
+        ours,
+        theirs,
+    };
+    let _modules = Modules::start(&again, answer());
+    until("it answers again", || good(&mut thermometer));
+    std::fs::remove_dir_all(again.ours.parent().unwrap()).unwrap();
+}
+
+/// Reading and writing never wait for the line: the last inputs, the next outputs.
+#[test]
+fn digital_modules_make_one_port() {
+    let Some(wire) = Wire::new() else { return };
+    let outputs = Arc::new(Mutex::new([0_u8; 2]));
+    let taken = Arc::clone(&outputs);
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |question| {
+            let unit = question[0];
+            let answer = if question[1] == 2 {
+                vec![unit, 2, 1, 0x30 + unit]
+            } else {
+                taken.lock().unwrap()[usize::from(unit - 1)] = question[7];
+                question[..6].to_vec()
+            };
+            Some((Duration::ZERO, answer))
+        }),
+    );
+    let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
+    let modules = [1, 2].map(|unit| DigitalModule {
+        unit,
+        profile: profile.clone(),
+    });
+    let within = Duration::from_millis(100);
+    let mut port = ModbusDigital::new(wire.bus(), &modules, within, Backoff::default()).unwrap();
+    assert_eq!((port.inputs(), port.outputs()), (16, 16));
+    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, gaps and turns.
+    let cycle = port.shortest_cycle().as_secs_f64() * 1e3;
+    assert!((40.0..70.0).contains(&cycle), "{cycle} ms");
+    let soon = Instant::now() + Duration::from_secs(1);
+    until("it reads", || port.read(soon) == Ok(0x3231));
+    let begun = Instant::now();
+    for _ in 0..1000 {
+        port.read(soon).unwrap();
+        port.write(0xa55a, soon).unwrap();
+    }
+    let spent = begun.elapsed();
+    assert!(
+        spent < Duration::from_millis(500),
+        "a thousand calls waited: {spent:?}"
+    );
+    until("it writes", || *outputs.lock().unwrap() == [0x5a, 0xa5]);
+    drop(wire);
+    until("the loss is told", || {
+        matches!(port.read(soon), Err(Fault::NotConnected | Fault::TimedOut))
+    });
+}
+
+#[test]
+fn senseless_configurations_are_refused() {
+    let bus = || volcomp_modbus::Bus::Tcp {
+        host: "127.0.0.1".to_owned(),
+        port: 1,
+    };
+    let message = |change: fn(&mut volcomp_modbus::ThermometerConfig)| {
+        let mut config = config(bus(), &[1, 2]);
+        change(&mut config);
+        ModbusThermometer::new(config).err().unwrap().to_string()
+    };
+    assert!(message(|c| c.units.clear()).contains("modbus://127.0.0.1:1: no sensor is named"));
+    assert!(
+        message(|c| c.units[1].names[0] = "a1".to_owned()).contains("the sensor a1 stands twice")
+    );
+    assert!(
+        message(|c| c.units[0].names.push("e".to_owned()))
+            .contains("5 names for the 4 channels of PTA8C04")
+    );
+    assert!(
+        message(|c| c.units[0].profile = Profile::named("ADAM-6050").unwrap())
+            .contains("ADAM-6050 has no temperatures")
+    );
+    let module = DigitalModule {
+        unit: 1,
+        profile: Profile::named("PTA8C04").unwrap(),
+    };
+    let refused = ModbusDigital::new(bus(), &[module], Duration::ZERO, Backoff::default());
+    assert!(
+        refused
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("has no digital lines")
+    );
+    // Nobody there: bad sensors, no error.
+    let mut thermometer = ModbusThermometer::new(config(bus(), &[1])).unwrap();
+    until("it is told", || {
+        thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
+    });
+}

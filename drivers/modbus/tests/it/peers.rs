@@ -1,0 +1,133 @@
+//! Servers of other libraries: pymodbus and libmodbus, TCP and RTU.
+
+use std::{
+    net::TcpListener,
+    path::{Path, PathBuf},
+    process::Command,
+    time::{Duration, Instant},
+};
+
+use volcomp_modbus::{Bus, DigitalModule, ModbusDigital, ModbusThermometer, Profile};
+use volcomp_port::{Backoff, DigitalIo, Quality, Reason, Thermometer, contract};
+
+use crate::{Running, Wire, config, not_run, start, until};
+
+fn peers() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers")
+}
+
+fn python() -> Option<PathBuf> {
+    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/test-venv/bin/python");
+    if !python.is_file() {
+        not_run("target/test-venv with pymodbus");
+        return None;
+    }
+    Some(python)
+}
+
+fn pymodbus(kind: &str, place: &str) -> Option<Running> {
+    let server = peers().join("pymodbus_server.py");
+    Some(start(
+        Command::new(python()?).arg(server).args([kind, place]),
+    ))
+}
+
+/// The server of libmodbus, compiled.
+fn libmodbus(folder: &Path, kind: &str, place: &str) -> Option<Running> {
+    let program = folder.join("libmodbus_server");
+    let compiled = Command::new("cc")
+        .arg(peers().join("libmodbus_server.c"))
+        .args(["-I/usr/include/modbus", "-lmodbus", "-o"])
+        .arg(&program)
+        .status();
+    if !compiled.is_ok_and(|status| status.success()) {
+        not_run("libmodbus-dev");
+        return None;
+    }
+    Some(start(Command::new(program).args([kind, place])))
+}
+
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port()
+}
+
+fn tcp(port: u16) -> Bus {
+    Bus::Tcp {
+        host: "127.0.0.1".to_owned(),
+        port,
+    }
+}
+
+/// Four channels of each unit, 0.1 K and 10 K for each unit apart.
+fn check(bus: Bus, units: &[u8]) {
+    let mut thermometer = ModbusThermometer::new(config(bus, units)).unwrap();
+    contract::thermometer(&mut thermometer);
+    let latest = thermometer.latest().to_vec();
+    for (sensor, found) in latest.iter().enumerate() {
+        let (unit, channel) = (units[sensor / 4], u8::try_from(sensor % 4).unwrap());
+        let expected = 20.1 + 0.1 * f64::from(channel) + 10.0 * f64::from(unit);
+        assert!((found.degc.unwrap() - expected).abs() < 1e-9, "{latest:?}");
+    }
+}
+
+#[test]
+fn pymodbus_over_tcp_killed_and_back() {
+    let port = free_port();
+    let Some(server) = pymodbus("tcp", &port.to_string()) else {
+        return;
+    };
+    check(tcp(port), &[1, 2, 3]);
+    let mut thermometer = ModbusThermometer::new(config(tcp(port), &[2])).unwrap();
+    let quality = |t: &mut ModbusThermometer| t.latest()[0].quality;
+    until("it answers", || quality(&mut thermometer) == Quality::Good);
+    drop(server);
+    until("it is told", || {
+        quality(&mut thermometer) == Quality::Bad(Reason::NoAnswer)
+    });
+    let _server = pymodbus("tcp", &port.to_string());
+    until("it is back", || quality(&mut thermometer) == Quality::Good);
+}
+
+#[test]
+fn pymodbus_over_a_serial_line() {
+    let Some(wire) = Wire::new() else { return };
+    let Some(_server) = pymodbus("rtu", &wire.theirs.display().to_string()) else {
+        return;
+    };
+    check(wire.bus(), &[1, 3]);
+}
+
+#[test]
+fn libmodbus_over_tcp_and_a_serial_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let port = free_port();
+    let Some(_server) = libmodbus(folder.path(), "tcp", &port.to_string()) else {
+        return;
+    };
+    check(tcp(port), &[1]);
+    let Some(wire) = Wire::new() else { return };
+    let _server = libmodbus(folder.path(), "rtu", &wire.theirs.display().to_string());
+    check(wire.bus(), &[1]);
+}
+
+#[test]
+fn digital_lines_of_pymodbus() {
+    let port = free_port();
+    let Some(_server) = pymodbus("tcp", &port.to_string()) else {
+        return;
+    };
+    let profile = Profile::named("waveshare-io-8ch").unwrap();
+    let modules = [1, 2].map(|unit| DigitalModule {
+        unit,
+        profile: profile.clone(),
+    });
+    let within = Duration::from_millis(300);
+    let mut io = ModbusDigital::new(tcp(port), &modules, within, Backoff::default()).unwrap();
+    let soon = Instant::now() + Duration::from_secs(1);
+    until("it reads", || io.read(soon) == Ok(0xaaaa));
+    contract::digital_io(&mut io, false);
+}

@@ -1,0 +1,193 @@
+use std::time::Instant;
+
+use proptest::prelude::*;
+use volcomp_modbus::{Profile, ProfileError, read_channel};
+use volcomp_port::{Quality, Reason};
+
+#[test]
+fn every_shipped_profile_is_read() {
+    let profiles = Profile::shipped();
+    assert_eq!(profiles.len(), 14);
+    let mut names: Vec<&str> = profiles.iter().map(|p| &*p.name).collect();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), 14);
+    for (written, name) in [
+        ("PTA8C04", "PTA8C04"),
+        ("pta8c04", "PTA8C04"),
+        ("Seneca Z-4RTD", "SENECA-Z-4RTD"),
+        ("wago 750/461", "WAGO-750-461"),
+        ("adam-4015", "ADAM-4015"),
+    ] {
+        assert_eq!(Profile::named(written).unwrap().name, name);
+    }
+    let channels = |name: &str| Profile::named(name).unwrap().channels.unwrap();
+    assert_eq!(
+        (
+            channels("WAGO-750-461").count,
+            channels("WAGO-750-464").count
+        ),
+        (2, 4)
+    );
+    assert_eq!(
+        (
+            channels("SENECA-Z-4RTD").address,
+            channels("SENECA-Z-4RTD").scale
+        ),
+        (2, 0.1)
+    );
+    let unknown = Profile::named("PT-9000").unwrap_err().to_string();
+    assert!(unknown.contains("no profile `PT-9000`") && unknown.contains("PTA8C04, PT21A01"));
+}
+
+fn found(profile: &str, registers: &[u16], status: Option<u16>) -> (Option<f64>, Quality) {
+    let channels = Profile::named(profile).unwrap().channels.unwrap();
+    let (_, found) = read_channel(&channels, registers, 0, status, Instant::now());
+    (found.degc, found.quality)
+}
+
+/// Clamps, codes and fault bits are never passed on as temperatures.
+#[test]
+fn faults_are_told() {
+    let good = Quality::Good;
+    let bad = |reason| (None, Quality::Bad(reason));
+    let near = |found: (Option<f64>, Quality), degc: f64| {
+        assert_eq!(found.1, good);
+        assert!((found.0.unwrap() - degc).abs() < 1e-9, "{found:?}");
+    };
+    near(found("PTA8C04", &[215], None), 21.5);
+    near(found("PTA8C04", &[(-55_i16).cast_unsigned()], None), -5.5);
+    near(found("WAGO-750-461", &[0xfc18], None), -100.0);
+    assert_eq!(found("WAGO-750-461", &[0x2134], None), bad(Reason::Open));
+    assert_eq!(found("WAGO-750-461", &[0xf830], None), bad(Reason::Short));
+    assert_eq!(found("PTA8C04", &[5000], None), bad(Reason::Open));
+    assert_eq!(found("PTA8C04", &[32767], None), bad(Reason::Open));
+    assert_eq!(found("PTA8C04", &[32768], None), bad(Reason::Short));
+    assert_eq!(found("PTA8C04", &[], None), bad(Reason::NotANumber));
+    assert_eq!(
+        found("ICP-DAS-M-7015", &[215], Some(1)),
+        bad(Reason::Reported)
+    );
+    near(found("ICP-DAS-M-7015", &[215], Some(0)), 21.5);
+    near(found("RAW-OHM", &[10_000], None), 0.0);
+    assert_eq!(found("RAW-OHM", &[50], None), bad(Reason::Short));
+    assert_eq!(found("RAW-OHM", &[60_000], None), bad(Reason::Open));
+    assert_eq!(
+        found("RAW-OHM", &[1500], None),
+        bad(Reason::Short),
+        "15 ohm"
+    );
+    // 26874 was seen at 32.25 °C: the linear scale gives 32.0.
+    near(
+        found("ADAM-4015", &[26_874], None),
+        26_874.0 * 0.003_051_757_812_5 - 50.0,
+    );
+}
+
+#[test]
+fn numbers_of_two_registers() {
+    let profile = |kind: &str, order: &str| {
+        let text = format!(
+            "name = \"T\"\n[channels]\naddress = 0\ncount = 2\ntype = \"{kind}\"\nword_order = \"{order}\"\n"
+        );
+        Profile::parse(&text).unwrap().channels.unwrap()
+    };
+    let second = |kind, order, words: [u16; 2]| {
+        let registers = [0, 0, words[0], words[1]];
+        read_channel(&profile(kind, order), &registers, 1, None, Instant::now())
+            .1
+            .degc
+    };
+    let bits = 21.5_f32.to_bits();
+    #[expect(clippy::cast_possible_truncation, reason = "the two halves")]
+    let (high, low) = ((bits >> 16) as u16, bits as u16);
+    assert_eq!(second("f32", "high", [high, low]), Some(21.5));
+    assert_eq!(second("f32", "low", [low, high]), Some(21.5));
+    assert_eq!(second("i32", "high", [0xffff, 0xfff6]), Some(-10.0));
+    assert_eq!(second("f32", "high", [0x7fc0, 0]), None, "NaN");
+}
+
+/// What is wrong, where, and what would be right.
+#[test]
+fn wrong_profiles_are_named() {
+    let message = |change: &str| {
+        let text = format!("name = \"T\"\n[channels]\naddress = 0\ncount = 4\n{change}\n");
+        Profile::parse(&text).unwrap_err().to_string()
+    };
+    for (change, expected) in [
+        (
+            "scale = 0",
+            "profile `T`, key `channels.scale`: found 0, expected a number that is not 0",
+        ),
+        (
+            "scale = nan",
+            "key `channels.scale`: found nan, expected a finite number",
+        ),
+        (
+            "sclae = 1",
+            "key `channels.sclae`: found 1, expected one of: function, address",
+        ),
+        (
+            "function = 6",
+            "key `channels.function`: found 6, expected a whole number from 3 to 4",
+        ),
+        (
+            "type = \"i64\"",
+            "key `channels.type`: found \"i64\", expected one of: i16, u16, i32, f32",
+        ),
+        (
+            "valid_degc = [10, 0]",
+            "expected the lower end below the upper end",
+        ),
+        ("valid_degc = [10]", "expected two numbers"),
+        (
+            "unit = \"ohm\"\nr0_ohm = -1",
+            "expected a positive resistance",
+        ),
+        (
+            "faults = [{ raw = 1 }]",
+            "key `channels.faults.0.reason`: it is missing",
+        ),
+        ("faults = 3", "key `channels.faults`: found 3"),
+        (
+            "status = { function = 9, address = 0 }",
+            "key `channels.status.function`",
+        ),
+    ] {
+        let message = message(change);
+        assert!(message.contains(expected), "{change}: {message}");
+    }
+    let parse = |text: &str| Profile::parse(text).unwrap_err();
+    assert!(
+        parse("name = \"T\"")
+            .to_string()
+            .contains("[channels] or [digital]")
+    );
+    assert!(
+        parse("[channels]\naddress = 65535\ncount = 9")
+            .to_string()
+            .contains("below 65536")
+    );
+    assert!(matches!(parse("name = "), ProfileError::Syntax(_)));
+}
+
+proptest! {
+    #[test]
+    fn no_text_makes_a_panic(text in "[a-z0-9_=\\[\\]{}\", .\n-]{0,300}") {
+        let _ = Profile::parse(&text);
+    }
+
+    /// Whatever the registers, what is good is a number within the module's range.
+    #[test]
+    fn good_is_within_the_range(registers in proptest::collection::vec(any::<u16>(), 0..20), which in 0_usize..11, channel in 0_usize..8, status: Option<u16>) {
+        let profile = &Profile::shipped()[which];
+        let channels = profile.channels.as_ref().unwrap();
+        let (_, found) = read_channel(channels, &registers, channel, status, Instant::now());
+        let [low, high] = channels.valid_degc;
+        if found.quality == Quality::Good {
+            prop_assert!(found.degc.is_some_and(|t| low < t && t < high));
+        } else {
+            prop_assert_eq!(found.degc, None);
+        }
+    }
+}
