@@ -158,16 +158,10 @@ fn wrong_profiles_are_named() {
         assert!(message.contains(expected), "{change}: {message}");
     }
     let parse = |text: &str| Profile::parse(text).unwrap_err();
-    assert!(
-        parse("name = \"T\"")
-            .to_string()
-            .contains("[channels] or [digital]")
-    );
-    assert!(
-        parse("[channels]\naddress = 65535\ncount = 9")
-            .to_string()
-            .contains("below 65536")
-    );
+    let message = parse("name = \"T\"").to_string();
+    assert!(message.contains("[channels] or [digital]"), "{message}");
+    let beyond = parse("name = \"T\"\n[channels]\naddress = 65535\ncount = 9").to_string();
+    assert!(beyond.contains("below 65536"), "{beyond}");
     assert!(matches!(parse("name = "), ProfileError::Syntax(_)));
 }
 
