@@ -1,0 +1,88 @@
+//! Frames, and what carries them.
+
+use std::time::Instant;
+
+use volcomp_port::Fault;
+
+/// One frame, classic or FD.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Its identifier.
+    pub id: u32,
+    /// Whether the identifier has 29 bits.
+    pub extended: bool,
+    /// Whether it is an FD frame.
+    pub fd: bool,
+    length: u8,
+    bytes: [u8; 64],
+}
+
+impl Frame {
+    /// A frame. `None` for a length that there is not: above 8, or of an FD frame other than 12, 16, 20, 24,
+    /// 32, 48, 64.
+    pub fn new(id: u32, extended: bool, fd: bool, data: &[u8]) -> Option<Self> {
+        let length = u8::try_from(data.len()).ok()?;
+        let known = match length {
+            0..=8 => true,
+            12 | 16 | 20 | 24 | 32 | 48 | 64 => fd,
+            _ => false,
+        };
+        let most = if extended { 0x1fff_ffff } else { 0x7ff };
+        if !known || id > most {
+            return None;
+        }
+        let mut bytes = [0; 64];
+        bytes.get_mut(..data.len())?.copy_from_slice(data);
+        Some(Self {
+            id,
+            extended,
+            fd,
+            length,
+            bytes,
+        })
+    }
+
+    /// Its data.
+    pub fn data(&self) -> &[u8] {
+        self.bytes
+            .get(..usize::from(self.length))
+            .unwrap_or_default()
+    }
+
+    /// Its data, to be changed.
+    pub fn data_mut(&mut self) -> &mut [u8] {
+        self.bytes
+            .get_mut(..usize::from(self.length))
+            .unwrap_or_default()
+    }
+}
+
+/// What comes from a bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Received {
+    /// A frame, and when it was taken from the bus.
+    Frame(Frame, Instant),
+    /// The controller of the bus reports errors.
+    Error,
+    /// The controller has left the bus.
+    BusOff,
+}
+
+/// A bus. Calls of a cycle: no allocation, bounded by their deadline.
+pub trait CanPort: Send {
+    /// The device as the configuration names it.
+    fn device(&self) -> &str;
+
+    /// The next frame; `None` when none came before the deadline. A deadline that has passed takes what is
+    /// there already.
+    ///
+    /// # Errors
+    /// [`Fault::Disconnected`] when the interface is down or gone.
+    fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault>;
+
+    /// Sends a frame.
+    ///
+    /// # Errors
+    /// [`Fault::Disconnected`], or [`Fault::TimedOut`] when the bus takes none.
+    fn send(&mut self, frame: &Frame, deadline: Instant) -> Result<(), Fault>;
+}

@@ -1,0 +1,138 @@
+//! SocketCAN.
+
+use std::{
+    io::{Error, ErrorKind},
+    time::Instant,
+};
+
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
+use socketcan::{
+    CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, EmbeddedFrame, ExtendedId, Frame as _, Id,
+    Socket, SocketOptions, StandardId,
+};
+use volcomp_port::{DeviceError, Fault};
+
+use crate::frame::{CanPort, Frame, Received};
+
+/// The class of an error frame that says that the controller has left the bus.
+const BUS_OFF: u32 = 0x40;
+
+/// A CAN interface of Linux.
+#[derive(Debug)]
+pub struct CanSocket {
+    device: String,
+    socket: CanFdSocket,
+}
+
+impl CanSocket {
+    /// Opens an interface such as `can0` or `vcan0`.
+    ///
+    /// # Errors
+    /// An interface that is not there, or a kernel without CAN.
+    pub fn open(interface: &str) -> Result<Self, DeviceError> {
+        let device = format!("can://{interface}");
+        let failed = |e: Error| {
+            let remedy = "check its name (ip link), and bring it up: ip link set can0 up type can bitrate 500000";
+            DeviceError::new(
+                &*device,
+                format!("the interface cannot be opened: {e}"),
+                remedy,
+            )
+        };
+        let socket = CanFdSocket::open(interface).map_err(failed)?;
+        socket.set_nonblocking(true).map_err(failed)?;
+        socket.set_error_filter_accept_all().map_err(failed)?;
+        Ok(Self { device, socket })
+    }
+
+    fn wait(&self, what: PollFlags, deadline: Instant) -> Result<bool, Fault> {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let left = Timespec::try_from(left).map_err(|_| Fault::TimedOut)?;
+        match poll(&mut [PollFd::new(&self.socket, what)], Some(&left)) {
+            Ok(ready) => Ok(ready > 0),
+            Err(Errno::INTR) => Ok(true),
+            Err(_) => Err(Fault::Disconnected),
+        }
+    }
+}
+
+impl CanPort for CanSocket {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault> {
+        loop {
+            match self.socket.read_frame() {
+                Ok(frame) => {
+                    if let Some(received) = received(&frame) {
+                        return Ok(Some(received));
+                    }
+                }
+                Err(e) if e.kind() == ErrorKind::WouldBlock => {
+                    if Instant::now() >= deadline || !self.wait(PollFlags::IN, deadline)? {
+                        return Ok(None);
+                    }
+                }
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return Err(Fault::Disconnected),
+            }
+        }
+    }
+
+    fn send(&mut self, frame: &Frame, deadline: Instant) -> Result<(), Fault> {
+        let raw = to_socket(frame).ok_or(Fault::Unsupported("a frame of this length"))?;
+        loop {
+            match self.socket.write_frame(&raw) {
+                Ok(()) => return Ok(()),
+                // A full queue: the bus takes nothing, or slowly.
+                Err(e) if is_full(&e) => {
+                    if Instant::now() >= deadline || !self.wait(PollFlags::OUT, deadline)? {
+                        return Err(Fault::TimedOut);
+                    }
+                }
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return Err(Fault::Disconnected),
+            }
+        }
+    }
+}
+
+fn is_full(error: &Error) -> bool {
+    error.kind() == ErrorKind::WouldBlock
+        || error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error())
+}
+
+/// `None` for remote frames, which nobody here asks for.
+fn received(frame: &CanAnyFrame) -> Option<Received> {
+    let (fd, data) = match frame {
+        CanAnyFrame::Normal(frame) => (false, frame.data()),
+        CanAnyFrame::Fd(frame) => (true, frame.data()),
+        CanAnyFrame::Error(frame) => {
+            let off = frame.id_word() & BUS_OFF != 0;
+            return Some(if off {
+                Received::BusOff
+            } else {
+                Received::Error
+            });
+        }
+        CanAnyFrame::Remote(_) => return None,
+    };
+    let frame = Frame::new(frame.raw_id(), frame.is_extended(), fd, data)?;
+    Some(Received::Frame(frame, Instant::now()))
+}
+
+fn to_socket(frame: &Frame) -> Option<CanAnyFrame> {
+    let id = if frame.extended {
+        Id::Extended(ExtendedId::new(frame.id)?)
+    } else {
+        Id::Standard(StandardId::new(u16::try_from(frame.id).ok()?)?)
+    };
+    if frame.fd {
+        return CanFdFrame::new(id, frame.data()).map(CanAnyFrame::Fd);
+    }
+    CanDataFrame::new(id, frame.data()).map(CanAnyFrame::Normal)
+}

@@ -1,0 +1,265 @@
+//! SocketCAN on the guest's vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and comes
+//! up, and a CANopen node of PyPI's canopen. Run by `./test` in the guest, or by `tests/guest/run`.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::{
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Command, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use volcomp_can::{
+    BridgeConfig, CanController, CanPort, CanSocket, Frame, Received, SHIPPED_DBC, SignalTable,
+    canopen::{CanopenThermometer, Channel, Number, SdoClient},
+};
+use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
+
+/// There is one vcan0, so one test of it at a time.
+fn vcan0() -> MutexGuard<'static, ()> {
+    static BUS: Mutex<()> = Mutex::new(());
+    BUS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_secs(2)
+}
+
+fn run(program: &str, arguments: &[&str]) {
+    let status = Command::new(program).args(arguments).status().unwrap();
+    assert!(status.success(), "{program} {arguments:?}");
+}
+
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn next_frame(socket: &mut CanSocket) -> Frame {
+    match socket.receive(soon()) {
+        Ok(Some(Received::Frame(frame, _))) => frame,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn frames_of_cansend_are_received() {
+    let _bus = vcan0();
+    let mut socket = CanSocket::open("vcan0").unwrap();
+    assert_eq!(socket.receive(Instant::now()), Ok(None));
+    for (text, id, extended, fd, data) in [
+        (
+            "123#DEADBEEF",
+            0x123,
+            false,
+            false,
+            &[0xde, 0xad, 0xbe, 0xef][..],
+        ),
+        (
+            "12345678#0102030405060708",
+            0x1234_5678,
+            true,
+            false,
+            &[1, 2, 3, 4, 5, 6, 7, 8],
+        ),
+        ("7FF#", 0x7ff, false, false, &[]),
+        (
+            "456##1000102030405060708090A0B",
+            0x456,
+            false,
+            true,
+            &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
+        ),
+    ] {
+        run("cansend", &["vcan0", text]);
+        let frame = next_frame(&mut socket);
+        assert_eq!(
+            (frame.id, frame.extended, frame.fd, frame.data()),
+            (id, extended, fd, data)
+        );
+    }
+    // A remote frame is nothing; an error frame and bus off are states.
+    run("cansend", &["vcan0", "123#R"]);
+    run("cansend", &["vcan0", "20000004#0000000000000000"]);
+    assert_eq!(socket.receive(soon()), Ok(Some(Received::Error)));
+    run("cansend", &["vcan0", "20000040#0000000000000000"]);
+    assert_eq!(socket.receive(soon()), Ok(Some(Received::BusOff)));
+}
+
+#[test]
+fn candump_sees_what_is_sent() {
+    let _bus = vcan0();
+    let mut dump = Running(
+        Command::new("candump")
+            .args(["-L", "-n", "2", "vcan0"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    // It must have opened its socket.
+    std::thread::sleep(Duration::from_millis(300));
+    let mut socket = CanSocket::open("vcan0").unwrap();
+    let classic = Frame::new(0x110, false, false, &[1, 2, 0xff]).unwrap();
+    let fd = Frame::new(0x1000_0111, true, true, &[7; 16]).unwrap();
+    socket.send(&classic, soon()).unwrap();
+    socket.send(&fd, soon()).unwrap();
+    let lines: Vec<String> = BufReader::new(dump.0.stdout.take().unwrap())
+        .lines()
+        .map(Result::unwrap)
+        .collect();
+    assert!(lines[0].ends_with("vcan0 110#0102FF"), "{lines:?}");
+    assert!(
+        lines[1].contains("10000111##") && lines[1].ends_with(&"07".repeat(16)),
+        "{lines:?}"
+    );
+}
+
+/// The bridge against a control of frames, the interface down and up between.
+#[test]
+fn the_bridge_lives_through_an_interface_that_goes_down() {
+    let _bus = vcan0();
+    let table = SignalTable::parse(SHIPPED_DBC).unwrap();
+    let mut control = CanSocket::open("vcan0").unwrap();
+    let mut controller = CanController::new(
+        CanSocket::open("vcan0").unwrap(),
+        &BridgeConfig {
+            table: table.clone(),
+            channel: "bridge".to_owned(),
+            axes: vec!['X'],
+            includes_correction: false,
+            stale_after: Duration::from_millis(100),
+        },
+    )
+    .unwrap();
+    let mut counter = 0;
+    let mut sends = |control: &mut CanSocket, x: f64| {
+        counter += 1;
+        for (name, signal, value) in [("POSITION_XY", "X_POS", x), ("STATE", "REFERENCED", 1.0)] {
+            let message = table.messages.iter().find(|m| m.name == name).unwrap();
+            let mut frame = message.frame().unwrap();
+            let signal = message.signals.iter().find(|s| s.name == signal).unwrap();
+            signal.put(frame.data_mut(), value);
+            message.seal(frame.data_mut(), counter % 16);
+            control.send(&frame, soon()).unwrap();
+        }
+    };
+    for step in 0..200 {
+        let x = 5.0 * f64::from(step);
+        sends(&mut control, x);
+        let mut found = controller.read(soon()).unwrap();
+        while (found.positions[0] - x).abs() > 1e-9 {
+            found = controller.read(soon()).unwrap();
+        }
+        assert!(found.state.referenced);
+        controller.apply(&[1e-5 * x; 9], soon()).unwrap();
+        let sent = loop {
+            let frame = next_frame(&mut control);
+            if frame.id == 0x110 {
+                break frame;
+            }
+        };
+        let message = &table.messages[table.message_of(&sent).unwrap()];
+        assert!(message.is_whole(sent.data()));
+        let um = message.signals[0].value(sent.data());
+        assert!((um - (1e-2 * x).round()).abs() <= 1.0, "{um} at {x}");
+    }
+    assert_eq!(controller.health(), volcomp_can::Health::default());
+    run("ip", &["link", "set", "vcan0", "down"]);
+    assert_eq!(
+        controller.apply(&[0.0; 9], soon()),
+        Err(Fault::Disconnected)
+    );
+    std::thread::sleep(Duration::from_millis(150));
+    let late = Instant::now() + Duration::from_millis(20);
+    assert!(controller.read(late).is_err());
+    run("ip", &["link", "set", "vcan0", "up"]);
+    // The same sockets go on.
+    while control.receive(Instant::now()).is_err() {}
+    sends(&mut control, 7.0);
+    let end = Instant::now() + Duration::from_secs(2);
+    let found = loop {
+        match controller.read(soon()) {
+            Ok(found) => break found,
+            Err(fault) => assert!(Instant::now() < end, "{fault}"),
+        }
+    };
+    assert!((found.positions[0] - 7.0).abs() < 1e-9);
+    controller.apply(&[0.001; 9], soon()).unwrap();
+}
+
+#[test]
+fn an_interface_that_is_not_there_is_named() {
+    let message = CanSocket::open("can77").unwrap_err().to_string();
+    assert!(
+        message.starts_with("can://can77: the interface cannot be opened"),
+        "{message}"
+    );
+    assert!(message.contains("ip link set can0 up"), "{message}");
+}
+
+/// A node of PyPI's canopen: asked for objects, started, read, and gone.
+#[test]
+fn a_canopen_node_is_started_and_read() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let python = root.join("../../target/test-venv/bin/python");
+    let mut node = Running(
+        Command::new(python)
+            .arg(root.join("tests/peers/canopen_node.py"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("./test makes target/test-venv"),
+    );
+    let mut line = String::new();
+    let stdout = node.0.stdout.take().unwrap();
+    BufReader::new(stdout).read_line(&mut line).unwrap();
+    assert_eq!(line.trim(), "ready");
+    let mut client = SdoClient::new(CanSocket::open("vcan1").unwrap());
+    assert_eq!(client.read(5, (0x6132, 1), soon()), Ok(1));
+    assert_eq!(
+        client.write(5, (0x1017, 0), &40_u16.to_le_bytes(), soon()),
+        Ok(())
+    );
+    assert_eq!(client.read(5, (0x1017, 0), soon()), Ok(40));
+    assert!(matches!(
+        client.read(5, (0x2000, 0), soon()),
+        Err(Fault::Refused { .. })
+    ));
+    let channel = |name: &str, at| Channel {
+        name: name.to_owned(),
+        node: 5,
+        pdo: 1,
+        at,
+        number: Number::I16 { decimals: 1 },
+        status_at: Some(4),
+    };
+    let mut thermometer = CanopenThermometer::new(
+        client.into_port(),
+        vec![channel("bed", 0), channel("column", 2)],
+        Duration::from_millis(500),
+        Duration::from_millis(500),
+    )
+    .unwrap();
+    let end = soon() + Duration::from_secs(5);
+    while thermometer
+        .latest()
+        .iter()
+        .any(|t| t.quality != Quality::Good)
+    {
+        assert!(Instant::now() < end, "{:?}", thermometer.latest());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let degc: Vec<Option<f64>> = thermometer.latest().iter().map(|t| t.degc).collect();
+    assert_eq!(degc, [Some(21.5), Some(-3.2)]);
+    drop(node);
+    let end = soon();
+    while thermometer.latest()[0].quality != Quality::Bad(Reason::NoAnswer) {
+        assert!(Instant::now() < end, "{:?}", thermometer.latest());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}

@@ -1,0 +1,244 @@
+use std::time::{Duration, Instant};
+
+use volcomp_can::{
+    Frame,
+    canopen::{
+        CanopenDigital, CanopenThermometer, Channel, NmtCommand, NodeState, Number, SdoAnswer,
+        SdoClient, Telegram, nmt, sdo_read, sdo_write, telegram,
+    },
+};
+use volcomp_port::{DigitalIo, Fault, Quality, Reason, Thermometer};
+
+use crate::{Bus, soon};
+
+fn frame(id: u32, data: &[u8]) -> Frame {
+    Frame::new(id, false, false, data).unwrap()
+}
+
+/// Frames as CiA 301 has them.
+#[test]
+fn telegrams_are_told_apart() {
+    let sdo = |data: &[u8]| match telegram(&frame(0x585, data)) {
+        Some(Telegram::Sdo { node: 5, answer }) => answer,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(
+        telegram(&frame(0x705, &[0x05])),
+        Some(Telegram::Heartbeat {
+            node: 5,
+            state: NodeState::Operational
+        })
+    );
+    assert_eq!(
+        telegram(&frame(0x085, &[0x10, 0x50, 1, 0, 0, 0, 0, 0])),
+        Some(Telegram::Emergency {
+            node: 5,
+            code: 0x5010
+        })
+    );
+    for (id, number) in [(0x185, 1), (0x285, 2), (0x385, 3), (0x485, 4)] {
+        assert_eq!(
+            telegram(&frame(id, &[])),
+            Some(Telegram::Pdo { node: 5, number })
+        );
+    }
+    let object = (0x1018, 1);
+    assert_eq!(
+        sdo(&[0x43, 0x18, 0x10, 1, 0x94, 1, 2, 0]),
+        SdoAnswer::Read {
+            object,
+            value: 0x0002_0194,
+            bytes: 4
+        }
+    );
+    assert_eq!(
+        sdo(&[0x4f, 0x18, 0x10, 1, 0x7f, 9, 9, 9]),
+        SdoAnswer::Read {
+            object,
+            value: 0x7f,
+            bytes: 1
+        }
+    );
+    assert_eq!(
+        sdo(&[0x60, 0x18, 0x10, 1, 0, 0, 0, 0]),
+        SdoAnswer::Written { object }
+    );
+    assert_eq!(
+        sdo(&[0x80, 0x18, 0x10, 1, 0, 0, 2, 6]),
+        SdoAnswer::Aborted {
+            object,
+            code: 0x0602_0000
+        }
+    );
+    assert_eq!(
+        sdo(&[0x41, 0x18, 0x10, 1, 30, 0, 0, 0]),
+        SdoAnswer::Segmented { object }
+    );
+    for nothing in [
+        frame(0x585, &[0x43, 1]),
+        frame(0x705, &[]),
+        frame(0x100, &[0; 8]),
+        frame(0x700, &[5]),
+    ] {
+        assert_eq!(telegram(&nothing), None);
+    }
+    assert_eq!(nmt(NmtCommand::Start, 5), Some(frame(0, &[1, 5])));
+    assert_eq!(
+        sdo_read(5, (0x6130, 2)),
+        Some(frame(0x605, &[0x40, 0x30, 0x61, 2, 0, 0, 0, 0]))
+    );
+    assert_eq!(
+        sdo_write(5, (0x1017, 0), &500_u16.to_le_bytes()),
+        Some(frame(0x605, &[0x2b, 0x17, 0x10, 0, 0xf4, 1, 0, 0]))
+    );
+    assert_eq!(sdo_write(5, (0x1017, 0), &[]), None);
+    assert_eq!(sdo_write(5, (0x1017, 0), &[0; 5]), None);
+}
+
+#[test]
+fn objects_are_asked_one_at_a_time() {
+    let bus = Bus::default();
+    let mut client = SdoClient::new(bus.clone());
+    // Late answers to other questions, of other nodes, and other frames come first.
+    bus.comes(frame(0x586, &[0x43, 0x32, 0x61, 1, 9, 0, 0, 0]));
+    bus.comes(frame(0x585, &[0x43, 0x32, 0x61, 2, 9, 0, 0, 0]));
+    bus.comes(frame(0x185, &[1, 2]));
+    bus.comes(frame(0x585, &[0x43, 0x32, 0x61, 1, 1, 0, 0, 0]));
+    assert_eq!(client.read(5, (0x6132, 1), soon()), Ok(1));
+    assert_eq!(client.read(5, (0x6132, 1), soon()), Err(Fault::TimedOut));
+    bus.comes(frame(0x585, &[0x80, 0x32, 0x61, 1, 0, 0, 2, 6]));
+    assert_eq!(
+        client.read(5, (0x6132, 1), soon()),
+        Err(Fault::Refused {
+            code: 0x0602_0000,
+            what: "an object of the node"
+        })
+    );
+    bus.comes(frame(0x585, &[0x60, 0x17, 0x10, 0, 0, 0, 0, 0]));
+    assert_eq!(client.write(5, (0x1017, 0), &[0xf4, 1], soon()), Ok(()));
+    assert_eq!(
+        client.write(5, (0x1017, 0), &[], soon()),
+        Err(Fault::Unsupported("1 to 4 bytes"))
+    );
+}
+
+fn channels() -> Vec<Channel> {
+    let channel = |name: &str, at, number, status_at| Channel {
+        name: name.to_owned(),
+        node: 5,
+        pdo: 1,
+        at,
+        number,
+        status_at,
+    };
+    vec![
+        channel("bed", 0, Number::I16 { decimals: 1 }, Some(6)),
+        channel("column", 2, Number::F32, Some(7)),
+    ]
+}
+
+fn pdo(bed: i16, column: f32, status: [u8; 2]) -> Frame {
+    let data = [&bed.to_le_bytes()[..], &column.to_le_bytes(), &status].concat();
+    frame(0x185, &data)
+}
+
+#[test]
+fn a_node_is_started_supervised_and_read() {
+    let bus = Bus::default();
+    let quick = Duration::from_millis(150);
+    let mut thermometer = CanopenThermometer::new(bus.clone(), channels(), quick, quick).unwrap();
+    assert_eq!(
+        thermometer.latest()[0].quality,
+        Quality::Bad(Reason::NotRead)
+    );
+    assert_eq!(bus.sent(), [frame(0, &[1, 5])], "it is started");
+    let mut seen = |frames: &[Frame]| {
+        for frame in frames {
+            bus.comes(*frame);
+        }
+        thermometer.latest().to_vec()
+    };
+    let operational = frame(0x705, &[5]);
+    let latest = seen(&[operational, pdo(-215, 21.5, [0, 0])]);
+    assert_eq!(
+        latest.iter().map(|t| t.degc).collect::<Vec<_>>(),
+        [Some(-21.5), Some(21.5)]
+    );
+    let latest = seen(&[pdo(215, f32::NAN, [0, 0])]);
+    assert_eq!(latest[1].quality, Quality::Bad(Reason::NotANumber));
+    let latest = seen(&[pdo(215, 21.5, [1, 0])]);
+    assert_eq!(latest[0].quality, Quality::Bad(Reason::Reported));
+    assert_eq!(latest[1].degc, Some(21.5));
+    // Too short for both.
+    let latest = seen(&[frame(0x185, &[1])]);
+    assert!(latest.iter().all(|t| t.degc.is_none()));
+    let emergency = frame(0x085, &[0x10, 0x50, 0, 0, 0, 0, 0, 0]);
+    let latest = seen(&[pdo(215, 21.5, [0, 0]), emergency]);
+    assert_eq!(latest[1].quality, Quality::Bad(Reason::Reported));
+    let gone = frame(0x085, &[0, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(
+        seen(&[pdo(215, 21.5, [0, 0]), gone])[1].quality,
+        Quality::Good
+    );
+    // It was switched off and on: it waits to be started.
+    let latest = seen(&[frame(0x705, &[0x7f])]);
+    assert_eq!(latest[1].quality, Quality::Bad(Reason::NotRead));
+    assert_eq!(
+        seen(&[operational, pdo(215, 21.5, [0, 0])])[1].quality,
+        Quality::Good
+    );
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(
+        seen(&[pdo(215, 21.5, [0, 0])])[1].quality,
+        Quality::Bad(Reason::NoAnswer),
+        "no heartbeat"
+    );
+}
+
+#[test]
+fn channels_that_make_no_sense_are_named() {
+    let quick = Duration::from_millis(150);
+    let message = |change: fn(&mut Vec<Channel>)| {
+        let mut channels = channels();
+        change(&mut channels);
+        let refused = CanopenThermometer::new(Bus::default(), channels, quick, quick);
+        refused.err().unwrap().to_string()
+    };
+    assert!(message(Vec::clear).contains("no channel is named"));
+    assert!(message(|c| c[1].at = 5).contains("column: node 5, process data 1, byte 5"));
+    assert!(message(|c| c[0].node = 128).contains("nodes 1 to 127"));
+    assert!(message(|c| c[1].name = "bed".to_owned()).contains("the sensor bed stands twice"));
+}
+
+#[test]
+fn lines_of_a_node() {
+    let bus = Bus::default();
+    let quick = Duration::from_millis(100);
+    let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, quick, quick).unwrap();
+    assert_eq!(port.read(soon()), Err(Fault::NotConnected));
+    assert_eq!(bus.sent(), [frame(0, &[1, 9])]);
+    bus.comes(frame(0x709, &[5]));
+    bus.comes(frame(0x189, &[0x34, 0xff]));
+    assert_eq!(port.read(soon()), Ok(0x7f34), "fifteen lines");
+    port.write(0x1a5, soon()).unwrap();
+    assert_eq!(bus.sent(), [frame(0x209, &[0xa5])]);
+    std::thread::sleep(Duration::from_millis(60));
+    bus.comes(frame(0x709, &[5]));
+    std::thread::sleep(Duration::from_millis(60));
+    assert_eq!(
+        port.read(soon()),
+        Err(Fault::TimedOut),
+        "its lines are stale"
+    );
+    bus.comes(frame(0x709, &[4]));
+    assert!(
+        matches!(port.read(soon()), Err(Fault::Protocol(_))),
+        "it was stopped"
+    );
+    std::thread::sleep(Duration::from_millis(120));
+    assert_eq!(port.read(soon()), Err(Fault::NotConnected));
+    bus.inside().down = true;
+    assert_eq!(port.read(Instant::now()), Err(Fault::Disconnected));
+    let refused = CanopenDigital::new(Bus::default(), 0, 8, 8, quick, quick);
+    assert!(refused.err().unwrap().to_string().contains("found node 0"));
+}

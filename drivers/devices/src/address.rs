@@ -1,0 +1,138 @@
+//! Device URLs, taken apart.
+
+use std::collections::BTreeMap;
+
+use url::Url;
+use volcomp_port::DeviceError;
+
+/// Which bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scheme {
+    /// `focas://HOST:8193`.
+    Focas,
+    /// `modbus://HOST:502?unit=1&profile=NAME`.
+    Modbus,
+    /// `modbus-rtu:///dev/ttyUSB0?baud=9600&parity=none&stop=1&unit=1&profile=NAME`.
+    ModbusRtu,
+    /// `can://can0?dbc=FILE`.
+    Can,
+    /// `gpio://?position=CHIP:LINES&correction=CHIP:LINES`.
+    Gpio,
+}
+
+impl Scheme {
+    const NAMES: [(&'static str, Self); 5] = [
+        ("focas", Self::Focas),
+        ("modbus", Self::Modbus),
+        ("modbus-rtu", Self::ModbusRtu),
+        ("can", Self::Can),
+        ("gpio", Self::Gpio),
+    ];
+
+    /// The keys behind the question mark.
+    fn keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Focas => &["path", "axes"],
+            Self::Modbus => &["unit", "profile", "names"],
+            Self::ModbusRtu => &["unit", "profile", "names", "baud", "parity", "stop"],
+            Self::Can => &["dbc"],
+            Self::Gpio => &["position", "correction"],
+        }
+    }
+}
+
+/// A device URL.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// As it was written.
+    pub text: String,
+    /// Its bus.
+    pub scheme: Scheme,
+    /// Host or interface; empty where there is none.
+    pub host: String,
+    /// Port.
+    pub port: Option<u16>,
+    /// Path of a device file.
+    pub path: String,
+    keys: BTreeMap<String, String>,
+}
+
+impl Address {
+    /// Takes a URL apart.
+    ///
+    /// # Errors
+    /// No URL, an unknown scheme or key, a host or path that is missing.
+    pub fn parse(text: &str) -> Result<Self, DeviceError> {
+        let wrong = |what: String, remedy: &str| DeviceError::new(text, what, remedy);
+        let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE or gpio://?position=…";
+        let url = Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
+        let known = Scheme::NAMES.iter().find(|(name, _)| *name == url.scheme());
+        let scheme = known
+            .ok_or_else(|| wrong(format!("found the scheme `{}`", url.scheme()), forms))?
+            .1;
+        let mut keys = BTreeMap::new();
+        for (key, value) in url.query_pairs() {
+            if !scheme.keys().contains(&&*key) {
+                let expected = format!("expected one of: {}", scheme.keys().join(", "));
+                return Err(wrong(format!("found the key `{key}`"), &expected));
+            }
+            if keys.insert(key.clone().into_owned(), value.into_owned()).is_some() {
+                return Err(wrong(format!("the key `{key}` stands twice"), "name it once"));
+            }
+        }
+        let address = Self {
+            text: text.to_owned(),
+            scheme,
+            host: url.host_str().unwrap_or_default().to_owned(),
+            port: url.port(),
+            path: url.path().to_owned(),
+            keys,
+        };
+        let needs_host = matches!(scheme, Scheme::Focas | Scheme::Modbus | Scheme::Can);
+        if needs_host && address.host.is_empty() {
+            return Err(wrong("the host or interface is missing".to_owned(), forms));
+        }
+        if scheme == Scheme::ModbusRtu && address.path.len() < 2 {
+            let remedy = "expected three slashes: modbus-rtu:///dev/ttyUSB0";
+            return Err(wrong("the serial device is missing".to_owned(), remedy));
+        }
+        Ok(address)
+    }
+
+    /// An error about this device.
+    pub fn wrong(&self, what: impl Into<String>, remedy: impl Into<String>) -> DeviceError {
+        DeviceError::new(&*self.text, what, remedy)
+    }
+
+    /// A key's text.
+    pub fn get(&self, key: &str) -> Option<&str> {
+        self.keys.get(key).map(String::as_str)
+    }
+
+    /// A key's number.
+    ///
+    /// # Errors
+    /// No number in its range.
+    pub fn number<N: std::str::FromStr + PartialOrd + std::fmt::Display>(
+        &self,
+        key: &str,
+        range: [N; 2],
+        default: N,
+    ) -> Result<N, DeviceError> {
+        let Some(text) = self.get(key) else {
+            return Ok(default);
+        };
+        let [low, high] = &range;
+        let number = text.parse().ok().filter(|n| low <= n && n <= high);
+        number.ok_or_else(|| {
+            let what = format!("found {key}={text}");
+            self.wrong(what, format!("expected a whole number from {low} to {high}"))
+        })
+    }
+
+    /// A key's list of words, commas between.
+    pub fn list(&self, key: &str) -> Vec<String> {
+        let words = self.get(key).unwrap_or_default().split(',');
+        words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
+    }
+}

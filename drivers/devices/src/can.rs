@@ -1,0 +1,85 @@
+//! CAN interfaces.
+
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
+
+use volcomp_can::{CanPort, CanSocket, Frame, Received, SHIPPED_DBC, SignalTable};
+use volcomp_port::{DeviceError, Temperature};
+
+use crate::{
+    address::Address,
+    probe::{Probe, ProbedPosition},
+};
+
+/// The signals of a URL: the DBC file it names, else the shipped one.
+///
+/// # Errors
+/// A file that cannot be read or is no DBC.
+pub fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
+    let text = match address.get("dbc") {
+        None => SHIPPED_DBC.to_owned(),
+        Some(path) => std::fs::read_to_string(path).map_err(|e| {
+            address.wrong(format!("{path}: {e}"), "check the path of the DBC file")
+        })?,
+    };
+    SignalTable::parse(&text).map_err(|e| address.wrong(e.to_string(), "correct the DBC file"))
+}
+
+pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+    let table = signal_table(address)?;
+    let mut socket = CanSocket::open(&address.host)?;
+    let deadline = Instant::now() + at_most;
+    let mut frames: BTreeMap<(bool, u32), (Frame, u64)> = BTreeMap::new();
+    let mut errors = 0_u64;
+    loop {
+        match socket.receive(deadline) {
+            Ok(Some(Received::Frame(frame, _))) => {
+                let seen = frames.entry((frame.extended, frame.id)).or_insert((frame, 0));
+                *seen = (frame, seen.1 + 1);
+            }
+            Ok(Some(_)) => errors += 1,
+            Ok(None) => break,
+            Err(fault) => {
+                return Err(address.wrong(fault.to_string(), "bring the interface up: ip link set … up"));
+            }
+        }
+    }
+    if frames.is_empty() {
+        let what = format!("no frame came within {} ms", at_most.as_millis());
+        return Err(address.wrong(what, "check the wire, the bit rate and the other side"));
+    }
+    let mut probe = Probe::new(address);
+    for (frame, _) in frames.values() {
+        let Some(message) = table.message_of(frame).map(|index| &table.messages[index]) else {
+            continue;
+        };
+        if !message.is_whole(frame.data()) {
+            errors += 1;
+            continue;
+        }
+        for signal in &message.signals {
+            let value = signal.value(frame.data());
+            if let Some(name) = signal.name.strip_suffix("_POS") {
+                probe.positions.push(ProbedPosition {
+                    name: name.to_owned(),
+                    rotary: signal.unit == "deg",
+                    value,
+                });
+            } else if let Some(name) = signal.name.strip_suffix("_TEMP") {
+                let found = Temperature::good(value, Instant::now());
+                probe.temperatures.push((name.to_lowercase(), found));
+            }
+        }
+    }
+    let seen = frames.iter().map(|((extended, id), (_, count))| {
+        let id = if *extended { format!("{id:08X}") } else { format!("{id:03X}") };
+        format!("{id} ({count})")
+    });
+    probe.facts = vec![
+        ("frames".to_owned(), seen.collect::<Vec<_>>().join(", ")),
+        ("errors".to_owned(), errors.to_string()),
+    ];
+    Ok(probe)
+}

@@ -1,0 +1,62 @@
+//! FANUC controls.
+
+use std::time::{Duration, Instant};
+
+use volcomp_focas::{Client, FocasConfig, PositionKind};
+use volcomp_port::{DeviceError, Fault};
+
+use crate::{
+    address::Address,
+    probe::{Probe, ProbedPosition},
+};
+
+const PORT: u16 = 8193;
+/// Exchanges whose times are told.
+const TIMED: usize = 100;
+
+/// How the control of a URL is corrected: these axes, everything else as [`FocasConfig::new`] has it.
+///
+/// # Errors
+/// Keys that make no sense.
+pub fn focas_config(address: &Address, axes: &[char]) -> Result<FocasConfig, DeviceError> {
+    let mut config = FocasConfig::new(&*address.host, axes);
+    config.port = address.port.unwrap_or(PORT);
+    config.path = address.number("path", [1, 10], 1)?;
+    Ok(config)
+}
+
+pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+    let port = address.port.unwrap_or(PORT);
+    let mut client = Client::open(&address.host, port, at_most)?;
+    let told = |fault: Fault| address.wrong(fault.to_string(), "check the options of the control");
+    let system = client.system_info().map_err(told)?;
+    let names = client.axis_names().map_err(told)?;
+    let positions = client.positions(PositionKind::Machine, names.len()).map_err(told)?;
+    let status = client.status().map_err(told)?;
+    let mut times = Vec::new();
+    for _ in 0..TIMED {
+        let begun = Instant::now();
+        client.status().map_err(told)?;
+        times.push(begun.elapsed());
+    }
+    times.sort_unstable();
+    let microseconds = |place: usize| times[place].as_secs_f64() * 1e6;
+    let position = |(name, value): (&char, f64)| ProbedPosition {
+        name: name.to_string(),
+        // Letters of rotary axes by convention: the control itself does not say.
+        rotary: ('A'..='C').contains(name),
+        value,
+    };
+    let mut probe = Probe::new(address);
+    probe.positions = names.iter().zip(positions).map(position).collect();
+    probe.facts = vec![
+        ("control".to_owned(), format!("{}{}", system.cnc_type, system.machine_type).trim().to_owned()),
+        ("series".to_owned(), format!("{} {}", system.series, system.version)),
+        ("version".to_owned(), client.version().to_string()),
+        ("emergency_stop".to_owned(), (status.emergency != 0).to_string()),
+        ("alarm".to_owned(), (status.alarm != 0).to_string()),
+        ("round_trip_p50_us".to_owned(), format!("{:.0}", microseconds(TIMED / 2))),
+        ("round_trip_p99_us".to_owned(), format!("{:.0}", microseconds(TIMED - 1))),
+    ];
+    Ok(probe)
+}

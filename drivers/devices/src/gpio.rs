@@ -1,0 +1,49 @@
+//! Lines of the Linux GPIO character device.
+
+use std::time::{Duration, Instant};
+
+use volcomp_digital_io::{DigitalAxis, GpioPort, LineSet, Wiring};
+use volcomp_port::{DeviceError, DigitalIo};
+
+use crate::{
+    address::Address,
+    probe::{Probe, ProbedPosition},
+};
+
+/// The lines of a URL, named from the control: `position` are its outputs, `correction` its inputs.
+///
+/// # Errors
+/// Keys that are missing, lines that cannot be taken.
+pub fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
+    let lines = |key: &str| {
+        let text = address.get(key).ok_or_else(|| {
+            let remedy = "expected gpio://?position=CHIP:LINES&correction=CHIP:LINES";
+            address.wrong(format!("{key} is missing"), remedy)
+        })?;
+        LineSet::parse(text)
+    };
+    GpioPort::open(&lines("position")?, &lines("correction")?)
+}
+
+/// Reads the inputs; the outputs are taken too, at 0, and given back.
+pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+    let mut port = gpio_port(address)?;
+    let read = port.read(Instant::now() + at_most);
+    let levels = read.map_err(|fault| address.wrong(fault.to_string(), "check the chip"))?;
+    let mut probe = Probe::new(address);
+    probe.inputs = (0..port.inputs()).map(|line| levels >> line & 1 == 1).collect();
+    if port.inputs() == 15 {
+        // As the published scheme reads them.
+        let axis = DigitalAxis::published('?');
+        let word = Wiring::published().position_word(levels);
+        probe.positions = word
+            .map(|word| ProbedPosition {
+                name: "published".to_owned(),
+                rotary: false,
+                value: axis.position.decode(word).mm,
+            })
+            .into_iter()
+            .collect();
+    }
+    Ok(probe)
+}

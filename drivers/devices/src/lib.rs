@@ -1,0 +1,23 @@
+#![doc = include_str!("../README.md")]
+
+mod address;
+#[cfg(feature = "can")]
+mod can;
+#[cfg(feature = "focas")]
+mod focas;
+#[cfg(feature = "gpio")]
+mod gpio;
+#[cfg(feature = "modbus")]
+mod modbus;
+mod probe;
+
+pub use address::{Address, Scheme};
+pub use probe::{Probe, ProbedPosition, probe};
+#[cfg(feature = "focas")]
+pub use focas::focas_config;
+#[cfg(feature = "modbus")]
+pub use modbus::{digital_modules, thermometer};
+#[cfg(feature = "can")]
+pub use can::signal_table;
+#[cfg(feature = "gpio")]
+pub use gpio::gpio_port;

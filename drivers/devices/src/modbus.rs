@@ -1,0 +1,131 @@
+//! Modules on Modbus.
+
+use std::time::{Duration, Instant};
+
+use volcomp_modbus::{
+    Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile, ThermometerConfig,
+    ThermometerUnit, serial_ports,
+};
+use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer};
+
+use crate::{
+    address::{Address, Scheme},
+    probe::Probe,
+};
+
+fn profile(address: &Address) -> Result<Profile, DeviceError> {
+    let name = address.get("profile").ok_or_else(|| {
+        let known: Vec<String> = Profile::shipped().into_iter().map(|p| p.name).collect();
+        let remedy = format!("expected profile=NAME, one of: {}", known.join(", "));
+        address.wrong("no profile is named", remedy)
+    })?;
+    Profile::named(name).map_err(|e| address.wrong(e.to_string(), "correct the profile"))
+}
+
+fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
+    if address.scheme == Scheme::Modbus {
+        return Ok(Bus::Tcp {
+            host: address.host.clone(),
+            port: address.port.unwrap_or(502),
+        });
+    }
+    Ok(Bus::Rtu {
+        path: address.path.clone(),
+        baud: address.number("baud", [300, 4_000_000], profile.baud)?,
+        parity: match address.get("parity").unwrap_or("none") {
+            "none" => Parity::None,
+            "even" => Parity::Even,
+            "odd" => Parity::Odd,
+            other => {
+                let what = format!("found parity={other}");
+                return Err(address.wrong(what, "expected none, even or odd"));
+            }
+        },
+        stop_bits: address.number("stop", [1, 2], 1)?,
+    })
+}
+
+/// The thermometer of a URL. `names` of its channels; without any those of the URL, else numbers.
+///
+/// # Errors
+/// Keys that make no sense, a profile without temperatures.
+pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermometer, DeviceError> {
+    let profile = profile(address)?;
+    let bus = bus(address, &profile)?;
+    let count = profile.channels.as_ref().map_or(0, |channels| channels.count);
+    let mut names = names.to_vec();
+    if names.is_empty() {
+        names = address.list("names");
+    }
+    if names.is_empty() {
+        names = (1..=count).map(|channel| format!("{channel}")).collect();
+    }
+    let unit = ThermometerUnit {
+        unit: address.number("unit", [1, 247], 1)?,
+        profile,
+        names,
+    };
+    ModbusThermometer::new(ThermometerConfig::new(bus, unit))
+}
+
+/// The digital lines of a URL.
+///
+/// # Errors
+/// Keys that make no sense, a profile without digital lines.
+pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
+    let profile = profile(address)?;
+    let bus = bus(address, &profile)?;
+    let module = DigitalModule {
+        unit: address.number("unit", [1, 247], 1)?,
+        profile,
+    };
+    ModbusDigital::new(bus, &[module], Duration::from_millis(300), Backoff::default())
+}
+
+pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+    let profile = profile(address)?;
+    let mut probe = Probe::new(address);
+    probe.facts.push(("profile".to_owned(), profile.name.clone()));
+    if !profile.unproven.is_empty() {
+        probe.facts.push(("not_proven".to_owned(), profile.unproven.join("; ")));
+    }
+    let deadline = Instant::now() + at_most;
+    let nobody = || {
+        let ports: Vec<String> = serial_ports().into_iter().map(|port| port.path).collect();
+        let remedy = match (address.scheme, ports.is_empty()) {
+            (Scheme::ModbusRtu, true) => "check wire, unit, speed and parity; this machine has no serial port".to_owned(),
+            (Scheme::ModbusRtu, false) => {
+                format!("check wire, unit, speed and parity; serial ports here: {}", ports.join(", "))
+            }
+            _ => "check address, unit and supply".to_owned(),
+        };
+        address.wrong("the module does not answer", remedy)
+    };
+    if profile.channels.is_some() {
+        let mut thermometer = thermometer(address, &[])?;
+        let unheard = |t: &volcomp_port::Temperature| {
+            use volcomp_port::Quality::Bad;
+            matches!(t.quality, Bad(Reason::NotRead | Reason::NoAnswer))
+        };
+        while thermometer.latest().iter().all(unheard) {
+            if Instant::now() >= deadline {
+                return Err(nobody());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let latest = thermometer.latest().to_vec();
+        probe.temperatures = thermometer.names().iter().cloned().zip(latest).collect();
+    }
+    if let Some(digital) = profile.digital.filter(|digital| digital.inputs > 0) {
+        let mut lines = digital_modules(address)?;
+        let levels = loop {
+            match lines.read(deadline) {
+                Ok(levels) => break levels,
+                Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
+                Err(_) => return Err(nobody()),
+            }
+        };
+        probe.inputs = (0..digital.inputs).map(|line| levels >> line & 1 == 1).collect();
+    }
+    Ok(probe)
+}

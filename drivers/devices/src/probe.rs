@@ -1,0 +1,64 @@
+//! What a device says now.
+
+use std::time::Duration;
+
+use volcomp_port::{DeviceError, Temperature};
+
+use crate::address::{Address, Scheme};
+
+/// A position as a device tells it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProbedPosition {
+    /// The axis.
+    pub name: String,
+    /// Whether it is an angle.
+    pub rotary: bool,
+    /// mm, or deg.
+    pub value: f64,
+}
+
+/// What a device says now: the parts that apply.
+#[derive(Clone, Debug, Default)]
+pub struct Probe {
+    /// Its URL.
+    pub device: String,
+    /// Positions.
+    pub positions: Vec<ProbedPosition>,
+    /// Temperatures by name.
+    pub temperatures: Vec<(String, Temperature)>,
+    /// Levels of digital inputs.
+    pub inputs: Vec<bool>,
+    /// What else it tells, by name.
+    pub facts: Vec<(String, String)>,
+}
+
+impl Probe {
+    pub(crate) fn new(address: &Address) -> Self {
+        Self {
+            device: address.text.clone(),
+            ..Self::default()
+        }
+    }
+}
+
+/// Asks a device what it says now. Nothing is written but what opening needs; GPIO outputs are taken, at 0.
+///
+/// # Errors
+/// A device that is not there or does not answer, a bus that this build does not have.
+pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+    #[expect(unreachable_patterns, reason = "with every bus built in there is nothing left")]
+    match address.scheme {
+        #[cfg(feature = "focas")]
+        Scheme::Focas => crate::focas::probe(address, at_most),
+        #[cfg(feature = "modbus")]
+        Scheme::Modbus | Scheme::ModbusRtu => crate::modbus::probe(address, at_most),
+        #[cfg(feature = "can")]
+        Scheme::Can => crate::can::probe(address, at_most),
+        #[cfg(feature = "gpio")]
+        Scheme::Gpio => crate::gpio::probe(address, at_most),
+        _ => {
+            let what = "this build has no such bus";
+            Err(address.wrong(what, format!("build it with its feature ({at_most:?})")))
+        }
+    }
+}
