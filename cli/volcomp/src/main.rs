@@ -42,6 +42,7 @@ enum Command {
     Simulate(commands::simulate::Arguments),
     Demo(commands::demo::Arguments),
     Inspect(commands::inspect::Arguments),
+    Probe(commands::probe::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -67,6 +68,7 @@ fn main() -> ExitCode {
         Command::Simulate(a) => commands::simulate::run(a),
         Command::Demo(a) => commands::demo::run(a),
         Command::Inspect(a) => commands::inspect::run(a),
+        Command::Probe(a) => commands::probe::run(a),
     };
     match answer.and_then(|answer| print(&answer, arguments.json)) {
         Ok(()) => ExitCode::SUCCESS,

@@ -65,7 +65,8 @@ impl Address {
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = |what: String, remedy: &str| DeviceError::new(text, what, remedy);
         let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE or gpio://?position=…";
-        let url = Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
+        let url =
+            Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
         let known = Scheme::NAMES.iter().find(|(name, _)| *name == url.scheme());
         let scheme = known
             .ok_or_else(|| wrong(format!("found the scheme `{}`", url.scheme()), forms))?
@@ -76,8 +77,14 @@ impl Address {
                 let expected = format!("expected one of: {}", scheme.keys().join(", "));
                 return Err(wrong(format!("found the key `{key}`"), &expected));
             }
-            if keys.insert(key.clone().into_owned(), value.into_owned()).is_some() {
-                return Err(wrong(format!("the key `{key}` stands twice"), "name it once"));
+            if keys
+                .insert(key.clone().into_owned(), value.into_owned())
+                .is_some()
+            {
+                return Err(wrong(
+                    format!("the key `{key}` stands twice"),
+                    "name it once",
+                ));
             }
         }
         let address = Self {
@@ -116,23 +123,28 @@ impl Address {
     pub fn number<N: std::str::FromStr + PartialOrd + std::fmt::Display>(
         &self,
         key: &str,
-        range: [N; 2],
+        [low, high]: [N; 2],
         default: N,
     ) -> Result<N, DeviceError> {
         let Some(text) = self.get(key) else {
             return Ok(default);
         };
-        let [low, high] = &range;
-        let number = text.parse().ok().filter(|n| low <= n && n <= high);
+        let number = text.parse().ok().filter(|n| low <= *n && *n <= high);
         number.ok_or_else(|| {
             let what = format!("found {key}={text}");
-            self.wrong(what, format!("expected a whole number from {low} to {high}"))
+            self.wrong(
+                what,
+                format!("expected a whole number from {low} to {high}"),
+            )
         })
     }
 
     /// A key's list of words, commas between.
     pub fn list(&self, key: &str) -> Vec<String> {
         let words = self.get(key).unwrap_or_default().split(',');
-        words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
+        words
+            .filter(|word| !word.is_empty())
+            .map(str::to_owned)
+            .collect()
     }
 }

@@ -20,9 +20,8 @@ use crate::{
 pub fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),
-        Some(path) => std::fs::read_to_string(path).map_err(|e| {
-            address.wrong(format!("{path}: {e}"), "check the path of the DBC file")
-        })?,
+        Some(path) => std::fs::read_to_string(path)
+            .map_err(|e| address.wrong(format!("{path}: {e}"), "check the path of the DBC file"))?,
     };
     SignalTable::parse(&text).map_err(|e| address.wrong(e.to_string(), "correct the DBC file"))
 }
@@ -36,13 +35,18 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     loop {
         match socket.receive(deadline) {
             Ok(Some(Received::Frame(frame, _))) => {
-                let seen = frames.entry((frame.extended, frame.id)).or_insert((frame, 0));
+                let seen = frames
+                    .entry((frame.extended, frame.id))
+                    .or_insert((frame, 0));
                 *seen = (frame, seen.1 + 1);
             }
             Ok(Some(_)) => errors += 1,
             Ok(None) => break,
             Err(fault) => {
-                return Err(address.wrong(fault.to_string(), "bring the interface up: ip link set … up"));
+                return Err(address.wrong(
+                    fault.to_string(),
+                    "bring the interface up: ip link set … up",
+                ));
             }
         }
     }
@@ -74,7 +78,11 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         }
     }
     let seen = frames.iter().map(|((extended, id), (_, count))| {
-        let id = if *extended { format!("{id:08X}") } else { format!("{id:03X}") };
+        let id = if *extended {
+            format!("{id:08X}")
+        } else {
+            format!("{id:03X}")
+        };
         format!("{id} ({count})")
     });
     probe.facts = vec![

@@ -31,7 +31,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     let told = |fault: Fault| address.wrong(fault.to_string(), "check the options of the control");
     let system = client.system_info().map_err(told)?;
     let names = client.axis_names().map_err(told)?;
-    let positions = client.positions(PositionKind::Machine, names.len()).map_err(told)?;
+    let positions = client
+        .positions(PositionKind::Machine, names.len())
+        .map_err(told)?;
     let status = client.status().map_err(told)?;
     let mut times = Vec::new();
     for _ in 0..TIMED {
@@ -50,13 +52,30 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     let mut probe = Probe::new(address);
     probe.positions = names.iter().zip(positions).map(position).collect();
     probe.facts = vec![
-        ("control".to_owned(), format!("{}{}", system.cnc_type, system.machine_type).trim().to_owned()),
-        ("series".to_owned(), format!("{} {}", system.series, system.version)),
+        (
+            "control".to_owned(),
+            format!("{}{}", system.cnc_type, system.machine_type)
+                .trim()
+                .to_owned(),
+        ),
+        (
+            "series".to_owned(),
+            format!("{} {}", system.series, system.version),
+        ),
         ("version".to_owned(), client.version().to_string()),
-        ("emergency_stop".to_owned(), (status.emergency != 0).to_string()),
+        (
+            "emergency_stop".to_owned(),
+            (status.emergency != 0).to_string(),
+        ),
         ("alarm".to_owned(), (status.alarm != 0).to_string()),
-        ("round_trip_p50_us".to_owned(), format!("{:.0}", microseconds(TIMED / 2))),
-        ("round_trip_p99_us".to_owned(), format!("{:.0}", microseconds(TIMED - 1))),
+        (
+            "round_trip_p50_us".to_owned(),
+            format!("{:.0}", microseconds(TIMED / 2)),
+        ),
+        (
+            "round_trip_p99_us".to_owned(),
+            format!("{:.0}", microseconds(TIMED - 1)),
+        ),
     ];
     Ok(probe)
 }

@@ -31,7 +31,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     let read = port.read(Instant::now() + at_most);
     let levels = read.map_err(|fault| address.wrong(fault.to_string(), "check the chip"))?;
     let mut probe = Probe::new(address);
-    probe.inputs = (0..port.inputs()).map(|line| levels >> line & 1 == 1).collect();
+    probe.inputs = (0..port.inputs())
+        .map(|line| levels >> line & 1 == 1)
+        .collect();
     if port.inputs() == 15 {
         // As the published scheme reads them.
         let axis = DigitalAxis::published('?');

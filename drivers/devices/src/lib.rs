@@ -12,12 +12,12 @@ mod modbus;
 mod probe;
 
 pub use address::{Address, Scheme};
-pub use probe::{Probe, ProbedPosition, probe};
-#[cfg(feature = "focas")]
-pub use focas::focas_config;
-#[cfg(feature = "modbus")]
-pub use modbus::{digital_modules, thermometer};
 #[cfg(feature = "can")]
 pub use can::signal_table;
+#[cfg(feature = "focas")]
+pub use focas::focas_config;
 #[cfg(feature = "gpio")]
 pub use gpio::gpio_port;
+#[cfg(feature = "modbus")]
+pub use modbus::{digital_modules, thermometer};
+pub use probe::{Probe, ProbedPosition, probe};

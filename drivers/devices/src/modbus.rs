@@ -52,7 +52,10 @@ fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
 pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermometer, DeviceError> {
     let profile = profile(address)?;
     let bus = bus(address, &profile)?;
-    let count = profile.channels.as_ref().map_or(0, |channels| channels.count);
+    let count = profile
+        .channels
+        .as_ref()
+        .map_or(0, |channels| channels.count);
     let mut names = names.to_vec();
     if names.is_empty() {
         names = address.list("names");
@@ -79,23 +82,37 @@ pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> 
         unit: address.number("unit", [1, 247], 1)?,
         profile,
     };
-    ModbusDigital::new(bus, &[module], Duration::from_millis(300), Backoff::default())
+    ModbusDigital::new(
+        bus,
+        &[module],
+        Duration::from_millis(300),
+        Backoff::default(),
+    )
 }
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let profile = profile(address)?;
     let mut probe = Probe::new(address);
-    probe.facts.push(("profile".to_owned(), profile.name.clone()));
+    probe
+        .facts
+        .push(("profile".to_owned(), profile.name.clone()));
     if !profile.unproven.is_empty() {
-        probe.facts.push(("not_proven".to_owned(), profile.unproven.join("; ")));
+        probe
+            .facts
+            .push(("not_proven".to_owned(), profile.unproven.join("; ")));
     }
     let deadline = Instant::now() + at_most;
     let nobody = || {
         let ports: Vec<String> = serial_ports().into_iter().map(|port| port.path).collect();
         let remedy = match (address.scheme, ports.is_empty()) {
-            (Scheme::ModbusRtu, true) => "check wire, unit, speed and parity; this machine has no serial port".to_owned(),
+            (Scheme::ModbusRtu, true) => {
+                "check wire, unit, speed and parity; this machine has no serial port".to_owned()
+            }
             (Scheme::ModbusRtu, false) => {
-                format!("check wire, unit, speed and parity; serial ports here: {}", ports.join(", "))
+                format!(
+                    "check wire, unit, speed and parity; serial ports here: {}",
+                    ports.join(", ")
+                )
             }
             _ => "check address, unit and supply".to_owned(),
         };
@@ -125,7 +142,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
                 Err(_) => return Err(nobody()),
             }
         };
-        probe.inputs = (0..digital.inputs).map(|line| levels >> line & 1 == 1).collect();
+        probe.inputs = (0..digital.inputs)
+            .map(|line| levels >> line & 1 == 1)
+            .collect();
     }
     Ok(probe)
 }

@@ -46,7 +46,10 @@ impl Probe {
 /// # Errors
 /// A device that is not there or does not answer, a bus that this build does not have.
 pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
-    #[expect(unreachable_patterns, reason = "with every bus built in there is nothing left")]
+    #[expect(
+        unreachable_patterns,
+        reason = "with every bus built in there is nothing left"
+    )]
     match address.scheme {
         #[cfg(feature = "focas")]
         Scheme::Focas => crate::focas::probe(address, at_most),

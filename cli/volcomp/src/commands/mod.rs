@@ -9,6 +9,7 @@ pub(crate) mod fit;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
+pub(crate) mod probe;
 pub(crate) mod simulate;
 
 use std::path::Path;

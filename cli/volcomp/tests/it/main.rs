@@ -2,6 +2,7 @@
 
 mod answers;
 mod map;
+mod probe;
 mod whole_way;
 mod wrong_input;
 

@@ -10,13 +10,16 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 fn message(url: &str) -> String {
     match Address::parse(url) {
         Err(e) => e.to_string(),
-        Ok(address) => probe(&address, Duration::from_millis(200)).unwrap_err().to_string(),
+        Ok(address) => probe(&address, Duration::from_millis(200))
+            .unwrap_err()
+            .to_string(),
     }
 }
 
 #[test]
 fn urls_are_taken_apart() {
-    let address = Address::parse("gpio://?position=panel-out:0-14&correction=panel-in:0-7").unwrap();
+    let address =
+        Address::parse("gpio://?position=panel-out:0-14&correction=panel-in:0-7").unwrap();
     assert_eq!(address.scheme, Scheme::Gpio);
     assert_eq!(address.get("position"), Some("panel-out:0-14"));
     let address = Address::parse("can://vcan0").unwrap();
@@ -32,16 +35,40 @@ fn wrong_urls_say_what_is_expected() {
         ("nonsense", "nonsense: this is no device URL"),
         ("opc://x", "found the scheme `opc`; expected focas://HOST"),
         ("focas://", "is missing"),
-        ("focas://h?unit=3", "found the key `unit`; expected one of: path, axes"),
+        (
+            "focas://h?unit=3",
+            "found the key `unit`; expected one of: path, axes",
+        ),
         ("modbus://h?unit=1&unit=2", "the key `unit` stands twice"),
-        ("modbus://h", "no profile is named; expected profile=NAME, one of: PTA8C04"),
+        (
+            "modbus://h",
+            "no profile is named; expected profile=NAME, one of: PTA8C04",
+        ),
         ("modbus://h?profile=XY", "there is no profile `XY`"),
-        ("modbus://h?profile=PTA8C04&unit=0", "found unit=0; expected a whole number from 1 to 247"),
-        ("modbus-rtu://?profile=PTA8C04", "the serial device is missing; expected three slashes"),
-        ("modbus-rtu:///dev/x?profile=PTA8C04&parity=odd1", "found parity=odd1; expected none, even or odd"),
-        ("modbus-rtu:///dev/none?profile=PTA8C04", "the module does not answer; check wire"),
-        ("modbus://127.0.0.1:1?profile=PTA8C04", "the module does not answer; check address"),
-        ("gpio://?position=a:0-14", "correction is missing; expected gpio://"),
+        (
+            "modbus://h?profile=PTA8C04&unit=0",
+            "found unit=0; expected a whole number from 1 to 247",
+        ),
+        (
+            "modbus-rtu://?profile=PTA8C04",
+            "the serial device is missing; expected three slashes",
+        ),
+        (
+            "modbus-rtu:///dev/x?profile=PTA8C04&parity=odd1",
+            "found parity=odd1; expected none, even or odd",
+        ),
+        (
+            "modbus-rtu:///dev/none?profile=PTA8C04",
+            "the module does not answer; check wire",
+        ),
+        (
+            "modbus://127.0.0.1:1?profile=PTA8C04",
+            "the module does not answer; check address",
+        ),
+        (
+            "gpio://?position=a:0-14",
+            "correction is missing; expected gpio://",
+        ),
         ("gpio://?position=a:0-14&correction=b", "found `b` as lines"),
         ("can://can77?dbc=nowhere.dbc", "nowhere.dbc: No such file"),
         ("focas://127.0.0.1:1", "no connection to 127.0.0.1:1"),
@@ -51,7 +78,10 @@ fn wrong_urls_say_what_is_expected() {
     }
     let address = Address::parse("modbus://h?profile=ADAM-6050").unwrap();
     let message = thermometer(&address, &[]).err().unwrap().to_string();
-    assert!(message.contains("ADAM-6050 has no temperatures"), "{message}");
+    assert!(
+        message.contains("ADAM-6050 has no temperatures"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -61,7 +91,18 @@ fn a_control_is_probed() {
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
     let address = Address::parse(&format!("focas://{}", simulator.address())).unwrap();
     let found = probe(&address, Duration::from_secs(2)).unwrap();
-    let positions: Vec<_> = found.positions.iter().map(|p| (&*p.name, p.rotary, p.value)).collect();
-    assert_eq!(positions, [("X", false, 1.5), ("Y", false, -2.0), ("C", true, 90.0)]);
-    assert!(found.facts.contains(&("series".to_owned(), "D4G3 28.0".to_owned())));
+    let positions: Vec<_> = found
+        .positions
+        .iter()
+        .map(|p| (&*p.name, p.rotary, p.value))
+        .collect();
+    assert_eq!(
+        positions,
+        [("X", false, 1.5), ("Y", false, -2.0), ("C", true, 90.0)]
+    );
+    assert!(
+        found
+            .facts
+            .contains(&("series".to_owned(), "D4G3 28.0".to_owned()))
+    );
 }

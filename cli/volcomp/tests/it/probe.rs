@@ -1,0 +1,58 @@
+//! `volcomp probe` of a simulated control.
+
+use std::sync::Arc;
+
+use serde_json::json;
+use volcomp_focas::simulator::{Options, Simulator, World};
+
+use crate::{json, refused, text, volcomp};
+
+fn simulator() -> Simulator {
+    let mut world = World::new(&['X', 'Y', 'C']);
+    world.motion = Arc::new(|_| vec![1234.567, -0.001, 45.0]);
+    Simulator::start("127.0.0.1:0", Options::default(), world).expect("a free port")
+}
+
+#[test]
+fn a_control_says_where_it_is() {
+    let simulator = simulator();
+    let url = format!("focas://{}", simulator.address());
+    let answer = json(&["probe", &url]);
+    assert_eq!(answer["device"], url);
+    assert_eq!(
+        answer["positions_mm"],
+        json!({ "X": 1234.567, "Y": -0.001 })
+    );
+    assert_eq!(answer["positions_deg"], json!({ "C": 45.0 }));
+    assert_eq!(answer["alarm"], "false");
+    let shown = text(&["probe", &url]).replace(&url, "URL");
+    let shown: Vec<&str> = shown
+        .lines()
+        .filter(|line| !line.starts_with("round trip"))
+        .collect();
+    insta::assert_snapshot!(shown.join("\n"));
+}
+
+#[test]
+fn a_device_that_is_not_there_is_a_failed_work() {
+    let output = volcomp(&["probe", "focas://127.0.0.1:1", "--within", "0.5"]);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(
+        message.contains("focas://127.0.0.1:1: no connection"),
+        "{message}"
+    );
+    for (url, expected) in [
+        ("focas://h?x=1", "found the key `x`"),
+        ("modbus://h", "no profile is named"),
+        (
+            "modbus://h?profile=nothing",
+            "there is no profile `nothing`",
+        ),
+        ("gpio://?position=a:0", "correction is missing"),
+        ("http://h", "found the scheme `http`"),
+    ] {
+        assert!(refused(&["probe", url]).contains(expected), "{url}");
+    }
+    assert!(refused(&["probe", "can://can77", "--within=-1"]).contains("--within"));
+}
