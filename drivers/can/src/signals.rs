@@ -189,10 +189,14 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
 }
 
 impl Signal {
-    /// Byte `k` from the end that holds the lowest bits.
+    /// Byte `k` from the end that holds the lowest bits; past the data where these are too short.
     #[inline]
     fn byte(&self, length: usize, k: usize) -> usize {
-        if self.big_endian { length - 1 - k } else { k }
+        if self.big_endian {
+            length.wrapping_sub(k + 1)
+        } else {
+            k
+        }
     }
 
     /// The bits as they stand in the data.

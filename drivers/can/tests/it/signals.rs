@@ -93,6 +93,24 @@ fn what_cannot_be_used_is_named() {
     assert!(message("BO_ nonsense").starts_with("DBC: "));
 }
 
+/// Data of another length than the message's have no numbers, in either byte order.
+#[test]
+fn data_that_are_too_short_are_zeros() {
+    for order in [0, 1] {
+        let text = format!(
+            "VERSION \"\"\nBU_: A\nBO_ 1 M: 8 A\n SG_ S : 7|24@{order}+ (1,0) [0|0] \"\" A\n"
+        );
+        let table = SignalTable::parse(&text).unwrap();
+        let signal = &table.messages[0].signals[0];
+        for length in 0..8 {
+            let mut data = vec![0xff; length];
+            signal.put_raw(&mut data, 0);
+            let _ = signal.raw(&data);
+        }
+        assert_eq!(signal.value(&[]), 0.0);
+    }
+}
+
 #[test]
 fn values_are_held_within_their_bits() {
     let table = shipped();
