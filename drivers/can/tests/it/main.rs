@@ -4,6 +4,7 @@
 
 mod bridge;
 mod canopen;
+mod fuzz_corpus;
 mod peer;
 mod signals;
 

@@ -6,6 +6,7 @@
 mod client;
 mod controller;
 mod frames;
+mod fuzz_corpus;
 mod peer;
 
 use std::time::Duration;

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod fuzz_corpus;
 mod iec60751;
 mod line;
 mod peers;
