@@ -133,6 +133,12 @@ fn a_ramp_of_positions_is_corrected() {
     }
 }
 
+#[test]
+fn the_contract_of_digital_ports() {
+    let _panel = panel();
+    volcomp_port::contract::digital_io(&mut port(), false);
+}
+
 /// The control's outputs taken for its inputs: there are not enough lines.
 #[test]
 fn swapped_roles_are_refused() {

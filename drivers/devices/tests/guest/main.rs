@@ -1,0 +1,81 @@
+//! Probes of the guest's lines and buses. Run by `./test` in the guest, or by `tests/guest/run`.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::{
+    process::{Child, Command},
+    time::Duration,
+};
+
+use volcomp_devices::{Address, probe};
+
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn lines_are_probed() {
+    let url = "gpio://?position=panel-out:0-14&correction=panel-in:0-7";
+    let found = probe(&Address::parse(url).unwrap(), Duration::from_secs(1)).unwrap();
+    assert_eq!(
+        (found.device.as_str(), &found.inputs[..]),
+        (url, &[false; 15][..])
+    );
+    assert_eq!(found.positions[0].value, 0.0);
+    let swapped = "gpio://?position=panel-in:0-7&correction=panel-up:0-14";
+    let message = probe(&Address::parse(swapped).unwrap(), Duration::from_secs(1)).unwrap_err();
+    assert!(
+        message
+            .to_string()
+            .contains("gpio panel-up: there is no such chip"),
+        "{message}"
+    );
+}
+
+/// 100 mm and -2 mm, sealed by the rule of the shipped file.
+#[test]
+fn a_bus_is_probed() {
+    let table = volcomp_can::SignalTable::parse(volcomp_can::SHIPPED_DBC).unwrap();
+    let message = table
+        .messages
+        .iter()
+        .find(|m| m.name == "POSITION_XY")
+        .unwrap();
+    let mut data = [0; 8];
+    message.signals[0].put(&mut data, 100.0);
+    message.signals[1].put(&mut data, -2.0);
+    message.seal(&mut data, 1);
+    let hex: Vec<String> = data.iter().map(|byte| format!("{byte:02X}")).collect();
+    let text = format!("100#{}", hex.concat());
+    let script =
+        format!("while true; do cansend vcan0 {text}; cansend vcan0 7E5#05; sleep 0.05; done");
+    let _control = Running(Command::new("bash").args(["-c", &script]).spawn().unwrap());
+    let address = Address::parse("can://vcan0").unwrap();
+    let found = probe(&address, Duration::from_millis(800)).unwrap();
+    let positions: Vec<_> = found
+        .positions
+        .iter()
+        .map(|p| (&*p.name, p.value))
+        .collect();
+    assert_eq!(positions.len(), 2);
+    assert_eq!(positions[0].0, "X");
+    assert!((positions[0].1 - 100.0).abs() < 1e-9 && (positions[1].1 + 2.0).abs() < 1e-9);
+    let frames = &found.facts[0].1;
+    assert!(
+        frames.contains("100 (") && frames.contains("7E5 ("),
+        "{frames}"
+    );
+    let silent = Address::parse("can://vcan1").unwrap();
+    let message = probe(&silent, Duration::from_millis(100))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("no frame came within 100 ms; check the wire"),
+        "{message}"
+    );
+}
