@@ -52,6 +52,9 @@ pub struct FocasConfig {
     pub shift: Shift,
     /// A byte that every correction moves on, for the ladder to watch; `None`: nobody watches.
     pub heartbeat: Option<PmcAddress>,
+    /// A byte that is written last in every correction and counts up: where a ladder copies the shifts on, it
+    /// does so when this byte has changed, and so takes all axes together.
+    pub sequence: Option<PmcAddress>,
     /// Which positions are read.
     pub positions: PositionKind,
     /// Whether they contain the shift.
@@ -89,6 +92,7 @@ impl FocasConfig {
                 count_rad: 1e-3_f64.to_radians(),
             },
             heartbeat: Some(address(PmcArea::R, 120)),
+            sequence: None,
             positions: PositionKind::Machine,
             includes_correction: false,
             referenced: Some(address(PmcArea::F, 120)),
@@ -215,6 +219,8 @@ struct Link {
     reads: Vec<(Request, Vec<Read>)>,
     write: Request,
     heartbeat: Option<(usize, u8)>,
+    /// Which command of the write, and the last number.
+    sequence: Option<(usize, u8)>,
     /// The heartbeat that is in the control: what was written or, before that, read.
     known_heartbeat: Option<u8>,
 }
@@ -277,6 +283,9 @@ impl Link {
             reads: plan.reads(config).map_err(too_long)?,
             write: plan.write(config).map_err(too_long)?,
             heartbeat: config.heartbeat.map(|_| (plan.runs.len(), 0)),
+            sequence: config
+                .sequence
+                .map(|_| (plan.runs.len() + usize::from(config.heartbeat.is_some()), 0)),
             known_heartbeat: None,
         })
     }
@@ -345,6 +354,12 @@ impl Link {
             *beat = self.known_heartbeat.unwrap_or(*beat).wrapping_add(1);
             if let Some(byte) = self.write.data_mut(*command).first_mut() {
                 *byte = *beat;
+            }
+        }
+        if let Some((command, number)) = &mut self.sequence {
+            *number = number.wrapping_add(1);
+            if let Some(byte) = self.write.data_mut(*command).first_mut() {
+                *byte = *number;
             }
         }
         for block in self.session.exchange(&self.write, deadline)? {
@@ -544,7 +559,7 @@ impl Plan {
             let args = shift_args(config, slot, count, bytes);
             commands.push(pmc(config, function::WRITE_PMC, args, data));
         }
-        if let Some(address) = config.heartbeat {
+        for address in [config.heartbeat, config.sequence].into_iter().flatten() {
             let args = byte_args(address, 1);
             commands.push(pmc(config, function::WRITE_PMC, args, &room[..1]));
         }

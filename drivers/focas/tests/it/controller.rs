@@ -140,6 +140,33 @@ fn the_heartbeat_moves_with_every_correction_and_shows_another_gateway() {
 }
 
 #[test]
+fn the_sequence_counts_after_the_shifts() {
+    let simulator = simulator(Options::default());
+    let mut config = config(&simulator, &['X', 'Z']);
+    config.sequence = Some(PmcAddress {
+        area: PmcArea::D,
+        at: 7,
+    });
+    for (heartbeat, beats) in [(config.heartbeat, 3), (None, 0)] {
+        simulator.world().write(PmcArea::R, 120, &[0]);
+        config.heartbeat = heartbeat;
+        let mut controller = connected(config.clone());
+        for expected in 1..=3 {
+            controller
+                .apply(&um(f64::from(expected), 0.0, 0.0), soon())
+                .unwrap();
+            let mut world = simulator.world();
+            assert_eq!(world.read(PmcArea::D, 7, 1), Some(vec![expected]));
+            assert_eq!(world.shifts()[0], f64::from(expected) * 0.001);
+        }
+        assert_eq!(
+            simulator.world().read(PmcArea::R, 120, 1),
+            Some(vec![beats])
+        );
+    }
+}
+
+#[test]
 fn what_the_control_lacks_is_named() {
     let simulator = simulator(Options::default());
     let mut controller = FocasController::new(config(&simulator, &['X', 'B'])).unwrap();
