@@ -84,7 +84,11 @@ fn json(found: &Probe) -> Value {
         json["inputs"] = json!(found.inputs);
     }
     for (name, value) in &found.facts {
-        json[name] = json!(value);
+        json[name] = match (value.parse::<bool>(), value.parse::<f64>()) {
+            (Ok(flag), _) => json!(flag),
+            (_, Ok(number)) => json!(number),
+            _ => json!(value),
+        };
     }
     json
 }

@@ -24,7 +24,8 @@ fn a_control_says_where_it_is() {
         json!({ "X": 1234.567, "Y": -0.001 })
     );
     assert_eq!(answer["positions_deg"], json!({ "C": 45.0 }));
-    assert_eq!(answer["alarm"], "false");
+    assert_eq!(answer["alarm"], false);
+    assert_eq!(answer["series"], "D4G3 28.0");
     let shown = text(&["probe", &url]).replace(&url, "URL");
     let shown: Vec<&str> = shown
         .lines()
