@@ -4,6 +4,7 @@
 
 mod bridge;
 mod canopen;
+mod contracts;
 mod fuzz_corpus;
 mod peer;
 mod signals;
