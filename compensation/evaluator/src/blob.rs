@@ -244,12 +244,7 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
         linear_mm,
         angular_rad,
     };
-    let frame = Frame {
-        chain,
-        location,
-        assembly,
-        tolerance,
-    };
+    let frame = Frame::new(chain, &location, &assembly, tolerance);
     Ok(CompiledMachine::from_tables(frame, axes, ranges))
 }
 

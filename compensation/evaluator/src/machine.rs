@@ -78,10 +78,28 @@ pub(crate) struct Frame {
     pub(crate) location: [ErrorMotion; MAX_AXES],
     pub(crate) assembly: [ErrorMotion; MAX_AXES],
     pub(crate) tolerance: Tolerance,
+    folded: Folded,
+}
+
+impl Frame {
+    pub(crate) fn new(
+        chain: Chain,
+        location: &[ErrorMotion; MAX_AXES],
+        assembly: &[ErrorMotion; MAX_AXES],
+        tolerance: Tolerance,
+    ) -> Self {
+        Self {
+            folded: fold(&chain, location, assembly),
+            chain,
+            location: *location,
+            assembly: *assembly,
+            tolerance,
+        }
+    }
 }
 
 /// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
-/// first order without allocation, lock or panic. Thermal terms are not part of it.
+/// first order without allocation, lock or panic. Thermal terms are in as they stood when it was made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompiledMachine {
     pub(crate) chain: Chain,
@@ -113,13 +131,8 @@ impl CompiledMachine {
                 return Err(EvaluatorError::Tolerance { found });
             }
         }
-        let frame = Frame {
-            chain: parts.chain.clone(),
-            location: parts.location,
-            assembly: parts.assembly,
-            tolerance,
-        };
-        let folded = fold(&frame.chain, &frame.location, &frame.assembly);
+        let chain = parts.chain.clone();
+        let frame = Frame::new(chain, &parts.location, &parts.assembly, tolerance);
         let (mut axes, mut ranges) = (Vec::new(), Vec::new());
         for (index, parts) in parts.axes.into_iter().enumerate() {
             let stated = parts.ranges.iter();
@@ -132,7 +145,7 @@ impl CompiledMachine {
             axes.push(AxisTables {
                 travel: parts.travel,
                 modulo: parts.modulo,
-                tables: tables(&frame, &folded, index, &parts)?,
+                tables: tables(&frame, index, &parts)?,
                 patches: parts.patches,
             });
         }
@@ -141,7 +154,7 @@ impl CompiledMachine {
 
     /// From tables that hold the constants already.
     pub(crate) fn from_tables(frame: Frame, axes: Vec<AxisTables>, ranges: Vec<Range>) -> Self {
-        let folded = fold(&frame.chain, &frame.location, &frame.assembly);
+        let folded = frame.folded;
         let tip = frame.chain.tool_tip_mm();
         let mut tables = Tables::default();
         let compiled = |(index, (joint, axis)): (usize, (&Joint, AxisTables))| {
@@ -315,7 +328,6 @@ impl CompiledAxis {
 /// The tables of one axis, errors carried to the tool tip at machine zero and constant errors in.
 fn tables(
     frame: &Frame,
-    folded: &Folded,
     index: usize,
     parts: &AxisParts<'_>,
 ) -> Result<Vec<Vec<Piece>>, EvaluatorError> {
@@ -325,13 +337,13 @@ fn tables(
         Branches::Three => &[Approach::Positive, Approach::Negative, Approach::Unknown],
     };
     let joint = &frame.chain.joints()[index];
-    let slope = folded.slide[index] + Vector3::from(parts.slope_mm);
+    let slope = frame.folded.slide[index] + Vector3::from(parts.slope_mm);
     let table = |approach: &Approach| {
         let wanted = ToTable {
             errors: &|x| (parts.errors)(x, *approach),
             breakpoints: &parts.breakpoints,
             arm_mm: frame.chain.tool_tip_mm() - joint.point_mm,
-            constant: folded.constant[index],
+            constant: frame.folded.constant[index],
             tolerance: frame.tolerance,
             axis: joint.name,
         };

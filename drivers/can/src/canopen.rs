@@ -395,8 +395,8 @@ impl Nodes {
         }
     }
 
-    /// A node that waits to be started, once in a while.
-    fn waiting(&mut self, now: Instant) -> Option<u8> {
+    /// What starts a node that waits for it, once in a while.
+    fn start(&mut self, now: Instant) -> Option<Frame> {
         let waits = |watched: &Watched| {
             let due = watched
                 .started
@@ -408,7 +408,7 @@ impl Nodes {
             .iter_mut()
             .find(|(_, watched)| waits(watched))?;
         watched.started = Some(now);
-        Some(*node)
+        nmt(NmtCommand::Start, *node)
     }
 
     /// Why a node's data must not be used; `None` when they may.
@@ -525,11 +525,7 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
                 Ok(None) | Err(_) => break,
             }
         }
-        if let Some(frame) = self
-            .nodes
-            .waiting(now)
-            .and_then(|node| nmt(NmtCommand::Start, node))
-        {
+        if let Some(frame) = self.nodes.start(now) {
             // A bus that takes nothing shows in the heartbeats.
             let _ = self.port.send(&frame, now);
         }
@@ -616,11 +612,7 @@ impl<P: CanPort> CanopenDigital<P> {
             }
         }
         let now = Instant::now();
-        if let Some(frame) = self
-            .nodes
-            .waiting(now)
-            .and_then(|node| nmt(NmtCommand::Start, node))
-        {
+        if let Some(frame) = self.nodes.start(now) {
             self.port.send(&frame, now + Duration::from_millis(1))?;
         }
         Ok(())
