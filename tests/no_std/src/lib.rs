@@ -10,10 +10,12 @@ use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
 use core::ptr::null_mut;
 use core::slice;
+use core::time::Duration;
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
+use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, MAX_AXES, Reading};
 use volcomp_kinematics::{
     Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error,
 };
@@ -207,4 +209,57 @@ pub unsafe extern "C" fn volcomp_compiled_correction(
     };
     delta.copy_from_slice(&machine.first_order(&State::from_coordinates(q)).delta);
     machine.chain().joints().len() as i32
+}
+
+/// One cycle of a guard of three axes: what may be written of the wanted corrections (mm) over those that are
+/// applied. The guard is built anew each time, so this says only that it links. Returns 1 where something is
+/// to be written, 0 where not, −1 if the limits are refused.
+///
+/// # Safety
+/// `wanted` and `applied` point to 9 numbers, `output` to 9 writable ones.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn volcomp_guard_cycle(
+    limit_mm: f64,
+    wanted: *const f64,
+    applied: *const f64,
+    output: *mut f64,
+) -> i32 {
+    // SAFETY: the caller keeps the lengths stated above.
+    let (wanted, applied) = unsafe { (slice::from_raw_parts(wanted, 9), slice::from_raw_parts(applied, 9)) };
+    // SAFETY: as above, for writing.
+    let output = unsafe { slice::from_raw_parts_mut(output, 9) };
+    let axis = AxisLimits {
+        limit: limit_mm,
+        warn: limit_mm,
+        slew_per_s: 0.5,
+        accel_per_s2: f64::INFINITY,
+        resolution: 0.001,
+        includes_correction: false,
+    };
+    let guard = Guard::new(Limits {
+        axes: [axis; MAX_AXES],
+        count: 3,
+        period: Duration::from_millis(4),
+        hold: Duration::from_millis(50),
+        zero_after: Duration::from_millis(500),
+        ramp: Duration::from_millis(500),
+        test_shift: [0.0; MAX_AXES],
+        read_back_cycles: 2,
+    });
+    let Ok(mut guard) = guard else { return -1 };
+    let reading = Reading {
+        taken: Duration::ZERO,
+        positions: [0.0; MAX_AXES],
+        applied: Some(core::array::from_fn(|i| applied[i])),
+        referenced: true,
+        alarm: false,
+        emergency_stop: false,
+    };
+    let found = guard.cycle(&Inputs {
+        reading: Some(reading),
+        target: Some(core::array::from_fn(|i| wanted[i])),
+        ..Inputs::default()
+    });
+    output.copy_from_slice(&found.correction);
+    i32::from(found.write)
 }

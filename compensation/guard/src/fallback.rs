@@ -1,0 +1,90 @@
+//! Which of several controller paths corrects.
+
+use core::time::Duration;
+
+/// Paths at the most.
+pub const MAX_PATHS: usize = 4;
+
+/// What a cycle knows of one path, in the order of preference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PathHealth {
+    /// Its positions are fresh, nothing stands against writing, and every position that its correction depends
+    /// on is to be had.
+    pub usable: bool,
+    /// Paths with the same number replace one another: the controller selects. Others add.
+    pub channel: u32,
+    /// What it has applied is known.
+    pub held_is_known: bool,
+}
+
+/// The answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// The path that corrects.
+    pub active: usize,
+    /// Another one than before.
+    pub switched: bool,
+    /// The next one may not take over, since nobody knows what another channel holds.
+    pub blocked: bool,
+}
+
+/// Chooses the path, with hysteresis: state are the active path and since when each is usable.
+#[derive(Clone, Copy, Debug)]
+pub struct Selector {
+    active: usize,
+    usable_since: [Option<Duration>; MAX_PATHS],
+    hand_back: Duration,
+}
+
+impl Selector {
+    /// The first path is active; a better one takes over again when it was usable for `hand_back`.
+    pub fn new(hand_back: Duration) -> Self {
+        Self {
+            active: 0,
+            usable_since: [None; MAX_PATHS],
+            hand_back,
+        }
+    }
+
+    /// The active path.
+    pub fn active(&self) -> usize {
+        self.active
+    }
+
+    /// One cycle: the first [`MAX_PATHS`] of `paths` count.
+    pub fn choose(&mut self, now: Duration, paths: &[PathHealth]) -> Choice {
+        for (since, path) in self.usable_since.iter_mut().zip(paths) {
+            *since = path.usable.then(|| since.unwrap_or(now));
+        }
+        let usable_for = |index: usize| {
+            let since = self.usable_since.get(index).copied().flatten();
+            since.map(|since| now.saturating_sub(since))
+        };
+        let better =
+            (0..self.active).find(|&i| usable_for(i).is_some_and(|time| time >= self.hand_back));
+        let stands_in = || (0..paths.len().min(MAX_PATHS)).find(|&i| usable_for(i).is_some());
+        let wanted = match usable_for(self.active) {
+            Some(_) => better,
+            None => better.or_else(stands_in),
+        };
+        let Some(wanted) = wanted.filter(|&wanted| wanted != self.active) else {
+            return Choice {
+                active: self.active,
+                switched: false,
+                blocked: false,
+            };
+        };
+        let unknown = |(index, path): (usize, &PathHealth)| {
+            index != wanted && path.channel != paths[wanted].channel && !path.held_is_known
+        };
+        let blocked = paths.iter().enumerate().any(unknown);
+        if !blocked {
+            self.active = wanted;
+        }
+        Choice {
+            active: self.active,
+            switched: !blocked,
+            blocked,
+        }
+    }
+}

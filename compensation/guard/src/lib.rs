@@ -1,0 +1,25 @@
+#![no_std]
+#![doc = include_str!("../README.md")]
+
+mod axis;
+mod fallback;
+mod guard;
+mod limits;
+mod proof;
+mod reasons;
+mod state;
+mod temperature;
+
+pub use axis::Follower;
+pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};
+pub use guard::{Guard, Inputs, Output, Reading};
+pub use limits::{AxisLimits, Limits, LimitsError, MOST_READ_BACK_CYCLES};
+pub use reasons::Reasons;
+pub use state::{Cause, End, Hold, Phase, Request, State};
+pub use temperature::{Rejected, SensorCheck, SensorLimits};
+
+/// Axes of one controller at the most.
+pub const MAX_AXES: usize = 9;
+
+/// A number for each axis: mm, rotary axes rad.
+pub type AxisValues = [f64; MAX_AXES];

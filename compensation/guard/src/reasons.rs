@@ -1,0 +1,137 @@
+//! Why a state is what it is, as a set.
+
+use core::ops::{BitOr, BitOrAssign};
+
+/// A set of reasons. Plain bits: cheap to pass between threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Reasons(u64);
+
+macro_rules! reasons {
+    ($($(#[$doc:meta])* $name:ident = $bit:literal, $text:literal;)*) => {
+        impl Reasons {
+            $($(#[$doc])* pub const $name: Self = Self(1 << $bit);)*
+
+            const ALL: &'static [(Self, &'static str)] = &[$((Self::$name, $text)),*];
+        }
+    };
+}
+
+reasons! {
+    /// The wanted correction is beyond the limit.
+    LIMITED = 0, "correction limited";
+    /// The wanted correction is beyond the warning.
+    WARN = 1, "correction above the warning";
+    /// Slew or acceleration holds the output back.
+    SLEWING = 2, "rate limited";
+    /// Positions are older than allowed.
+    POSITIONS_STALE = 3, "positions stale";
+    /// Positions are so old that the correction goes to zero.
+    POSITIONS_LOST = 4, "positions lost";
+    /// The controller does not answer.
+    NO_CONTROLLER = 5, "controller does not answer";
+    /// Axes are not referenced.
+    NOT_REFERENCED = 6, "axes not referenced";
+    /// The controller has an alarm.
+    CONTROLLER_ALARM = 7, "controller alarm";
+    /// The emergency stop is pressed.
+    EMERGENCY_STOP = 8, "emergency stop";
+    /// A position or a correction is no finite number.
+    NOT_A_NUMBER = 9, "not a number";
+    /// What the controller has applied is not what was written: ramping from there.
+    READ_BACK = 10, "controller's correction changed";
+    /// What is written does not stick.
+    DOES_NOT_STICK = 11, "correction does not stick";
+    /// Positions do not contain the correction as configured.
+    CONTRADICTION = 12, "positions contradict includes_correction";
+    /// Arming waits until the axes stand still.
+    WAITING_FOR_STANDSTILL = 13, "waiting for standstill";
+    /// Whether positions contain the correction is not proven.
+    NOT_PROVEN = 14, "test shift is off";
+    /// A correction is applied while disarmed.
+    CORRECTION_LEFT = 15, "a correction is applied";
+    /// A temperature is left out.
+    DEGRADED = 16, "degraded";
+    /// A position is outside the range that was measured.
+    OUTSIDE_RANGE = 17, "outside the measured range";
+    /// Nobody ramps the correction out when the gateway stops.
+    UNWATCHED = 18, "unwatched";
+    /// The audit log cannot be written.
+    AUDIT = 19, "audit log cannot be written";
+    /// The machine file does not fit the controller.
+    MODEL_UNFIT = 20, "machine file does not fit";
+    /// Another gateway corrects this controller.
+    OTHER_GATEWAY = 21, "another gateway";
+    /// The limits are not configured.
+    NO_LIMITS = 22, "limits are not configured";
+    /// Cycles take longer than their time.
+    OVERRUNS = 23, "cycle overruns";
+    /// Another controller path stands in.
+    FALLBACK = 24, "fallback controller";
+    /// What another channel holds is not known.
+    OTHER_CHANNEL_UNKNOWN = 25, "other channel unknown";
+    /// Whether a second gateway is there cannot be seen.
+    CANNOT_SEE_OTHERS = 26, "cannot see other gateways";
+    /// The program is stopping.
+    STOPPING = 27, "stopping";
+    /// Near a pose in which the tool axis cannot be corrected in one direction.
+    SINGULAR = 28, "singular pose";
+}
+
+impl Reasons {
+    /// No reason.
+    pub const NONE: Self = Self(0);
+
+    /// Whether there is none.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether all of `other` are among them.
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// These where `condition`, else none.
+    #[must_use]
+    pub fn when(self, condition: bool) -> Self {
+        if condition { self } else { Self::NONE }
+    }
+
+    /// Without `other`.
+    #[must_use]
+    pub fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// As a number.
+    pub fn bits(self) -> u64 {
+        self.0
+    }
+
+    /// From a number of [`bits`](Self::bits).
+    pub fn from_bits(bits: u64) -> Self {
+        Self(bits)
+    }
+
+    /// Each one in words.
+    pub fn texts(self) -> impl Iterator<Item = &'static str> {
+        Self::ALL
+            .iter()
+            .filter(move |(reason, _)| self.contains(*reason))
+            .map(|(_, text)| *text)
+    }
+}
+
+impl BitOr for Reasons {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for Reasons {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}

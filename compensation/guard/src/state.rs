@@ -1,0 +1,183 @@
+//! The states and the one function that leads from one to the next.
+
+use crate::Reasons;
+
+/// What a guard does now.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// Nothing is written.
+    #[default]
+    Disarmed,
+    /// On the way to compensating.
+    Arming(Phase),
+    /// The correction follows the model.
+    Compensating,
+    /// The last correction is held.
+    Holding(Hold),
+    /// On the way to zero.
+    RampingOut(End),
+    /// Something is wrong that a person must look at; the correction ramps to zero.
+    Faulted(Cause),
+}
+
+/// How far arming is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// The test shift shows whether positions contain the correction.
+    Proving,
+    /// The correction ramps in.
+    Ramping,
+}
+
+/// Why the correction is held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// Positions are stale, or there is no correction to be had.
+    Stale,
+    /// Positions were lost, and the correction has gone to zero.
+    Lost,
+    /// Not referenced, alarm or emergency stop: nothing is written.
+    Interlocked,
+}
+
+/// What comes when the correction is zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Disarmed.
+    Disarmed,
+    /// Waiting for positions.
+    Lost,
+}
+
+/// Why a guard is faulted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// What is written does not stick.
+    DoesNotStick,
+    /// Positions contain the correction, and should not, or the other way round.
+    Contradiction,
+}
+
+/// What a person or program asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Correct.
+    Arm,
+    /// Ramp to zero and stop writing.
+    Disarm,
+    /// The cause of a fault is mended.
+    Acknowledge,
+    /// The model or what it is applied to has changed: ramp to the new one.
+    Switched,
+}
+
+/// What a transition depends on.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a fact of one cycle, none is kept"
+)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Facts {
+    pub(crate) request: Option<Request>,
+    /// Not referenced, alarm, emergency stop.
+    pub(crate) interlocked: bool,
+    /// Positions or target are older than `hold`.
+    pub(crate) stale: bool,
+    /// Older than `zero_after`.
+    pub(crate) lost: bool,
+    /// What the controller has applied changed by itself.
+    pub(crate) changed: bool,
+    /// Arming is forbidden.
+    pub(crate) forbidden: bool,
+    /// The ramp is through.
+    pub(crate) ramped: bool,
+    /// The output is zero on every axis.
+    pub(crate) zero: bool,
+    /// The proof at arming is wanted.
+    pub(crate) proves: bool,
+    /// How it went.
+    pub(crate) proven: Option<bool>,
+    /// Several writes in a row did not stick.
+    pub(crate) does_not_stick: bool,
+    /// The read-back is what was written.
+    pub(crate) agrees: bool,
+}
+
+impl State {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Disarmed => "disarmed",
+            Self::Arming(_) => "arming",
+            Self::Compensating => "compensating",
+            Self::Holding(_) => "holding",
+            Self::RampingOut(_) => "ramping-out",
+            Self::Faulted(_) => "faulted",
+        }
+    }
+
+    /// Whether it corrects or will by itself.
+    pub fn is_armed(self) -> bool {
+        matches!(
+            self,
+            Self::Arming(_) | Self::Compensating | Self::Holding(_) | Self::RampingOut(End::Lost)
+        )
+    }
+
+    /// The reason that the state itself is.
+    pub fn reason(self) -> Reasons {
+        match self {
+            Self::Holding(Hold::Lost) | Self::RampingOut(End::Lost) => Reasons::POSITIONS_LOST,
+            Self::Faulted(Cause::DoesNotStick) => Reasons::DOES_NOT_STICK,
+            Self::Faulted(Cause::Contradiction) => Reasons::CONTRADICTION,
+            _ => Reasons::NONE,
+        }
+    }
+
+    /// The next state.
+    pub(crate) fn next(self, facts: &Facts) -> Self {
+        let ramping_in = Self::Arming(Phase::Ramping);
+        if self.is_armed() {
+            if facts.request == Some(Request::Disarm) {
+                return Self::RampingOut(End::Disarmed);
+            }
+            if facts.does_not_stick {
+                return Self::Faulted(Cause::DoesNotStick);
+            }
+            if facts.interlocked {
+                return Self::Holding(Hold::Interlocked);
+            }
+        }
+        let may_arm = facts.request == Some(Request::Arm)
+            && !(facts.forbidden || facts.interlocked || facts.stale);
+        match self {
+            Self::Disarmed if may_arm && facts.proves => Self::Arming(Phase::Proving),
+            // From zero, or from where it is on its way out.
+            Self::Disarmed | Self::RampingOut(End::Disarmed) if may_arm => ramping_in,
+            Self::RampingOut(End::Disarmed) if facts.zero || facts.interlocked => Self::Disarmed,
+            Self::Arming(_) | Self::Compensating | Self::Holding(Hold::Interlocked)
+                if facts.stale =>
+            {
+                Self::Holding(Hold::Stale)
+            }
+            Self::Arming(Phase::Proving) => match facts.proven {
+                Some(true) => ramping_in,
+                Some(false) => Self::Faulted(Cause::Contradiction),
+                None => self,
+            },
+            Self::Arming(Phase::Ramping) if facts.ramped => Self::Compensating,
+            Self::Compensating if facts.changed || facts.request == Some(Request::Switched) => {
+                ramping_in
+            }
+            Self::Holding(Hold::Stale) if facts.lost => Self::RampingOut(End::Lost),
+            Self::RampingOut(End::Lost) if facts.stale && facts.zero => Self::Holding(Hold::Lost),
+            Self::Holding(_) | Self::RampingOut(End::Lost) if !facts.stale => ramping_in,
+            Self::Faulted(_)
+                if facts.request == Some(Request::Acknowledge) && facts.zero && facts.agrees =>
+            {
+                Self::Disarmed
+            }
+            _ => self,
+        }
+    }
+}

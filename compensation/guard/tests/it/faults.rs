@@ -1,0 +1,248 @@
+//! One fault at a time, and what the guard makes of it.
+
+use std::time::Duration;
+
+use volcomp_guard::{Limits, MAX_AXES, Reasons, Request, State};
+
+use crate::world::{STEP, World, axes, limits};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+#[test]
+fn stale_positions_hold_then_ramp_out_then_back_in() {
+    let mut world = World::compensating(&limits());
+    let before = world.applied;
+    world.frozen_at = Some(world.now);
+    let held = world.run(Duration::from_millis(300));
+    assert_eq!(held.state.name(), "holding");
+    assert!(held.reasons.contains(Reasons::POSITIONS_STALE));
+    assert_eq!(world.applied, before);
+    let out = world.run(Duration::from_millis(300));
+    assert_eq!(out.state.name(), "ramping-out");
+    assert!(out.reasons.contains(Reasons::POSITIONS_LOST));
+    assert!(world.applied[0] < before[0] && world.applied[0] > 0.0);
+    let lost = world.run(SECOND);
+    assert_eq!(lost.state.name(), "holding");
+    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    world.frozen_at = None;
+    assert_eq!(world.run(Duration::from_millis(100)).state.name(), "arming");
+    assert_eq!(world.run(SECOND).state, State::Compensating);
+    assert_eq!(world.applied, before);
+}
+
+#[test]
+fn a_short_silence_is_no_event() {
+    let mut world = World::compensating(&limits());
+    world.answers = false;
+    assert_eq!(
+        world.run(Duration::from_millis(20)).state,
+        State::Compensating
+    );
+    world.answers = true;
+    assert_eq!(
+        world.run(Duration::from_millis(20)).state,
+        State::Compensating
+    );
+}
+
+/// The connection is gone: nothing is written blindly where the controller can be asked; afterwards the
+/// read-back is where it begins.
+#[test]
+fn after_a_reboot_it_ramps_from_what_is_applied() {
+    let mut world = World::compensating(&limits());
+    world.answers = false;
+    let silent = world.run(2 * SECOND);
+    assert!(!silent.write);
+    assert!(silent.reasons.contains(Reasons::NO_CONTROLLER));
+    world.applied = [0.0; MAX_AXES];
+    world.answers = true;
+    let back = world.run(Duration::ZERO);
+    assert_eq!(back.state.name(), "arming");
+    assert!(back.reasons.contains(Reasons::READ_BACK));
+    assert!(
+        world.applied[0].abs() <= STEP,
+        "no step: {}",
+        world.applied[0]
+    );
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    assert!((world.applied[0] - 0.040).abs() < 1e-9);
+}
+
+/// Lines without memory: they are written all the same, to zero.
+#[test]
+fn lines_that_cannot_be_asked_are_ramped_out_blindly() {
+    let mut world = World::new(&limits());
+    world.tells_applied = false;
+    world.request(Request::Arm);
+    world.run(SECOND);
+    world.answers = false;
+    world.run(2 * SECOND);
+    assert_eq!(world.applied, [0.0; MAX_AXES]);
+}
+
+#[test]
+fn a_correction_that_is_cleared_comes_back_by_a_ramp() {
+    let mut world = World::compensating(&limits());
+    world.applied = [0.0; MAX_AXES];
+    let output = world.run(Duration::ZERO);
+    assert_eq!(output.state.name(), "arming");
+    assert!(world.applied[0].abs() <= STEP);
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    // Once more, and again: each is an event of its own.
+    for _ in 0..5 {
+        world.applied = [0.0; MAX_AXES];
+        assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    }
+}
+
+#[test]
+fn a_write_that_does_not_stick_is_a_fault() {
+    let mut world = World::compensating(&limits());
+    world.sticks = false;
+    world.target = Some(axes(0.080, -0.080));
+    let output = world.run(2 * SECOND);
+    assert_eq!(output.state.name(), "faulted");
+    assert!(output.reasons.contains(Reasons::DOES_NOT_STICK));
+    // The cause is still there.
+    assert_eq!(world.request(Request::Acknowledge).state.name(), "faulted");
+    world.sticks = true;
+    world.run(2 * SECOND);
+    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.request(Request::Arm).state.name(), "faulted");
+    assert_eq!(world.request(Request::Acknowledge).state, State::Disarmed);
+    assert_eq!(world.request(Request::Arm).state.name(), "arming");
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+}
+
+#[test]
+fn a_read_back_may_be_behind() {
+    for (allowed, behind) in [(2, 1), (16, 12)] {
+        let mut world = World::new(&Limits {
+            read_back_cycles: allowed,
+            ..limits()
+        });
+        let mut history = vec![[0.0; MAX_AXES]; behind];
+        world.request(Request::Arm);
+        for cycle in 0..500 {
+            let truth = world.applied;
+            history.push(truth);
+            world.applied = history[history.len() - 1 - behind];
+            let output = world.run(Duration::ZERO);
+            assert!(
+                !output.reasons.contains(Reasons::READ_BACK),
+                "cycle {cycle}"
+            );
+            if !output.write {
+                world.applied = truth;
+            }
+        }
+        assert_eq!(world.guard.state(), State::Compensating);
+    }
+}
+
+#[test]
+fn an_emergency_stop_freezes_and_comes_back_by_a_ramp() {
+    for interlock in 0..3 {
+        let mut world = World::compensating(&limits());
+        let set = |world: &mut World, on: bool| match interlock {
+            0 => world.emergency_stop = on,
+            1 => world.alarm = on,
+            _ => world.referenced = !on,
+        };
+        set(&mut world, true);
+        let output = world.run(SECOND);
+        assert_eq!((output.state.name(), output.write), ("holding", false));
+        // It rebooted meanwhile.
+        world.applied = [0.0; MAX_AXES];
+        // A silence in between changes nothing.
+        world.answers = false;
+        assert!(!world.run(SECOND).write);
+        world.answers = true;
+        set(&mut world, false);
+        let output = world.run(Duration::ZERO);
+        assert_eq!(output.state.name(), "arming");
+        assert!(world.applied[0].abs() <= STEP);
+        assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    }
+}
+
+#[test]
+fn no_number_is_held_then_ramped_out() {
+    let mut world = World::compensating(&limits());
+    let before = world.applied;
+    world.positions[1] = f64::NAN;
+    let output = world.run(Duration::from_millis(300));
+    assert_eq!(output.state.name(), "holding");
+    assert!(output.reasons.contains(Reasons::NOT_A_NUMBER));
+    assert_eq!(world.applied, before);
+    world.run(2 * SECOND);
+    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    // A read-back that is no number says nothing: nothing is written.
+    world.positions[1] = 0.0;
+    world.applied[0] = f64::NAN;
+    assert!(!world.run(SECOND).write);
+}
+
+#[test]
+fn the_cpu_was_away() {
+    let mut world = World::compensating(&limits());
+    world.target = Some(axes(-0.100, 0.0));
+    let before = world.applied[0];
+    // As much as five cycles allow, however long it was.
+    world.cycle_after(Duration::from_secs(30), None);
+    assert!((world.applied[0] - before).abs() <= 0.5 * 0.020 + STEP + 1e-9);
+}
+
+#[test]
+fn time_that_goes_back_moves_nothing() {
+    let mut world = World::compensating(&limits());
+    world.target = Some(axes(0.0, 0.0));
+    let before = world.applied;
+    world.now -= Duration::from_millis(500);
+    world.cycle_after(Duration::ZERO, None);
+    assert_eq!(world.applied, before);
+}
+
+fn proving(includes: bool, really: bool) -> World {
+    let mut limits = limits();
+    limits.test_shift = [5.0 * STEP; MAX_AXES];
+    for axis in &mut limits.axes {
+        axis.includes_correction = includes;
+    }
+    let mut world = World::new(&limits);
+    world.really_includes = really;
+    world
+}
+
+#[test]
+fn a_test_shift_proves_what_positions_contain() {
+    for includes in [false, true] {
+        let mut world = proving(includes, includes);
+        world.request(Request::Arm);
+        let mut most = 0.0_f64;
+        while world.guard.state().name() == "arming" && most < 0.006 {
+            world.run(Duration::ZERO);
+            most = most.max(world.applied[0]);
+        }
+        assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+        let mut world = proving(includes, !includes);
+        world.request(Request::Arm);
+        let output = world.run(2 * SECOND);
+        assert_eq!(output.state.name(), "faulted");
+        assert!(output.reasons.contains(Reasons::CONTRADICTION));
+        assert_eq!(world.applied, [0.0; MAX_AXES]);
+    }
+}
+
+#[test]
+fn the_proof_waits_for_standstill() {
+    let mut world = proving(false, false);
+    world.request(Request::Arm);
+    for _ in 0..500 {
+        world.positions[0] += 0.01;
+        let output = world.run(Duration::ZERO);
+        assert!(output.reasons.contains(Reasons::WAITING_FOR_STANDSTILL));
+        assert_eq!(world.applied, [0.0; MAX_AXES]);
+    }
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+}

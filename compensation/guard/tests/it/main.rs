@@ -1,0 +1,9 @@
+//! The guard against its rules.
+
+mod faults;
+mod follower;
+mod properties;
+mod selector;
+mod states;
+mod temperature;
+mod world;
