@@ -5,7 +5,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{AxisValues, MAX_AXES, Reasons, Request, State};
+use volcomp_guard::{AxisValues, Limits, MAX_AXES, Reasons, Request, State};
 
 use crate::world::{STEP, World, axes, limits};
 
@@ -68,7 +68,11 @@ fn happens(world: &mut World, random: &mut ChaCha8Rng) -> (Option<Request>, bool
 /// What was on the axes, cycle by cycle: time, applied, whether the world changed it.
 fn trace(seed: u64, includes: bool, asked: bool) -> Vec<(f64, AxisValues, bool, State, u64)> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut limits = limits();
+    // One write that was lost is noticed before the next.
+    let mut limits = Limits {
+        read_back_cycles: 1,
+        ..limits()
+    };
     if random.random() {
         limits.test_shift = [5.0 * STEP; MAX_AXES];
     }
