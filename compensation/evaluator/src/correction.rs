@@ -192,12 +192,13 @@ impl CompiledMachine {
                 components.map(|c| axis.slope_bound(c) * per_unit).sum()
             };
             let (linear, angular) = (slopes(0..3), slopes(3..6));
-            tilts += axis.bounds.angular_rad
+            let [linear_mm, angular_rad] = axis.size_bounds();
+            tilts += angular_rad
                 + self.location[index].angular_rad.norm()
                 + self.assembly[index].angular_rad.norm();
             let turns = if rotary { libm::fabs(*delta) } else { 0.0 };
             bound += libm::fabs(*delta) * (linear + angular * reach_mm + tilts);
-            bound += turns * (axis.bounds.linear_mm + turns * reach_mm);
+            bound += turns * (linear_mm + turns * reach_mm);
         }
         let turned: f64 = delta
             .iter()

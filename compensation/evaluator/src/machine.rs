@@ -51,6 +51,16 @@ pub(crate) struct CompiledAxis {
     pub(crate) before_motion: bool,
     pub(crate) along: Along,
     pub(crate) bounds: Bounds,
+    pub(crate) warmth: Warmth,
+}
+
+/// What temperature adds to the error motions of an axis for now.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Warmth {
+    /// Carried to the tool tip at machine zero: mm, rad.
+    at_tip: [f64; LANES],
+    /// Displacement for each mm of the coordinate.
+    slope_mm: [f64; 3],
 }
 
 /// What an axis has besides its joint and what follows from it.
@@ -99,7 +109,8 @@ impl Frame {
 }
 
 /// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
-/// first order without allocation, lock or panic. Thermal terms are in as they stood when it was made.
+/// first order without allocation, lock or panic. Thermal terms are in as they stood when it was made, or
+/// as [`set_warmth`](Self::set_warmth) said last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompiledMachine {
     pub(crate) chain: Chain,
@@ -112,9 +123,9 @@ pub struct CompiledMachine {
     pub(crate) folded: Folded,
     /// Whether something is left at the workpiece end.
     pub(crate) at_workpiece: bool,
-    /// Whether an axis has errors over two coordinates.
+    /// Whether an axis has errors besides its table: over two coordinates, or of temperature.
     pub(crate) patched: bool,
-    /// Three linear axes and no errors over two coordinates.
+    /// Three linear axes and nothing besides their tables.
     pub(crate) three_slides: bool,
     /// The linear axes that correct: of each direction the first.
     pub(crate) correcting: Vec<usize>,
@@ -163,11 +174,9 @@ impl CompiledMachine {
         };
         let joints = frame.chain.joints().iter();
         let axes: Vec<CompiledAxis> = joints.zip(axes).enumerate().map(compiled).collect();
-        let slides =
-            |axis: &CompiledAxis| axis.joint.kind == JointKind::Linear && axis.patches.is_empty();
-        Self {
-            patched: axes.iter().any(|axis| !axis.patches.is_empty()),
-            three_slides: axes.len() == 3 && axes.iter().all(slides),
+        let mut machine = Self {
+            patched: false,
+            three_slides: false,
             at_workpiece: folded.workpiece_end != ErrorMotion::ZERO,
             correcting: crate::correction::correcting(frame.chain.joints()),
             chain: frame.chain,
@@ -178,7 +187,34 @@ impl CompiledMachine {
             tables,
             ranges,
             folded,
-        }
+        };
+        machine.choose_path();
+        machine
+    }
+
+    /// How its errors are summed.
+    fn choose_path(&mut self) {
+        let plain =
+            |axis: &CompiledAxis| axis.patches.is_empty() && axis.warmth == Warmth::default();
+        let slides = |axis: &CompiledAxis| axis.joint.kind == JointKind::Linear;
+        self.patched = !self.axes.iter().all(plain);
+        self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
+    }
+
+    /// What temperature adds to the error motions of the axis at `index` from now on: `offset` (mm, rad) at
+    /// the axis's point, and `slope_mm` for each mm of a linear axis's coordinate; instead of what was added
+    /// before. Allocates nothing. Blobs do not hold it.
+    pub fn set_warmth(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
+        let Some(axis) = self.axes.get_mut(index) else {
+            return;
+        };
+        let (tilt, arm_mm) = (offset.angular_rad, axis.arm_mm);
+        let at_tip = offset.linear_mm + tilt.cross(&arm_mm);
+        axis.warmth = Warmth {
+            at_tip: [at_tip.x, at_tip.y, at_tip.z, tilt.x, tilt.y, tilt.z],
+            slope_mm,
+        };
+        self.choose_path();
     }
 
     /// The ideal chain, mm and rad.
@@ -218,9 +254,18 @@ impl CompiledMachine {
         self.walk::<true>(state, registers, &mut ())
     }
 
-    /// Errors over two coordinates, carried to the tool tip like those of the tables.
+    /// Errors over two coordinates and of temperature, carried to the tool tip like those of the tables.
     pub(crate) fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
         let axis = &self.axes[index];
+        let Warmth {
+            at_tip, slope_mm, ..
+        } = &axis.warmth;
+        for (lane, part) in twist.iter_mut().zip(at_tip) {
+            *lane += part;
+        }
+        for (lane, slope) in twist.iter_mut().zip(slope_mm) {
+            *lane += slope * state.q[index];
+        }
         for compiled in &axis.patches {
             let patch = &compiled.patch;
             let at = patch.axes.map(|looked_at| {
@@ -295,6 +340,7 @@ impl AxisTables {
             arm_mm,
             before_motion: errors_before_motion(joint),
             along: Along::of(&joint.direction),
+            warmth: Warmth::default(),
         }
     }
 }
@@ -321,7 +367,23 @@ impl CompiledAxis {
         let of_tables = self.bounds.slopes[component.min(LANES - 1)];
         let patches = self.patches.iter().map(|compiled| &compiled.patch);
         let patches = patches.filter(|patch| patch.component == component);
-        of_tables + patches.map(Patch::slope_bound).sum::<f64>()
+        let warmth = self.warmth.slope_mm.get(component).copied();
+        of_tables + patches.map(Patch::slope_bound).sum::<f64>() + libm::fabs(warmth.unwrap_or(0.0))
+    }
+
+    /// Bound of displacement (mm) of the tool tip and tilt (rad) of tables and temperature.
+    pub(crate) fn size_bounds(&self) -> [f64; 2] {
+        let [low, high] = self.travel.map(libm::fabs);
+        let slope = Vector3::from(self.warmth.slope_mm).norm() * low.max(high);
+        let [x, y, z, a, b, c] = self.warmth.at_tip;
+        let warmth = [
+            Vector3::new(x, y, z).norm() + slope,
+            Vector3::new(a, b, c).norm(),
+        ];
+        [
+            self.bounds.linear_mm + warmth[0],
+            self.bounds.angular_rad + warmth[1],
+        ]
     }
 }
 

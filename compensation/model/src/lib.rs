@@ -12,6 +12,7 @@ mod machine_file;
 mod map;
 mod source;
 mod thermal;
+mod thermal_state;
 
 pub use curve_file::write_curve;
 pub use diagonals::{Diagonal, corrected, diagonals, quantised};
@@ -22,5 +23,6 @@ pub use machine::{Axis, Machine, Tool};
 pub use map::MapGrid;
 pub use source::MachineErrors;
 pub use thermal::{Drift, Expansion, Temperatures, Thermal};
+pub use thermal_state::{Fading, ThermalState};
 pub use volcomp_evaluator as evaluator;
 pub use volcomp_evaluator::{CompiledMachine, Tolerance};

@@ -8,6 +8,7 @@ mod evaluator;
 mod fuzz_corpus;
 mod messages;
 mod round_trip;
+mod thermal;
 
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]

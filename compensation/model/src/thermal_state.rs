@@ -1,0 +1,220 @@
+//! Thermal terms over time: state are the lags, and how long sensors are missing.
+
+use volcomp_evaluator::CompiledMachine;
+use volcomp_kinematics::{ErrorMotion, MAX_AXES};
+
+use crate::{
+    error::ModelError,
+    error_name::ErrorName,
+    machine::Machine,
+    thermal::{Drift, Expansion, Thermal},
+};
+
+/// What becomes of a term whose sensor is missing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fading {
+    /// So long it holds its last value, s.
+    pub hold_s: f64,
+    /// Then it goes to zero within so long, s.
+    pub fade_s: f64,
+}
+
+impl Default for Fading {
+    /// Five minutes, then ten.
+    fn default() -> Self {
+        Self {
+            hold_s: 300.0,
+            fade_s: 600.0,
+        }
+    }
+}
+
+/// The thermal terms of a machine, stepped with its temperatures. No call but [`new`](Self::new) allocates.
+///
+/// A lag follows L ← u + (L − u)·exp(−dt/τ), which is exact for a temperature that holds for the
+/// step, and starts at its first input. A term of which a sensor is missing holds, then fades.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThermalState {
+    sensors: Vec<String>,
+    reference_degc: f64,
+    fading: Fading,
+    terms: Vec<Term>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Term {
+    axis: usize,
+    component: usize,
+    effect: Effect,
+    /// Σ w·(T − T_ref), which sensor and weight.
+    weights: Vec<(usize, f64)>,
+    lag_s: f64,
+    /// The lagged input, K; `None` until every sensor was heard.
+    lagged_k: Option<f64>,
+    missing_s: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Effect {
+    /// mm for each mm and K, from the fixed point (mm) on.
+    Expansion { per_k: f64, fixed_mm: f64 },
+    /// mm or rad for each K.
+    Drift { per_k: f64 },
+}
+
+impl ThermalState {
+    /// The terms of a machine before any temperature is known.
+    ///
+    /// # Errors
+    /// A term of an axis that is not there: none for machines that were read from a file.
+    pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
+        let thermal = &machine.thermal;
+        let sensors: Vec<String> = thermal.sensors().into_iter().map(str::to_owned).collect();
+        let mut terms = Vec::new();
+        for term in &thermal.expansion {
+            terms.push(Term::expansion(machine, term, &sensors)?);
+        }
+        for term in &thermal.drift {
+            terms.push(Term::drift(machine, term, &sensors)?);
+        }
+        Ok(Self {
+            sensors,
+            reference_degc: thermal.reference_degc,
+            fading,
+            terms,
+        })
+    }
+
+    /// The sensors that the terms name, in the order in which [`step`](Self::step) takes them.
+    pub fn sensors(&self) -> &[String] {
+        &self.sensors
+    }
+
+    /// Goes on by `dt_s` with the temperature (degC) of each sensor; `None`, or no number: it is missing.
+    pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
+        let over = |sensor: usize| {
+            let degc = degc
+                .get(sensor)
+                .copied()
+                .flatten()
+                .filter(|t| t.is_finite());
+            degc.map(|degc| degc - self.reference_degc)
+        };
+        for term in &mut self.terms {
+            let weighted = |&(sensor, weight): &(usize, f64)| over(sensor).map(|k| weight * k);
+            match term.weights.iter().map(weighted).sum::<Option<f64>>() {
+                Some(input_k) => {
+                    let kept = if term.lag_s > 0.0 {
+                        (-dt_s / term.lag_s).exp()
+                    } else {
+                        0.0
+                    };
+                    let before = term.lagged_k.unwrap_or(input_k);
+                    term.lagged_k = Some(input_k + (before - input_k) * kept);
+                    term.missing_s = 0.0;
+                }
+                None => term.missing_s += dt_s,
+            }
+        }
+    }
+
+    /// Whether a term holds or fades for want of a sensor.
+    pub fn is_degraded(&self) -> bool {
+        let missing = |term: &Term| term.missing_s > 0.0 || term.lagged_k.is_none();
+        self.terms.iter().any(missing)
+    }
+
+    /// Puts the terms as they are into a compiled machine, which was compiled without temperatures.
+    pub fn apply(&self, machine: &mut CompiledMachine) {
+        let mut offsets = [[0.0; 6]; MAX_AXES];
+        let mut slopes = [[0.0; 3]; MAX_AXES];
+        for term in &self.terms {
+            let kelvin = term.lagged_k.unwrap_or(0.0) * self.fading.share(term.missing_s);
+            match term.effect {
+                Effect::Expansion { per_k, fixed_mm } => {
+                    let slope = per_k * kelvin;
+                    slopes[term.axis][term.component] += slope;
+                    offsets[term.axis][term.component] -= slope * fixed_mm;
+                }
+                Effect::Drift { per_k } => offsets[term.axis][term.component] += per_k * kelvin,
+            }
+        }
+        for axis in 0..machine.chain().joints().len() {
+            let [x, y, z, a, b, c] = offsets[axis];
+            let offset = ErrorMotion {
+                linear_mm: [x, y, z].into(),
+                angular_rad: [a, b, c].into(),
+            };
+            machine.set_warmth(axis, &offset, slopes[axis]);
+        }
+    }
+}
+
+impl Fading {
+    /// How much of a term is left when a sensor is missing for so long.
+    fn share(&self, missing_s: f64) -> f64 {
+        let faded_s = (missing_s - self.hold_s).max(0.0);
+        (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
+    }
+}
+
+impl Term {
+    fn expansion(
+        machine: &Machine,
+        term: &Expansion,
+        sensors: &[String],
+    ) -> Result<Self, ModelError> {
+        let effect = Effect::Expansion {
+            // um per m and K.
+            per_k: term.um_per_m_k * 1e-6,
+            fixed_mm: term.fixed_mm,
+        };
+        Self::of(machine, term.error, effect, [(&term.sensor, 1.0)], sensors)
+    }
+
+    fn drift(machine: &Machine, term: &Drift, sensors: &[String]) -> Result<Self, ModelError> {
+        let to_internal = if term.error.component.is_angular() {
+            1e-6
+        } else {
+            1e-3
+        };
+        let effect = Effect::Drift {
+            per_k: term.per_k * to_internal,
+        };
+        let weights = term.sensors.iter().map(|(name, weight)| (name, *weight));
+        let made = Self::of(machine, term.error, effect, weights, sensors)?;
+        Ok(Self {
+            lag_s: term.lag_s,
+            ..made
+        })
+    }
+
+    fn of<'a>(
+        machine: &Machine,
+        error: ErrorName,
+        effect: Effect,
+        weights: impl IntoIterator<Item = (&'a String, f64)>,
+        sensors: &[String],
+    ) -> Result<Self, ModelError> {
+        let place = |(name, weight): (&String, f64)| {
+            let place = sensors.iter().position(|sensor| sensor == name);
+            place.map(|place| (place, weight))
+        };
+        Ok(Self {
+            axis: machine.index_of(error.axis)?,
+            component: error.component.index(),
+            effect,
+            weights: weights.into_iter().filter_map(place).collect(),
+            lag_s: 0.0,
+            lagged_k: None,
+            missing_s: 0.0,
+        })
+    }
+}
+
+impl Thermal {
+    /// Whether there is no term.
+    pub fn is_empty(&self) -> bool {
+        self.expansion.is_empty() && self.drift.is_empty()
+    }
+}

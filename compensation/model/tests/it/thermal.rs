@@ -1,0 +1,160 @@
+//! Thermal terms over time, against closed forms and against machines at steady temperatures.
+
+use assert_no_alloc::assert_no_alloc;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::{Form, State};
+use volcomp_model::{Fading, Machine, Temperatures, ThermalState, Tolerance};
+
+use crate::EXAMPLE;
+
+const THREE_AXES: &str = r#"
+structure = "w X' b Y Z t"
+[axes.X]
+travel = [0.0, 800.0]
+[axes.Y]
+travel = [0.0, 400.0]
+point = [0.0, 10.0, -30.0]
+[axes.Z]
+travel = [0.0, 250.0]
+[tool]
+tip = [0.0, 0.0, -150.0]
+[errors]
+EXX = { poly = [0.0, 0.01] }
+[[thermal.expansion]]
+error = "EYY"
+sensor = "scale_y"
+um_per_m_k = 11.5
+fixed_mm = 100.0
+[[thermal.drift]]
+error = "EAY"
+sensors = { spindle = 1.0, bed = -0.5 }
+urad_per_k = 2.0
+lag_s = 600.0
+"#;
+
+fn state_of(text: &str) -> (Machine, ThermalState) {
+    let machine = Machine::parse(text, "m").unwrap();
+    let thermal = ThermalState::new(&machine, Fading::default()).unwrap();
+    (machine, thermal)
+}
+
+/// Temperatures of the sensors by name.
+fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
+    let named = thermal.sensors().iter().zip(degc);
+    named
+        .filter_map(|(name, degc)| Some((name.clone(), (*degc)?)))
+        .collect()
+}
+
+/// With steady temperatures the state is the machine compiled at them, on three axes and on more.
+#[test]
+fn steady_temperatures_are_those_of_the_source() {
+    for text in [THREE_AXES, EXAMPLE] {
+        let (machine, mut thermal) = state_of(text);
+        let degc = [Some(26.5), Some(31.0), Some(18.0)];
+        let temperatures = steady(&thermal, &degc);
+        let mut compiled = machine.compile(Tolerance::default()).unwrap();
+        assert_no_alloc(|| {
+            thermal.step(0.001, &degc);
+            thermal.apply(&mut compiled);
+        });
+        assert!(!thermal.is_degraded());
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut moved = 0.0_f64;
+        for _ in 0..500 {
+            let mut state = State::default();
+            for q in state.q.iter_mut().take(machine.axes().len()).skip(1) {
+                *q = rng.random_range(-500.0..500.0);
+            }
+            let expected = machine.error_at(&state, Form::Twist, &temperatures);
+            let (found, first) = (compiled.evaluate(&state), compiled.first_order(&state));
+            let cold = machine.error_at(&state, Form::Twist, &Temperatures::new());
+            assert_eq!(found, first.error);
+            for k in 0..3 {
+                assert!((expected.position_mm[k] - found.position_mm[k]).abs() < 5e-5);
+                assert!((expected.rotation_rad[k] - found.rotation_rad[k]).abs() < 5e-9);
+                moved = moved.max((expected.position_mm[k] - cold.position_mm[k]).abs());
+            }
+            let source = machine.source(&temperatures);
+            for axis in 0..machine.axes().len() {
+                use volcomp_kinematics::ErrorSource;
+                let (a, b) = (
+                    source.error_motion(axis, &state),
+                    compiled.error_motion(axis, &state),
+                );
+                assert!((a.linear_mm - b.linear_mm).norm() < 5e-6);
+                assert!((a.angular_rad - b.angular_rad).norm() < 5e-9);
+            }
+        }
+        assert!(moved > 0.01, "{moved}");
+        // Back to the reference temperature: as if there were none.
+        thermal.step(1e9, &[Some(20.0); 3]);
+        thermal.apply(&mut compiled);
+        let cold = machine.compile(Tolerance::default()).unwrap();
+        let state = State::from_coordinates(&[0.3, 20.0, 30.0, 40.0]);
+        assert_eq!(compiled.evaluate(&state), cold.evaluate(&state));
+    }
+}
+
+/// Tilt of Y (rad) with spindle and bed, at 0.
+fn tilt_y(machine: &Machine, thermal: &ThermalState) -> f64 {
+    let mut compiled = machine.compile(Tolerance::default()).unwrap();
+    thermal.apply(&mut compiled);
+    compiled.evaluate(&State::default()).rotation_rad[0]
+}
+
+/// A step of temperature: 1 − exp(−t/τ), in one step of time or in many of any length.
+#[test]
+fn a_lag_answers_a_step_exactly() {
+    let (machine, start) = state_of(THREE_AXES);
+    // In the order of the names: bed, scale_y, spindle.
+    let at = |spindle: f64| [Some(20.0), Some(20.0), Some(spindle)];
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for pieces in [1, 7, 1000] {
+        let mut thermal = start.clone();
+        thermal.step(0.0, &at(20.0));
+        let mut left_s: f64 = 450.0;
+        for piece in 0..pieces {
+            let dt_s = if piece + 1 == pieces {
+                left_s
+            } else {
+                left_s * rng.random_range(0.0..0.5)
+            };
+            thermal.step(dt_s, &at(30.0));
+            left_s -= dt_s;
+        }
+        let expected = 2e-6 * 10.0 * (1.0 - (-450.0_f64 / 600.0).exp());
+        assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
+    }
+    // The first input is where the lag begins.
+    let mut thermal = start;
+    thermal.step(1.0, &at(30.0));
+    assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15);
+}
+
+#[test]
+fn a_missing_sensor_holds_then_fades_then_counts_again() {
+    let (machine, mut thermal) = state_of(THREE_AXES);
+    let (warm, missing) = (
+        [Some(20.0), Some(20.0), Some(30.0)],
+        [Some(20.0), Some(20.0), None],
+    );
+    thermal.step(1.0, &missing);
+    assert!(thermal.is_degraded());
+    assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "never heard");
+    thermal.step(1.0, &warm);
+    assert!(!thermal.is_degraded());
+    thermal.step(299.0, &missing);
+    assert!(thermal.is_degraded());
+    assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "held");
+    thermal.step(301.0, &[Some(20.0), Some(20.0), Some(f64::NAN)]);
+    assert!(
+        (tilt_y(&machine, &thermal) - 1e-5).abs() < 1e-15,
+        "half faded"
+    );
+    thermal.step(1e6, &missing);
+    assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "gone");
+    thermal.step(1.0, &warm);
+    assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "back");
+}
