@@ -10,6 +10,8 @@
 //! | [`fit_linear_table`], [`fit_cubic_table`] | mean of each target, straight lines or monotone cubics |
 //! | [`fit_auto`] | chooses by the number of targets |
 //!
+//! [`fit_thermal`] finds drift terms from temperatures and a displacement over time.
+//!
 //! Arguments and readings are in the caller's units. Several runs are simply repeated targets, in
 //! any order.
 //!
@@ -33,6 +35,7 @@ mod mls;
 mod polynomial;
 mod readings;
 mod table;
+mod thermal;
 
 pub use auto::fit_auto;
 pub use bspline::fit_bspline;
@@ -42,4 +45,8 @@ pub use fourier::fit_fourier;
 pub use mls::{fit_mls, fit_mls_auto};
 pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use table::{fit_cubic_table, fit_linear_table};
+pub use thermal::{
+    ThermalChoice, ThermalFit, ThermalOptions, ThermalRecord, ThermalSegment, ThermalTerm,
+    fit_thermal, refit_thermal,
+};
 pub use volcomp_curve as curve;

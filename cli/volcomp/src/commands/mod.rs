@@ -6,6 +6,7 @@ pub(crate) mod demo;
 pub(crate) mod diagonals;
 pub(crate) mod error;
 pub(crate) mod fit;
+pub(crate) mod fit_thermal;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;

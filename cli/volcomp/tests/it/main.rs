@@ -1,6 +1,7 @@
 //! The real program: what it prints, its JSON, its exit status.
 
 mod answers;
+mod fit_thermal;
 mod map;
 mod probe;
 mod whole_way;

@@ -7,6 +7,7 @@ mod irregular_axis;
 mod leave_one_out;
 mod refusals;
 mod reproduction;
+mod thermal;
 
 /// `count` targets over 0 to 8000 mm.
 fn targets(count: u32) -> Vec<f64> {
