@@ -2,6 +2,7 @@
 #![doc = include_str!("../README.md")]
 
 mod axis;
+mod direction;
 mod fallback;
 mod guard;
 mod limits;
@@ -11,6 +12,7 @@ mod state;
 mod temperature;
 
 pub use axis::Follower;
+pub use direction::DirectionMemory;
 pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};
 pub use guard::{Guard, Inputs, Output, Reading};
 pub use limits::{AxisLimits, Limits, LimitsError, MOST_READ_BACK_CYCLES};

@@ -81,6 +81,22 @@ impl Reasons {
     /// No reason.
     pub const NONE: Self = Self(0);
 
+    /// Those that say something and stand against nothing.
+    pub const DOES_NOT_FORBID: Self = Self(
+        Self::WARN.0
+            | Self::LIMITED.0
+            | Self::SLEWING.0
+            | Self::NOT_PROVEN.0
+            | Self::CORRECTION_LEFT.0
+            | Self::DEGRADED.0
+            | Self::OUTSIDE_RANGE.0
+            | Self::UNWATCHED.0
+            | Self::OVERRUNS.0
+            | Self::FALLBACK.0
+            | Self::CANNOT_SEE_OTHERS.0
+            | Self::SINGULAR.0,
+    );
+
     /// Whether there is none.
     pub fn is_empty(self) -> bool {
         self.0 == 0

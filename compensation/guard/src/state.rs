@@ -63,6 +63,8 @@ pub enum Cause {
 pub enum Request {
     /// Correct.
     Arm,
+    /// Correct in place of another path, in the middle of work: without the test shift.
+    TakeOver,
     /// Ramp to zero and stop writing.
     Disarm,
     /// The cause of a fault is mended.
@@ -148,10 +150,12 @@ impl State {
                 return Self::Holding(Hold::Interlocked);
             }
         }
-        let may_arm = facts.request == Some(Request::Arm)
+        let may_arm = matches!(facts.request, Some(Request::Arm | Request::TakeOver))
             && !(facts.forbidden || facts.interlocked || facts.stale);
         match self {
-            Self::Disarmed if may_arm && facts.proves => Self::Arming(Phase::Proving),
+            Self::Disarmed if may_arm && facts.proves && facts.request == Some(Request::Arm) => {
+                Self::Arming(Phase::Proving)
+            }
             // From zero, or from where it is on its way out.
             Self::Disarmed | Self::RampingOut(End::Disarmed) if may_arm => ramping_in,
             Self::RampingOut(End::Disarmed) if facts.zero || facts.interlocked => Self::Disarmed,

@@ -139,6 +139,11 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
+    /// The corrections that the lines carried last, axis by axis, once one was written.
+    pub fn sent(&self) -> Option<AxisValues> {
+        self.has_applied.then_some(self.applied)
+    }
+
     /// How often a correction was larger than its word can say.
     pub fn saturated(&self) -> u32 {
         self.saturated
@@ -204,7 +209,8 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
                 referenced: true,
                 ..ControllerState::default()
             },
-            applied: self.has_applied.then_some(self.applied),
+            // Lines take what they are given and tell nothing.
+            applied: None,
         })
     }
 

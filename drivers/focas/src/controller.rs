@@ -332,10 +332,7 @@ impl Link {
         let before = self.known_heartbeat;
         self.known_heartbeat = found.or(before);
         match (before, found) {
-            (Some(before), Some(found)) if before != found => Err(Fault::Refused {
-                code: i32::from(found),
-                what: "the heartbeat is moved by another gateway",
-            }),
+            (Some(before), Some(found)) if before != found => Err(Fault::OtherGateway),
             _ => Ok(()),
         }
     }

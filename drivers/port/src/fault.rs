@@ -25,6 +25,9 @@ pub enum Fault {
         /// What was asked for.
         what: &'static str,
     },
+    /// Another gateway corrects this controller.
+    #[error("another gateway moves the heartbeat")]
+    OtherGateway,
     /// The device cannot do this.
     #[error("not supported: {0}")]
     Unsupported(&'static str),

@@ -1,5 +1,6 @@
 //! The guard against its rules.
 
+mod direction;
 mod faults;
 mod follower;
 mod properties;

@@ -1,0 +1,231 @@
+//! The audit log: what changed state, who asked for it, each record chained to the one before by its hash.
+//!
+//! A line is `CHECKSUM JSON`: the checksum is SHA-256 over the checksum of the line before, a line feed, and
+//! the JSON. A record is on disk when [`AuditLog::append`] returns.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{self, Read, Write},
+    path::{Path, PathBuf},
+};
+
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+/// A file grows so far, then the next one begins.
+const MAX_BYTES: u64 = 4 << 20;
+/// Files that are kept besides the current one.
+const KEPT: usize = 8;
+const CURRENT: &str = "audit.log";
+
+/// What was found when the log was opened.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Found {
+    /// Whole records in the current file.
+    pub records: u64,
+    /// Bytes of a torn tail that were cut.
+    pub cut_bytes: u64,
+    /// Line of the first record that does not belong to the chain: the file was put aside under this name.
+    pub broken: Option<(u64, PathBuf)>,
+}
+
+/// The log, open for appending.
+pub struct AuditLog {
+    dir: PathBuf,
+    file: File,
+    bytes: u64,
+    last_checksum: String,
+    sequence: u64,
+    boot_id: String,
+}
+
+impl AuditLog {
+    /// Opens the log in a folder, which is made where it is missing. A torn tail is cut; a file whose chain is
+    /// broken is put aside and a new one begun.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be written.
+    pub fn open(dir: &Path) -> io::Result<(Self, Found)> {
+        fs::create_dir_all(dir)?;
+        let path = dir.join(CURRENT);
+        let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path)?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes)?;
+        let scanned = scan(&bytes, None);
+        let mut found = Found { records: scanned.records, ..Found::default() };
+        let whole = scanned.end as u64;
+        if let Some(line) = scanned.broken {
+            let aside = (1..).map(|n| dir.join(format!("audit.broken-{n}.log"))).find(|aside| !aside.exists()).unwrap_or_else(|| dir.join("audit.broken.log"));
+            fs::rename(&path, &aside)?;
+            file = OpenOptions::new().append(true).create(true).open(&path)?;
+            found.broken = Some((line, aside));
+        } else if whole < bytes.len() as u64 {
+            file.set_len(whole)?;
+            file.sync_all()?;
+            found.cut_bytes = bytes.len() as u64 - whole;
+        }
+        sync_folder(dir)?;
+        let is_broken = found.broken.is_some();
+        Ok((
+            Self {
+                dir: dir.to_owned(),
+                bytes: if is_broken { 0 } else { whole },
+                file,
+                last_checksum: if is_broken { String::new() } else { scanned.last_checksum },
+                sequence: if is_broken { 0 } else { scanned.sequence },
+                boot_id: fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned(),
+            },
+            found,
+        ))
+    }
+
+    /// Appends a record; it is on disk afterwards.
+    ///
+    /// # Errors
+    /// A disk that is full or gone: nothing of the record is left then.
+    pub fn append(&mut self, who: &str, what: &str, details: &Value) -> io::Result<()> {
+        if self.bytes > MAX_BYTES {
+            self.rotate()?;
+        }
+        let sequence = self.sequence + 1;
+        let mono = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        let record = json!({
+            "seq": sequence,
+            "boot": self.boot_id,
+            "monotonic_s": mono.tv_sec as f64 + mono.tv_nsec as f64 * 1e-9,
+            "time": utc_now(),
+            "who": who,
+            "what": what,
+            "details": details,
+            "previous": self.last_checksum,
+        })
+        .to_string();
+        let checksum = checksum(&self.last_checksum, &record);
+        let line = format!("{checksum} {record}\n");
+        let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data());
+        if let Err(e) = written {
+            // Half a record would be a torn tail: cut at once where that is possible.
+            let _ = self.file.set_len(self.bytes);
+            return Err(e);
+        }
+        self.bytes += line.len() as u64;
+        (self.sequence, self.last_checksum) = (sequence, checksum);
+        Ok(())
+    }
+
+    /// The current file becomes the first old one; the chain goes on in the next.
+    fn rotate(&mut self) -> io::Result<()> {
+        let old = |n: usize| self.dir.join(format!("audit.{n}.log"));
+        for n in (1..KEPT).rev() {
+            if old(n).exists() {
+                fs::rename(old(n), old(n + 1))?;
+            }
+        }
+        fs::rename(self.dir.join(CURRENT), old(1))?;
+        self.file = OpenOptions::new().append(true).create(true).open(self.dir.join(CURRENT))?;
+        self.bytes = 0;
+        sync_folder(&self.dir)
+    }
+}
+
+/// Writes a small file whole or not at all, on disk.
+///
+/// # Errors
+/// A disk that is full or gone.
+pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
+    let temporary = path.with_extension("new");
+    let mut file = File::create(&temporary)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()?;
+    fs::rename(&temporary, path)?;
+    path.parent().map_or(Ok(()), sync_folder)
+}
+
+fn sync_folder(dir: &Path) -> io::Result<()> {
+    File::open(dir)?.sync_all()
+}
+
+struct Scanned {
+    records: u64,
+    end: usize,
+    last_checksum: String,
+    sequence: u64,
+    /// The first line that is whole and yet not of the chain.
+    broken: Option<u64>,
+}
+
+/// Goes through a file. The chain begins with what the first record says of the one before.
+fn scan(bytes: &[u8], before: Option<String>) -> Scanned {
+    let mut scanned = Scanned { records: 0, end: 0, last_checksum: String::new(), sequence: 0, broken: None };
+    let mut previous = before;
+    let mut rest = bytes;
+    while let Some(length) = rest.iter().position(|byte| *byte == b'\n') {
+        let (line, after) = rest.split_at(length + 1);
+        let is_last = after.is_empty();
+        let record = std::str::from_utf8(&line[..length]).ok().and_then(|line| verified(line, previous.as_deref()));
+        let Some((checksum, sequence)) = record else {
+            // A last line may be torn in the middle of a block; before the last it was changed.
+            scanned.broken = (!is_last).then_some(scanned.records + 1);
+            return scanned;
+        };
+        scanned.records += 1;
+        scanned.end += length + 1;
+        (scanned.last_checksum, scanned.sequence) = (checksum.clone(), sequence);
+        previous = Some(checksum);
+        rest = after;
+    }
+    scanned
+}
+
+/// Checksum and sequence number of a line that belongs to the chain.
+fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
+    let (found, record) = line.split_once(' ')?;
+    let value: Value = serde_json::from_str(record).ok()?;
+    let stated = value["previous"].as_str()?;
+    let follows = previous.is_none_or(|previous| previous == stated);
+    (follows && checksum(stated, record) == found).then(|| (found.to_owned(), value["seq"].as_u64().unwrap_or(0)))
+}
+
+fn checksum(previous: &str, record: &str) -> String {
+    let digest = Sha256::new().chain_update(previous).chain_update("\n").chain_update(record).finalize();
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Now, as ISO 8601 in UTC with milliseconds.
+pub fn utc_now() -> String {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    let (days, seconds) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
+    let [year, month, day] = civil(days);
+    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}.{:03}Z", seconds / 3600, seconds / 60 % 60, seconds % 60, since.subsec_millis())
+}
+
+/// Year, month and day of days since 1970 in the Gregorian calendar.
+fn civil(days: u64) -> [u64; 3] {
+    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let (mut year, mut rest) = (1970, days);
+    while rest >= 365 + u64::from(leap(year)) {
+        rest -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let mut month = 0;
+    while rest >= lengths[month] {
+        rest -= lengths[month];
+        month += 1;
+    }
+    [year, month as u64 + 1, rest + 1]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::civil;
+
+    #[test]
+    fn days_are_dates() {
+        assert_eq!(civil(0), [1970, 1, 1]);
+        assert_eq!(civil(11_016), [2000, 2, 29]);
+        assert_eq!(civil(20_778), [2026, 11, 21]);
+        assert_eq!(civil(47_540), [2100, 2, 28]);
+        assert_eq!(civil(47_541), [2100, 3, 1]);
+    }
+}

@@ -1,0 +1,201 @@
+//! What is answered.
+
+use std::{
+    convert::Infallible,
+    net::{IpAddr, SocketAddr},
+    sync::{Arc, PoisonError, atomic::Ordering, mpsc::TrySendError},
+    time::Duration,
+};
+
+use axum::{
+    Extension, Json, Router,
+    body::Bytes,
+    extract::{DefaultBodyLimit, Request, State},
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    middleware::{self, Next},
+    response::{
+        IntoResponse, Response,
+        sse::{Event, KeepAlive, Sse},
+    },
+    routing::{get, post},
+};
+use serde_json::{Value, json};
+use tokio::sync::oneshot;
+use tokio_stream::{StreamExt, wrappers::WatchStream};
+
+use super::{
+    hosts, map,
+    server::{Dashboard, MAX_STREAMS, StreamSlot},
+    tokens::{Denied, Role},
+};
+use crate::service::{Ask, Asked};
+
+/// A body at the most.
+const MAX_BODY: usize = 64 * 1024;
+/// A request is through after so long; an answer of the service too.
+const AT_MOST: Duration = Duration::from_secs(10);
+/// So often an event is sent at the most.
+const EVENT_EVERY: Duration = Duration::from_millis(100);
+
+type Shared = Arc<Dashboard>;
+
+/// All routes.
+pub(super) fn router(dashboard: Shared) -> Router {
+    let read = Router::new()
+        .route("/api/state", get(state))
+        .route("/api/events", get(events))
+        .route("/api/map", get(error_map))
+        .route("/metrics", get(metrics))
+        .layer(middleware::from_fn_with_state(Arc::clone(&dashboard), may_view));
+    let operate = Router::new()
+        .route("/api/arm", post(arm))
+        .route("/api/disarm", post(disarm))
+        .route("/api/acknowledge", post(acknowledge))
+        .route("/api/reload", post(reload));
+    let pages = Router::new()
+        .route("/", get(|| page("text/html; charset=utf-8", include_str!("../../web/index.html"))))
+        .route("/app.js", get(|| page("text/javascript; charset=utf-8", include_str!("../../web/app.js"))))
+        .route("/plot.js", get(|| page("text/javascript; charset=utf-8", include_str!("../../web/plot.js"))))
+        .route("/style.css", get(|| page("text/css; charset=utf-8", include_str!("../../web/style.css"))))
+        .route("/icon.svg", get(|| page("image/svg+xml", include_str!("../../web/icon.svg"))));
+    read.merge(operate)
+        .merge(pages)
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(middleware::from_fn_with_state(Arc::clone(&dashboard), every_request))
+        .with_state(dashboard)
+}
+
+/// Host, time, and the headers of every answer.
+async fn every_request(State(dashboard): State<Shared>, request: Request, next: Next) -> Response {
+    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+    let mut response = match host {
+        Some(host) if hosts::is_known(host, &dashboard.hosts) => match tokio::time::timeout(AT_MOST, next.run(request)).await {
+            Ok(response) => response,
+            Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
+        },
+        Some(_) => refuse(StatusCode::MISDIRECTED_REQUEST, "this name is not configured: add it to [dashboard] hosts"),
+        None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
+    };
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+/// Where reading needs a token, it is asked for.
+async fn may_view(State(dashboard): State<Shared>, Extension(from): Extension<SocketAddr>, request: Request, next: Next) -> Response {
+    if dashboard.reading_needs_token
+        && let Err(denied) = dashboard.tokens.check(from.ip(), bearer(request.headers()), Role::View)
+    {
+        return denied.into_response();
+    }
+    next.run(request).await
+}
+
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
+    let (scheme, token) = value.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then_some(token.trim())
+}
+
+fn refuse(status: StatusCode, why: &str) -> Response {
+    (status, Json(json!({ "error": why }))).into_response()
+}
+
+impl IntoResponse for Denied {
+    fn into_response(self) -> Response {
+        match self {
+            Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
+            Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
+            Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
+            Self::TooMany => refuse(StatusCode::TOO_MANY_REQUESTS, "too many wrong tokens: wait a minute"),
+        }
+    }
+}
+
+#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
+async fn page(kind: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+async fn state(State(dashboard): State<Shared>) -> Response {
+    let text = dashboard.published.state.borrow().to_string();
+    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
+async fn metrics(State(dashboard): State<Shared>) -> Response {
+    let text = dashboard.published.metrics.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+}
+
+async fn error_map(State(dashboard): State<Shared>) -> Response {
+    let state = dashboard.published.state.borrow().clone();
+    let state: Value = serde_json::from_str(&state).unwrap_or_default();
+    let model = Arc::clone(&dashboard.published.model.lock().unwrap_or_else(PoisonError::into_inner));
+    Json(map::map(&model, &state)).into_response()
+}
+
+/// The state, again and again.
+async fn events(State(dashboard): State<Shared>) -> Response {
+    let Some(slot) = StreamSlot::take(&dashboard) else {
+        return refuse(StatusCode::SERVICE_UNAVAILABLE, &format!("{MAX_STREAMS} event streams are open already"));
+    };
+    let states = WatchStream::new(dashboard.published.state.clone());
+    let stream = states.throttle(EVENT_EVERY).map(move |state| {
+        // Held as long as the stream lives.
+        let _ = &slot;
+        Ok::<_, Infallible>(Event::default().event("state").data(&*state))
+    });
+    Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(10))).into_response()
+}
+
+async fn arm(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+    operate(dashboard, from.0.ip(), &headers, &body, Ask::Arm).await
+}
+
+async fn disarm(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+    operate(dashboard, from.0.ip(), &headers, &body, |_| Ask::Disarm).await
+}
+
+async fn acknowledge(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+    operate(dashboard, from.0.ip(), &headers, &body, |_| Ask::Acknowledge).await
+}
+
+async fn reload(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+    operate(dashboard, from.0.ip(), &headers, &body, Ask::Reload).await
+}
+
+/// Whoever may operate asks the service; the body may confirm a model.
+async fn operate(State(dashboard): State<Shared>, from: IpAddr, headers: &HeaderMap, body: &Bytes, ask: impl FnOnce(Option<String>) -> Ask) -> Response {
+    let holder = match dashboard.tokens.check(from, bearer(headers), Role::Operate) {
+        Ok(holder) => holder,
+        Err(denied) => return denied.into_response(),
+    };
+    let confirm = if body.is_empty() {
+        None
+    } else {
+        match serde_json::from_slice::<Value>(body) {
+            Ok(Value::Object(object)) => object.get("confirm").and_then(Value::as_str).map(str::to_owned),
+            _ => return refuse(StatusCode::BAD_REQUEST, "expected no body, or {\"confirm\": HASH}"),
+        }
+    };
+    let (answer, wait) = oneshot::channel();
+    let asked = Asked { ask: ask(confirm), who: holder.name, answer: Some(answer) };
+    match dashboard.asks.try_send(asked) {
+        Ok(()) => {}
+        Err(TrySendError::Full(_)) => return refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests wait"),
+        Err(TrySendError::Disconnected(_)) => return refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
+    }
+    dashboard.operations.fetch_add(1, Ordering::Relaxed);
+    match wait.await {
+        Ok((status, document)) => (StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR), Json(document)).into_response(),
+        Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
+    }
+}

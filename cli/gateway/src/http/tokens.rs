@@ -1,0 +1,179 @@
+//! Named tokens: who may look and who may operate.
+
+use std::{
+    collections::HashMap,
+    net::IpAddr,
+    os::unix::fs::PermissionsExt,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use sha2::{Digest, Sha256};
+use subtle::ConstantTimeEq;
+
+use crate::error::GatewayError;
+
+/// Wrong tokens from one address in this time, at the most.
+const WRONG: u32 = 5;
+const WRONG_IN: Duration = Duration::from_secs(60);
+/// Addresses that are remembered.
+const ADDRESSES: usize = 1024;
+
+/// What a token allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// Reading.
+    View,
+    /// Arming and all the rest.
+    Operate,
+}
+
+/// Whose a token is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Holder {
+    /// The name that the audit log tells.
+    pub name: String,
+    /// What it allows.
+    pub role: Role,
+}
+
+/// The tokens of a file: only their hashes are kept.
+#[derive(Debug, Default)]
+pub struct Tokens {
+    holders: Vec<(Holder, [u8; 32])>,
+    wrong: Mutex<HashMap<IpAddr, (u32, Instant)>>,
+}
+
+/// Why somebody is not let in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Denied {
+    /// No token is configured at all.
+    NoneConfigured,
+    /// No token was given, or a wrong one.
+    Unknown,
+    /// The token does not allow this.
+    Role,
+    /// Too many wrong ones.
+    TooMany,
+}
+
+impl Tokens {
+    /// The token file of the configuration, else the service's credential `tokens`, else none.
+    ///
+    /// # Errors
+    /// A file that others may read, or with wrong lines.
+    pub fn load(configured: Option<&Path>) -> Result<Self, GatewayError> {
+        let credential = || std::env::var_os("CREDENTIALS_DIRECTORY").map(|dir| PathBuf::from(dir).join("tokens")).filter(|path| path.exists());
+        match configured.map(Path::to_owned).or_else(credential) {
+            Some(path) => Self::read(&path),
+            None => Ok(Self::default()),
+        }
+    }
+
+    fn read(path: &Path) -> Result<Self, GatewayError> {
+        let file = path.display().to_string();
+        let failed = |source| GatewayError::Read { file: file.clone(), source };
+        let mode = std::fs::metadata(path).map_err(failed)?.permissions().mode();
+        if mode & 0o077 != 0 {
+            return Err(GatewayError::Unfit(format!("{file}: found mode {:03o}, expected 600: others may read the tokens", mode & 0o777)));
+        }
+        let text = std::fs::read_to_string(path).map_err(failed)?;
+        Self::parse(&text).map_err(|(line, what)| GatewayError::Unfit(format!("{file}:{line}: {what}")))
+    }
+
+    /// Takes lines `NAME ROLE TOKEN`; `#` begins a comment.
+    ///
+    /// # Errors
+    /// The line and what is wrong with it; never the token.
+    pub fn parse(text: &str) -> Result<Self, (usize, String)> {
+        let mut holders: Vec<(Holder, [u8; 32])> = Vec::new();
+        for (index, line) in text.lines().enumerate() {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            if line.is_empty() {
+                continue;
+            }
+            let wrong = |what: &str| (index + 1, what.to_owned());
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let [name, role, token] = words[..] else {
+                return Err(wrong(&format!("found {} words, expected NAME ROLE TOKEN", words.len())));
+            };
+            let role = match role {
+                "view" => Role::View,
+                "operate" => Role::Operate,
+                _ => return Err(wrong("found another role, expected view or operate")),
+            };
+            if !is_long_enough(token) {
+                return Err(wrong("expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"));
+            }
+            if holders.iter().any(|(holder, _)| holder.name == name) {
+                return Err(wrong("this name stands twice"));
+            }
+            holders.push((Holder { name: name.to_owned(), role }, hash(token)));
+        }
+        Ok(Self { holders, wrong: Mutex::default() })
+    }
+
+    /// Whether there is no token.
+    pub fn is_empty(&self) -> bool {
+        self.holders.is_empty()
+    }
+
+    /// Lets a request in: whoever holds the token, if it allows `needed`. All tokens are compared, in the same time.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn check(&self, from: IpAddr, token: Option<&str>, needed: Role) -> Result<Holder, Denied> {
+        if self.holders.is_empty() {
+            return Err(Denied::NoneConfigured);
+        }
+        let token = token.ok_or(Denied::Unknown)?;
+        if self.is_blocked(from) {
+            return Err(Denied::TooMany);
+        }
+        let given = hash(token);
+        let mut found = None;
+        for (holder, known) in &self.holders {
+            if bool::from(known.ct_eq(&given)) {
+                found = Some(holder);
+            }
+        }
+        match found {
+            Some(holder) if holder.role >= needed => Ok(holder.clone()),
+            Some(_) => Err(Denied::Role),
+            None => {
+                self.count_wrong(from);
+                Err(Denied::Unknown)
+            }
+        }
+    }
+
+    fn is_blocked(&self, from: IpAddr) -> bool {
+        let wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
+        wrong.get(&from).is_some_and(|(count, since)| *count >= WRONG && since.elapsed() < WRONG_IN)
+    }
+
+    fn count_wrong(&self, from: IpAddr) {
+        let mut wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
+        if wrong.len() >= ADDRESSES {
+            wrong.retain(|_, (_, since)| since.elapsed() < WRONG_IN);
+        }
+        if wrong.len() >= ADDRESSES && !wrong.contains_key(&from) {
+            return;
+        }
+        let (count, since) = wrong.entry(from).or_insert((0, Instant::now()));
+        if since.elapsed() >= WRONG_IN {
+            (*count, *since) = (0, Instant::now());
+        }
+        *count += 1;
+    }
+}
+
+fn is_long_enough(token: &str) -> bool {
+    let hexadecimal = token.bytes().all(|byte| byte.is_ascii_hexdigit());
+    token.len() >= if hexadecimal { 32 } else { 22 }
+}
+
+fn hash(token: &str) -> [u8; 32] {
+    Sha256::digest(token.as_bytes()).into()
+}

@@ -1,0 +1,102 @@
+//! The machine as the cycle computes with it.
+
+use std::path::Path;
+
+use volcomp_kinematics::{JointKind, MAX_AXES, State};
+use volcomp_model::{CompiledMachine, Fading, Machine, ThermalState, Tolerance};
+
+use crate::error::GatewayError;
+
+/// A machine that is compiled, with its thermal terms. Boxed and handed over whole.
+pub struct Model {
+    /// Its name.
+    pub name: String,
+    /// Checksum of its content.
+    pub hash: String,
+    /// The machine file's text as it is written again.
+    pub text: String,
+    /// Its axes in chain order: letter, and whether it is rotary.
+    pub axes: Vec<(char, bool)>,
+    /// Travel of each, mm or deg.
+    pub travel: Vec<[f64; 2]>,
+    /// Whether the tool axis can be corrected at all.
+    pub corrects_tool_axis: bool,
+    pub(crate) compiled: CompiledMachine,
+    pub(crate) thermal: ThermalState,
+}
+
+impl Model {
+    /// Reads a machine file.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn read(path: &Path, fading: Fading) -> Result<Self, GatewayError> {
+        Self::new(&Machine::read(path)?, fading)
+    }
+
+    /// From a machine.
+    ///
+    /// # Errors
+    /// Curves that cannot be compiled.
+    pub fn new(machine: &Machine, fading: Fading) -> Result<Self, GatewayError> {
+        let axes: Vec<(char, bool)> = machine.chain().joints().iter().map(|joint| (joint.name.letter(), joint.kind == JointKind::Rotary)).collect();
+        Ok(Self {
+            name: machine.name.clone(),
+            hash: machine.checksum(),
+            text: machine.to_toml(),
+            travel: machine.axes().iter().map(|axis| axis.travel).collect(),
+            corrects_tool_axis: axes.iter().filter(|(_, rotary)| *rotary).count() >= 2,
+            axes,
+            compiled: machine.compile(Tolerance::default())?,
+            thermal: ThermalState::new(machine, fading)?,
+        })
+    }
+
+    /// The place of an axis.
+    pub fn index_of(&self, letter: char) -> Option<usize> {
+        self.axes.iter().position(|(name, _)| *name == letter)
+    }
+
+    /// The correction (mm, rad) at a state: two first-order steps, the second with the errors where the
+    /// first leads.
+    pub fn correction(&self, state: &State) -> ([f64; MAX_AXES], bool) {
+        let first = self.compiled.first_order(state);
+        let mut there = *state;
+        for (q, delta) in there.q.iter_mut().zip(&first.delta) {
+            *q += delta;
+        }
+        let second = self.compiled.first_order(&there);
+        (second.delta, second.singular && self.corrects_tool_axis)
+    }
+
+    /// The corners of the work space, mm and rad.
+    pub fn corners(&self) -> impl Iterator<Item = State> + '_ {
+        let count = self.axes.len().min(MAX_AXES);
+        (0..1_usize << count).map(move |corner| {
+            let mut state = State::default();
+            for (axis, (q, (travel, (_, rotary)))) in state.q.iter_mut().zip(self.travel.iter().zip(&self.axes)).enumerate() {
+                let end = travel[corner >> axis & 1];
+                *q = if *rotary { end.to_radians() } else { end };
+            }
+            state
+        })
+    }
+
+    /// How far the correction of any corner moves when `other` takes the place of this model: mm of a linear axis,
+    /// rad of a rotary axis at the most. Infinite where the axes differ.
+    pub fn worst_corner(&self, other: &Self) -> [f64; 2] {
+        if self.axes != other.axes {
+            return [f64::INFINITY; 2];
+        }
+        let mut worst = [0.0_f64; 2];
+        for state in self.corners().chain(other.corners()) {
+            let (before, after) = (self.correction(&state).0, other.correction(&state).0);
+            for (index, (_, rotary)) in self.axes.iter().enumerate() {
+                let moved = (after[index] - before[index]).abs();
+                let kind = usize::from(*rotary);
+                worst[kind] = worst[kind].max(if moved.is_nan() { f64::INFINITY } else { moved });
+            }
+        }
+        worst
+    }
+}

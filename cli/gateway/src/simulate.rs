@@ -1,0 +1,188 @@
+//! The embedded default: a gantry that moves and warms up, its hidden truth, and what `volcomp demo` found of it.
+
+use std::{sync::Arc, time::Duration};
+
+use volcomp_guard::AxisValues;
+use volcomp_kinematics::{
+    Form, State,
+    nalgebra::{Matrix6, Vector3, Vector6},
+};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_port::{
+    Axis, Clock, MAX_AXES,
+    simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
+};
+
+use crate::{config::{AxisGuard, Config, DashboardConfig, GuardConfig, RealtimeConfig}, error::GatewayError};
+
+const MODEL: &str = include_str!("../demo/machine.toml");
+const TRUTH: &str = include_str!("../demo/truth.toml");
+
+/// Smallest step of its corrections, mm.
+const RESOLUTION_MM: f64 = 0.001;
+
+/// What the tool of the simulated machine really misses.
+#[derive(Clone)]
+pub struct Truth {
+    machine: Arc<Machine>,
+    /// The workpiece as it is set up: displacement and rotation against the model's.
+    datum: Vector6<f64>,
+    sensors: Arc<[String]>,
+}
+
+/// The simulated machine and what belongs to it.
+pub struct Simulation {
+    /// Its controller.
+    pub controller: SimulatedController,
+    /// Its thermometer.
+    pub thermometer: SimulatedThermometer,
+    /// What a test may do to it.
+    pub controls: Arc<Controls>,
+    /// The model that corrects it.
+    pub model: Machine,
+    /// What it really misses.
+    pub truth: Truth,
+}
+
+impl Truth {
+    /// A truth against a model: where the workpiece is clamped is no error of the machine, so what a rigid motion
+    /// explains at the reference temperature is taken away.
+    fn against(machine: Machine, model: &Machine, sensors: &[String]) -> Self {
+        let none = Temperatures::new();
+        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        for state in grid(model) {
+            let at = |machine: &Machine| machine.error_at(&state, Form::Exact, &none).position_mm;
+            let difference = at(&machine) - at(model);
+            let [x, y, z] = [state.q[0], state.q[1], state.q[2]];
+            let rows = [[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]];
+            for (row, value) in rows.iter().zip(difference.iter()) {
+                let row = Vector6::from_column_slice(row);
+                normal += row * row.transpose();
+                right += row * *value;
+            }
+        }
+        Self {
+            datum: normal.cholesky().map_or(Vector6::zeros(), |factor| factor.solve(&right)),
+            machine: Arc::new(machine),
+            sensors: sensors.into(),
+        }
+    }
+
+    /// What it misses (mm) at coordinates (mm) and temperatures of its sensors (degC).
+    pub fn error(&self, positions: &AxisValues, degc: &[f64]) -> Vector3<f64> {
+        let temperatures: Temperatures = self.sensors.iter().cloned().zip(degc.iter().copied()).collect();
+        let state = State::from_coordinates(positions);
+        let [tx, ty, tz, a, b, c] = self.datum.into();
+        let p = Vector3::new(positions[0], positions[1], positions[2]);
+        let rigid = Vector3::new(tx, ty, tz) + Vector3::new(a, b, c).cross(&p);
+        self.machine.error_at(&state, Form::Exact, &temperatures).position_mm - rigid
+    }
+
+    /// What is left of it (mm) when corrections (mm) are applied.
+    pub fn residual(&self, positions: &AxisValues, correction: &AxisValues, degc: &[f64]) -> Vector3<f64> {
+        let moved = std::array::from_fn(|i| positions[i] + correction[i]);
+        self.error(&moved, degc) + Vector3::new(correction[0], correction[1], correction[2])
+    }
+}
+
+/// Coordinates over the work space.
+fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
+    const NODES: usize = 9;
+    (0..NODES * NODES * NODES).map(|index| {
+        let mut state = State::default();
+        let places = [index / NODES / NODES, index / NODES % NODES, index % NODES];
+        for ((q, axis), place) in state.q.iter_mut().zip(machine.axes()).zip(places) {
+            let [low, high] = axis.travel;
+            *q = low + (high - low) * place as f64 / (NODES - 1) as f64;
+        }
+        state
+    })
+}
+
+impl Simulation {
+    /// A machine whose time is `clock`.
+    ///
+    /// # Errors
+    /// None: the files are built in.
+    pub fn new(clock: Clock) -> Result<Self, GatewayError> {
+        let model = Machine::parse(MODEL, "built-in machine.toml")?;
+        let truth_machine = Machine::parse(TRUTH, "built-in truth.toml")?;
+        let sensors = warming();
+        let names: Vec<String> = sensors.iter().map(|sensor| sensor.name.clone()).collect();
+        let truth = Truth::against(truth_machine, &model, &names);
+        let function = truth.clone();
+        let axis = |name| Axis { name, rotary: false, includes_correction: false, resolution: RESOLUTION_MM };
+        let machine = simulated::Machine {
+            axes: ['X', 'Y', 'Z'].map(axis).to_vec(),
+            program: program(),
+            acceleration_per_s2: 1000.0,
+            sensors,
+            truth: Arc::new(move |q: &AxisValues, degc: &[f64]| {
+                let missed = function.error(q, degc);
+                let mut values = [0.0; MAX_AXES];
+                values[..3].copy_from_slice(missed.as_slice());
+                values
+            }),
+            clock,
+        };
+        let (controller, thermometer, controls) = machine.start();
+        Ok(Self { controller, thermometer, controls, model, truth })
+    }
+}
+
+fn warming() -> Vec<Warming> {
+    let sensor = |name: &str, start_degc: f64, rise_k: f64, time_constant_s: f64| Warming { name: name.to_owned(), start_degc, rise_k, time_constant_s };
+    vec![
+        sensor("bed", 20.1, 1.0, 3600.0),
+        sensor("column", 20.3, 3.0, 1800.0),
+        sensor("spindle", 20.5, 9.0, 600.0),
+        sensor("scale_x", 20.2, 4.0, 1200.0),
+        sensor("scale_y", 20.2, 4.0, 1200.0),
+    ]
+}
+
+/// Through the whole volume: edges and diagonals, with a stop at each end.
+fn program() -> Vec<Move> {
+    let corners = [
+        [0.0, 0.0, 0.0], [8000.0, 4000.0, 2500.0], [0.0, 4000.0, 2500.0], [8000.0, 0.0, 0.0], [8000.0, 4000.0, 0.0],
+        [0.0, 0.0, 2500.0], [4000.0, 2000.0, 1250.0], [8000.0, 0.0, 2500.0], [0.0, 4000.0, 0.0], [0.0, 0.0, 0.0],
+    ];
+    let to = |corner: [f64; 3]| {
+        let mut to = [0.0; MAX_AXES];
+        to[..3].copy_from_slice(&corner);
+        Move { to, feed_per_s: 1000.0, dwell: Duration::from_millis(1500) }
+    };
+    corners.map(to).to_vec()
+}
+
+/// The built-in configuration, limits included.
+pub fn config() -> Config {
+    Config {
+        machine: "built-in".into(),
+        cycle: Duration::from_millis(4),
+        auto_arm: true,
+        guard: Some(guard()),
+        controllers: Vec::new(),
+        thermometers: Vec::new(),
+        dashboard: DashboardConfig::default(),
+        audit_dir: std::env::temp_dir().join(format!("volcomp-gateway-{}", std::process::id())),
+        realtime: RealtimeConfig { priority: 60, cpu: None },
+    }
+}
+
+/// The built-in limits.
+pub fn guard() -> GuardConfig {
+    GuardConfig {
+        linear: AxisGuard { limit: 250.0, warn: 200.0, slew_per_s: 500.0, accel_per_s2: 20_000.0, confirm: 50.0, test_shift: 5.0 },
+        rotary: None,
+        hold: Duration::from_millis(50),
+        zero_after: Duration::from_millis(500),
+        ramp: Duration::from_millis(500),
+        stop: Duration::from_secs(5),
+        hand_back: Duration::from_secs(2),
+        max_degc_per_min: 5.0,
+        range_degc: [-20.0, 120.0],
+        temperature_stale: Duration::from_secs(30),
+        fading: volcomp_model::Fading::default(),
+    }
+}

@@ -1,0 +1,83 @@
+//! How long cycles took: histograms of the last stretch of time, and counts.
+
+use hdrhistogram::Histogram;
+
+use crate::report::Timing;
+
+/// Cycles of a stretch; the last whole one and the current one count.
+const STRETCH: u64 = 4096;
+
+/// One quantity: the current stretch and the one before.
+pub(crate) struct Stretch {
+    current: Histogram<u64>,
+    before: Histogram<u64>,
+}
+
+impl Default for Stretch {
+    fn default() -> Self {
+        // 100 ns to 100 s: bounds and digits are those that the histogram allows.
+        let empty = || Histogram::new_with_bounds(100, 100_000_000_000, 2).expect("valid bounds");
+        Self { current: empty(), before: empty() }
+    }
+}
+
+impl Stretch {
+    fn add(&mut self, ns: u64) {
+        self.current.saturating_record(ns);
+    }
+
+    fn turn(&mut self) {
+        std::mem::swap(&mut self.current, &mut self.before);
+        self.current.reset();
+    }
+
+    /// The last whole stretch, or what there is.
+    fn latest(&self) -> &Histogram<u64> {
+        if self.before.is_empty() { &self.current } else { &self.before }
+    }
+
+    /// A quantile, us.
+    pub(crate) fn quantile_us(&self, quantile: f64) -> f64 {
+        self.latest().value_at_quantile(quantile) as f64 * 1e-3
+    }
+
+    /// Counts in bins that double: upper edge (us) and count.
+    pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
+        let edges = (0..20).map(|power| 500_u64 << power);
+        edges.map(|low| ((2 * low) as f64 * 1e-3, self.latest().count_between(low, 2 * low - 1))).collect()
+    }
+}
+
+/// Of the whole cycle, own work, wake-up, exchanges.
+#[derive(Default)]
+pub(crate) struct Times {
+    /// From waking to done.
+    pub whole: Stretch,
+    /// Own work by the CPU clock.
+    pub own: Stretch,
+    /// From deadline to waking.
+    pub wake: Stretch,
+    /// With controllers.
+    pub exchange: Stretch,
+    /// Cycles so far.
+    pub count: u64,
+    /// Periods missed so far.
+    pub overruns: u64,
+}
+
+impl Times {
+    /// Takes a cycle.
+    pub(crate) fn add(&mut self, timing: &Timing) {
+        self.whole.add(timing.whole_ns);
+        self.own.add(timing.own_ns);
+        self.wake.add(timing.wake_ns);
+        self.exchange.add(timing.exchange_ns);
+        self.count += 1;
+        self.overruns += u64::from(timing.missed);
+        if self.count % STRETCH == 0 {
+            for stretch in [&mut self.whole, &mut self.own, &mut self.wake, &mut self.exchange] {
+                stretch.turn();
+            }
+        }
+    }
+}
