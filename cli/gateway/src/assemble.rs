@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use volcomp_can::{BridgeConfig, CanController, CanSocket, CanThermometer};
-use volcomp_devices::{Address, Scheme, digital_modules, focas_config, gpio_port, signal_table, thermometer};
+use volcomp_devices::{
+    Address, Scheme, digital_modules, focas_config, gpio_port, signal_table, thermometer,
+};
 use volcomp_digital_io::{CorrectionWord, DigitalAxis, DigitalController, PositionWord, Wiring};
 use volcomp_focas::FocasController;
 use volcomp_guard::{AxisLimits, Guard, Limits, MAX_AXES, Reasons, SensorLimits};
@@ -11,9 +13,10 @@ use volcomp_port::{Axis, Controller, Description, DeviceError, DigitalIo, Heartb
 
 use crate::{
     config::{AxisGuard, Config, ControllerConfig, GuardConfig, ThermometerConfig},
-    cycle::{ControlPath, Cycle, Sensors},
+    cycle::{Cycle, Sensors},
     error::GatewayError,
     model::Model,
+    path::ControlPath,
 };
 
 /// A shift that a position cannot show proves nothing: this many steps of the position at least.
@@ -57,16 +60,28 @@ pub fn controller(config: &ControllerConfig) -> Result<Box<dyn Controller>, Gate
                 includes_correction: config.includes_correction,
                 stale_after: Duration::from_millis(100),
             };
-            Ok(Box::new(CanController::new(CanSocket::open(&address.host)?, &bridge)?))
+            Ok(Box::new(CanController::new(
+                CanSocket::open(&address.host)?,
+                &bridge,
+            )?))
         }
         Scheme::Gpio => digital(config, gpio_port(&address)?, &channel("digital")),
-        Scheme::Modbus | Scheme::ModbusRtu => digital(config, digital_modules(&address)?, &channel("digital")),
+        Scheme::Modbus | Scheme::ModbusRtu => {
+            digital(config, digital_modules(&address)?, &channel("digital"))
+        }
     }
 }
 
-fn digital<D: DigitalIo + 'static>(config: &ControllerConfig, io: D, channel: &str) -> Result<Box<dyn Controller>, GatewayError> {
+fn digital<D: DigitalIo + 'static>(
+    config: &ControllerConfig,
+    io: D,
+    channel: &str,
+) -> Result<Box<dyn Controller>, GatewayError> {
     let [name] = config.axes[..] else {
-        let what = format!("found {} axes, expected one: these lines carry one position", config.axes.len());
+        let what = format!(
+            "found {} axes, expected one: these lines carry one position",
+            config.axes.len()
+        );
         return Err(DeviceError::new(&*config.url, what, "name one axis").into());
     };
     let words = &config.digital;
@@ -91,7 +106,13 @@ fn digital<D: DigitalIo + 'static>(config: &ControllerConfig, io: D, channel: &s
         correction: (0..words.correction_bits).collect(),
         ..Wiring::default()
     };
-    Ok(Box::new(DigitalController::new(io, channel, wiring, words.coherence, vec![axis])?))
+    Ok(Box::new(DigitalController::new(
+        io,
+        channel,
+        wiring,
+        words.coherence,
+        vec![axis],
+    )?))
 }
 
 /// Letters of rotary axes (ISO 841).
@@ -109,9 +130,18 @@ pub fn open_thermometer(config: &ThermometerConfig) -> Result<Box<dyn Thermomete
         Scheme::Modbus | Scheme::ModbusRtu => Ok(Box::new(thermometer(&address, &config.names)?)),
         Scheme::Can => {
             let table = signal_table(&address)?;
-            Ok(Box::new(CanThermometer::new(CanSocket::open(&address.host)?, &table, Duration::from_secs(10))?))
+            Ok(Box::new(CanThermometer::new(
+                CanSocket::open(&address.host)?,
+                &table,
+                Duration::from_secs(10),
+            )?))
         }
-        Scheme::Focas | Scheme::Gpio => Err(address.wrong("this device has no temperatures", "expected modbus://, modbus-rtu:// or can://").into()),
+        Scheme::Focas | Scheme::Gpio => Err(address
+            .wrong(
+                "this device has no temperatures",
+                "expected modbus://, modbus-rtu:// or can://",
+            )
+            .into()),
     }
 }
 
@@ -119,18 +149,29 @@ pub fn open_thermometer(config: &ThermometerConfig) -> Result<Box<dyn Thermomete
 ///
 /// # Errors
 /// Rotary axes without limits, or limits that make no sense.
-pub fn limits(description: &Description, guard: &GuardConfig, config: &PathConfig, period: Duration) -> Result<Limits, GatewayError> {
+pub fn limits(
+    description: &Description,
+    guard: &GuardConfig,
+    config: &PathConfig,
+    period: Duration,
+) -> Result<Limits, GatewayError> {
     let mut axes = [AxisLimits::NONE; MAX_AXES];
     let mut test_shift = [0.0; MAX_AXES];
     for ((into, shift), axis) in axes.iter_mut().zip(&mut test_shift).zip(&description.axes) {
         let (of_kind, to_internal) = if axis.rotary {
-            let rotary = guard.rotary.as_ref().ok_or_else(|| GatewayError::Unfit(format!("[guard]: axis {} is rotary: limit_urad and slew_urad_per_s are missing", axis.name)))?;
+            let rotary = guard.rotary.as_ref().ok_or_else(|| {
+                GatewayError::Unfit(format!(
+                    "[guard]: axis {} is rotary: limit_urad and slew_urad_per_s are missing",
+                    axis.name
+                ))
+            })?;
             (rotary, 1e-6)
         } else {
             (&guard.linear, 1e-3)
         };
         *into = axis_limits(axis, of_kind, to_internal);
-        let wanted = (of_kind.test_shift * to_internal).max(SHIFT_STEPS * axis.resolution.max(config.position_step));
+        let wanted = (of_kind.test_shift * to_internal)
+            .max(SHIFT_STEPS * axis.resolution.max(config.position_step));
         if config.proves && of_kind.test_shift > 0.0 && wanted <= into.limit {
             *shift = wanted;
         }
@@ -146,8 +187,14 @@ pub fn limits(description: &Description, guard: &GuardConfig, config: &PathConfi
         read_back_cycles: config.read_back_cycles,
     };
     let named = |e: volcomp_guard::LimitsError| {
-        let axis = e.axis.and_then(|axis| description.axes.get(axis)).map_or(String::new(), |axis| format!(" of {}", axis.name));
-        GatewayError::Unfit(format!("[guard]: {}{axis}: found {}, expected {} (mm, rad)", e.what, e.found, e.expected))
+        let axis = e
+            .axis
+            .and_then(|axis| description.axes.get(axis))
+            .map_or(String::new(), |axis| format!(" of {}", axis.name));
+        GatewayError::Unfit(format!(
+            "[guard]: {}{axis}: found {}, expected {} (mm, rad)",
+            e.what, e.found, e.expected
+        ))
     };
     limits.check().map_err(named)?;
     Ok(limits)
@@ -181,17 +228,36 @@ pub struct PathConfig {
 
 impl PathConfig {
     fn of(config: &ControllerConfig, period: Duration) -> Self {
-        let scheme = Address::parse(&config.url).ok().map(|address| address.scheme);
-        let is_digital = matches!(scheme, Some(Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu));
+        let scheme = Address::parse(&config.url)
+            .ok()
+            .map(|address| address.scheme);
+        let is_digital = matches!(
+            scheme,
+            Some(Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu)
+        );
         // A bridge on CAN tells what is applied in messages of its own.
-        let behind = if scheme == Some(Scheme::Can) { Duration::from_millis(60) } else { period };
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 32")]
-        let read_back_cycles = (behind.as_secs_f64() / period.as_secs_f64()).ceil().clamp(1.0, 32.0) as usize;
+        let behind = if scheme == Some(Scheme::Can) {
+            Duration::from_millis(60)
+        } else {
+            period
+        };
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 32"
+        )]
+        let read_back_cycles = (behind.as_secs_f64() / period.as_secs_f64())
+            .ceil()
+            .clamp(1.0, 32.0) as usize;
         Self {
             fixed: config.fixed.iter().map(|(name, at)| (*name, *at)).collect(),
             unwatched: config.unwatched,
             proves: config.proves.unwrap_or(!is_digital),
-            position_step: if is_digital { config.digital.position_mm_per_count } else { 0.0 },
+            position_step: if is_digital {
+                config.digital.position_mm_per_count
+            } else {
+                0.0
+            },
             read_back_cycles,
         }
     }
@@ -201,7 +267,14 @@ impl PathConfig {
 ///
 /// # Errors
 /// Axes that the machine does not have, a controller that nobody watches unless that is known.
-pub fn path(controller: Box<dyn Controller>, model: &Model, guard: &GuardConfig, config: &PathConfig, period: Duration, channels: &mut Vec<String>) -> Result<ControlPath, GatewayError> {
+pub fn path(
+    controller: Box<dyn Controller>,
+    model: &Model,
+    guard: &GuardConfig,
+    config: &PathConfig,
+    period: Duration,
+    channels: &mut Vec<String>,
+) -> Result<ControlPath, GatewayError> {
     let description = controller.description().clone();
     let device = &description.device;
     let unfit = |what: String| Err(GatewayError::Unfit(format!("{device}: {what}")));
@@ -209,18 +282,34 @@ pub fn path(controller: Box<dyn Controller>, model: &Model, guard: &GuardConfig,
     for (place, axis) in machine_axis.iter_mut().zip(&description.axes) {
         let letters: String = model.axes.iter().map(|(name, _)| *name).collect();
         let Some(index) = model.index_of(axis.name) else {
-            return unfit(format!("axis {}: the machine {} has the axes {letters}", axis.name, model.name));
+            return unfit(format!(
+                "axis {}: the machine {} has the axes {letters}",
+                axis.name, model.name
+            ));
         };
         if model.axes[index].1 != axis.rotary {
-            return unfit(format!("axis {} is {} here and {} in the machine", axis.name, kind(axis.rotary), kind(!axis.rotary)));
+            return unfit(format!(
+                "axis {} is {} here and {} in the machine",
+                axis.name,
+                kind(axis.rotary),
+                kind(!axis.rotary)
+            ));
         }
         *place = index;
     }
     let mut fixed = [None; MAX_AXES];
     for (name, at) in &config.fixed {
         match model.index_of(*name) {
-            Some(index) => fixed[index] = Some(if model.axes[index].1 { at.to_radians() } else { *at }),
-            None => return unfit(format!("fixed: the machine {} has no axis {name}", model.name)),
+            Some(index) => {
+                let rotary = model.axes[index].1;
+                fixed[index] = Some(if rotary { at.to_radians() } else { *at });
+            }
+            None => {
+                return unfit(format!(
+                    "fixed: the machine {} has no axis {name}",
+                    model.name
+                ));
+            }
         }
     }
     let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
@@ -230,15 +319,29 @@ pub fn path(controller: Box<dyn Controller>, model: &Model, guard: &GuardConfig,
         (Heartbeat::Watched, _) => {}
     }
     if description.shortest_cycle > period {
-        return unfit(format!("a cycle takes {:.1} ms at least, found cycle_ms = {}", description.shortest_cycle.as_secs_f64() * 1e3, period.as_secs_f64() * 1e3));
+        return unfit(format!(
+            "a cycle takes {:.1} ms at least, found cycle_ms = {}",
+            description.shortest_cycle.as_secs_f64() * 1e3,
+            period.as_secs_f64() * 1e3
+        ));
     }
     let limits = limits(&description, guard, config, period)?;
     let guard = Guard::new(limits).map_err(|e| GatewayError::Unfit(e.to_string()))?;
-    let channel = channels.iter().position(|known| *known == description.channel).unwrap_or_else(|| {
-        channels.push(description.channel.clone());
-        channels.len() - 1
-    });
-    Ok(ControlPath::new(controller, guard, machine_axis, fixed, u32::try_from(channel).unwrap_or(u32::MAX), notes))
+    let channel = channels
+        .iter()
+        .position(|known| *known == description.channel)
+        .unwrap_or_else(|| {
+            channels.push(description.channel.clone());
+            channels.len() - 1
+        });
+    Ok(ControlPath::new(
+        controller,
+        guard,
+        machine_axis,
+        fixed,
+        u32::try_from(channel).unwrap_or(u32::MAX),
+        notes,
+    ))
 }
 
 fn kind(rotary: bool) -> &'static str {
@@ -249,29 +352,70 @@ fn kind(rotary: bool) -> &'static str {
 ///
 /// # Errors
 /// What does not fit together, or cannot be opened.
-pub fn cycle(config: &Config, guard: &GuardConfig, model: Box<Model>) -> Result<Cycle, GatewayError> {
+pub fn cycle(
+    config: &Config,
+    guard: &GuardConfig,
+    model: Box<Model>,
+) -> Result<Cycle, GatewayError> {
     let mut channels = Vec::new();
     let mut paths = Vec::new();
     for controller_config in &config.controllers {
         let opened = controller(controller_config)?;
         let path_config = PathConfig::of(controller_config, config.cycle);
-        paths.push(path(opened, &model, guard, &path_config, config.cycle, &mut channels)?);
+        paths.push(path(
+            opened,
+            &model,
+            guard,
+            &path_config,
+            config.cycle,
+            &mut channels,
+        )?);
     }
-    let thermometers = config.thermometers.iter().map(open_thermometer).collect::<Result<_, _>>()?;
-    let sensors = Sensors { thermometers, limits: sensor_limits(guard) };
-    Ok(Cycle::new(model, paths, guard.hand_back, sensors, config.cycle))
+    let thermometers = config
+        .thermometers
+        .iter()
+        .map(open_thermometer)
+        .collect::<Result<_, _>>()?;
+    let sensors = Sensors {
+        thermometers,
+        limits: sensor_limits(guard),
+    };
+    Ok(Cycle::new(
+        model,
+        paths,
+        guard.hand_back,
+        sensors,
+        config.cycle,
+    ))
 }
 
 /// What temperatures may be.
 pub fn sensor_limits(guard: &GuardConfig) -> SensorLimits {
-    SensorLimits { range_degc: guard.range_degc, max_degc_per_min: guard.max_degc_per_min, stale: guard.temperature_stale }
+    SensorLimits {
+        range_degc: guard.range_degc,
+        max_degc_per_min: guard.max_degc_per_min,
+        stale: guard.temperature_stale,
+    }
 }
 
 /// New limits for every path after a reload, in the order of the controllers.
 ///
 /// # Errors
 /// Limits that make no sense.
-pub fn reloaded_limits(config: &Config, guard: &GuardConfig, descriptions: &[Description]) -> Result<Vec<Limits>, GatewayError> {
+pub fn reloaded_limits(
+    config: &Config,
+    guard: &GuardConfig,
+    descriptions: &[Description],
+) -> Result<Vec<Limits>, GatewayError> {
     let pairs = config.controllers.iter().zip(descriptions);
-    pairs.map(|(controller, description)| limits(description, guard, &PathConfig::of(controller, config.cycle), config.cycle)).collect()
+    pairs
+        .map(|(controller, description)| {
+            limits(
+                description,
+                guard,
+                &PathConfig::of(controller, config.cycle),
+                config.cycle,
+            )
+        })
+        .collect()
 }

@@ -48,14 +48,24 @@ impl AuditLog {
     pub fn open(dir: &Path) -> io::Result<(Self, Found)> {
         fs::create_dir_all(dir)?;
         let path = dir.join(CURRENT);
-        let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path)?;
+        let mut file = OpenOptions::new()
+            .read(true)
+            .append(true)
+            .create(true)
+            .open(&path)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
         let scanned = scan(&bytes, None);
-        let mut found = Found { records: scanned.records, ..Found::default() };
+        let mut found = Found {
+            records: scanned.records,
+            ..Found::default()
+        };
         let whole = scanned.end as u64;
         if let Some(line) = scanned.broken {
-            let aside = (1..).map(|n| dir.join(format!("audit.broken-{n}.log"))).find(|aside| !aside.exists()).unwrap_or_else(|| dir.join("audit.broken.log"));
+            let aside = (1..1000)
+                .map(|n| dir.join(format!("audit.broken-{n}.log")))
+                .find(|aside| !aside.exists())
+                .unwrap_or_else(|| dir.join("audit.broken.log"));
             fs::rename(&path, &aside)?;
             file = OpenOptions::new().append(true).create(true).open(&path)?;
             found.broken = Some((line, aside));
@@ -71,9 +81,16 @@ impl AuditLog {
                 dir: dir.to_owned(),
                 bytes: if is_broken { 0 } else { whole },
                 file,
-                last_checksum: if is_broken { String::new() } else { scanned.last_checksum },
+                last_checksum: if is_broken {
+                    String::new()
+                } else {
+                    scanned.last_checksum
+                },
                 sequence: if is_broken { 0 } else { scanned.sequence },
-                boot_id: fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned(),
+                boot_id: fs::read_to_string("/proc/sys/kernel/random/boot_id")
+                    .unwrap_or_default()
+                    .trim()
+                    .to_owned(),
             },
             found,
         ))
@@ -102,7 +119,10 @@ impl AuditLog {
         .to_string();
         let checksum = checksum(&self.last_checksum, &record);
         let line = format!("{checksum} {record}\n");
-        let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data());
+        let written = self
+            .file
+            .write_all(line.as_bytes())
+            .and_then(|()| self.file.sync_data());
         if let Err(e) = written {
             // Half a record would be a torn tail: cut at once where that is possible.
             let _ = self.file.set_len(self.bytes);
@@ -122,7 +142,10 @@ impl AuditLog {
             }
         }
         fs::rename(self.dir.join(CURRENT), old(1))?;
-        self.file = OpenOptions::new().append(true).create(true).open(self.dir.join(CURRENT))?;
+        self.file = OpenOptions::new()
+            .append(true)
+            .create(true)
+            .open(self.dir.join(CURRENT))?;
         self.bytes = 0;
         sync_folder(&self.dir)
     }
@@ -156,13 +179,21 @@ struct Scanned {
 
 /// Goes through a file. The chain begins with what the first record says of the one before.
 fn scan(bytes: &[u8], before: Option<String>) -> Scanned {
-    let mut scanned = Scanned { records: 0, end: 0, last_checksum: String::new(), sequence: 0, broken: None };
+    let mut scanned = Scanned {
+        records: 0,
+        end: 0,
+        last_checksum: String::new(),
+        sequence: 0,
+        broken: None,
+    };
     let mut previous = before;
     let mut rest = bytes;
     while let Some(length) = rest.iter().position(|byte| *byte == b'\n') {
         let (line, after) = rest.split_at(length + 1);
         let is_last = after.is_empty();
-        let record = std::str::from_utf8(&line[..length]).ok().and_then(|line| verified(line, previous.as_deref()));
+        let record = std::str::from_utf8(&line[..length])
+            .ok()
+            .and_then(|line| verified(line, previous.as_deref()));
         let Some((checksum, sequence)) = record else {
             // A last line may be torn in the middle of a block; before the last it was changed.
             scanned.broken = (!is_last).then_some(scanned.records + 1);
@@ -183,31 +214,59 @@ fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     let value: Value = serde_json::from_str(record).ok()?;
     let stated = value["previous"].as_str()?;
     let follows = previous.is_none_or(|previous| previous == stated);
-    (follows && checksum(stated, record) == found).then(|| (found.to_owned(), value["seq"].as_u64().unwrap_or(0)))
+    (follows && checksum(stated, record) == found)
+        .then(|| (found.to_owned(), value["seq"].as_u64().unwrap_or(0)))
 }
 
 fn checksum(previous: &str, record: &str) -> String {
-    let digest = Sha256::new().chain_update(previous).chain_update("\n").chain_update(record).finalize();
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    let digest = Sha256::new()
+        .chain_update(previous)
+        .chain_update("\n")
+        .chain_update(record)
+        .finalize();
+    crate::hex(&digest)
 }
 
 /// Now, as ISO 8601 in UTC with milliseconds.
 pub fn utc_now() -> String {
-    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    let since = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .unwrap_or_default();
     let (days, seconds) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
     let [year, month, day] = civil(days);
-    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}.{:03}Z", seconds / 3600, seconds / 60 % 60, seconds % 60, since.subsec_millis())
+    format!(
+        "{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}.{:03}Z",
+        seconds / 3600,
+        seconds / 60 % 60,
+        seconds % 60,
+        since.subsec_millis()
+    )
 }
 
 /// Year, month and day of days since 1970 in the Gregorian calendar.
 fn civil(days: u64) -> [u64; 3] {
-    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let leap = |year: u64| {
+        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
+    };
     let (mut year, mut rest) = (1970, days);
     while rest >= 365 + u64::from(leap(year)) {
         rest -= 365 + u64::from(leap(year));
         year += 1;
     }
-    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let lengths = [
+        31,
+        28 + u64::from(leap(year)),
+        31,
+        30,
+        31,
+        30,
+        31,
+        31,
+        30,
+        31,
+        30,
+        31,
+    ];
     let mut month = 0;
     while rest >= lengths[month] {
         rest -= lengths[month];

@@ -8,7 +8,7 @@ use std::{
 };
 
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
-use volcomp_focas::{PmcArea, PmcAddress, Width};
+use volcomp_focas::{PmcAddress, PmcArea, Width};
 use volcomp_model::{
     Fading, InputError,
     document::{Document, Section, Value},
@@ -197,7 +197,10 @@ impl Config {
     /// A file that cannot be read, or with file, line and key what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| GatewayError::Read { file: file.clone(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|source| GatewayError::Read {
+            file: file.clone(),
+            source,
+        })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Ok(Self::parse(&text, &file, folder)?)
     }
@@ -211,13 +214,27 @@ impl Config {
     }
 
     fn decode(root: &Section<'_>, folder: &Path) -> Result<Self, InputError> {
-        root.allow(&["machine", "cycle_ms", "auto_arm", "guard", "controller", "thermometer", "dashboard", "audit", "realtime"])?;
+        root.allow(&[
+            "machine",
+            "cycle_ms",
+            "auto_arm",
+            "guard",
+            "controller",
+            "thermometer",
+            "dashboard",
+            "audit",
+            "realtime",
+        ])?;
         let controllers = tables(root, "controller", controller)?;
         if controllers.is_empty() {
             return Err(root.error("found no [[controller]], expected at least one"));
         }
         if controllers.len() > volcomp_guard::MAX_PATHS {
-            return Err(root.error(format!("found {} controllers, expected {} at the most", controllers.len(), volcomp_guard::MAX_PATHS)));
+            return Err(root.error(format!(
+                "found {} controllers, expected {} at the most",
+                controllers.len(),
+                volcomp_guard::MAX_PATHS
+            )));
         }
         let cycle_ms = number_or(root, "cycle_ms", [0.1, 1000.0], 4.0)?;
         let audit = root.section("audit")?;
@@ -232,22 +249,44 @@ impl Config {
             machine: folder.join(root.require("machine")?.text()?),
             cycle: Duration::from_secs_f64(cycle_ms * 1e-3),
             auto_arm: truth_or(root, "auto_arm", false)?,
-            guard: root.section("guard")?.map(|section| guard(&section, cycle_ms)).transpose()?,
+            guard: root
+                .section("guard")?
+                .map(|section| guard(&section, cycle_ms))
+                .transpose()?,
             controllers,
             thermometers: tables(root, "thermometer", thermometer)?,
-            dashboard: root.section("dashboard")?.map(|section| dashboard(&section, folder)).transpose()?.unwrap_or_default(),
+            dashboard: root
+                .section("dashboard")?
+                .map(|section| dashboard(&section, folder))
+                .transpose()?
+                .unwrap_or_default(),
             audit_dir,
-            realtime: root.section("realtime")?.map(|section| realtime(&section)).transpose()?.unwrap_or(RealtimeConfig { priority: 60, cpu: None }),
+            realtime: root
+                .section("realtime")?
+                .map(|section| realtime(&section))
+                .transpose()?
+                .unwrap_or(RealtimeConfig {
+                    priority: 60,
+                    cpu: None,
+                }),
         })
     }
 }
 
 /// Every table of an array.
-fn tables<T>(root: &Section<'_>, key: &str, decode: impl Fn(&Section<'_>) -> Result<T, InputError>) -> Result<Vec<T>, InputError> {
+fn tables<T>(
+    root: &Section<'_>,
+    key: &str,
+    decode: impl Fn(&Section<'_>) -> Result<T, InputError>,
+) -> Result<Vec<T>, InputError> {
     let Some(value) = root.get(key) else {
         return Ok(Vec::new());
     };
-    value.items()?.iter().map(|item| decode(&item.section()?)).collect()
+    value
+        .items()?
+        .iter()
+        .map(|item| decode(&item.section()?))
+        .collect()
 }
 
 fn number_in(value: &Value<'_>, [low, high]: [f64; 2]) -> Result<f64, InputError> {
@@ -255,11 +294,20 @@ fn number_in(value: &Value<'_>, [low, high]: [f64; 2]) -> Result<f64, InputError
     if (low..=high).contains(&found) {
         return Ok(found);
     }
-    Err(value.error(format!("found {found}, expected a number from {low} to {high}")))
+    Err(value.error(format!(
+        "found {found}, expected a number from {low} to {high}"
+    )))
 }
 
-fn number_or(section: &Section<'_>, key: &str, range: [f64; 2], default: f64) -> Result<f64, InputError> {
-    section.get(key).map_or(Ok(default), |value| number_in(&value, range))
+fn number_or(
+    section: &Section<'_>,
+    key: &str,
+    range: [f64; 2],
+    default: f64,
+) -> Result<f64, InputError> {
+    section
+        .get(key)
+        .map_or(Ok(default), |value| number_in(&value, range))
 }
 
 fn truth_or(section: &Section<'_>, key: &str, default: bool) -> Result<bool, InputError> {
@@ -268,19 +316,41 @@ fn truth_or(section: &Section<'_>, key: &str, default: bool) -> Result<bool, Inp
 
 fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig, InputError> {
     section.allow(&[
-        "limit_um", "warn_um", "slew_um_per_s", "accel_um_per_s2", "confirm_um", "test_shift_um",
-        "limit_urad", "warn_urad", "slew_urad_per_s", "accel_urad_per_s2", "confirm_urad", "test_shift_urad",
-        "hold_ms", "zero_after_ms", "ramp_s", "stop_s", "hand_back_s", "max_degc_per_min", "range_degc",
-        "temperature_stale_s", "temperature_hold_s", "temperature_fade_s",
+        "limit_um",
+        "warn_um",
+        "slew_um_per_s",
+        "accel_um_per_s2",
+        "confirm_um",
+        "test_shift_um",
+        "limit_urad",
+        "warn_urad",
+        "slew_urad_per_s",
+        "accel_urad_per_s2",
+        "confirm_urad",
+        "test_shift_urad",
+        "hold_ms",
+        "zero_after_ms",
+        "ramp_s",
+        "stop_s",
+        "hand_back_s",
+        "max_degc_per_min",
+        "range_degc",
+        "temperature_stale_s",
+        "temperature_hold_s",
+        "temperature_fade_s",
     ])?;
     let hold_ms = number_in(&section.require("hold_ms")?, [cycle_ms, 60_000.0])?;
     let zero_after_ms = number_in(&section.require("zero_after_ms")?, [hold_ms, 600_000.0])?;
-    let seconds = |key: &str, range, default| number_or(section, key, range, default).map(Duration::from_secs_f64);
+    let seconds = |key: &str, range, default| {
+        number_or(section, key, range, default).map(Duration::from_secs_f64)
+    };
     let range_degc = match section.get("range_degc") {
         Some(value) => {
             let [low, high] = value.vector::<2>()?;
             if low >= high {
-                return Err(value.error(format!("found {low} to {high}, expected the lower temperature first")));
+                return Err(value.error(format!(
+                    "found {low} to {high}, expected the lower temperature first"
+                )));
             }
             [low, high]
         }
@@ -290,7 +360,9 @@ fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig, InputError
     let rotary = section.get("limit_urad").is_some();
     Ok(GuardConfig {
         linear: axis_guard(section, "um", 5.0)?,
-        rotary: rotary.then(|| axis_guard(section, "urad", 20.0)).transpose()?,
+        rotary: rotary
+            .then(|| axis_guard(section, "urad", 20.0))
+            .transpose()?,
         hold: Duration::from_secs_f64(hold_ms * 1e-3),
         zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
         ramp: seconds("ramp_s", [0.0, 600.0], 0.5)?,
@@ -319,24 +391,46 @@ fn axis_guard(section: &Section<'_>, unit: &str, test_shift: f64) -> Result<Axis
         slew_per_s: number_in(&section.require(&key("slew_per_s"))?, [1e-3, 1e7])?,
         accel_per_s2: number_or(section, &key("accel_per_s2"), [1e-3, 1e12], f64::INFINITY)?,
         confirm: number_or(section, &key("confirm"), [0.0, 1e6], limit)?,
-        test_shift: number_or(section, &key("test_shift"), [0.0, limit], test_shift.min(limit))?,
+        test_shift: number_or(
+            section,
+            &key("test_shift"),
+            [0.0, limit],
+            test_shift.min(limit),
+        )?,
     })
 }
 
 fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     section.allow(&[
-        "url", "channel", "axes", "fixed", "area", "resolution_um", "resolution_urad", "heartbeat", "unwatched",
-        "includes_correction", "test_shift", "referenced", "digital",
+        "url",
+        "channel",
+        "axes",
+        "fixed",
+        "area",
+        "resolution_um",
+        "resolution_urad",
+        "heartbeat",
+        "unwatched",
+        "includes_correction",
+        "test_shift",
+        "referenced",
+        "digital",
     ])?;
     let area = |value: Value<'_>| -> Result<_, InputError> {
         let section = value.section()?;
         section.allow(&["pmc", "first", "width"])?;
         let first = pmc_address(&section, "first")?;
-        let width = match section.get("width").map(|w| Ok::<_, InputError>((w.count(4)?, w))).transpose()? {
+        let width = match section
+            .get("width")
+            .map(|w| Ok::<_, InputError>((w.count(4)?, w)))
+            .transpose()?
+        {
             None | Some((2, _)) => Width::Word,
             Some((1, _)) => Width::Byte,
             Some((4, _)) => Width::Long,
-            Some((found, width)) => return Err(width.error(format!("found {found}, expected 1, 2 or 4 bytes"))),
+            Some((found, width)) => {
+                return Err(width.error(format!("found {found}, expected 1, 2 or 4 bytes")));
+            }
         };
         Ok((first, width))
     };
@@ -347,7 +441,10 @@ fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     };
     let fixed = match section.section("fixed")? {
         None => BTreeMap::new(),
-        Some(fixed) => fixed.values().map(|(name, value)| Ok((letter(&value, name)?, value.number()?))).collect::<Result<_, InputError>>()?,
+        Some(fixed) => fixed
+            .values()
+            .map(|(name, value)| Ok((letter(&value, name)?, value.number()?)))
+            .collect::<Result<_, InputError>>()?,
     };
     let referenced = match section.get("referenced") {
         None => None,
@@ -357,35 +454,60 @@ fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     let heartbeat = section.get("heartbeat").map(byte).transpose()?;
     let unwatched = truth_or(section, "unwatched", false)?;
     if heartbeat.is_some() && unwatched {
-        return Err(section.error("found both heartbeat and unwatched = true, expected one of them"));
+        return Err(
+            section.error("found both heartbeat and unwatched = true, expected one of them")
+        );
     }
     Ok(ControllerConfig {
         url: section.require("url")?.text()?.to_owned(),
-        channel: section.get("channel").map(|value| value.text().map(str::to_owned)).transpose()?,
+        channel: section
+            .get("channel")
+            .map(|value| value.text().map(str::to_owned))
+            .transpose()?,
         axes: axes(&section.require("axes")?)?,
         fixed,
-        resolution_um: section.get("resolution_um").map(|v| number_in(&v, [1e-4, 1000.0])).transpose()?,
-        resolution_urad: section.get("resolution_urad").map(|v| number_in(&v, [1e-4, 1e5])).transpose()?,
+        resolution_um: section
+            .get("resolution_um")
+            .map(|v| number_in(&v, [1e-4, 1000.0]))
+            .transpose()?,
+        resolution_urad: section
+            .get("resolution_urad")
+            .map(|v| number_in(&v, [1e-4, 1e5]))
+            .transpose()?,
         includes_correction: truth_or(section, "includes_correction", false)?,
         unwatched,
-        proves: section.get("test_shift").map(|value| value.truth()).transpose()?,
+        proves: section
+            .get("test_shift")
+            .map(|value| value.truth())
+            .transpose()?,
         area: section.get("area").map(area).transpose()?,
         heartbeat,
         referenced,
-        digital: section.section("digital")?.map(|section| digital(&section)).transpose()?.unwrap_or_default(),
+        digital: section
+            .section("digital")?
+            .map(|section| digital(&section))
+            .transpose()?
+            .unwrap_or_default(),
     })
 }
 
 fn axes(value: &Value<'_>) -> Result<Vec<char>, InputError> {
     let names = value.texts()?;
-    let letters = names.iter().map(|name| letter(value, name)).collect::<Result<Vec<char>, _>>()?;
+    let letters = names
+        .iter()
+        .map(|name| letter(value, name))
+        .collect::<Result<Vec<char>, _>>()?;
     for (index, name) in letters.iter().enumerate() {
         if letters[..index].contains(name) {
             return Err(value.error(format!("axis {name} stands twice")));
         }
     }
     if letters.is_empty() || letters.len() > volcomp_guard::MAX_AXES {
-        return Err(value.error(format!("found {} axes, expected 1 to {}", letters.len(), volcomp_guard::MAX_AXES)));
+        return Err(value.error(format!(
+            "found {} axes, expected 1 to {}",
+            letters.len(),
+            volcomp_guard::MAX_AXES
+        )));
     }
     Ok(letters)
 }
@@ -394,7 +516,9 @@ fn letter(value: &Value<'_>, name: &str) -> Result<char, InputError> {
     let mut letters = name.chars();
     match (letters.next(), letters.next()) {
         (Some(letter), None) if letter.is_ascii_uppercase() => Ok(letter),
-        _ => Err(value.error(format!("found the axis `{name}`, expected a letter such as X"))),
+        _ => Err(value.error(format!(
+            "found the axis `{name}`, expected a letter such as X"
+        ))),
     }
 }
 
@@ -408,12 +532,21 @@ fn pmc_address(section: &Section<'_>, key: &str) -> Result<PmcAddress, InputErro
         other => return Err(value.error(format!("found `{other}`, expected one of G, F, R, D"))),
     };
     let at = section.require(key)?.count(usize::from(u16::MAX))?;
-    Ok(PmcAddress { area, at: u16::try_from(at).unwrap_or(u16::MAX) })
+    Ok(PmcAddress {
+        area,
+        at: u16::try_from(at).unwrap_or(u16::MAX),
+    })
 }
 
 fn digital(section: &Section<'_>) -> Result<DigitalConfig, InputError> {
     section.allow(&[
-        "position_bits", "position_mm_per_count", "position_zero_mm", "position_code", "correction_bits", "correction_code", "coherence",
+        "position_bits",
+        "position_mm_per_count",
+        "position_zero_mm",
+        "position_code",
+        "correction_bits",
+        "correction_code",
+        "coherence",
     ])?;
     let published = DigitalConfig::default();
     let bits = |key: &str, default: u32| match section.get(key) {
@@ -422,25 +555,65 @@ fn digital(section: &Section<'_>) -> Result<DigitalConfig, InputError> {
     };
     Ok(DigitalConfig {
         position_bits: bits("position_bits", published.position_bits)?,
-        position_mm_per_count: number_or(section, "position_mm_per_count", [1e-6, 100.0], published.position_mm_per_count)?,
+        position_mm_per_count: number_or(
+            section,
+            "position_mm_per_count",
+            [1e-6, 100.0],
+            published.position_mm_per_count,
+        )?,
         position_zero_mm: number_or(section, "position_zero_mm", [-1e6, 1e6], 0.0)?,
-        position_code: one_of(section, "position_code", published.position_code, &[("binary", PositionCode::Binary), ("gray", PositionCode::Gray)])?,
+        position_code: one_of(
+            section,
+            "position_code",
+            published.position_code,
+            &[
+                ("binary", PositionCode::Binary),
+                ("gray", PositionCode::Gray),
+            ],
+        )?,
         correction_bits: bits("correction_bits", published.correction_bits)?,
-        correction_code: one_of(section, "correction_code", published.correction_code, &[
-            ("twos-complement", CorrectionCode::TwosComplement),
-            ("sign-magnitude", CorrectionCode::SignMagnitude),
-        ])?,
-        coherence: one_of(section, "coherence", published.coherence, &[("two-agree", Coherence::TwoAgree), ("latched", Coherence::Latched)])?,
+        correction_code: one_of(
+            section,
+            "correction_code",
+            published.correction_code,
+            &[
+                ("twos-complement", CorrectionCode::TwosComplement),
+                ("sign-magnitude", CorrectionCode::SignMagnitude),
+            ],
+        )?,
+        coherence: one_of(
+            section,
+            "coherence",
+            published.coherence,
+            &[
+                ("two-agree", Coherence::TwoAgree),
+                ("latched", Coherence::Latched),
+            ],
+        )?,
     })
 }
 
-fn one_of<T: Copy>(section: &Section<'_>, key: &str, default: T, known: &[(&str, T)]) -> Result<T, InputError> {
-    let Some(value) = section.get(key) else { return Ok(default) };
+fn one_of<T: Copy>(
+    section: &Section<'_>,
+    key: &str,
+    default: T,
+    known: &[(&str, T)],
+) -> Result<T, InputError> {
+    let Some(value) = section.get(key) else {
+        return Ok(default);
+    };
     let found = value.text()?;
-    known.iter().find(|(name, _)| *name == found).map(|(_, known)| *known).ok_or_else(|| {
-        let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-        value.error(format!("found `{found}`, expected one of {}", names.join(", ")))
-    })
+    known
+        .iter()
+        .find(|(name, _)| *name == found)
+        .map(|(_, known)| *known)
+        .ok_or_else(|| {
+            let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
+            value.error(format!(
+                "found `{found}`, expected one of {}",
+                names.join(", ")
+            ))
+        })
 }
 
 fn thermometer(section: &Section<'_>) -> Result<ThermometerConfig, InputError> {
@@ -453,21 +626,44 @@ fn thermometer(section: &Section<'_>) -> Result<ThermometerConfig, InputError> {
 }
 
 fn dashboard(section: &Section<'_>, folder: &Path) -> Result<DashboardConfig, InputError> {
-    section.allow(&["listen", "token_file", "tls_certificate", "tls_key", "hosts"])?;
-    let path = |key: &str| section.get(key).map(|value| Ok::<_, InputError>(folder.join(value.text()?))).transpose();
+    section.allow(&[
+        "listen",
+        "token_file",
+        "tls_certificate",
+        "tls_key",
+        "hosts",
+    ])?;
+    let path = |key: &str| {
+        section
+            .get(key)
+            .map(|value| Ok::<_, InputError>(folder.join(value.text()?)))
+            .transpose()
+    };
     let listen = match section.get("listen") {
         None => DashboardConfig::default().listen,
         Some(value) => {
             let text = value.text()?;
-            text.parse().map_err(|_| value.error(format!("found `{text}`, expected an address and port such as 127.0.0.1:8080")))?
+            text.parse().map_err(|_| {
+                value.error(format!(
+                    "found `{text}`, expected an address and port such as 127.0.0.1:8080"
+                ))
+            })?
         }
     };
     let tls = match (path("tls_certificate")?, path("tls_key")?) {
         (Some(certificate), Some(key)) => Some((certificate, key)),
         (None, None) => None,
-        _ => return Err(section.error("found one of tls_certificate and tls_key, expected both or neither")),
+        _ => {
+            return Err(
+                section.error("found one of tls_certificate and tls_key, expected both or neither")
+            );
+        }
     };
-    let hosts = section.get("hosts").map(|value| value.texts()).transpose()?.unwrap_or_default();
+    let hosts = section
+        .get("hosts")
+        .map(|value| value.texts())
+        .transpose()?
+        .unwrap_or_default();
     Ok(DashboardConfig {
         listen,
         token_file: path("token_file")?,

@@ -3,56 +3,23 @@
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    AxisValues, DirectionMemory, Guard, Inputs, MAX_AXES, MAX_PATHS, Output, PathHealth, Reading, Reasons, Request,
+    AxisValues, DirectionMemory, MAX_AXES, MAX_PATHS, Output, PathHealth, Reasons, Request,
     Selector, SensorCheck, SensorLimits, State as GuardState,
 };
 use volcomp_kinematics::{Approach, State};
-use volcomp_port::{Controller, Fault, Quality, Snapshot, Thermometer};
+use volcomp_port::{Quality, Thermometer};
 
 use crate::{
     model::Model,
+    path::ControlPath,
     report::{MAX_SENSORS, Report, SensorReport},
 };
 
 /// Temperatures are looked at so often.
 const THERMAL_PERIOD: Duration = Duration::from_millis(100);
-/// Another gateway is believed for so long after it was seen.
-const OTHER_GATEWAY_FOR: Duration = Duration::from_secs(5);
 /// The last motion of an axis counts from here on: 5 um, and 5e-4 deg.
 const REVERSAL_MM: f64 = 0.005;
 const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
-
-/// One controller with its guard.
-pub struct ControlPath {
-    /// The controller.
-    pub controller: Box<dyn Controller>,
-    /// Its guard.
-    pub guard: Guard,
-    /// For each of its axes the place in the machine.
-    pub machine_axis: [usize; MAX_AXES],
-    /// Machine axes that stand where the configuration says, mm and rad.
-    pub fixed: [Option<f64>; MAX_AXES],
-    /// Paths with the same number replace one another.
-    pub channel: u32,
-    /// What is always to be told of it: unwatched, blind to others.
-    pub notes: Reasons,
-    reading: Option<Snapshot>,
-    /// Positions without correction, as they held.
-    positions: AxisValues,
-    taken: Option<Duration>,
-    other_gateway: Option<Duration>,
-}
-
-impl ControlPath {
-    /// A path before its first cycle.
-    pub fn new(controller: Box<dyn Controller>, guard: Guard, machine_axis: [usize; MAX_AXES], fixed: [Option<f64>; MAX_AXES], channel: u32, notes: Reasons) -> Self {
-        Self { controller, guard, machine_axis, fixed, channel, notes, reading: None, positions: [0.0; MAX_AXES], taken: None, other_gateway: None }
-    }
-
-    fn count(&self) -> usize {
-        self.guard.limits().count
-    }
-}
 
 /// What a cycle is asked besides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,6 +63,14 @@ pub struct Cycle {
     report: Report,
 }
 
+/// Positions of the machine, mm and rad; which are known, as bits; when the oldest held.
+#[derive(Default)]
+struct Place {
+    positions: AxisValues,
+    known: u16,
+    oldest: Option<Duration>,
+}
+
 /// Temperatures and what is asked of them.
 pub struct Sensors {
     /// The thermometers.
@@ -107,13 +82,23 @@ pub struct Sensors {
 impl Sensors {
     /// All names, in order.
     pub fn names(&self) -> Vec<String> {
-        self.thermometers.iter().flat_map(|thermometer| thermometer.names().iter().cloned()).take(MAX_SENSORS).collect()
+        self.thermometers
+            .iter()
+            .flat_map(|thermometer| thermometer.names().iter().cloned())
+            .take(MAX_SENSORS)
+            .collect()
     }
 }
 
 impl Cycle {
     /// Puts it together: one path at least, [`MAX_PATHS`] at the most.
-    pub fn new(model: Box<Model>, mut paths: Vec<ControlPath>, hand_back: Duration, sensors: Sensors, period: Duration) -> Self {
+    pub fn new(
+        model: Box<Model>,
+        mut paths: Vec<ControlPath>,
+        hand_back: Duration,
+        sensors: Sensors,
+        period: Duration,
+    ) -> Self {
         paths.truncate(MAX_PATHS);
         let names = sensors.names();
         let mut cycle = Self {
@@ -138,11 +123,22 @@ impl Cycle {
         cycle
     }
 
+    /// Its clock began at `start`, not when it was made: for clocks that a test counts.
+    #[must_use]
+    pub fn with_start(mut self, start: Instant) -> Self {
+        self.start = start;
+        self
+    }
+
     /// What was applied when the program ended, machine's order: for controllers that cannot be asked.
     pub fn restore(&mut self, correction: &AxisValues) {
         for path in &mut self.paths {
             let mut applied = [0.0; MAX_AXES];
-            for (into, machine_axis) in applied.iter_mut().zip(path.machine_axis).take(path.guard.limits().count) {
+            for (into, machine_axis) in applied
+                .iter_mut()
+                .zip(path.machine_axis)
+                .take(path.guard.limits().count)
+            {
                 *into = correction[machine_axis];
             }
             path.guard.restore(&applied);
@@ -182,10 +178,17 @@ impl Cycle {
     }
 
     /// One cycle, begun at `now`.
-    pub fn run(&mut self, now: Instant, asked: &Asked, own_clock: &mut dyn FnMut() -> Duration) -> Spent {
+    pub fn run(
+        &mut self,
+        now: Instant,
+        asked: &Asked,
+        own_clock: &mut dyn FnMut() -> Duration,
+    ) -> Spent {
         let begun = own_clock();
         let since_start = now.saturating_duration_since(self.start);
-        let dt = since_start.saturating_sub(self.last.unwrap_or(since_start)).min(self.period * 5);
+        let dt = since_start
+            .saturating_sub(self.last.unwrap_or(since_start))
+            .min(self.period * 5);
         self.last = Some(since_start);
         let (mut spent, mut exchange_cpu) = (Spent::default(), Duration::ZERO);
         let (before, wall) = (own_clock(), Instant::now());
@@ -199,7 +202,9 @@ impl Cycle {
         spent.exchange += wall.elapsed();
         exchange_cpu += own_clock().saturating_sub(before);
         self.tell(since_start, asked, &output);
-        spent.own = own_clock().saturating_sub(begun).saturating_sub(exchange_cpu);
+        spent.own = own_clock()
+            .saturating_sub(begun)
+            .saturating_sub(exchange_cpu);
         spent
     }
 
@@ -217,28 +222,10 @@ impl Cycle {
     }
 
     fn read(&mut self, index: usize, deadline: Instant, since_start: Duration) {
-        let Some(path) = self.paths.get_mut(index) else { return };
-        match path.controller.read(deadline) {
-            Ok(snapshot) => {
-                let applied = snapshot.applied.unwrap_or_else(|| path.guard.output());
-                let limits = path.guard.limits();
-                for ((position, reported), (applied, limits)) in path.positions.iter_mut().zip(&snapshot.positions).zip(applied.iter().zip(&limits.axes)) {
-                    *position = if limits.includes_correction { reported - applied } else { *reported };
-                }
-                let finite = path.positions.iter().take(limits.count).all(|x| x.is_finite());
-                if finite {
-                    path.taken = Some(snapshot.taken.saturating_duration_since(self.start));
-                }
-                path.reading = Some(snapshot);
-            }
-            Err(fault) => {
-                path.reading = None;
-                self.report.faults += 1;
-                if fault == Fault::OtherGateway {
-                    path.other_gateway = Some(since_start);
-                }
-            }
-        }
+        let start = self.start;
+        let answered =
+            (self.paths.get_mut(index)).is_some_and(|p| p.read(deadline, start, since_start));
+        self.report.faults += u64::from(!answered);
     }
 
     /// Temperatures, their checks, the lags, and the model with them.
@@ -252,121 +239,139 @@ impl Cycle {
         let mut place = 0;
         for thermometer in &mut self.thermometers {
             for latest in thermometer.latest() {
-                let Some((check, told)) = self.checks.get_mut(place).zip(self.report.sensors.get_mut(place)) else { break };
-                let taken = latest.taken.map(|taken| taken.saturating_duration_since(self.start));
-                let degc = latest.degc.filter(|_| !matches!(latest.quality, Quality::Bad(_)));
+                let Some((check, told)) = self
+                    .checks
+                    .get_mut(place)
+                    .zip(self.report.sensors.get_mut(place))
+                else {
+                    break;
+                };
+                let taken = latest
+                    .taken
+                    .map(|taken| taken.saturating_duration_since(self.start));
+                let degc = latest
+                    .degc
+                    .filter(|_| !matches!(latest.quality, Quality::Bad(_)));
                 let found = check.check(since_start, degc, taken, &self.sensor_limits);
                 *told = sensor_report(found);
                 place += 1;
             }
         }
         for (degc, place) in self.model_degc.iter_mut().zip(&self.sensor_of_model) {
-            *degc = place.and_then(|place| self.report.sensors.get(place)).and_then(|sensor| sensor.degc);
+            *degc = place
+                .and_then(|place| self.report.sensors.get(place))
+                .and_then(|sensor| sensor.degc);
         }
         self.model.thermal.step(dt_s, &self.model_degc);
         self.degraded = self.model.thermal.is_degraded();
         self.model.thermal.apply(&mut self.model.compiled);
     }
 
-    /// Positions of every machine axis as the path at `index` may use them, and when the oldest held: its own, else
-    /// those of another path that are fresh, else what is fixed.
-    fn positions_for(&self, index: usize, since_start: Duration) -> (AxisValues, u16, Option<Duration>) {
+    /// Positions of every machine axis as the path at `index` may use them: its own, else those of another path
+    /// that are fresh, else what is fixed.
+    fn place_for(&self, index: usize, now: Duration) -> Place {
         let path = &self.paths[index];
-        let (mut positions, mut known, mut oldest) = ([0.0; MAX_AXES], 0_u16, None::<Duration>);
-        for machine_axis in 0..self.model.axes.len().min(MAX_AXES) {
-            let shows = |path: &ControlPath| (0..path.count()).find(|&i| path.machine_axis[i] == machine_axis);
-            let fresh = |path: &ControlPath| path.taken.is_some_and(|taken| since_start.saturating_sub(taken) <= path.guard.limits().hold);
-            let own = shows(path).and_then(|i| Some((path.positions[i], path.taken?)));
-            let others = || self.paths.iter().filter(|other| fresh(other)).find_map(|other| Some((other.positions[shows(other)?], other.taken?)));
-            let found = own.or_else(others);
-            let Some((position, taken)) = found.map(|(p, t)| (p, Some(t))).or_else(|| path.fixed[machine_axis].map(|p| (p, None))) else { continue };
-            (positions[machine_axis], known) = (position, known | 1 << machine_axis);
-            if let Some(taken) = taken {
-                oldest = Some(oldest.map_or(taken, |oldest| oldest.min(taken)));
+        let mut place = Place::default();
+        let axes = place.positions.iter_mut().zip(path.fixed).enumerate();
+        for (axis, (position, fixed)) in axes.take(self.model.axes.len()) {
+            let fresh = || self.paths.iter().filter(|other| other.is_fresh(now));
+            let others = || fresh().find_map(|other| other.position_of(axis));
+            if let Some((seen, taken)) = path.position_of(axis).or_else(others) {
+                *position = seen;
+                place.oldest = Some(place.oldest.map_or(taken, |oldest| oldest.min(taken)));
+            } else if let Some(fixed) = fixed {
+                *position = fixed;
+            } else {
+                continue;
             }
+            place.known |= 1 << axis;
         }
-        (positions, known, oldest)
+        place
     }
 
-    fn all_known(&self) -> u16 {
-        ((1_u32 << self.model.axes.len().min(MAX_AXES)) - 1) as u16
+    fn is_complete(&self, place: &Place) -> bool {
+        place.known == u16::MAX >> (16 - self.model.axes.len().min(MAX_AXES))
     }
 
     /// Whether a path could correct now.
-    fn health(&self, index: usize, since_start: Duration) -> PathHealth {
+    fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
-        let (_, known, oldest) = self.positions_for(index, since_start);
-        let fresh = oldest.is_some_and(|oldest| since_start.saturating_sub(oldest) <= path.guard.limits().hold);
-        let free = path.reading.is_none_or(|r| r.state.referenced && !r.state.alarm && !r.state.emergency_stop);
-        let active = index == self.selector.active();
+        let place = self.place_for(index, now);
+        let young = |oldest| now.saturating_sub(oldest) <= path.guard.limits().hold;
+        // A stop or an alarm of the active path is held, not fled from.
+        let stays = index == self.selector.active();
         PathHealth {
-            // A stop or an alarm of the active path is held, not fled from.
-            usable: known == self.all_known() && fresh && (active || free && path.reading.is_some()),
+            usable: self.is_complete(&place)
+                && place.oldest.is_some_and(young)
+                && (stays || path.is_free()),
             channel: path.channel,
-            held_is_known: path.reading.is_some_and(|r| r.applied.is_some()),
+            held_is_known: path.held_is_known(),
         }
     }
 
-    /// Which path corrects, what the model wants, what each guard makes of it.
-    fn decide(&mut self, since_start: Duration, asked: &Asked) -> [Output; MAX_PATHS] {
-        let mut switch_notes = Reasons::NONE;
-        let before = self.selector.active();
-        let state_before = self.paths[before].guard.state();
-        if self.paths.len() > 1 && !matches!(state_before, GuardState::Faulted(_)) {
-            let mut health = [PathHealth::default(); MAX_PATHS];
-            for (index, health) in health.iter_mut().enumerate().take(self.paths.len()) {
-                *health = self.health(index, since_start);
-            }
-            let choice = self.selector.choose(since_start, &health[..self.paths.len()]);
-            if choice.switched {
-                self.taking_over = self.taking_over || state_before.is_armed();
-            }
-            switch_notes = Reasons::OTHER_CHANNEL_UNKNOWN.when(choice.blocked && state_before.is_armed());
+    /// Which path corrects from now on, and why not another one that should.
+    fn select(&mut self, now: Duration) -> Reasons {
+        let state = self.paths[self.selector.active()].guard.state();
+        // A fault is for a person to look at.
+        if self.paths.len() < 2 || matches!(state, GuardState::Faulted(_)) {
+            return Reasons::NONE;
         }
-        let active = self.selector.active();
-        let (positions, known, oldest) = self.positions_for(active, since_start);
-        let complete = known == self.all_known();
+        let mut health = [PathHealth::default(); MAX_PATHS];
+        for (index, health) in health.iter_mut().enumerate().take(self.paths.len()) {
+            *health = self.health(index, now);
+        }
+        let choice = self.selector.choose(now, &health[..self.paths.len()]);
+        self.taking_over |= choice.switched && state.is_armed();
+        Reasons::OTHER_CHANNEL_UNKNOWN.when(choice.blocked && state.is_armed())
+    }
+
+    /// What the model wants at a place, machine's order, mm and rad.
+    fn wanted(&mut self, place: &Place) -> (AxisValues, Reasons) {
         let mut state = State::default();
-        state.q[..MAX_AXES].copy_from_slice(&positions);
-        self.approach(&mut state, known);
-        let (mut wanted, mut notes) = ([0.0; MAX_AXES], switch_notes);
-        if complete {
-            let (correction, singular) = self.model.correction(&state);
-            wanted.copy_from_slice(&correction[..MAX_AXES]);
-            notes |= Reasons::SINGULAR.when(singular);
-            notes |= Reasons::OUTSIDE_RANGE.when(self.model.compiled.outside_range(&state) != 0);
-            self.report.error = self.model.compiled.evaluate(&state).into_six();
+        state.q[..MAX_AXES].copy_from_slice(&place.positions);
+        self.approach(&mut state, place.known);
+        (self.report.positions, self.report.known) = (place.positions, place.known);
+        if !self.is_complete(place) {
+            return ([0.0; MAX_AXES], Reasons::NONE);
         }
-        (self.report.positions, self.report.known, self.report.wanted) = (positions, known, wanted);
+        self.report.error = self.model.compiled.evaluate(&state).into_six();
+        let (wanted, singular) = self.model.correction(&state);
+        let outside = self.model.compiled.outside_range(&state) != 0;
+        let notes = Reasons::SINGULAR.when(singular) | Reasons::OUTSIDE_RANGE.when(outside);
+        (wanted, notes)
+    }
+
+    /// Which path corrects, what the model wants, what each guard makes of it.
+    fn decide(&mut self, now: Duration, asked: &Asked) -> [Output; MAX_PATHS] {
+        let before = self.selector.active();
+        let mut notes = self.select(now);
+        let active = self.selector.active();
+        let place = self.place_for(active, now);
+        let (wanted, of_model) = self.wanted(&place);
+        notes |= of_model | Reasons::FALLBACK.when(active != 0);
+        self.report.wanted = wanted;
         let mut outputs = [Output::default(); MAX_PATHS];
-        for index in 0..self.paths.len() {
-            let target = (index == active && complete).then(|| self.share(index, &wanted)).or_else(|| (index != active).then_some([0.0; MAX_AXES]));
+        for (index, output) in outputs.iter_mut().enumerate().take(self.paths.len()) {
             let request = self.request_for(index, active, before, asked);
-            let path = &mut self.paths[index];
-            let taken = if index == active { oldest } else { path.taken };
-            let reading = path.reading.map(|snapshot| Reading {
-                taken: taken.unwrap_or_default(),
-                positions: snapshot.positions,
-                applied: snapshot.applied,
-                referenced: snapshot.state.referenced,
-                alarm: snapshot.state.alarm,
-                emergency_stop: snapshot.state.emergency_stop,
-            });
-            let other = path.other_gateway.is_some_and(|seen| since_start.saturating_sub(seen) < OTHER_GATEWAY_FOR);
-            let other = Reasons::OTHER_GATEWAY.when(other);
-            outputs[index] = path.guard.cycle(&Inputs { now: since_start, reading, target, request, forbids: asked.forbids | other });
-            outputs[index].reasons |= other | path.notes;
+            // Those that do not correct let go.
+            let (target, oldest) = if index == active {
+                let share = || self.share(index, &wanted);
+                (self.is_complete(&place).then(share), place.oldest)
+            } else {
+                (Some([0.0; MAX_AXES]), None)
+            };
+            *output = self.paths[index].guarded(now, oldest, target, request, asked);
         }
-        if self.taking_over && self.paths[active].guard.state() != GuardState::Disarmed {
-            self.taking_over = false;
-        }
-        outputs[active].reasons |= notes | Reasons::FALLBACK.when(active != 0);
+        self.taking_over &= self.paths[active].guard.state() == GuardState::Disarmed;
+        outputs[active].reasons |= notes;
         outputs
     }
 
     /// In which direction each axis came, from positions without correction.
     fn approach(&mut self, state: &mut State, known: u16) {
-        for (index, (memory, (_, rotary))) in self.directions.iter_mut().zip(&self.model.axes).enumerate() {
+        for (index, (memory, (_, rotary))) in
+            self.directions.iter_mut().zip(&self.model.axes).enumerate()
+        {
             if known >> index & 1 == 0 {
                 continue;
             }
@@ -385,17 +390,21 @@ impl Cycle {
         let mut share = [0.0; MAX_AXES];
         for (i, share) in share.iter_mut().enumerate().take(path.count()) {
             let machine_axis = path.machine_axis[i];
-            let held = |other: &ControlPath| -> f64 {
-                let place = (0..other.count()).find(|&k| other.machine_axis[k] == machine_axis);
-                place.map_or(0.0, |k| other.guard.output()[k])
-            };
-            let others = self.paths.iter().enumerate().filter(|(other, p)| *other != index && p.channel != path.channel);
-            *share = wanted[machine_axis] - others.map(|(_, p)| held(p)).sum::<f64>();
+            let others = self.paths.iter().enumerate();
+            let others = others.filter(|(other, p)| *other != index && p.channel != path.channel);
+            let held: f64 = others.map(|(_, other)| other.output_of(machine_axis)).sum();
+            *share = wanted[machine_axis] - held;
         }
         share
     }
 
-    fn request_for(&mut self, index: usize, active: usize, before: usize, asked: &Asked) -> Option<Request> {
+    fn request_for(
+        &mut self,
+        index: usize,
+        active: usize,
+        before: usize,
+        asked: &Asked,
+    ) -> Option<Request> {
         if asked.request == Some(Request::Disarm) {
             self.taking_over = false;
         }
@@ -405,7 +414,9 @@ impl Cycle {
         }
         // The one that was active lets go; the others do as everybody is told, but only one is armed.
         match asked.request {
-            Some(Request::Arm | Request::TakeOver | Request::Switched) | None => (index == before && before != active).then_some(Request::Disarm),
+            Some(Request::Arm | Request::TakeOver | Request::Switched) | None => {
+                (index == before && before != active).then_some(Request::Disarm)
+            }
             other => other,
         }
     }
@@ -439,7 +450,8 @@ impl Cycle {
         self.report.state = output.state;
         self.report.active = active;
         self.report.held_back = output.held_back;
-        self.report.reasons = output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
+        self.report.reasons =
+            output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
     }
 
     /// Periods that were missed.
@@ -459,20 +471,30 @@ impl Replacement {
     /// For temperatures of these names.
     pub fn new(model: Box<Model>, names: &[String]) -> Self {
         let (sensor_of_model, model_degc) = sensor_places(&model, names);
-        Self { model, sensor_of_model, model_degc }
+        Self {
+            model,
+            sensor_of_model,
+            model_degc,
+        }
     }
 }
 
 fn sensor_places(model: &Model, names: &[String]) -> (Vec<Option<usize>>, Vec<Option<f64>>) {
     let wanted = model.thermal.sensors();
-    let places = wanted.iter().map(|wanted| names.iter().position(|name| name == wanted));
+    let places = wanted
+        .iter()
+        .map(|wanted| names.iter().position(|name| name == wanted));
     (places.collect(), vec![None; wanted.len()])
 }
 
 fn sensor_report(found: Result<f64, volcomp_guard::Rejected>) -> SensorReport {
     use volcomp_guard::Rejected;
     match found {
-        Ok(degc) => SensorReport { degc: Some(degc), flaw: 0, used: true },
+        Ok(degc) => SensorReport {
+            degc: Some(degc),
+            flaw: 0,
+            used: true,
+        },
         Err(rejected) => {
             let flaw = match rejected {
                 Rejected::Broken => 1,
@@ -480,7 +502,11 @@ fn sensor_report(found: Result<f64, volcomp_guard::Rejected>) -> SensorReport {
                 Rejected::OutOfRange => 3,
                 Rejected::Jumping => 4,
             };
-            SensorReport { degc: None, flaw, used: false }
+            SensorReport {
+                degc: None,
+                flaw,
+                used: false,
+            }
         }
     }
 }

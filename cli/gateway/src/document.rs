@@ -52,23 +52,72 @@ pub(crate) fn document(facts: &Facts<'_>, report: &Report, times: &Times) -> Val
         "cycle": cycle(facts, report, times),
     });
     let known = |index: usize| report.known >> index & 1 == 1;
-    put(&mut state, "positions", model, &report.positions, known, ["mm", "deg"], [1.0, 180.0 / std::f64::consts::PI]);
-    put(&mut state, "correction", model, &report.correction, |_| true, ["um", "urad"], [1e3, 1e6]);
-    put(&mut state, "wanted", model, &report.wanted, known, ["um", "urad"], [1e3, 1e6]);
+    put(
+        &mut state,
+        "positions",
+        model,
+        &report.positions,
+        known,
+        ["mm", "deg"],
+        [1.0, 180.0 / std::f64::consts::PI],
+    );
+    put(
+        &mut state,
+        "correction",
+        model,
+        &report.correction,
+        |_| true,
+        ["um", "urad"],
+        [1e3, 1e6],
+    );
+    put(
+        &mut state,
+        "wanted",
+        model,
+        &report.wanted,
+        known,
+        ["um", "urad"],
+        [1e3, 1e6],
+    );
     if let Some(truth) = facts.truth {
-        let degc: Vec<f64> = report.sensors.iter().take(facts.sensors.len()).map(|sensor| sensor.degc.unwrap_or(20.0)).collect();
-        let micrometres = |v: volcomp_kinematics::nalgebra::Vector3<f64>| v.iter().map(|mm| round(mm * 1e3)).collect::<Vec<_>>();
+        let degc: Vec<f64> = report
+            .sensors
+            .iter()
+            .take(facts.sensors.len())
+            .map(|sensor| sensor.degc.unwrap_or(20.0))
+            .collect();
+        let micrometres = |v: volcomp_kinematics::nalgebra::Vector3<f64>| {
+            v.iter().map(|mm| round(mm * 1e3)).collect::<Vec<_>>()
+        };
         state["true_error_um"] = json!(micrometres(truth.error(&report.positions, &degc)));
-        state["residual_um"] = json!(micrometres(truth.residual(&report.positions, &report.correction, &degc)));
+        state["residual_um"] = json!(micrometres(truth.residual(
+            &report.positions,
+            &report.correction,
+            &degc
+        )));
     }
     state
 }
 
 /// Linear axes under one key, rotary ones under the other.
-fn put(state: &mut Value, name: &str, model: &Model, values: &[f64], known: impl Fn(usize) -> bool, units: [&str; 2], factors: [f64; 2]) {
+fn put(
+    state: &mut Value,
+    name: &str,
+    model: &Model,
+    values: &[f64],
+    known: impl Fn(usize) -> bool,
+    units: [&str; 2],
+    factors: [f64; 2],
+) {
     for (kind, (unit, factor)) in units.into_iter().zip(factors).enumerate() {
-        let of_kind = model.axes.iter().enumerate().filter(|(index, (_, rotary))| usize::from(*rotary) == kind && known(*index));
-        let values: Map<String, Value> = of_kind.map(|(index, (letter, _))| (letter.to_string(), json!(round(values[index] * factor)))).collect();
+        let of_kind = model
+            .axes
+            .iter()
+            .enumerate()
+            .filter(|(index, (_, rotary))| usize::from(*rotary) == kind && known(*index));
+        let values: Map<String, Value> = of_kind
+            .map(|(index, (letter, _))| (letter.to_string(), json!(round(values[index] * factor))))
+            .collect();
         if kind == 0 || !values.is_empty() {
             state[format!("{name}_{unit}")] = Value::Object(values);
         }

@@ -40,7 +40,10 @@ pub enum GatewayError {
 impl GatewayError {
     /// A failure of the operating system.
     pub fn system(what: impl Into<String>, source: std::io::Error) -> Self {
-        Self::System { what: what.into(), source }
+        Self::System {
+            what: what.into(),
+            source,
+        }
     }
 
     /// 2: the call or a file is wrong; 1: the work failed.

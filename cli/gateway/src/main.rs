@@ -91,7 +91,9 @@ enum Command {
 }
 
 fn cycle(text: &str) -> Result<Duration, String> {
-    let ms: f64 = text.parse().map_err(|_| "expected a number of milliseconds".to_owned())?;
+    let ms: f64 = text
+        .parse()
+        .map_err(|_| "expected a number of milliseconds".to_owned())?;
     if (0.1..=1000.0).contains(&ms) {
         Ok(Duration::from_secs_f64(ms * 1e-3))
     } else {
@@ -127,7 +129,12 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             println!("{}", run::check(&config)?);
             Ok(())
         }
-        Some(Command::Status { config, listen, token_file, json }) => {
+        Some(Command::Status {
+            config,
+            listen,
+            token_file,
+            json,
+        }) => {
             let mut dashboard = match config {
                 Some(path) => Config::read(&path)?.dashboard,
                 None => DashboardConfig::default(),
@@ -137,9 +144,15 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             }
             let token = match token_file {
                 Some(path) => {
-                    let text = std::fs::read_to_string(&path).map_err(|e| GatewayError::Read { file: path.display().to_string(), source: e })?;
+                    let text = std::fs::read_to_string(&path).map_err(|e| GatewayError::Read {
+                        file: path.display().to_string(),
+                        source: e,
+                    })?;
                     // A token alone, or a line of the gateway's own file.
-                    text.lines().next().and_then(|line| line.split_whitespace().last()).map(str::to_owned)
+                    text.lines()
+                        .next()
+                        .and_then(|line| line.split_whitespace().last())
+                        .map(str::to_owned)
                 }
                 None => None,
             };
@@ -153,16 +166,25 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
-            println!("tls_certificate = {:?}\ntls_key = {:?}", certificate.display().to_string(), key.display().to_string());
+            println!(
+                "tls_certificate = {:?}\ntls_key = {:?}",
+                certificate.display().to_string(),
+                key.display().to_string()
+            );
             Ok(())
         }
     }
 }
 
 fn log(form: LogForm) {
-    let builder = tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::INFO).with_target(false);
+    let builder = tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_max_level(tracing::Level::INFO)
+        .with_target(false);
     match form {
-        LogForm::Text => builder.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).init(),
+        LogForm::Text => builder
+            .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+            .init(),
         LogForm::Json => builder.json().flatten_event(true).init(),
     }
 }

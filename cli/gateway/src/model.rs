@@ -39,7 +39,12 @@ impl Model {
     /// # Errors
     /// Curves that cannot be compiled.
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, GatewayError> {
-        let axes: Vec<(char, bool)> = machine.chain().joints().iter().map(|joint| (joint.name.letter(), joint.kind == JointKind::Rotary)).collect();
+        let axes: Vec<(char, bool)> = machine
+            .chain()
+            .joints()
+            .iter()
+            .map(|joint| (joint.name.letter(), joint.kind == JointKind::Rotary))
+            .collect();
         Ok(Self {
             name: machine.name.clone(),
             hash: machine.checksum(),
@@ -74,7 +79,12 @@ impl Model {
         let count = self.axes.len().min(MAX_AXES);
         (0..1_usize << count).map(move |corner| {
             let mut state = State::default();
-            for (axis, (q, (travel, (_, rotary)))) in state.q.iter_mut().zip(self.travel.iter().zip(&self.axes)).enumerate() {
+            for (axis, (q, (travel, (_, rotary)))) in state
+                .q
+                .iter_mut()
+                .zip(self.travel.iter().zip(&self.axes))
+                .enumerate()
+            {
                 let end = travel[corner >> axis & 1];
                 *q = if *rotary { end.to_radians() } else { end };
             }

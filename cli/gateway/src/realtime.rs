@@ -18,7 +18,10 @@ use rustix::{
     thread::{ClockId, CpuSet, clock_nanosleep_absolute, sched_setaffinity},
     time::{ClockId as TimeClock, Timespec, clock_gettime},
 };
-use thread_priority::{RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
 use volcomp_guard::{Limits, Reasons, Request, State};
 
 use crate::{
@@ -162,14 +165,21 @@ impl Process {
         if let Err(e) = mlockall(flags) {
             lacking.push(format!("memory is not locked: {e} (LimitMEMLOCK)"));
         }
-        let awake = std::fs::OpenOptions::new().write(true).custom_flags(0).open("/dev/cpu_dma_latency").and_then(|mut file| {
-            file.write_all(&0_i32.to_ne_bytes())?;
-            Ok(file)
-        });
+        let awake = std::fs::OpenOptions::new()
+            .write(true)
+            .custom_flags(0)
+            .open("/dev/cpu_dma_latency")
+            .and_then(|mut file| {
+                file.write_all(&0_i32.to_ne_bytes())?;
+                Ok(file)
+            });
         if let Err(e) = &awake {
             lacking.push(format!("processors may sleep: /dev/cpu_dma_latency: {e}"));
         }
-        Self { _awake: awake.ok(), lacking }
+        Self {
+            _awake: awake.ok(),
+            lacking,
+        }
     }
 }
 
@@ -177,7 +187,11 @@ impl Process {
 ///
 /// # Errors
 /// No thread.
-pub fn start(cycle: Cycle, period: Duration, config: RealtimeConfig) -> Result<(Handle, Vec<String>), GatewayError> {
+pub fn start(
+    cycle: Cycle,
+    period: Duration,
+    config: RealtimeConfig,
+) -> Result<(Handle, Vec<String>), GatewayError> {
     let (orders_in, orders) = RingBuffer::new(64);
     let (retired_in, retired) = RingBuffer::new(64);
     let (timings_in, timings) = RingBuffer::new(TIMINGS);
@@ -186,7 +200,16 @@ pub fn start(cycle: Cycle, period: Duration, config: RealtimeConfig) -> Result<(
     let shared = Arc::new(Shared::default());
     let start = cycle.start();
     let (told, lacking) = std::sync::mpsc::channel();
-    let control = Control { cycle, orders, retired: retired_in, timings: timings_in, changes: changes_in, reports: reports_in, shared: Arc::clone(&shared), period };
+    let control = Control {
+        cycle,
+        orders,
+        retired: retired_in,
+        timings: timings_in,
+        changes: changes_in,
+        reports: reports_in,
+        shared: Arc::clone(&shared),
+        period,
+    };
     let thread = thread::Builder::new()
         .name("volcomp-control".to_owned())
         .stack_size(2 * STACK + 512 * 1024)
@@ -199,7 +222,19 @@ pub fn start(cycle: Cycle, period: Duration, config: RealtimeConfig) -> Result<(
         })
         .map_err(|e| GatewayError::system("control thread", e))?;
     let lacking = lacking.recv().unwrap_or_default();
-    Ok((Handle { orders: orders_in, retired, timings, changes, reports, shared, thread: Some(thread), start }, lacking))
+    Ok((
+        Handle {
+            orders: orders_in,
+            retired,
+            timings,
+            changes,
+            reports,
+            shared,
+            thread: Some(thread),
+            start,
+        },
+        lacking,
+    ))
 }
 
 /// SCHED_FIFO and the processor, for this thread. What could not be had, in words. (Nothing is forked here; the
@@ -217,10 +252,16 @@ fn schedule(config: RealtimeConfig) -> Vec<String> {
     }
     if config.priority > 0 {
         let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-        let priority = ThreadPriorityValue::try_from(config.priority).map(ThreadPriority::Crossplatform);
-        let set = priority.map_err(|e| e.to_string()).and_then(|priority| set_thread_priority_and_policy(thread_native_id(), priority, policy).map_err(|e| format!("{e:?}")));
+        let priority =
+            ThreadPriorityValue::try_from(config.priority).map(ThreadPriority::Crossplatform);
+        let set = priority.and_then(|priority| {
+            set_thread_priority_and_policy(thread_native_id(), priority, policy)
+                .map_err(|e| format!("{e:?}"))
+        });
         if let Err(e) = set {
-            lacking.push(format!("control thread has no real-time priority: {e} (LimitRTPRIO)"));
+            lacking.push(format!(
+                "control thread has no real-time priority: {e} (LimitRTPRIO)"
+            ));
         }
     }
     lacking
@@ -228,6 +269,7 @@ fn schedule(config: RealtimeConfig) -> Vec<String> {
 
 /// Pages of the stack are there before they are needed.
 #[inline(never)]
+#[expect(clippy::large_stack_arrays, reason = "that is the point")]
 fn touch_stack() {
     let mut stack = [0_u8; STACK];
     for page in stack.chunks_mut(4096) {
@@ -256,10 +298,13 @@ impl Control {
             // A signal wakes early: sleep on.
             while clock_nanosleep_absolute(ClockId::Monotonic, &timespec(next)).is_err() {}
             let woke = monotonic();
-            let asked = self.asked(overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_TOLD));
+            let asked =
+                self.asked(overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_TOLD));
             let spent = self.cycle.run(Instant::now(), &asked, &mut thread_time);
             self.tell_change(&mut last);
-            self.reports.input_buffer_mut().clone_from(self.cycle.report());
+            self.reports
+                .input_buffer_mut()
+                .clone_from(self.cycle.report());
             self.reports.publish();
             self.shared.cycles.fetch_add(1, Ordering::Relaxed);
             let done = monotonic();
@@ -287,7 +332,12 @@ impl Control {
         let now = (report.state, report.active);
         if now != *last {
             *last = now;
-            let change = Change { cycle: report.cycle, state: report.state, reasons: report.reasons, active: report.active };
+            let change = Change {
+                cycle: report.cycle,
+                state: report.state,
+                reasons: report.reasons,
+                active: report.active,
+            };
             // A thousand changes that nobody wrote down: the log has other troubles then.
             let _ = self.changes.push(change);
         }
@@ -298,7 +348,8 @@ impl Control {
         let mut asked = Asked {
             request: None,
             forbids: Reasons::from_bits(self.shared.forbids.load(Ordering::Relaxed)),
-            notes: Reasons::from_bits(self.shared.notes.load(Ordering::Relaxed)) | Reasons::OVERRUNS.when(overrunning),
+            notes: Reasons::from_bits(self.shared.notes.load(Ordering::Relaxed))
+                | Reasons::OVERRUNS.when(overrunning),
         };
         while asked.request.is_none() && self.retired.slots() > 0 {
             match self.orders.pop() {
@@ -345,11 +396,17 @@ pub fn thread_time() -> Duration {
 }
 
 fn duration(time: Timespec) -> Duration {
-    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+    Duration::new(
+        u64::try_from(time.tv_sec).unwrap_or(0),
+        u32::try_from(time.tv_nsec).unwrap_or(0),
+    )
 }
 
 fn timespec(time: Duration) -> Timespec {
-    Timespec { tv_sec: i64::try_from(time.as_secs()).unwrap_or(i64::MAX), tv_nsec: i64::from(time.subsec_nanos()) }
+    Timespec {
+        tv_sec: i64::try_from(time.as_secs()).unwrap_or(i64::MAX),
+        tv_nsec: i64::from(time.subsec_nanos()),
+    }
 }
 
 #[cfg(test)]
@@ -361,7 +418,13 @@ mod tests {
     fn an_overrun_skips_to_the_next_period() {
         let ms = Duration::from_millis;
         let period = ms(4);
-        for (now, expected, skipped) in [(10, 12, 0), (12, 12, 0), (13, 16, 1), (16, 20, 2), (31, 32, 5)] {
+        for (now, expected, skipped) in [
+            (10, 12, 0),
+            (12, 12, 0),
+            (13, 16, 1),
+            (16, 20, 2),
+            (31, 32, 5),
+        ] {
             let mut next = ms(12);
             assert_eq!(missed(ms(now), &mut next, period), skipped);
             assert_eq!(next, ms(expected));

@@ -65,25 +65,48 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     let config = configuration(options)?;
     let process = Process::prepare();
     let (listener, tls) = listen(&config)?;
-    let tokens = Tokens::load(options.token_file.as_deref().or(config.dashboard.token_file.as_deref()))?;
+    let tokens = Tokens::load(
+        options
+            .token_file
+            .as_deref()
+            .or(config.dashboard.token_file.as_deref()),
+    )?;
     let assembled = assemble_all(options, &config)?;
     let _locks = lock(&config, &assembled.controllers)?;
-    let (audit, found) = AuditLog::open(&config.audit_dir).map_err(|e| GatewayError::system(config.audit_dir.display().to_string(), e))?;
+    let (audit, found) = AuditLog::open(&config.audit_dir)
+        .map_err(|e| GatewayError::system(config.audit_dir.display().to_string(), e))?;
     if found.cut_bytes > 0 {
-        tracing::warn!("audit log: a torn tail of {} bytes was cut after {} records", found.cut_bytes, found.records);
+        tracing::warn!(
+            "audit log: a torn tail of {} bytes was cut after {} records",
+            found.cut_bytes,
+            found.records
+        );
     }
     if let Some((line, aside)) = &found.broken {
-        tracing::error!("audit log: line {line} does not belong to the chain: the file is now {}", aside.display());
+        tracing::error!(
+            "audit log: line {line} does not belong to the chain: the file is now {}",
+            aside.display()
+        );
     }
-    let Assembled { cycle, controllers, sensors, model, truth } = assembled;
+    let Assembled {
+        cycle,
+        controllers,
+        sensors,
+        model,
+        truth,
+    } = assembled;
     let (handle, lacking) = realtime::start(cycle, config.cycle, config.realtime)?;
     for lacking in process.lacking.iter().chain(&lacking) {
         tracing::warn!("{lacking}");
     }
     let (publisher, published) = published(Arc::clone(&model));
     let (asks, asked) = sync_channel(64);
-    let is_local = listener.local_addr().is_ok_and(|address| address.ip().is_loopback());
-    let address = listener.local_addr().map_err(|e| GatewayError::system("dashboard", e))?;
+    let is_local = listener
+        .local_addr()
+        .is_ok_and(|address| address.ip().is_loopback());
+    let address = listener
+        .local_addr()
+        .map_err(|e| GatewayError::system("dashboard", e))?;
     let scheme = if tls.is_some() { "https" } else { "http" };
     let dashboard = Dashboard {
         published,
@@ -116,20 +139,31 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
 }
 
 /// Turns until SIGTERM or SIGINT; SIGHUP reloads. A second signal ends a stop at once.
-fn until_stopped(service: &mut Service, asks: &std::sync::mpsc::SyncSender<Asked>) -> Result<(), GatewayError> {
-    let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|e| GatewayError::system("signals", e))?;
+fn until_stopped(
+    service: &mut Service,
+    asks: &std::sync::mpsc::SyncSender<Asked>,
+) -> Result<(), GatewayError> {
+    let mut signals =
+        Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|e| GatewayError::system("signals", e))?;
     loop {
         for signal in signals.pending() {
             if signal != SIGHUP {
                 let hurry = AtomicBool::new(false);
                 let pending = std::cell::RefCell::new(&mut signals);
                 service.stop(&|| {
-                    let again = pending.borrow_mut().pending().any(|signal| signal != SIGHUP);
+                    let again = pending
+                        .borrow_mut()
+                        .pending()
+                        .any(|signal| signal != SIGHUP);
                     hurry.fetch_or(again, Ordering::Relaxed) || again
                 });
                 return Ok(());
             }
-            let reload = Asked { ask: Ask::Reload(None), who: "signal".to_owned(), answer: None };
+            let reload = Asked {
+                ask: Ask::Reload(None),
+                who: "signal".to_owned(),
+                answer: None,
+            };
             if asks.try_send(reload).is_err() {
                 tracing::warn!("reload: too many requests wait");
             }
@@ -156,20 +190,35 @@ fn configuration(options: &Options) -> Result<Config, GatewayError> {
 }
 
 /// The socket of the dashboard; where others can reach it, only with TLS.
-fn listen(config: &Config) -> Result<(TcpListener, Option<tokio_rustls::TlsAcceptor>), GatewayError> {
+fn listen(
+    config: &Config,
+) -> Result<(TcpListener, Option<tokio_rustls::TlsAcceptor>), GatewayError> {
     let address = config.dashboard.listen;
-    let tls = config.dashboard.tls.as_ref().map(|(certificate, key)| http::tls::acceptor(certificate, key)).transpose()?;
+    let tls = config
+        .dashboard
+        .tls
+        .as_ref()
+        .map(|(certificate, key)| http::tls::acceptor(certificate, key))
+        .transpose()?;
     if !address.ip().is_loopback() && tls.is_none() {
         return Err(GatewayError::Unfit(format!(
             "[dashboard] listen = {address}: others can reach this address, so tls_certificate and tls_key are needed (volcomp-gateway tls-init makes a pair)"
         )));
     }
-    let bound = TcpListener::bind(address).and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
-    Ok((bound.map_err(|e| GatewayError::system(format!("dashboard {address}"), e))?, tls))
+    let bound = TcpListener::bind(address)
+        .and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
+    Ok((
+        bound.map_err(|e| GatewayError::system(format!("dashboard {address}"), e))?,
+        tls,
+    ))
 }
 
 /// A runtime with one worker for the dashboard.
-fn serve(listener: TcpListener, tls: Option<tokio_rustls::TlsAcceptor>, dashboard: Dashboard) -> Result<tokio::runtime::Runtime, GatewayError> {
+fn serve(
+    listener: TcpListener,
+    tls: Option<tokio_rustls::TlsAcceptor>,
+    dashboard: Dashboard,
+) -> Result<tokio::runtime::Runtime, GatewayError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .max_blocking_threads(1)
@@ -180,14 +229,19 @@ fn serve(listener: TcpListener, tls: Option<tokio_rustls::TlsAcceptor>, dashboar
         .build()
         .map_err(|e| GatewayError::system("dashboard", e))?;
     let guard = runtime.enter();
-    let listener = tokio::net::TcpListener::from_std(listener).map_err(|e| GatewayError::system("dashboard", e))?;
+    let listener = tokio::net::TcpListener::from_std(listener)
+        .map_err(|e| GatewayError::system("dashboard", e))?;
     drop(guard);
     runtime.spawn(http::serve(listener, tls, Arc::new(dashboard)));
     Ok(runtime)
 }
 
 fn assemble_all(options: &Options, config: &Config) -> Result<Assembled, GatewayError> {
-    let mut assembled = if options.config.is_some() { assemble_configured(config)? } else { assemble_simulated(config)? };
+    let mut assembled = if options.config.is_some() {
+        assemble_configured(config)?
+    } else {
+        assemble_simulated(config)?
+    };
     if let Some(output) = last_output(&config.audit_dir.join("output.json")) {
         assembled.cycle.restore(&output);
     }
@@ -199,8 +253,16 @@ fn assemble_configured(config: &Config) -> Result<Assembled, GatewayError> {
     let model = Box::new(Model::read(&config.machine, guard.fading)?);
     let cycle = assemble::cycle(config, &guard, model)?;
     Ok(Assembled {
-        controllers: cycle.paths().iter().map(|path| path.controller.description().clone()).collect(),
-        sensors: config.thermometers.iter().flat_map(|thermometer| thermometer.names.clone()).collect(),
+        controllers: cycle
+            .paths()
+            .iter()
+            .map(|path| path.controller.description().clone())
+            .collect(),
+        sensors: config
+            .thermometers
+            .iter()
+            .flat_map(|thermometer| thermometer.names.clone())
+            .collect(),
         model: Arc::new(Model::read(&config.machine, guard.fading)?),
         truth: None,
         cycle,
@@ -211,16 +273,38 @@ fn assemble_simulated(config: &Config) -> Result<Assembled, GatewayError> {
     let guard = config.guard.clone().unwrap_or_else(no_limits);
     let simulation = Simulation::new(Clock::system())?;
     let model = Model::new(&simulation.model, guard.fading)?;
-    let path_config = PathConfig { fixed: Vec::new(), unwatched: false, proves: true, position_step: 0.0, read_back_cycles: 1 };
+    let path_config = PathConfig {
+        fixed: Vec::new(),
+        unwatched: false,
+        proves: true,
+        position_step: 0.0,
+        read_back_cycles: 1,
+    };
     let controller = Box::new(simulation.controller);
-    let path = assemble::path(controller, &model, &guard, &path_config, config.cycle, &mut Vec::new())?;
-    let sensors = Sensors { thermometers: vec![Box::new(simulation.thermometer)], limits: assemble::sensor_limits(&guard) };
+    let path = assemble::path(
+        controller,
+        &model,
+        &guard,
+        &path_config,
+        config.cycle,
+        &mut Vec::new(),
+    )?;
+    let sensors = Sensors {
+        thermometers: vec![Box::new(simulation.thermometer)],
+        limits: assemble::sensor_limits(&guard),
+    };
     Ok(Assembled {
         controllers: vec![path.controller.description().clone()],
         sensors: sensors.names(),
         model: Arc::new(Model::new(&simulation.model, guard.fading)?),
         truth: Some(simulation.truth),
-        cycle: Cycle::new(Box::new(model), vec![path], guard.hand_back, sensors, config.cycle),
+        cycle: Cycle::new(
+            Box::new(model),
+            vec![path],
+            guard.hand_back,
+            sensors,
+            config.cycle,
+        ),
     })
 }
 
@@ -238,20 +322,32 @@ fn last_output(path: &Path) -> Option<AxisValues> {
 
 /// One gateway on a host for each controller: a lock file named for the device, held until the end.
 fn lock(config: &Config, controllers: &[Description]) -> Result<Vec<File>, GatewayError> {
-    let names = config.controllers.iter().zip(controllers).map(|(config, _)| config.url.as_str());
+    let names = config
+        .controllers
+        .iter()
+        .zip(controllers)
+        .map(|(config, _)| config.url.as_str());
     names.map(lock_device).collect()
 }
 
 fn lock_device(device: &str) -> Result<File, GatewayError> {
     let digest = Sha256::digest(device.as_bytes());
-    let name: String = digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let name = crate::hex(&digest[..8]);
     // The same place for every user of the host.
     let path = std::env::temp_dir().join(format!("volcomp-{name}.lock"));
     let failed = |e| GatewayError::system(path.display().to_string(), e);
-    let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(&path)
+        .map_err(failed)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(std::fs::TryLockError::WouldBlock) => Err(GatewayError::system(device.to_owned(), std::io::Error::other("another gateway on this host corrects it"))),
+        Err(std::fs::TryLockError::WouldBlock) => Err(GatewayError::system(
+            device.to_owned(),
+            std::io::Error::other("another gateway on this host corrects it"),
+        )),
         Err(std::fs::TryLockError::Error(e)) => Err(failed(e)),
     }
 }
@@ -264,33 +360,67 @@ pub fn check(path: &Path) -> Result<String, GatewayError> {
     let config = Config::read(path)?;
     let guard = config.guard.clone().unwrap_or_else(no_limits);
     let model = Model::read(&config.machine, guard.fading)?;
-    let mut lines = vec![format!("machine {} ({}), axes {}", model.name, model.hash, model.axes.iter().map(|(name, _)| *name).collect::<String>())];
+    let mut lines = vec![format!(
+        "machine {} ({}), axes {}",
+        model.name,
+        model.hash,
+        model.axes.iter().map(|(name, _)| *name).collect::<String>()
+    )];
     if config.guard.is_none() {
         lines.push("[guard] is missing: it will not arm".to_owned());
     }
     for controller in &config.controllers {
         let address = volcomp_devices::Address::parse(&controller.url)?;
-        if let Some(axis) = controller.axes.iter().find(|axis| model.index_of(**axis).is_none()) {
-            return Err(GatewayError::Unfit(format!("{}: axis {axis} is not an axis of {}", controller.url, model.name)));
+        if let Some(axis) = controller
+            .axes
+            .iter()
+            .find(|axis| model.index_of(**axis).is_none())
+        {
+            return Err(GatewayError::Unfit(format!(
+                "{}: axis {axis} is not an axis of {}",
+                controller.url, model.name
+            )));
         }
-        let watched = controller.unwatched || controller.heartbeat.is_some() || !matches!(address.scheme, volcomp_devices::Scheme::Focas);
+        let watched = controller.unwatched
+            || controller.heartbeat.is_some()
+            || !matches!(address.scheme, volcomp_devices::Scheme::Focas);
         if !watched {
-            return Err(GatewayError::Unfit(format!("{}: name a heartbeat that the control watches, or say unwatched = true", controller.url)));
+            return Err(GatewayError::Unfit(format!(
+                "{}: name a heartbeat that the control watches, or say unwatched = true",
+                controller.url
+            )));
         }
-        lines.push(format!("controller {}: axes {}", controller.url, controller.axes.iter().collect::<String>()));
+        lines.push(format!(
+            "controller {}: axes {}",
+            controller.url,
+            controller.axes.iter().collect::<String>()
+        ));
     }
-    let known: Vec<&String> = config.thermometers.iter().flat_map(|thermometer| &thermometer.names).collect();
+    let known: Vec<&String> = config
+        .thermometers
+        .iter()
+        .flat_map(|thermometer| &thermometer.names)
+        .collect();
     for sensor in model.thermal.sensors() {
         if !known.contains(&sensor) {
-            lines.push(format!("no thermometer has the sensor {sensor}: its thermal terms are left out"));
+            lines.push(format!(
+                "no thermometer has the sensor {sensor}: its thermal terms are left out"
+            ));
         }
     }
     for thermometer in &config.thermometers {
         volcomp_devices::Address::parse(&thermometer.url)?;
-        lines.push(format!("thermometer {}: {}", thermometer.url, thermometer.names.join(", ")));
+        lines.push(format!(
+            "thermometer {}: {}",
+            thermometer.url,
+            thermometer.names.join(", ")
+        ));
     }
     if !config.dashboard.listen.ip().is_loopback() && config.dashboard.tls.is_none() {
-        return Err(GatewayError::Unfit(format!("[dashboard] listen = {}: others can reach this address, so tls_certificate and tls_key are needed", config.dashboard.listen)));
+        return Err(GatewayError::Unfit(format!(
+            "[dashboard] listen = {}: others can reach this address, so tls_certificate and tls_key are needed",
+            config.dashboard.listen
+        )));
     }
     let tokens = Tokens::load(config.dashboard.token_file.as_deref())?;
     if tokens.is_empty() {

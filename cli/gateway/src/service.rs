@@ -80,8 +80,19 @@ pub struct Publisher {
 pub fn published(model: Arc<Model>) -> (Publisher, Published) {
     let (state, read) = watch::channel("{}".into());
     let (metrics, model) = (Arc::default(), Arc::new(Mutex::new(model)));
-    let reader = Published { state: read, metrics: Arc::clone(&metrics), model: Arc::clone(&model) };
-    (Publisher { state, metrics, model }, reader)
+    let reader = Published {
+        state: read,
+        metrics: Arc::clone(&metrics),
+        model: Arc::clone(&model),
+    };
+    (
+        Publisher {
+            state,
+            metrics,
+            model,
+        },
+        reader,
+    )
 }
 
 /// What a service is made of.
@@ -143,7 +154,11 @@ impl Service {
             was_armed: false,
             auto_arm_after: now,
             output_written: (now, [0.0; 9]),
-            watchdog: Watchdog { interval: sd_notify::watchdog_enabled().map(|time| time / 2), fed: now, cycles: 0 },
+            watchdog: Watchdog {
+                interval: sd_notify::watchdog_enabled().map(|time| time / 2),
+                fed: now,
+                cycles: 0,
+            },
             parts,
         };
         service.tell_thread();
@@ -152,7 +167,10 @@ impl Service {
 
     /// The first record: what was found, what runs.
     pub fn started(&mut self, found: &crate::audit::Found) {
-        let broken = found.broken.as_ref().map(|(line, aside)| json!({ "line": line, "aside": aside.display().to_string() }));
+        let broken = found
+            .broken
+            .as_ref()
+            .map(|(line, aside)| json!({ "line": line, "aside": aside.display().to_string() }));
         let details = json!({ "records": found.records, "cut_bytes": found.cut_bytes, "broken": broken, "version": env!("CARGO_PKG_VERSION") });
         self.log("gateway", "started", &details);
     }
@@ -176,12 +194,19 @@ impl Service {
         self.log("signal", "stop", &json!({ "state": report.state.name() }));
         self.parts.handle.note(Reasons::STOPPING);
         self.parts.handle.send(Order::Request(Request::Disarm));
-        let end = Instant::now() + self.parts.config.guard.as_ref().map_or(Duration::ZERO, |guard| guard.stop);
+        let end = Instant::now()
+            + self
+                .parts
+                .config
+                .guard
+                .as_ref()
+                .map_or(Duration::ZERO, |guard| guard.stop);
         std::thread::sleep(self.parts.config.cycle * 2);
         while Instant::now() < end && !hurry() {
             self.look();
             let report = self.parts.handle.report();
-            let at_rest = report.state == State::Disarmed || matches!(report.state, State::Faulted(_)) && report.correction == [0.0; 9];
+            let at_rest = report.state == State::Disarmed
+                || matches!(report.state, State::Faulted(_)) && report.correction == [0.0; 9];
             if at_rest {
                 break;
             }
@@ -191,7 +216,11 @@ impl Service {
         let report = *self.parts.handle.report();
         self.write_output(&report);
         let left = self.correction_json(&report);
-        self.log("signal", "stopped", &json!({ "state": report.state.name(), "left": left }));
+        self.log(
+            "signal",
+            "stopped",
+            &json!({ "state": report.state.name(), "left": left }),
+        );
         tracing::info!(state = report.state.name(), "stopped");
     }
 
@@ -229,7 +258,9 @@ impl Service {
     fn tell_thread(&mut self) {
         let audit = Reasons::AUDIT.when(self.audit_fails);
         self.parts.handle.forbid(self.parts.forbids | audit);
-        self.parts.handle.note(audit | Reasons::DEGRADED.when(self.audit_fails));
+        self.parts
+            .handle
+            .note(audit | Reasons::DEGRADED.when(self.audit_fails));
     }
 
     /// What happened since the last look: changes into the log, times into the histograms, all of it published.
@@ -238,7 +269,12 @@ impl Service {
         for change in self.parts.handle.changes() {
             let mut reasons: Vec<&str> = change.reasons.texts().collect();
             reasons.sort_unstable();
-            tracing::info!(state = change.state.name(), controller = change.active, reasons = reasons.join(", "), "state");
+            tracing::info!(
+                state = change.state.name(),
+                controller = change.active,
+                reasons = reasons.join(", "),
+                "state"
+            );
             let details = json!({ "state": change.state.name(), "controller": change.active, "reasons": reasons, "cycle": change.cycle });
             self.log("gateway", "state", &details);
             (self.last_state, self.last_active) = (change.state, change.active);
@@ -254,10 +290,19 @@ impl Service {
         let report = *self.parts.handle.report();
         self.feed_watchdog();
         let document = document(&self.facts(), &report, &self.times);
-        let metrics = crate::metrics::text(&document, &report, &self.times, &self.parts.controllers);
-        *self.publisher.metrics.lock().unwrap_or_else(PoisonError::into_inner) = metrics;
-        self.publisher.state.send_replace(document.to_string().into());
-        if self.output_written.0.elapsed() > OUTPUT_EVERY && self.output_written.1 != report.correction {
+        let metrics =
+            crate::metrics::text(&document, &report, &self.times, &self.parts.controllers);
+        *self
+            .publisher
+            .metrics
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner) = metrics;
+        self.publisher
+            .state
+            .send_replace(document.to_string().into());
+        if self.output_written.0.elapsed() > OUTPUT_EVERY
+            && self.output_written.1 != report.correction
+        {
             self.write_output(&report);
         }
     }
@@ -272,9 +317,13 @@ impl Service {
     }
 
     fn feed_watchdog(&mut self) {
-        let Some(interval) = self.watchdog.interval else { return };
+        let Some(interval) = self.watchdog.interval else {
+            return;
+        };
         let cycles = self.parts.handle.cycles();
-        if self.watchdog.fed.elapsed() >= interval.min(Duration::from_secs(1)) && cycles != self.watchdog.cycles {
+        if self.watchdog.fed.elapsed() >= interval.min(Duration::from_secs(1))
+            && cycles != self.watchdog.cycles
+        {
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
             self.watchdog.fed = Instant::now();
             self.watchdog.cycles = cycles;
@@ -288,7 +337,12 @@ impl Service {
         self.auto_arm_after = Instant::now() + Duration::from_secs(1);
         let report = self.parts.handle.report();
         let against = report.reasons.without(Reasons::DOES_NOT_FORBID);
-        if report.cycle > 1 && report.state == State::Disarmed && against.is_empty() && self.parts.forbids.is_empty() && !self.audit_fails {
+        if report.cycle > 1
+            && report.state == State::Disarmed
+            && against.is_empty()
+            && self.parts.forbids.is_empty()
+            && !self.audit_fails
+        {
             let (status, answer) = self.arm("auto_arm", None);
             if status != 200 {
                 tracing::warn!("auto_arm: {answer}");
@@ -303,26 +357,41 @@ impl Service {
         let answer = match asked.ask {
             Ask::Arm(confirm) => self.arm(who, confirm.as_deref()),
             Ask::Disarm => self.request(who, "disarm", Request::Disarm, |state| !state.is_armed()),
-            Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge, |state| !matches!(state, State::Faulted(_))),
+            Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge, |state| {
+                !matches!(state, State::Faulted(_))
+            }),
             Ask::Reload(confirm) => self.reload(who, confirm.as_deref()),
         };
-        match asked.answer {
+        if let Some(to) = asked.answer {
             // Whoever asked may have gone.
-            Some(to) => drop(to.send(answer)),
-            None => tracing::info!("{who}: {}", answer.1),
+            let _ = to.send(answer);
+        } else {
+            tracing::info!("{who}: {}", answer.1);
         }
     }
 
     /// Logs a request, sends it, and waits for its effect.
-    fn request(&mut self, who: &str, what: &str, request: Request, done: impl Fn(State) -> bool) -> Answer {
+    fn request(
+        &mut self,
+        who: &str,
+        what: &str,
+        request: Request,
+        done: impl Fn(State) -> bool,
+    ) -> Answer {
         let before = *self.parts.handle.report();
         let may = self.log(who, what, &json!({ "state": before.state.name() }));
         // A full disk forbids arming, never disarming.
         if !may && request == Request::Arm {
-            return (409, json!({ "state": before.state.name(), "reasons": ["audit log cannot be written"] }));
+            return (
+                409,
+                json!({ "state": before.state.name(), "reasons": ["audit log cannot be written"] }),
+            );
         }
         if !self.parts.handle.send(Order::Request(request)) {
-            return (503, json!({ "error": "the control thread takes no orders" }));
+            return (
+                503,
+                json!({ "error": "the control thread takes no orders" }),
+            );
         }
         let end = Instant::now() + EFFECT.max(self.parts.config.cycle * 5);
         loop {
@@ -332,7 +401,10 @@ impl Service {
             if seen && done(report.state) || Instant::now() > end {
                 let status = if done(report.state) { 200 } else { 409 };
                 let reasons: Vec<&str> = (report.reasons | self.parts.forbids).texts().collect();
-                return (status, json!({ "state": report.state.name(), "reasons": reasons }));
+                return (
+                    status,
+                    json!({ "state": report.state.name(), "reasons": reasons }),
+                );
             }
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -347,17 +419,28 @@ impl Service {
         let guard = self.parts.config.guard.as_ref()?;
         let [worst_mm, worst_rad] = old.worst_corner(new);
         let (worst_um, worst_urad) = (worst_mm * 1e3, worst_rad * 1e6);
-        let rotary = guard.rotary.as_ref().map_or(f64::INFINITY, |rotary| rotary.confirm);
+        let rotary = guard
+            .rotary
+            .as_ref()
+            .map_or(f64::INFINITY, |rotary| rotary.confirm);
         let moves = worst_um > guard.linear.confirm || worst_urad > rotary;
         if !moves || confirm == Some(new.hash.as_str()) {
             return None;
         }
         // An infinite number is none in JSON: machines with other axes.
-        Some(json!({ "model": new.hash, "worst_corner_um": worst_um, "worst_corner_urad": worst_urad, "confirm_um": guard.linear.confirm }))
+        Some(
+            json!({ "model": new.hash, "worst_corner_um": worst_um, "worst_corner_urad": worst_urad, "confirm_um": guard.linear.confirm }),
+        )
     }
 
     fn arm(&mut self, who: &str, confirm: Option<&str>) -> Answer {
-        let fading = self.parts.config.guard.as_ref().map(|guard| guard.fading).unwrap_or_default();
+        let fading = self
+            .parts
+            .config
+            .guard
+            .as_ref()
+            .map(|guard| guard.fading)
+            .unwrap_or_default();
         let path = self.confirmed_path();
         // The model that was armed last, unless there was none.
         if let Ok(old) = Model::read(&path, fading)
@@ -368,7 +451,10 @@ impl Service {
         }
         if let Err(e) = replace_file(&path, &self.parts.model.text) {
             tracing::error!("{}: {e}", path.display());
-            return (409, json!({ "state": self.last_state.name(), "reasons": ["audit log cannot be written"] }));
+            return (
+                409,
+                json!({ "state": self.last_state.name(), "reasons": ["audit log cannot be written"] }),
+            );
         }
         self.request(who, "arm", Request::Arm, |state| state != State::Disarmed)
     }
@@ -387,22 +473,38 @@ impl Service {
 
     fn try_reload(&mut self, who: &str, confirm: Option<&str>) -> Result<Answer, GatewayError> {
         let Some(file) = self.parts.config_file.clone() else {
-            return Err(GatewayError::Unfit("the built-in configuration cannot be read again".to_owned()));
+            return Err(GatewayError::Unfit(
+                "the built-in configuration cannot be read again".to_owned(),
+            ));
         };
         let config = Config::read(&file)?;
         let old = &self.parts.config;
-        let same = |a: bool, what: &str| if a { Ok(()) } else { Err(GatewayError::Unfit(format!("{what} changed: restart the gateway for that"))) };
+        let same = |a: bool, what: &str| {
+            if a {
+                Ok(())
+            } else {
+                Err(GatewayError::Unfit(format!(
+                    "{what} changed: restart the gateway for that"
+                )))
+            }
+        };
         same(config.controllers == old.controllers, "[[controller]]")?;
         same(config.thermometers == old.thermometers, "[[thermometer]]")?;
         same(config.cycle == old.cycle, "cycle_ms")?;
         same(config.dashboard == old.dashboard, "[dashboard]")?;
         same(config.audit_dir == old.audit_dir, "[audit]")?;
         same(config.realtime == old.realtime, "[realtime]")?;
-        let guard = config.guard.as_ref().ok_or_else(|| GatewayError::Unfit("[guard] is missing".to_owned()))?;
+        let guard = config
+            .guard
+            .as_ref()
+            .ok_or_else(|| GatewayError::Unfit("[guard] is missing".to_owned()))?;
         let limits = assemble::reloaded_limits(&config, guard, &self.parts.controllers)?;
         let model = Model::read(&config.machine, guard.fading)?;
         if model.axes != self.parts.model.axes {
-            return Err(GatewayError::Unfit(format!("{}: other axes than before: restart the gateway for that", config.machine.display())));
+            return Err(GatewayError::Unfit(format!(
+                "{}: other axes than before: restart the gateway for that",
+                config.machine.display()
+            )));
         }
         if let Some(needed) = self.needs_confirmation(&self.parts.model, &model, confirm) {
             tracing::warn!("reload needs a confirmation: {needed}");
@@ -413,7 +515,9 @@ impl Service {
             return Ok((409, json!({ "reasons": ["audit log cannot be written"] })));
         }
         for (index, limits) in limits.into_iter().enumerate() {
-            self.parts.handle.send(Order::Limits(index, Box::new(limits)));
+            self.parts
+                .handle
+                .send(Order::Limits(index, Box::new(limits)));
         }
         if model.hash != self.parts.model.hash {
             if self.last_state.is_armed() {
@@ -421,8 +525,17 @@ impl Service {
                 let _ = replace_file(&self.confirmed_path(), &model.text);
             }
             let copy = Arc::new(Model::read(&config.machine, guard.fading)?);
-            self.parts.handle.send(Order::Model(Box::new(Replacement::new(Box::new(model), &self.parts.sensors))));
-            *self.publisher.model.lock().unwrap_or_else(PoisonError::into_inner) = Arc::clone(&copy);
+            self.parts
+                .handle
+                .send(Order::Model(Box::new(Replacement::new(
+                    Box::new(model),
+                    &self.parts.sensors,
+                ))));
+            *self
+                .publisher
+                .model
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner) = Arc::clone(&copy);
             self.parts.model = copy;
         }
         self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);

@@ -13,7 +13,10 @@ use volcomp_port::{
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 
-use crate::{config::{AxisGuard, Config, DashboardConfig, GuardConfig, RealtimeConfig}, error::GatewayError};
+use crate::{
+    config::{AxisGuard, Config, DashboardConfig, GuardConfig, RealtimeConfig},
+    error::GatewayError,
+};
 
 const MODEL: &str = include_str!("../demo/machine.toml");
 const TRUTH: &str = include_str!("../demo/truth.toml");
@@ -54,7 +57,11 @@ impl Truth {
             let at = |machine: &Machine| machine.error_at(&state, Form::Exact, &none).position_mm;
             let difference = at(&machine) - at(model);
             let [x, y, z] = [state.q[0], state.q[1], state.q[2]];
-            let rows = [[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]];
+            let rows = [
+                [1.0, 0.0, 0.0, 0.0, z, -y],
+                [0.0, 1.0, 0.0, -z, 0.0, x],
+                [0.0, 0.0, 1.0, y, -x, 0.0],
+            ];
             for (row, value) in rows.iter().zip(difference.iter()) {
                 let row = Vector6::from_column_slice(row);
                 normal += row * row.transpose();
@@ -62,7 +69,9 @@ impl Truth {
             }
         }
         Self {
-            datum: normal.cholesky().map_or(Vector6::zeros(), |factor| factor.solve(&right)),
+            datum: normal
+                .cholesky()
+                .map_or(Vector6::zeros(), |factor| factor.solve(&right)),
             machine: Arc::new(machine),
             sensors: sensors.into(),
         }
@@ -70,16 +79,29 @@ impl Truth {
 
     /// What it misses (mm) at coordinates (mm) and temperatures of its sensors (degC).
     pub fn error(&self, positions: &AxisValues, degc: &[f64]) -> Vector3<f64> {
-        let temperatures: Temperatures = self.sensors.iter().cloned().zip(degc.iter().copied()).collect();
+        let temperatures: Temperatures = self
+            .sensors
+            .iter()
+            .cloned()
+            .zip(degc.iter().copied())
+            .collect();
         let state = State::from_coordinates(positions);
         let [tx, ty, tz, a, b, c] = self.datum.into();
         let p = Vector3::new(positions[0], positions[1], positions[2]);
         let rigid = Vector3::new(tx, ty, tz) + Vector3::new(a, b, c).cross(&p);
-        self.machine.error_at(&state, Form::Exact, &temperatures).position_mm - rigid
+        self.machine
+            .error_at(&state, Form::Exact, &temperatures)
+            .position_mm
+            - rigid
     }
 
     /// What is left of it (mm) when corrections (mm) are applied.
-    pub fn residual(&self, positions: &AxisValues, correction: &AxisValues, degc: &[f64]) -> Vector3<f64> {
+    pub fn residual(
+        &self,
+        positions: &AxisValues,
+        correction: &AxisValues,
+        degc: &[f64],
+    ) -> Vector3<f64> {
         let moved = std::array::from_fn(|i| positions[i] + correction[i]);
         self.error(&moved, degc) + Vector3::new(correction[0], correction[1], correction[2])
     }
@@ -111,7 +133,12 @@ impl Simulation {
         let names: Vec<String> = sensors.iter().map(|sensor| sensor.name.clone()).collect();
         let truth = Truth::against(truth_machine, &model, &names);
         let function = truth.clone();
-        let axis = |name| Axis { name, rotary: false, includes_correction: false, resolution: RESOLUTION_MM };
+        let axis = |name| Axis {
+            name,
+            rotary: false,
+            includes_correction: false,
+            resolution: RESOLUTION_MM,
+        };
         let machine = simulated::Machine {
             axes: ['X', 'Y', 'Z'].map(axis).to_vec(),
             program: program(),
@@ -126,12 +153,23 @@ impl Simulation {
             clock,
         };
         let (controller, thermometer, controls) = machine.start();
-        Ok(Self { controller, thermometer, controls, model, truth })
+        Ok(Self {
+            controller,
+            thermometer,
+            controls,
+            model,
+            truth,
+        })
     }
 }
 
 fn warming() -> Vec<Warming> {
-    let sensor = |name: &str, start_degc: f64, rise_k: f64, time_constant_s: f64| Warming { name: name.to_owned(), start_degc, rise_k, time_constant_s };
+    let sensor = |name: &str, start_degc: f64, rise_k: f64, time_constant_s: f64| Warming {
+        name: name.to_owned(),
+        start_degc,
+        rise_k,
+        time_constant_s,
+    };
     vec![
         sensor("bed", 20.1, 1.0, 3600.0),
         sensor("column", 20.3, 3.0, 1800.0),
@@ -144,13 +182,25 @@ fn warming() -> Vec<Warming> {
 /// Through the whole volume: edges and diagonals, with a stop at each end.
 fn program() -> Vec<Move> {
     let corners = [
-        [0.0, 0.0, 0.0], [8000.0, 4000.0, 2500.0], [0.0, 4000.0, 2500.0], [8000.0, 0.0, 0.0], [8000.0, 4000.0, 0.0],
-        [0.0, 0.0, 2500.0], [4000.0, 2000.0, 1250.0], [8000.0, 0.0, 2500.0], [0.0, 4000.0, 0.0], [0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0],
+        [8000.0, 4000.0, 2500.0],
+        [0.0, 4000.0, 2500.0],
+        [8000.0, 0.0, 0.0],
+        [8000.0, 4000.0, 0.0],
+        [0.0, 0.0, 2500.0],
+        [4000.0, 2000.0, 1250.0],
+        [8000.0, 0.0, 2500.0],
+        [0.0, 4000.0, 0.0],
+        [0.0, 0.0, 0.0],
     ];
     let to = |corner: [f64; 3]| {
         let mut to = [0.0; MAX_AXES];
         to[..3].copy_from_slice(&corner);
-        Move { to, feed_per_s: 1000.0, dwell: Duration::from_millis(1500) }
+        Move {
+            to,
+            feed_per_s: 1000.0,
+            dwell: Duration::from_millis(1500),
+        }
     };
     corners.map(to).to_vec()
 }
@@ -166,14 +216,24 @@ pub fn config() -> Config {
         thermometers: Vec::new(),
         dashboard: DashboardConfig::default(),
         audit_dir: std::env::temp_dir().join(format!("volcomp-gateway-{}", std::process::id())),
-        realtime: RealtimeConfig { priority: 60, cpu: None },
+        realtime: RealtimeConfig {
+            priority: 60,
+            cpu: None,
+        },
     }
 }
 
 /// The built-in limits.
 pub fn guard() -> GuardConfig {
     GuardConfig {
-        linear: AxisGuard { limit: 250.0, warn: 200.0, slew_per_s: 500.0, accel_per_s2: 20_000.0, confirm: 50.0, test_shift: 5.0 },
+        linear: AxisGuard {
+            limit: 250.0,
+            warn: 200.0,
+            slew_per_s: 500.0,
+            accel_per_s2: 20_000.0,
+            confirm: 50.0,
+            test_shift: 5.0,
+        },
         rotary: None,
         hold: Duration::from_millis(50),
         zero_after: Duration::from_millis(500),

@@ -31,8 +31,12 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Value, Ga
     let failed = |e: std::io::Error| GatewayError::system(format!("gateway at {address}"), e);
     let stream = TcpStream::connect_timeout(&address, AT_MOST).map_err(failed)?;
     stream.set_read_timeout(Some(AT_MOST)).map_err(failed)?;
-    let authorization = token.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
-    let request = format!("GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n");
+    let authorization = token.map_or(String::new(), |token| {
+        format!("Authorization: Bearer {token}\r\n")
+    });
+    let request = format!(
+        "GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
+    );
     let text = match &dashboard.tls {
         None => exchange(stream, &request),
         Some((certificate, _)) => exchange(encrypted(stream, address, certificate)?, &request),
@@ -41,7 +45,10 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Value, Ga
     let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
     let status = head.split_whitespace().nth(1).unwrap_or_default();
     if status != "200" {
-        return Err(failed(std::io::Error::other(format!("it answers {status}: {}", body.trim()))));
+        return Err(failed(std::io::Error::other(format!(
+            "it answers {status}: {}",
+            body.trim()
+        ))));
     }
     serde_json::from_str(body.trim()).map_err(|e| failed(std::io::Error::other(e)))
 }
@@ -59,24 +66,52 @@ fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result<Str
 }
 
 /// The gateway's own certificate is all that is trusted.
-fn encrypted(stream: TcpStream, address: SocketAddr, certificate: &Path) -> Result<StreamOwned<ClientConnection, TcpStream>, GatewayError> {
-    let wrong = |e: &dyn std::fmt::Display| GatewayError::Unfit(format!("{}: {e}", certificate.display()));
+fn encrypted(
+    stream: TcpStream,
+    address: SocketAddr,
+    certificate: &Path,
+) -> Result<StreamOwned<ClientConnection, TcpStream>, GatewayError> {
+    let wrong =
+        |e: &dyn std::fmt::Display| GatewayError::Unfit(format!("{}: {e}", certificate.display()));
     let mut roots = RootCertStore::empty();
-    roots.add(CertificateDer::from_pem_file(certificate).map_err(|e| wrong(&e))?).map_err(|e| wrong(&e))?;
+    roots
+        .add(CertificateDer::from_pem_file(certificate).map_err(|e| wrong(&e))?)
+        .map_err(|e| wrong(&e))?;
     let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
         .map_err(|e| wrong(&e))?
         .with_root_certificates(roots)
         .with_no_client_auth();
-    let connection = ClientConnection::new(Arc::new(config), ServerName::from(address.ip())).map_err(|e| wrong(&e))?;
+    let connection = ClientConnection::new(Arc::new(config), ServerName::from(address.ip()))
+        .map_err(|e| wrong(&e))?;
     Ok(StreamOwned::new(connection, stream))
 }
 
 /// The state in lines.
 pub fn text(state: &Value) -> String {
-    let word = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-    let list = |value: &Value| value.as_array().into_iter().flatten().map(&word).collect::<Vec<_>>().join(", ");
-    let named = |value: &Value| value.as_object().into_iter().flatten().map(|(name, value)| format!("{name} {value}")).collect::<Vec<_>>().join("  ");
+    let word = |value: &Value| {
+        value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned)
+    };
+    let list = |value: &Value| {
+        value
+            .as_array()
+            .into_iter()
+            .flatten()
+            .map(&word)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let named = |value: &Value| {
+        value
+            .as_object()
+            .into_iter()
+            .flatten()
+            .map(|(name, value)| format!("{name} {value}"))
+            .collect::<Vec<_>>()
+            .join("  ")
+    };
     let cycle = &state["cycle"];
     let mut lines = vec![format!("state         {}", word(&state["state"]))];
     let mut add = |title: &str, text: String| {
@@ -89,13 +124,29 @@ pub fn text(state: &Value) -> String {
     add("controller", word(&state["controller"]["device"]));
     add("position, mm", named(&state["positions_mm"]));
     add("deg", named(&state["positions_deg"]));
-    add("correction, um", format!(" {}", named(&state["correction_um"])));
+    add(
+        "correction, um",
+        format!(" {}", named(&state["correction_um"])),
+    );
     add("urad", named(&state["correction_urad"]));
     for temperature in state["temperatures"].as_array().into_iter().flatten() {
-        let degc = temperature["degc"].as_f64().map_or("-".to_owned(), |degc| format!("{degc:.1} degC"));
-        let why = temperature["reason"].as_str().map_or(String::new(), |why| format!(" ({why})"));
-        add("temperature", format!("{} {degc}{why}", word(&temperature["name"])));
+        let degc = temperature["degc"]
+            .as_f64()
+            .map_or("-".to_owned(), |degc| format!("{degc:.1} degC"));
+        let why = temperature["reason"]
+            .as_str()
+            .map_or(String::new(), |why| format!(" ({why})"));
+        add(
+            "temperature",
+            format!("{} {degc}{why}", word(&temperature["name"])),
+        );
     }
-    add("cycles", format!("{}, p50 {} us, p99 {} us, {} overruns", cycle["count"], cycle["p50_us"], cycle["p99_us"], cycle["overruns"]));
+    add(
+        "cycles",
+        format!(
+            "{}, p50 {} us, p99 {} us, {} overruns",
+            cycle["count"], cycle["p50_us"], cycle["p99_us"], cycle["overruns"]
+        ),
+    );
     lines.join("\n") + "\n"
 }

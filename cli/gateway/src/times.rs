@@ -17,7 +17,10 @@ impl Default for Stretch {
     fn default() -> Self {
         // 100 ns to 100 s: bounds and digits are those that the histogram allows.
         let empty = || Histogram::new_with_bounds(100, 100_000_000_000, 2).expect("valid bounds");
-        Self { current: empty(), before: empty() }
+        Self {
+            current: empty(),
+            before: empty(),
+        }
     }
 }
 
@@ -33,7 +36,11 @@ impl Stretch {
 
     /// The last whole stretch, or what there is.
     fn latest(&self) -> &Histogram<u64> {
-        if self.before.is_empty() { &self.current } else { &self.before }
+        if self.before.is_empty() {
+            &self.current
+        } else {
+            &self.before
+        }
     }
 
     /// A quantile, us.
@@ -44,7 +51,14 @@ impl Stretch {
     /// Counts in bins that double: upper edge (us) and count.
     pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
         let edges = (0..20).map(|power| 500_u64 << power);
-        edges.map(|low| ((2 * low) as f64 * 1e-3, self.latest().count_between(low, 2 * low - 1))).collect()
+        edges
+            .map(|low| {
+                (
+                    (2 * low) as f64 * 1e-3,
+                    self.latest().count_between(low, 2 * low - 1),
+                )
+            })
+            .collect()
     }
 }
 
@@ -74,8 +88,13 @@ impl Times {
         self.exchange.add(timing.exchange_ns);
         self.count += 1;
         self.overruns += u64::from(timing.missed);
-        if self.count % STRETCH == 0 {
-            for stretch in [&mut self.whole, &mut self.own, &mut self.wake, &mut self.exchange] {
+        if self.count.is_multiple_of(STRETCH) {
+            for stretch in [
+                &mut self.whole,
+                &mut self.own,
+                &mut self.wake,
+                &mut self.exchange,
+            ] {
                 stretch.turn();
             }
         }

@@ -1,0 +1,118 @@
+"use strict";
+// Drawing on canvases: lines over time, bars, a map. Every function takes a canvas and plain numbers.
+
+const ink = "#10181f", line = "#c3ccd4", soft = "#52606d";
+
+/** A context in CSS pixels, cleared; its size. */
+function surface(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const { clientWidth: width, clientHeight: height } = canvas;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  context.font = "14px system-ui, sans-serif";
+  return { context, width, height };
+}
+
+/** A round number that is not smaller: 1, 2 or 5 times a power of ten. */
+function roundUp(value) {
+  const power = 10 ** Math.floor(Math.log10(Math.max(value, 1e-9)));
+  return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.999);
+}
+
+/** Series of [seconds, value] over the last `span` seconds up to `now`. */
+function drawLines(canvas, now, span, series) {
+  const { context, width, height } = surface(canvas);
+  const left = 44, bottom = height - 22;
+  const largest = Math.max(1, ...series.flatMap((s) => s.points.map((p) => p[1])));
+  const top = roundUp(largest);
+  const x = (t) => left + (width - left - 6) * (1 - (now - t) / span);
+  const y = (v) => bottom - (bottom - 8) * (v / top);
+  context.lineWidth = 1;
+  context.strokeStyle = line;
+  context.fillStyle = soft;
+  context.textBaseline = "middle";
+  context.textAlign = "right";
+  for (const share of [0, 0.5, 1]) {
+    context.beginPath();
+    context.moveTo(left, y(top * share));
+    context.lineTo(width, y(top * share));
+    context.stroke();
+    context.fillText(String(+(top * share).toPrecision(2)), left - 6, y(top * share));
+  }
+  context.textAlign = "center";
+  context.textBaseline = "alphabetic";
+  for (let ago = 0; ago <= span; ago += span / 4) {
+    context.fillText(ago === 0 ? "now" : `-${ago} s`, Math.min(Math.max(x(now - ago), left + 16), width - 18), height - 4);
+  }
+  for (const { points, colour } of series) {
+    context.strokeStyle = colour;
+    context.lineWidth = 2.5;
+    context.beginPath();
+    points.forEach(([t, v], index) => (index === 0 ? context.moveTo(x(t), y(v)) : context.lineTo(x(t), y(v))));
+    context.stroke();
+  }
+}
+
+/** Bars over [upper edge in us, count]. */
+function drawBars(canvas, bins) {
+  const { context, width, height } = surface(canvas);
+  const used = bins.filter((bin) => bin[1] > 0);
+  if (used.length === 0) return;
+  const first = Math.max(0, bins.indexOf(used[0]) - 1);
+  const last = Math.min(bins.length - 1, bins.indexOf(used[used.length - 1]) + 1);
+  const shown = bins.slice(first, last + 1);
+  const bottom = height - 22, each = width / shown.length;
+  // Roots: rare long cycles must be seen beside thousands of short ones.
+  const largest = Math.sqrt(Math.max(...shown.map((bin) => bin[1])));
+  context.textAlign = "center";
+  shown.forEach(([edge, count], index) => {
+    const tall = count === 0 ? 0 : Math.max(3, (bottom - 6) * (Math.sqrt(count) / largest));
+    context.fillStyle = "#0b4f8a";
+    context.fillRect(index * each + 2, bottom - tall, each - 4, tall);
+    context.fillStyle = soft;
+    const label = edge < 1000 ? `${edge}` : `${Math.round(edge / 1000)}k`;
+    if (each > 34 || index % 2 === 0) context.fillText(label, (index + 0.5) * each, height - 4);
+  });
+}
+
+/** Light to dark, for 0 to 1. */
+function shade(share) {
+  const from = [237, 246, 250], to = [122, 16, 60];
+  const mixed = from.map((a, i) => Math.round(a + (to[i] - a) * share));
+  return `rgb(${mixed.join(",")})`;
+}
+
+/** Rows of values over two axes, and where the machine stands in shares of their travels. Returns the largest. */
+function drawMap(canvas, rows, here) {
+  const { context, width, height } = surface(canvas);
+  const largest = roundUp(Math.max(...rows.flat()));
+  const [wide, tall] = [width / rows[0].length, height / rows.length];
+  rows.forEach((row, j) => row.forEach((value, i) => {
+    context.fillStyle = shade(Math.min(1, value / largest));
+    context.fillRect(i * wide, height - (j + 1) * tall, wide + 1, tall + 1);
+  }));
+  if (here) {
+    const [x, y] = [here[0] * width, height - here[1] * height];
+    context.strokeStyle = "#fff";
+    context.lineWidth = 6;
+    cross(context, x, y);
+    context.strokeStyle = ink;
+    context.lineWidth = 3;
+    cross(context, x, y);
+  }
+  return largest;
+}
+
+function cross(context, x, y) {
+  context.beginPath();
+  context.moveTo(x - 11, y);
+  context.lineTo(x + 11, y);
+  context.moveTo(x, y - 11);
+  context.lineTo(x, y + 11);
+  context.stroke();
+}

@@ -11,8 +11,8 @@ use std::{
 pub enum Clock {
     /// The monotonic clock.
     System(Instant),
-    /// Nanoseconds that somebody else counts.
-    Manual(Arc<AtomicU64>),
+    /// Nanoseconds from some instant on that somebody else counts.
+    Manual(Instant, Arc<AtomicU64>),
 }
 
 impl Clock {
@@ -23,20 +23,32 @@ impl Clock {
 
     /// A clock that stands at 0 until [`advance`](Self::advance).
     pub fn manual() -> Self {
-        Self::Manual(Arc::default())
+        Self::Manual(Instant::now(), Arc::default())
     }
 
     /// Time since the start.
     pub fn elapsed(&self) -> Duration {
         match self {
             Self::System(start) => start.elapsed(),
-            Self::Manual(nanos) => Duration::from_nanos(nanos.load(Ordering::Acquire)),
+            Self::Manual(_, nanos) => Duration::from_nanos(nanos.load(Ordering::Acquire)),
         }
+    }
+
+    /// When it started.
+    pub fn start(&self) -> Instant {
+        match self {
+            Self::System(start) | Self::Manual(start, _) => *start,
+        }
+    }
+
+    /// Now.
+    pub fn now(&self) -> Instant {
+        self.start() + self.elapsed()
     }
 
     /// Moves a manual clock on; the system's goes by itself.
     pub fn advance(&self, by: Duration) {
-        if let Self::Manual(nanos) = self {
+        if let Self::Manual(_, nanos) = self {
             let by = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
             nanos.fetch_add(by, Ordering::AcqRel);
         }

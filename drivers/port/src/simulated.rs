@@ -121,7 +121,8 @@ impl Machine {
                 channel: "simulated".to_owned(),
                 axes: self.axes.clone(),
                 heartbeat: Heartbeat::Watched,
-                sees_other_gateways: false,
+                // Nobody else can reach it.
+                sees_other_gateways: true,
                 shortest_cycle: Duration::from_micros(10),
             },
             path: Path::new(&self.program, self.acceleration_per_s2),
@@ -182,7 +183,7 @@ impl Controller for SimulatedController {
         }
         Ok(Snapshot {
             positions,
-            taken: Instant::now(),
+            taken: self.machine.clock.now(),
             uncertainty: Duration::ZERO,
             state: ControllerState {
                 referenced: !self.controls.unreferenced.load(Ordering::Relaxed),
@@ -220,7 +221,7 @@ impl Thermometer for SimulatedThermometer {
     }
 
     fn latest(&mut self) -> &[Temperature] {
-        let (elapsed, now) = (self.clock.elapsed(), Instant::now());
+        let (elapsed, now) = (self.clock.elapsed(), self.clock.now());
         for (latest, sensor) in self.latest.iter_mut().zip(&self.sensors) {
             *latest = Temperature::good(sensor.at(elapsed), now);
         }

@@ -7,13 +7,20 @@ use std::net::IpAddr;
 pub(super) fn is_known(host: &str, known: &[String]) -> bool {
     let name = without_port(host);
     let address = name.trim_start_matches('[').trim_end_matches(']');
-    address.parse::<IpAddr>().is_ok() || name.eq_ignore_ascii_case("localhost") || known.iter().any(|known| known.eq_ignore_ascii_case(name))
+    address.parse::<IpAddr>().is_ok()
+        || name.eq_ignore_ascii_case("localhost")
+        || known.iter().any(|known| known.eq_ignore_ascii_case(name))
 }
 
 fn without_port(host: &str) -> &str {
     match host.rsplit_once(':') {
         // The colons of an address in brackets are no port.
-        Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) && (!name.contains(':') || name.ends_with(']')) => name,
+        Some((name, port))
+            if port.bytes().all(|b| b.is_ascii_digit())
+                && (!name.contains(':') || name.ends_with(']')) =>
+        {
+            name
+        }
         _ => host,
     }
 }
@@ -25,10 +32,26 @@ mod tests {
     #[test]
     fn foreign_names_are_not_known() {
         let known = ["gateway.shop.lan".to_owned()];
-        for host in ["127.0.0.1:8080", "localhost", "LOCALHOST:1", "[::1]:8080", "[::1]", "192.0.2.7", "gateway.shop.lan:443"] {
+        for host in [
+            "127.0.0.1:8080",
+            "localhost",
+            "LOCALHOST:1",
+            "[::1]:8080",
+            "[::1]",
+            "192.0.2.7",
+            "gateway.shop.lan:443",
+        ] {
             assert!(is_known(host, &known), "{host}");
         }
-        for host in ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example", "", ":8080", "gateway"] {
+        for host in [
+            "evil.example",
+            "evil.example:8080",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example",
+            "",
+            ":8080",
+            "gateway",
+        ] {
             assert!(!is_known(host, &known), "{host}");
         }
     }

@@ -11,8 +11,13 @@ const NODES: usize = 25;
 /// The length of the error (um) over the travels of two linear axes, the others where they stand now. `state` is
 /// the document of `GET /api/state`.
 pub(super) fn map(model: &Model, state: &Value) -> Value {
-    let linear: Vec<usize> = (0..model.axes.len()).filter(|&index| !model.axes[index].1).take(2).collect();
-    let [first, second] = linear[..] else { return json!({}) };
+    let linear: Vec<usize> = (0..model.axes.len())
+        .filter(|&index| !model.axes[index].1)
+        .take(2)
+        .collect();
+    let [first, second] = linear[..] else {
+        return json!({});
+    };
     let mut compiled = model.compiled.clone();
     let mut thermal = model.thermal.clone();
     let temperature = |name: &String| {
@@ -24,7 +29,11 @@ pub(super) fn map(model: &Model, state: &Value) -> Value {
     thermal.apply(&mut compiled);
     let mut at = State::default();
     for (index, (letter, rotary)) in model.axes.iter().enumerate() {
-        let (key, factor) = if *rotary { ("positions_deg", std::f64::consts::PI / 180.0) } else { ("positions_mm", 1.0) };
+        let (key, factor) = if *rotary {
+            ("positions_deg", std::f64::consts::PI / 180.0)
+        } else {
+            ("positions_mm", 1.0)
+        };
         at.q[index] = state[key][letter.to_string()].as_f64().unwrap_or(0.0) * factor;
     }
     let nodes = |axis: usize| {

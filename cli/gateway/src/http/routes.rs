@@ -46,39 +46,91 @@ pub(super) fn router(dashboard: Shared) -> Router {
         .route("/api/events", get(events))
         .route("/api/map", get(error_map))
         .route("/metrics", get(metrics))
-        .layer(middleware::from_fn_with_state(Arc::clone(&dashboard), may_view));
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&dashboard),
+            may_view,
+        ));
     let operate = Router::new()
         .route("/api/arm", post(arm))
         .route("/api/disarm", post(disarm))
         .route("/api/acknowledge", post(acknowledge))
         .route("/api/reload", post(reload));
     let pages = Router::new()
-        .route("/", get(|| page("text/html; charset=utf-8", include_str!("../../web/index.html"))))
-        .route("/app.js", get(|| page("text/javascript; charset=utf-8", include_str!("../../web/app.js"))))
-        .route("/plot.js", get(|| page("text/javascript; charset=utf-8", include_str!("../../web/plot.js"))))
-        .route("/style.css", get(|| page("text/css; charset=utf-8", include_str!("../../web/style.css"))))
-        .route("/icon.svg", get(|| page("image/svg+xml", include_str!("../../web/icon.svg"))));
+        .route(
+            "/",
+            get(|| {
+                page(
+                    "text/html; charset=utf-8",
+                    include_str!("../../web/index.html"),
+                )
+            }),
+        )
+        .route(
+            "/app.js",
+            get(|| {
+                page(
+                    "text/javascript; charset=utf-8",
+                    include_str!("../../web/app.js"),
+                )
+            }),
+        )
+        .route(
+            "/plot.js",
+            get(|| {
+                page(
+                    "text/javascript; charset=utf-8",
+                    include_str!("../../web/plot.js"),
+                )
+            }),
+        )
+        .route(
+            "/style.css",
+            get(|| {
+                page(
+                    "text/css; charset=utf-8",
+                    include_str!("../../web/style.css"),
+                )
+            }),
+        )
+        .route(
+            "/icon.svg",
+            get(|| page("image/svg+xml", include_str!("../../web/icon.svg"))),
+        );
     read.merge(operate)
         .merge(pages)
         .layer(DefaultBodyLimit::max(MAX_BODY))
-        .layer(middleware::from_fn_with_state(Arc::clone(&dashboard), every_request))
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&dashboard),
+            every_request,
+        ))
         .with_state(dashboard)
 }
 
 /// Host, time, and the headers of every answer.
 async fn every_request(State(dashboard): State<Shared>, request: Request, next: Next) -> Response {
-    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+    let host = request
+        .headers()
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
     let mut response = match host {
-        Some(host) if hosts::is_known(host, &dashboard.hosts) => match tokio::time::timeout(AT_MOST, next.run(request)).await {
-            Ok(response) => response,
-            Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
-        },
-        Some(_) => refuse(StatusCode::MISDIRECTED_REQUEST, "this name is not configured: add it to [dashboard] hosts"),
+        Some(host) if hosts::is_known(host, &dashboard.hosts) => {
+            match tokio::time::timeout(AT_MOST, next.run(request)).await {
+                Ok(response) => response,
+                Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
+            }
+        }
+        Some(_) => refuse(
+            StatusCode::MISDIRECTED_REQUEST,
+            "this name is not configured: add it to [dashboard] hosts",
+        ),
         None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
     };
     let headers = response.headers_mut();
     for (name, value) in [
-        (header::CONTENT_SECURITY_POLICY, "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"),
+        (
+            header::CONTENT_SECURITY_POLICY,
+            "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+        ),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
@@ -90,9 +142,17 @@ async fn every_request(State(dashboard): State<Shared>, request: Request, next: 
 }
 
 /// Where reading needs a token, it is asked for.
-async fn may_view(State(dashboard): State<Shared>, Extension(from): Extension<SocketAddr>, request: Request, next: Next) -> Response {
+async fn may_view(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    request: Request,
+    next: Next,
+) -> Response {
     if dashboard.reading_needs_token
-        && let Err(denied) = dashboard.tokens.check(from.ip(), bearer(request.headers()), Role::View)
+        && let Err(denied) =
+            dashboard
+                .tokens
+                .check(from.ip(), bearer(request.headers()), Role::View)
     {
         return denied.into_response();
     }
@@ -102,7 +162,9 @@ async fn may_view(State(dashboard): State<Shared>, Extension(from): Extension<So
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     let (scheme, token) = value.split_once(' ')?;
-    scheme.eq_ignore_ascii_case("bearer").then_some(token.trim())
+    scheme
+        .eq_ignore_ascii_case("bearer")
+        .then_some(token.trim())
 }
 
 fn refuse(status: StatusCode, why: &str) -> Response {
@@ -115,7 +177,10 @@ impl IntoResponse for Denied {
             Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
             Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
             Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
-            Self::TooMany => refuse(StatusCode::TOO_MANY_REQUESTS, "too many wrong tokens: wait a minute"),
+            Self::TooMany => refuse(
+                StatusCode::TOO_MANY_REQUESTS,
+                "too many wrong tokens: wait a minute",
+            ),
         }
     }
 }
@@ -131,21 +196,42 @@ async fn state(State(dashboard): State<Shared>) -> Response {
 }
 
 async fn metrics(State(dashboard): State<Shared>) -> Response {
-    let text = dashboard.published.metrics.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+    let text = dashboard
+        .published
+        .metrics
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .clone();
+    (
+        [(
+            header::CONTENT_TYPE,
+            "text/plain; version=0.0.4; charset=utf-8",
+        )],
+        text,
+    )
+        .into_response()
 }
 
 async fn error_map(State(dashboard): State<Shared>) -> Response {
     let state = dashboard.published.state.borrow().clone();
     let state: Value = serde_json::from_str(&state).unwrap_or_default();
-    let model = Arc::clone(&dashboard.published.model.lock().unwrap_or_else(PoisonError::into_inner));
+    let model = Arc::clone(
+        &dashboard
+            .published
+            .model
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner),
+    );
     Json(map::map(&model, &state)).into_response()
 }
 
 /// The state, again and again.
 async fn events(State(dashboard): State<Shared>) -> Response {
     let Some(slot) = StreamSlot::take(&dashboard) else {
-        return refuse(StatusCode::SERVICE_UNAVAILABLE, &format!("{MAX_STREAMS} event streams are open already"));
+        return refuse(
+            StatusCode::SERVICE_UNAVAILABLE,
+            &format!("{MAX_STREAMS} event streams are open already"),
+        );
     };
     let states = WatchStream::new(dashboard.published.state.clone());
     let stream = states.throttle(EVENT_EVERY).map(move |state| {
@@ -153,27 +239,58 @@ async fn events(State(dashboard): State<Shared>) -> Response {
         let _ = &slot;
         Ok::<_, Infallible>(Event::default().event("state").data(&*state))
     });
-    Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(10))).into_response()
+    Sse::new(stream)
+        .keep_alive(KeepAlive::new().interval(Duration::from_secs(10)))
+        .into_response()
 }
 
-async fn arm(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+async fn arm(
+    dashboard: State<Shared>,
+    from: Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
     operate(dashboard, from.0.ip(), &headers, &body, Ask::Arm).await
 }
 
-async fn disarm(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+async fn disarm(
+    dashboard: State<Shared>,
+    from: Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
     operate(dashboard, from.0.ip(), &headers, &body, |_| Ask::Disarm).await
 }
 
-async fn acknowledge(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
-    operate(dashboard, from.0.ip(), &headers, &body, |_| Ask::Acknowledge).await
+async fn acknowledge(
+    dashboard: State<Shared>,
+    from: Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    operate(dashboard, from.0.ip(), &headers, &body, |_| {
+        Ask::Acknowledge
+    })
+    .await
 }
 
-async fn reload(dashboard: State<Shared>, from: Extension<SocketAddr>, headers: HeaderMap, body: Bytes) -> Response {
+async fn reload(
+    dashboard: State<Shared>,
+    from: Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
     operate(dashboard, from.0.ip(), &headers, &body, Ask::Reload).await
 }
 
 /// Whoever may operate asks the service; the body may confirm a model.
-async fn operate(State(dashboard): State<Shared>, from: IpAddr, headers: &HeaderMap, body: &Bytes, ask: impl FnOnce(Option<String>) -> Ask) -> Response {
+async fn operate(
+    State(dashboard): State<Shared>,
+    from: IpAddr,
+    headers: &HeaderMap,
+    body: &Bytes,
+    ask: impl FnOnce(Option<String>) -> Ask,
+) -> Response {
     let holder = match dashboard.tokens.check(from, bearer(headers), Role::Operate) {
         Ok(holder) => holder,
         Err(denied) => return denied.into_response(),
@@ -182,20 +299,40 @@ async fn operate(State(dashboard): State<Shared>, from: IpAddr, headers: &Header
         None
     } else {
         match serde_json::from_slice::<Value>(body) {
-            Ok(Value::Object(object)) => object.get("confirm").and_then(Value::as_str).map(str::to_owned),
-            _ => return refuse(StatusCode::BAD_REQUEST, "expected no body, or {\"confirm\": HASH}"),
+            Ok(Value::Object(object)) => object
+                .get("confirm")
+                .and_then(Value::as_str)
+                .map(str::to_owned),
+            _ => {
+                return refuse(
+                    StatusCode::BAD_REQUEST,
+                    "expected no body, or {\"confirm\": HASH}",
+                );
+            }
         }
     };
     let (answer, wait) = oneshot::channel();
-    let asked = Asked { ask: ask(confirm), who: holder.name, answer: Some(answer) };
+    let asked = Asked {
+        ask: ask(confirm),
+        who: holder.name,
+        answer: Some(answer),
+    };
     match dashboard.asks.try_send(asked) {
         Ok(()) => {}
-        Err(TrySendError::Full(_)) => return refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests wait"),
-        Err(TrySendError::Disconnected(_)) => return refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
+        Err(TrySendError::Full(_)) => {
+            return refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests wait");
+        }
+        Err(TrySendError::Disconnected(_)) => {
+            return refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping");
+        }
     }
     dashboard.operations.fetch_add(1, Ordering::Relaxed);
     match wait.await {
-        Ok((status, document)) => (StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR), Json(document)).into_response(),
+        Ok((status, document)) => (
+            StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR),
+            Json(document),
+        )
+            .into_response(),
         Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
     }
 }

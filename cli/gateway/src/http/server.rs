@@ -58,7 +58,9 @@ pub(super) struct StreamSlot(Arc<Dashboard>);
 impl StreamSlot {
     pub(super) fn take(dashboard: &Arc<Dashboard>) -> Option<Self> {
         let more = |open| (open < MAX_STREAMS).then_some(open + 1);
-        let taken = dashboard.streams.fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
+        let taken = dashboard
+            .streams
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
         taken.ok().map(|_| Self(Arc::clone(dashboard)))
     }
 }
@@ -84,7 +86,9 @@ pub async fn serve(listener: TcpListener, tls: Option<TlsAcceptor>, dashboard: A
             }
         };
         // The next one waits in the kernel's queue until a connection ends.
-        let Ok(slot) = Arc::clone(&slots).acquire_owned().await else { return };
+        let Ok(slot) = Arc::clone(&slots).acquire_owned().await else {
+            return;
+        };
         let (router, tls) = (router.clone().layer(Extension(from)), tls.clone());
         tokio::spawn(async move {
             connection(stream, from, tls, router).await;
@@ -93,7 +97,12 @@ pub async fn serve(listener: TcpListener, tls: Option<TlsAcceptor>, dashboard: A
     }
 }
 
-async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<TlsAcceptor>, router: axum::Router) {
+async fn connection(
+    stream: TcpStream,
+    from: SocketAddr,
+    tls: Option<TlsAcceptor>,
+    router: axum::Router,
+) {
     let _ = stream.set_nodelay(true);
     match tls {
         None => exchange(stream, router).await,

@@ -24,14 +24,20 @@ use crate::error::GatewayError;
 /// # Errors
 /// Files that cannot be read or do not belong together.
 pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, GatewayError> {
-    let wrong = |path: &Path, e: &dyn std::fmt::Display| GatewayError::Unfit(format!("{}: {e}", path.display()));
+    let wrong = |path: &Path, e: &dyn std::fmt::Display| {
+        GatewayError::Unfit(format!("{}: {e}", path.display()))
+    };
     let certificates = CertificateDer::pem_file_iter(certificate)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
         .map_err(|e| wrong(certificate, &e))?;
     let private = PrivateKeyDer::from_pem_file(key).map_err(|e| wrong(key, &e))?;
     let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
-        .and_then(|builder| builder.with_no_client_auth().with_single_cert(certificates, private))
+        .and_then(|builder| {
+            builder
+                .with_no_client_auth()
+                .with_single_cert(certificates, private)
+        })
         .map_err(|e| wrong(certificate, &e))?;
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
@@ -41,12 +47,14 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, GatewayEr
 /// # Errors
 /// Names that are none, a folder that cannot be written, files that are there already.
 pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], GatewayError> {
-    let pair = rcgen::generate_simple_self_signed(names.to_vec()).map_err(|e| GatewayError::Unfit(format!("{}: {e}", names.join(", "))))?;
+    let pair = rcgen::generate_simple_self_signed(names.to_vec())
+        .map_err(|e| GatewayError::Unfit(format!("{}: {e}", names.join(", "))))?;
     let [certificate, key] = ["certificate.pem", "key.pem"].map(|name| dir.join(name));
     let write = |path: &Path, mode: u32, text: &str| {
         let mut options = OpenOptions::new();
         let file = options.write(true).create_new(true).mode(mode).open(path);
-        file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|e| GatewayError::system(path.display().to_string(), e))
+        file.and_then(|mut file| file.write_all(text.as_bytes()))
+            .map_err(|e| GatewayError::system(path.display().to_string(), e))
     };
     std::fs::create_dir_all(dir).map_err(|e| GatewayError::system(dir.display().to_string(), e))?;
     write(&key, 0o600, &pair.signing_key.serialize_pem())?;

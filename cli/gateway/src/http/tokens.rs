@@ -64,7 +64,11 @@ impl Tokens {
     /// # Errors
     /// A file that others may read, or with wrong lines.
     pub fn load(configured: Option<&Path>) -> Result<Self, GatewayError> {
-        let credential = || std::env::var_os("CREDENTIALS_DIRECTORY").map(|dir| PathBuf::from(dir).join("tokens")).filter(|path| path.exists());
+        let credential = || {
+            std::env::var_os("CREDENTIALS_DIRECTORY")
+                .map(|dir| PathBuf::from(dir).join("tokens"))
+                .filter(|path| path.exists())
+        };
         match configured.map(Path::to_owned).or_else(credential) {
             Some(path) => Self::read(&path),
             None => Ok(Self::default()),
@@ -73,13 +77,23 @@ impl Tokens {
 
     fn read(path: &Path) -> Result<Self, GatewayError> {
         let file = path.display().to_string();
-        let failed = |source| GatewayError::Read { file: file.clone(), source };
-        let mode = std::fs::metadata(path).map_err(failed)?.permissions().mode();
+        let failed = |source| GatewayError::Read {
+            file: file.clone(),
+            source,
+        };
+        let mode = std::fs::metadata(path)
+            .map_err(failed)?
+            .permissions()
+            .mode();
         if mode & 0o077 != 0 {
-            return Err(GatewayError::Unfit(format!("{file}: found mode {:03o}, expected 600: others may read the tokens", mode & 0o777)));
+            return Err(GatewayError::Unfit(format!(
+                "{file}: found mode {:03o}, expected 600: others may read the tokens",
+                mode & 0o777
+            )));
         }
         let text = std::fs::read_to_string(path).map_err(failed)?;
-        Self::parse(&text).map_err(|(line, what)| GatewayError::Unfit(format!("{file}:{line}: {what}")))
+        Self::parse(&text)
+            .map_err(|(line, what)| GatewayError::Unfit(format!("{file}:{line}: {what}")))
     }
 
     /// Takes lines `NAME ROLE TOKEN`; `#` begins a comment.
@@ -96,7 +110,10 @@ impl Tokens {
             let wrong = |what: &str| (index + 1, what.to_owned());
             let words: Vec<&str> = line.split_whitespace().collect();
             let [name, role, token] = words[..] else {
-                return Err(wrong(&format!("found {} words, expected NAME ROLE TOKEN", words.len())));
+                return Err(wrong(&format!(
+                    "found {} words, expected NAME ROLE TOKEN",
+                    words.len()
+                )));
             };
             let role = match role {
                 "view" => Role::View,
@@ -104,14 +121,25 @@ impl Tokens {
                 _ => return Err(wrong("found another role, expected view or operate")),
             };
             if !is_long_enough(token) {
-                return Err(wrong("expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"));
+                return Err(wrong(
+                    "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits",
+                ));
             }
             if holders.iter().any(|(holder, _)| holder.name == name) {
                 return Err(wrong("this name stands twice"));
             }
-            holders.push((Holder { name: name.to_owned(), role }, hash(token)));
+            holders.push((
+                Holder {
+                    name: name.to_owned(),
+                    role,
+                },
+                hash(token),
+            ));
         }
-        Ok(Self { holders, wrong: Mutex::default() })
+        Ok(Self {
+            holders,
+            wrong: Mutex::default(),
+        })
     }
 
     /// Whether there is no token.
@@ -150,7 +178,9 @@ impl Tokens {
 
     fn is_blocked(&self, from: IpAddr) -> bool {
         let wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
-        wrong.get(&from).is_some_and(|(count, since)| *count >= WRONG && since.elapsed() < WRONG_IN)
+        wrong
+            .get(&from)
+            .is_some_and(|(count, since)| *count >= WRONG && since.elapsed() < WRONG_IN)
     }
 
     fn count_wrong(&self, from: IpAddr) {

@@ -1,0 +1,160 @@
+//! One controller with its guard, as a cycle sees it.
+
+use std::time::{Duration, Instant};
+
+use volcomp_guard::{AxisValues, Guard, Inputs, MAX_AXES, Output, Reading, Reasons, Request};
+use volcomp_port::{Controller, Fault, Snapshot};
+
+use crate::cycle::Asked;
+
+/// Another gateway is believed for so long after it was seen.
+const OTHER_GATEWAY_FOR: Duration = Duration::from_secs(5);
+
+/// One controller with its guard.
+pub struct ControlPath {
+    /// The controller.
+    pub controller: Box<dyn Controller>,
+    /// Its guard.
+    pub guard: Guard,
+    /// For each of its axes the place in the machine.
+    pub machine_axis: [usize; MAX_AXES],
+    /// Machine axes that stand where the configuration says, mm and rad.
+    pub fixed: [Option<f64>; MAX_AXES],
+    /// Paths with the same number replace one another.
+    pub channel: u32,
+    /// What is always to be told of it: unwatched, blind to others.
+    pub notes: Reasons,
+    reading: Option<Snapshot>,
+    /// Positions without correction, as they held.
+    positions: AxisValues,
+    taken: Option<Duration>,
+    other_gateway: Option<Duration>,
+}
+
+impl ControlPath {
+    /// A path before its first cycle.
+    pub fn new(
+        controller: Box<dyn Controller>,
+        guard: Guard,
+        machine_axis: [usize; MAX_AXES],
+        fixed: [Option<f64>; MAX_AXES],
+        channel: u32,
+        notes: Reasons,
+    ) -> Self {
+        Self {
+            controller,
+            guard,
+            machine_axis,
+            fixed,
+            channel,
+            notes,
+            reading: None,
+            positions: [0.0; MAX_AXES],
+            taken: None,
+            other_gateway: None,
+        }
+    }
+
+    /// How many axes it has.
+    pub(crate) fn count(&self) -> usize {
+        self.guard.limits().count
+    }
+
+    /// Its place of a machine axis.
+    pub(crate) fn place_of(&self, machine_axis: usize) -> Option<usize> {
+        (0..self.count()).find(|&i| self.machine_axis[i] == machine_axis)
+    }
+
+    /// Where it last saw a machine axis, and when.
+    pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
+        let place = self.place_of(machine_axis)?;
+        Some((self.positions[place], self.taken?))
+    }
+
+    /// Its correction of a machine axis.
+    pub(crate) fn output_of(&self, machine_axis: usize) -> f64 {
+        let place = self.place_of(machine_axis);
+        place.map_or(0.0, |place| self.guard.output()[place])
+    }
+
+    /// Whether its positions are young enough to correct with.
+    pub(crate) fn is_fresh(&self, now: Duration) -> bool {
+        let young = |taken| now.saturating_sub(taken) <= self.guard.limits().hold;
+        self.taken.is_some_and(young)
+    }
+
+    /// It answered in this cycle, and neither reference, alarm nor emergency stop stand against correcting.
+    pub(crate) fn is_free(&self) -> bool {
+        let free = |reading: &Snapshot| {
+            let state = reading.state;
+            state.referenced && !state.alarm && !state.emergency_stop
+        };
+        self.reading.as_ref().is_some_and(free)
+    }
+
+    /// Whether it was asked in this cycle what it has applied, and said so.
+    pub(crate) fn held_is_known(&self) -> bool {
+        self.reading
+            .is_some_and(|reading| reading.applied.is_some())
+    }
+
+    /// Asks the controller. `start` is when the cycle's clock began. Whether it answered.
+    pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
+        let read = self.controller.read(deadline);
+        if read == Err(Fault::OtherGateway) {
+            self.other_gateway = Some(now);
+        }
+        self.reading = read.ok();
+        let Some(snapshot) = self.reading else {
+            return false;
+        };
+        let applied = snapshot.applied.unwrap_or_else(|| self.guard.output());
+        let limits = self.guard.limits();
+        let reported = snapshot.positions.iter().zip(&applied);
+        for ((position, (reported, applied)), limits) in
+            self.positions.iter_mut().zip(reported).zip(&limits.axes)
+        {
+            let contained = if limits.includes_correction {
+                *applied
+            } else {
+                0.0
+            };
+            *position = reported - contained;
+        }
+        let used = self.positions.iter().take(limits.count);
+        if used.into_iter().all(|position| position.is_finite()) {
+            self.taken = Some(snapshot.taken.saturating_duration_since(start));
+        }
+        true
+    }
+
+    /// What the guard makes of this cycle. `oldest` is when the positions held that `target` depends on.
+    pub(crate) fn guarded(
+        &mut self,
+        now: Duration,
+        oldest: Option<Duration>,
+        target: Option<AxisValues>,
+        request: Option<Request>,
+        asked: &Asked,
+    ) -> Output {
+        let reading = self.reading.map(|snapshot| Reading {
+            taken: oldest.or(self.taken).unwrap_or_default(),
+            positions: snapshot.positions,
+            applied: snapshot.applied,
+            referenced: snapshot.state.referenced,
+            alarm: snapshot.state.alarm,
+            emergency_stop: snapshot.state.emergency_stop,
+        });
+        let seen_lately = |seen| now.saturating_sub(seen) < OTHER_GATEWAY_FOR;
+        let other = Reasons::OTHER_GATEWAY.when(self.other_gateway.is_some_and(seen_lately));
+        let mut output = self.guard.cycle(&Inputs {
+            now,
+            reading,
+            target,
+            request,
+            forbids: asked.forbids | other,
+        });
+        output.reasons |= other | self.notes;
+        output
+    }
+}

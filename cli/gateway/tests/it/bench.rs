@@ -1,0 +1,206 @@
+//! A cycle on a simulated machine whose time a test counts.
+
+use std::{
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+use assert_no_alloc::assert_no_alloc;
+use volcomp_gateway::{
+    assemble::{self, PathConfig},
+    config::GuardConfig,
+    cycle::{Asked, Cycle, Sensors},
+    model::Model,
+    path::ControlPath,
+    report::Report,
+    simulate::{self, Simulation, Truth},
+};
+use volcomp_guard::{Reasons, Request};
+use volcomp_port::{
+    AxisValues, Clock, Controller, Description, Fault, Snapshot, Thermometer, simulated::Controls,
+};
+
+pub(crate) const PERIOD: Duration = Duration::from_millis(4);
+
+/// A controller that a test can look into while the cycle has it.
+pub(crate) struct Watched<C> {
+    pub(crate) inner: C,
+    pub(crate) seen: Arc<Mutex<Seen>>,
+}
+
+/// What was written, and what a test wants to go wrong.
+#[derive(Default)]
+pub(crate) struct Seen {
+    pub(crate) applied: AxisValues,
+    pub(crate) writes: u64,
+    /// Added to what is read.
+    pub(crate) offset: AxisValues,
+    pub(crate) fault: Option<Fault>,
+    /// Writes go nowhere.
+    pub(crate) deaf: bool,
+}
+
+impl<C: Controller> Controller for Watched<C> {
+    fn description(&self) -> &Description {
+        self.inner.description()
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        let mut snapshot = self.inner.read(deadline)?;
+        let seen = self.seen.lock().expect("no test holds it in a panic");
+        if let Some(fault) = seen.fault {
+            return Err(fault);
+        }
+        for (position, offset) in snapshot.positions.iter_mut().zip(&seen.offset) {
+            *position += offset;
+        }
+        Ok(snapshot)
+    }
+
+    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+        let mut seen = self.seen.lock().expect("no test holds it in a panic");
+        seen.writes += 1;
+        if seen.deaf {
+            return Ok(());
+        }
+        seen.applied = *corrections;
+        self.inner.apply(corrections, deadline)
+    }
+}
+
+/// A cycle, its machine and time.
+pub(crate) struct Bench {
+    pub(crate) cycle: Cycle,
+    pub(crate) clock: Clock,
+    pub(crate) controls: Arc<Controls>,
+    pub(crate) truth: Truth,
+    pub(crate) seen: Arc<Mutex<Seen>>,
+    pub(crate) forbids: Reasons,
+}
+
+pub(crate) fn path_config() -> PathConfig {
+    PathConfig {
+        fixed: Vec::new(),
+        unwatched: false,
+        proves: true,
+        position_step: 0.0,
+        read_back_cycles: 1,
+    }
+}
+
+impl Bench {
+    /// The built-in simulation, with the thermometer made into another.
+    pub(crate) fn with(
+        guard: &GuardConfig,
+        thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
+    ) -> Self {
+        let clock = Clock::manual();
+        let simulation = Simulation::new(clock.clone()).expect("built in");
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let controller = Watched {
+            inner: simulation.controller,
+            seen: Arc::clone(&seen),
+        };
+        let model = Model::new(&simulation.model, guard.fading).expect("built in");
+        let path = assemble::path(
+            Box::new(controller),
+            &model,
+            guard,
+            &path_config(),
+            PERIOD,
+            &mut Vec::new(),
+        )
+        .expect("built in");
+        Self {
+            cycle: cycle(
+                model,
+                vec![path],
+                guard,
+                thermometer(Box::new(simulation.thermometer)),
+                &clock,
+            ),
+            clock,
+            controls: simulation.controls,
+            truth: simulation.truth,
+            seen,
+            forbids: Reasons::NONE,
+        }
+    }
+
+    pub(crate) fn new() -> Self {
+        Self::with(&simulate::guard(), |thermometer| thermometer)
+    }
+
+    /// Armed, its ramp passed.
+    pub(crate) fn compensating() -> Self {
+        let mut bench = Self::new();
+        bench.run(Duration::from_millis(100));
+        bench.request(Request::Arm);
+        let report = bench.run(Duration::from_secs(1));
+        assert_eq!(report.state.name(), "compensating");
+        bench
+    }
+
+    /// One cycle, on which nothing is allocated.
+    pub(crate) fn step(&mut self, dt: Duration, request: Option<Request>) -> Report {
+        self.clock.advance(dt);
+        let asked = Asked {
+            request,
+            forbids: self.forbids,
+            notes: Reasons::NONE,
+        };
+        let now = self.clock.now();
+        assert_no_alloc(|| {
+            self.cycle.run(now, &asked, &mut || Duration::ZERO);
+        });
+        *self.cycle.report()
+    }
+
+    pub(crate) fn request(&mut self, request: Request) -> Report {
+        self.step(PERIOD, Some(request))
+    }
+
+    pub(crate) fn run(&mut self, time: Duration) -> Report {
+        let end = self.clock.elapsed() + time;
+        let mut report = self.step(PERIOD, None);
+        while self.clock.elapsed() < end {
+            report = self.step(PERIOD, None);
+        }
+        report
+    }
+
+    pub(crate) fn applied(&self) -> AxisValues {
+        self.seen
+            .lock()
+            .expect("no test holds it in a panic")
+            .applied
+    }
+
+    /// Runs and gives the largest change of a correction between two cycles, mm.
+    pub(crate) fn largest_step(&mut self, time: Duration) -> f64 {
+        let end = self.clock.elapsed() + time;
+        let (mut before, mut largest) = (self.applied(), 0.0_f64);
+        while self.clock.elapsed() < end {
+            self.step(PERIOD, None);
+            let now = self.applied();
+            let changes = now.iter().zip(&before).map(|(a, b)| (a - b).abs());
+            largest = changes.fold(largest, f64::max);
+            before = now;
+        }
+        largest
+    }
+}
+
+pub(crate) fn cycle(
+    model: Model,
+    paths: Vec<ControlPath>,
+    guard: &GuardConfig,
+    thermometer: Box<dyn Thermometer>,
+    clock: &Clock,
+) -> Cycle {
+    let sensors = Sensors {
+        thermometers: vec![thermometer],
+        limits: assemble::sensor_limits(guard),
+    };
+    Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD).with_start(clock.start())
+}

@@ -1,0 +1,158 @@
+//! Arming, following, fallback.
+
+use std::{
+    sync::{Arc, Mutex},
+    time::Duration,
+};
+
+use volcomp_gateway::{
+    assemble::{self, PathConfig},
+    model::Model,
+    simulate::{self, Simulation},
+};
+use volcomp_guard::{Reasons, Request};
+use volcomp_port::{Clock, Controller, Fault};
+
+use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+#[test]
+fn it_arms_follows_and_disarms_without_a_step() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.run(SECOND / 2).state.name(), "disarmed");
+    assert_eq!(
+        bench.seen.lock().unwrap().writes,
+        0,
+        "nothing is written while disarmed"
+    );
+    bench.request(Request::Arm);
+    // 500 um/s in 4 ms and one step.
+    let allowed = 0.003 + 1e-9;
+    assert!(bench.largest_step(20 * SECOND) <= allowed);
+    let report = bench.run(PERIOD);
+    assert_eq!(report.state.name(), "compensating");
+    for axis in 0..3 {
+        assert!(
+            (report.wanted[axis] - report.correction[axis]).abs() < 0.002,
+            "{report:?}"
+        );
+    }
+    bench.request(Request::Disarm);
+    assert!(bench.largest_step(2 * SECOND) <= allowed);
+    assert_eq!(bench.run(PERIOD).state.name(), "disarmed");
+    assert_eq!(bench.applied(), [0.0; 9]);
+}
+
+#[test]
+fn temperatures_reach_the_correction() {
+    let mut bench = Bench::compensating();
+    let cold = bench.run(PERIOD).wanted;
+    // An hour later the machine is warm; once more through the program to the same place.
+    bench.run(3600 * SECOND);
+    let report = bench.run(PERIOD);
+    assert!(report.sensors[2].degc.is_some_and(|degc| degc > 28.0));
+    assert!(
+        (report.wanted[2] - cold[2]).abs() > 0.01,
+        "{cold:?} {report:?}"
+    );
+}
+
+/// Two controllers: the second stands in, and hands back.
+struct Two {
+    bench: Bench,
+    second: Arc<Mutex<Seen>>,
+}
+
+fn two(same_channel: bool) -> Two {
+    let clock = Clock::manual();
+    let guard = simulate::guard();
+    let (first, second) = (
+        Simulation::new(clock.clone()).expect("built in"),
+        Simulation::new(clock.clone()).expect("built in"),
+    );
+    let model = Model::new(&first.model, guard.fading).expect("built in");
+    let mut seen = Vec::new();
+    let mut channels = Vec::new();
+    let mut paths = Vec::new();
+    for (index, controller) in [first.controller, second.controller]
+        .into_iter()
+        .enumerate()
+    {
+        seen.push(Arc::new(Mutex::new(Seen::default())));
+        let controller: Box<dyn Controller> = Box::new(Watched {
+            inner: controller,
+            seen: Arc::clone(&seen[index]),
+        });
+        let config = PathConfig {
+            proves: false,
+            ..path_config()
+        };
+        let mut path = assemble::path(controller, &model, &guard, &config, PERIOD, &mut channels)
+            .expect("built in");
+        path.channel = if same_channel {
+            0
+        } else {
+            u32::try_from(index).expect("two")
+        };
+        paths.push(path);
+    }
+    let bench = Bench {
+        cycle: cycle(model, paths, &guard, Box::new(first.thermometer), &clock),
+        clock,
+        controls: first.controls,
+        truth: first.truth,
+        seen: seen.remove(0),
+        forbids: Reasons::NONE,
+    };
+    let mut two = Two {
+        bench,
+        second: seen.remove(0),
+    };
+    two.bench.request(Request::Arm);
+    assert_eq!(two.bench.run(SECOND).state.name(), "compensating");
+    two
+}
+
+#[test]
+fn the_fallback_takes_over_and_hands_back() {
+    let Two { mut bench, second } = two(true);
+    bench.seen.lock().unwrap().fault = Some(Fault::TimedOut);
+    let report = bench.run(2 * SECOND);
+    assert_eq!((report.state.name(), report.active), ("compensating", 1));
+    assert!(report.reasons.contains(Reasons::FALLBACK));
+    assert!((second.lock().unwrap().applied[0] - report.wanted[0]).abs() < 0.002);
+    bench.seen.lock().unwrap().fault = None;
+    assert_eq!(bench.run(SECOND).active, 1, "not yet");
+    let report = bench.run(5 * SECOND);
+    assert_eq!((report.state.name(), report.active), ("compensating", 0));
+    assert_eq!(second.lock().unwrap().applied, [0.0; 9], "it lets go");
+}
+
+/// Channels that add: while nobody knows what the silent one holds, the other must not add to it.
+#[test]
+fn an_adding_channel_does_not_take_over_from_an_unknown_one() {
+    let Two { mut bench, second } = two(false);
+    bench.seen.lock().unwrap().fault = Some(Fault::TimedOut);
+    let report = bench.run(200 * PERIOD);
+    assert_eq!(report.active, 0);
+    assert!(report.reasons.contains(Reasons::OTHER_CHANNEL_UNKNOWN));
+    assert_eq!(second.lock().unwrap().applied, [0.0; 9]);
+}
+
+/// Channels that add, the first one's positions without a fresh time: what it holds is known, so the second takes
+/// the rest, and the sum stays what is wanted.
+#[test]
+fn adding_channels_keep_their_sum() {
+    let Two { mut bench, second } = two(false);
+    let held = bench.applied();
+    bench.seen.lock().unwrap().offset[0] = f64::NAN;
+    let report = bench.run(400 * PERIOD);
+    assert_eq!((report.state.name(), report.active), ("compensating", 1));
+    let first = bench.applied();
+    let sum = first[0] + second.lock().unwrap().applied[0];
+    assert!(
+        (sum - report.wanted[0]).abs() < 0.003,
+        "{sum} {report:?} {held:?}"
+    );
+}

@@ -1,0 +1,275 @@
+//! One fault each, injected into the cycle, and what becomes of the correction.
+
+use std::{sync::atomic::Ordering, time::Duration};
+
+use volcomp_gateway::simulate;
+use volcomp_guard::{Reasons, Request};
+use volcomp_port::{Fault, Reason, Temperature, Thermometer};
+
+use crate::bench::{Bench, PERIOD};
+
+const SECOND: Duration = Duration::from_secs(1);
+/// 500 um/s in 4 ms and one step.
+const ONE_CYCLE_MM: f64 = 0.003 + 1e-9;
+
+#[test]
+fn a_silent_controller_is_held_then_ramped_in_from_what_it_has() {
+    let mut bench = Bench::compensating();
+    for fault in [
+        Fault::TimedOut,
+        Fault::NotConnected,
+        Fault::Disconnected,
+        Fault::Protocol("garbage"),
+    ] {
+        bench.seen.lock().unwrap().fault = Some(fault);
+        let report = bench.run(SECOND / 10);
+        assert_eq!(report.state.name(), "holding");
+        assert!(
+            report
+                .reasons
+                .contains(Reasons::NO_CONTROLLER | Reasons::POSITIONS_STALE)
+        );
+        let writes = bench.seen.lock().unwrap().writes;
+        assert!(bench.run(SECOND).reasons.contains(Reasons::POSITIONS_LOST));
+        assert_eq!(
+            bench.seen.lock().unwrap().writes,
+            writes,
+            "nothing is written blindly"
+        );
+        bench.seen.lock().unwrap().fault = None;
+        assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
+        assert_eq!(bench.run(PERIOD).state.name(), "compensating");
+    }
+}
+
+#[test]
+fn a_rebooted_controller_with_its_shift_cleared_is_ramped_in_from_zero() {
+    let mut bench = Bench::compensating();
+    bench.seen.lock().unwrap().fault = Some(Fault::NotConnected);
+    bench.run(3 * SECOND);
+    bench.controls.clear_applied.store(true, Ordering::Relaxed);
+    bench.seen.lock().unwrap().fault = None;
+    let report = bench.step(PERIOD, None);
+    assert_eq!(report.state.name(), "arming");
+    assert!(
+        bench.applied().iter().all(|x| x.abs() <= ONE_CYCLE_MM),
+        "{:?}",
+        bench.applied()
+    );
+    assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
+    assert_eq!(bench.run(PERIOD).state.name(), "compensating");
+}
+
+#[test]
+fn a_frozen_position_keeps_its_correction() {
+    let mut bench = Bench::compensating();
+    bench.run(2 * SECOND);
+    bench.controls.frozen.store(true, Ordering::Relaxed);
+    bench.run(2 * SECOND);
+    let held = bench.applied();
+    bench.run(3 * SECOND);
+    // The machine goes on warming up: one step.
+    let now = bench.applied();
+    let moved = now.iter().zip(&held).map(|(a, b)| (a - b).abs());
+    assert!(
+        moved.fold(0.0, f64::max) <= 0.001 + 1e-9,
+        "{now:?} {held:?}"
+    );
+    bench.controls.frozen.store(false, Ordering::Relaxed);
+    assert!(
+        bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM,
+        "no jump when it goes on"
+    );
+}
+
+#[test]
+fn a_jumping_position_is_slewed() {
+    let mut bench = Bench::compensating();
+    for offset in [4000.0, -4000.0, 1e6, -1e9] {
+        bench.seen.lock().unwrap().offset[0] = offset;
+        assert!(bench.largest_step(SECOND) <= ONE_CYCLE_MM);
+        assert!(bench.applied().iter().all(|x| x.abs() <= 0.250 + 1e-9));
+    }
+}
+
+#[test]
+fn a_position_that_is_no_number_is_held_then_ramped_out() {
+    let mut bench = Bench::compensating();
+    bench.seen.lock().unwrap().offset[1] = f64::NAN;
+    let report = bench.run(SECOND / 10);
+    assert_eq!(report.state.name(), "holding");
+    assert!(report.reasons.contains(Reasons::NOT_A_NUMBER));
+    assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
+    assert_eq!(bench.applied(), [0.0; 9]);
+}
+
+#[test]
+fn a_write_that_does_not_stick_is_a_fault_until_acknowledged() {
+    let mut bench = Bench::compensating();
+    bench.seen.lock().unwrap().deaf = true;
+    let report = bench.run(10 * SECOND);
+    assert_eq!(report.state.name(), "faulted");
+    assert!(report.reasons.contains(Reasons::DOES_NOT_STICK));
+    assert_eq!(
+        bench.request(Request::Acknowledge).state.name(),
+        "faulted",
+        "the cause is still there"
+    );
+    bench.seen.lock().unwrap().deaf = false;
+    bench.run(2 * SECOND);
+    assert_eq!(bench.request(Request::Acknowledge).state.name(), "disarmed");
+}
+
+#[test]
+fn a_second_gateway_keeps_this_one_from_arming() {
+    let mut bench = Bench::new();
+    bench.run(SECOND);
+    bench.seen.lock().unwrap().fault = Some(Fault::OtherGateway);
+    bench.step(PERIOD, None);
+    bench.seen.lock().unwrap().fault = None;
+    bench.run(SECOND / 10);
+    let report = bench.request(Request::Arm);
+    assert_eq!(report.state.name(), "disarmed");
+    assert!(report.reasons.contains(Reasons::OTHER_GATEWAY));
+    bench.run(6 * SECOND);
+    assert_eq!(
+        bench.request(Request::Arm).state.name(),
+        "arming",
+        "it is gone"
+    );
+}
+
+#[test]
+fn interlocks_stop_writing() {
+    let mut bench = Bench::compensating();
+    let controls = std::sync::Arc::clone(&bench.controls);
+    for switch in [
+        &controls.emergency_stop,
+        &controls.alarm,
+        &controls.unreferenced,
+    ] {
+        switch.store(true, Ordering::Relaxed);
+        let report = bench.run(PERIOD * 2);
+        assert_eq!(report.state.name(), "holding");
+        let writes = bench.seen.lock().unwrap().writes;
+        bench.run(SECOND);
+        assert_eq!(bench.seen.lock().unwrap().writes, writes);
+        switch.store(false, Ordering::Relaxed);
+        assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
+        assert_eq!(bench.run(PERIOD).state.name(), "compensating");
+    }
+}
+
+#[test]
+fn a_starved_processor_makes_no_step() {
+    let mut bench = Bench::compensating();
+    for gap_ms in [7, 40, 300, 2000, 60_000] {
+        let before = bench.applied();
+        bench.step(Duration::from_millis(gap_ms), None);
+        let after = bench.applied();
+        // Five cycles at the most.
+        let allowed = 0.5 * 0.020 + 0.001 + 1e-9;
+        assert!(
+            before
+                .iter()
+                .zip(&after)
+                .all(|(a, b)| (a - b).abs() <= allowed),
+            "{gap_ms} ms"
+        );
+        assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
+        assert_eq!(bench.run(PERIOD).state.name(), "compensating");
+    }
+}
+
+/// What a reading becomes.
+type Spoil = fn(&Temperature) -> Temperature;
+
+/// Readings that go bad after a minute: of one sensor, or of all.
+struct Spoiled {
+    inner: Box<dyn Thermometer>,
+    sensor: Option<usize>,
+    spoil: Spoil,
+    start: std::time::Instant,
+    latest: Vec<Temperature>,
+}
+
+impl Thermometer for Spoiled {
+    fn device(&self) -> &str {
+        self.inner.device()
+    }
+
+    fn names(&self) -> &[String] {
+        self.inner.names()
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        self.latest.clear();
+        self.latest.extend_from_slice(self.inner.latest());
+        for (index, temperature) in self.latest.iter_mut().enumerate() {
+            let age = temperature
+                .taken
+                .map(|taken| taken.saturating_duration_since(self.start));
+            if age > Some(60 * SECOND) && self.sensor.is_none_or(|sensor| sensor == index) {
+                *temperature = (self.spoil)(temperature);
+            }
+        }
+        &self.latest
+    }
+}
+
+fn spoiled(sensor: Option<usize>, spoil: Spoil) -> Bench {
+    let mut bench = Bench::with(&simulate::guard(), |inner| {
+        let latest = Vec::with_capacity(inner.names().len());
+        let start = std::time::Instant::now();
+        Box::new(Spoiled {
+            inner,
+            sensor,
+            spoil,
+            start,
+            latest,
+        })
+    });
+    bench.run(SECOND / 2);
+    bench.request(Request::Arm);
+    assert!(!bench.run(50 * SECOND).reasons.contains(Reasons::DEGRADED));
+    bench
+}
+
+fn bad(t: &Temperature, reason: Reason) -> Temperature {
+    Temperature::bad(reason, t.taken.expect("it was read"))
+}
+
+fn with(t: &Temperature, degc: f64) -> Temperature {
+    Temperature {
+        degc: Some(degc),
+        ..*t
+    }
+}
+
+/// The correction stays smooth, the state compensating, the reason `degraded`; the other sensors still count.
+#[test]
+fn bad_temperatures_are_left_out_and_told() {
+    let spindle = Some(2);
+    let broken: [(&str, Option<usize>, Spoil); 6] = [
+        ("NaN", spindle, |t| with(t, f64::NAN)),
+        ("break", spindle, |t| bad(t, Reason::Open)),
+        ("short", spindle, |t| bad(t, Reason::Short)),
+        ("jump", spindle, |t| with(t, 60.0)),
+        ("850 degC", spindle, |t| with(t, 850.0)),
+        ("all lost", None, |t| bad(t, Reason::NoAnswer)),
+    ];
+    for (name, sensor, spoil) in broken {
+        let mut bench = spoiled(sensor, spoil);
+        assert!(bench.largest_step(20 * SECOND) <= ONE_CYCLE_MM, "{name}");
+        let report = bench.run(PERIOD);
+        assert_eq!(report.state.name(), "compensating", "{name}");
+        assert!(report.reasons.contains(Reasons::DEGRADED), "{name}");
+        assert!(
+            report.sensors[2].degc.is_none() && report.sensors[2].flaw > 0,
+            "{name}"
+        );
+        assert_eq!(report.sensors[0].degc.is_none(), sensor.is_none(), "{name}");
+        // Held for five minutes, faded in ten more: never a jump.
+        assert!(bench.largest_step(900 * SECOND) <= ONE_CYCLE_MM, "{name}");
+    }
+}

@@ -1,0 +1,13 @@
+//! The gateway: its cycle on a simulated machine, and the program as others see it.
+
+mod bench;
+mod cycle;
+mod faults;
+mod http;
+mod process;
+mod reload;
+mod volume;
+
+/// Ends the run on an allocation where one is forbidden.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
