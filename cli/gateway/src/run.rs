@@ -117,11 +117,10 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         operations: AtomicU64::new(0),
         streams: AtomicUsize::new(0),
     };
-    let runtime = serve(listener, tls, dashboard)?;
     let parts = Parts {
         handle,
         forbids: Reasons::NO_LIMITS.when(config.guard.is_none()),
-        config_file: options.config.clone(),
+        options: options.clone(),
         controllers,
         sensors,
         model,
@@ -131,6 +130,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     };
     let mut service = Service::new(parts, publisher, asked);
     service.started(&found);
+    let runtime = serve(listener, tls, dashboard)?;
     println!("listening on {scheme}://{address}");
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     until_stopped(&mut service, &asks)?;
@@ -172,7 +172,8 @@ fn until_stopped(
     }
 }
 
-fn configuration(options: &Options) -> Result<Config, GatewayError> {
+/// The configuration with what the call says instead.
+pub(crate) fn configuration(options: &Options) -> Result<Config, GatewayError> {
     let mut config = match &options.config {
         Some(path) => Config::read(path)?,
         None => simulate::config(),

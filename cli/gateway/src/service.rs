@@ -21,6 +21,7 @@ use crate::{
     model::Model,
     realtime::{Handle, Order},
     report::Report,
+    run::{Options, configuration},
     simulate::Truth,
     times::Times,
 };
@@ -99,10 +100,10 @@ pub fn published(model: Arc<Model>) -> (Publisher, Published) {
 pub struct Parts {
     /// The control thread.
     pub handle: Handle,
-    /// The configuration and the file it came from.
+    /// How it was called.
+    pub options: Options,
+    /// The configuration.
     pub config: Config,
-    /// The file; `None`: built in.
-    pub config_file: Option<PathBuf>,
     /// The controllers, in order.
     pub controllers: Vec<Description>,
     /// Names of the temperatures.
@@ -173,6 +174,7 @@ impl Service {
             .map(|(line, aside)| json!({ "line": line, "aside": aside.display().to_string() }));
         let details = json!({ "records": found.records, "cut_bytes": found.cut_bytes, "broken": broken, "version": env!("CARGO_PKG_VERSION") });
         self.log("gateway", "started", &details);
+        self.look();
     }
 
     /// One turn: takes what was asked, writes down what happened, publishes. Waits for a request up to 50 ms.
@@ -472,12 +474,11 @@ impl Service {
     }
 
     fn try_reload(&mut self, who: &str, confirm: Option<&str>) -> Result<Answer, GatewayError> {
-        let Some(file) = self.parts.config_file.clone() else {
-            return Err(GatewayError::Unfit(
-                "the built-in configuration cannot be read again".to_owned(),
-            ));
-        };
-        let config = Config::read(&file)?;
+        if self.parts.options.config.is_none() {
+            let what = "the built-in configuration cannot be read again";
+            return Err(GatewayError::Unfit(what.to_owned()));
+        }
+        let config = configuration(&self.parts.options)?;
         let old = &self.parts.config;
         let same = |a: bool, what: &str| {
             if a {

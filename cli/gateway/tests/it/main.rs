@@ -5,6 +5,7 @@ mod cycle;
 mod faults;
 mod http;
 mod process;
+mod program;
 mod reload;
 mod volume;
 

@@ -1,1 +1,131 @@
-//! To come.
+//! Configuration and machine file read again while it corrects.
+
+use std::{path::Path, time::Duration};
+
+use crate::{
+    process::{configuration, control},
+    program::{Program, path},
+};
+
+fn change(file: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(file).expect("readable");
+    assert!(text.contains(from), "{from}");
+    std::fs::write(file, text.replace(from, to)).expect("writable");
+}
+
+#[test]
+fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let machine = dir.path().join("machine.toml");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let before = program.wait_for("compensating");
+    assert_eq!(before["correction_um"]["Y"], -20.0);
+    // 5 um at every corner: nobody is asked.
+    change(&machine, "EYX = 20.0", "EYX = 25.0");
+    program.signal("HUP");
+    program
+        .wait(|state| state["correction_um"]["Y"] == -25.0)
+        .expect("the new model");
+    let arming = |program: &Program| program.log().matches("state=\"arming\"").count();
+    assert_eq!(arming(&program), 2, "through the ramp: {}", program.log());
+    // 75 um: 409, and then with the hash.
+    change(&machine, "EYX = 25.0", "EYX = 100.0");
+    let asked = program.post("/api/reload", "");
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let asked = asked.json();
+    assert!((asked["worst_corner_um"].as_f64().expect("a number") - 75.0).abs() < 0.1);
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(
+        program.state()["correction_um"]["Y"],
+        -25.0,
+        "nothing happened"
+    );
+    assert_eq!(
+        program
+            .post("/api/reload", "{\"confirm\": \"sha256:00\"}")
+            .status,
+        409
+    );
+    let confirmed = program.post(
+        "/api/reload",
+        &format!("{{\"confirm\": {}}}", asked["model"]),
+    );
+    assert_eq!(confirmed.status, 200, "{}", confirmed.body);
+    program
+        .wait(|state| state["correction_um"]["Y"] == -100.0)
+        .expect("the new model");
+    // A lower limit is approached, too.
+    change(&config, "limit_um = 150.0", "limit_um = 50.0");
+    assert_eq!(program.post("/api/reload", "").status, 200);
+    program
+        .wait(|state| state["correction_um"]["Y"] == -50.0)
+        .expect("the new limit");
+    // What cannot change is said, what is wrong is refused, and all goes on.
+    change(&config, "cycle_ms = 4.0", "cycle_ms = 8.0");
+    let refused = program.post("/api/reload", "");
+    assert_eq!(refused.status, 422);
+    assert!(refused.body.contains("cycle_ms"), "{}", refused.body);
+    change(&machine, "travel = [0.0, 250.0]", "travel = [250.0, 0.0]");
+    change(&config, "cycle_ms = 8.0", "cycle_ms = 4.0");
+    let refused = program.post("/api/reload", "");
+    assert!(
+        refused.status == 422 && refused.body.contains("machine.toml"),
+        "{}",
+        refused.body
+    );
+    assert_eq!(program.state()["state"], "compensating");
+}
+
+/// The machine file becomes another machine's between two runs: arming asks.
+#[test]
+fn another_machines_file_is_not_armed_unasked() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let machine = dir.path().join("machine.toml");
+    let arguments = ["--config", path(&config)];
+    {
+        let mut program = Program::start(dir.path(), &arguments);
+        program
+            .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
+            .expect("it runs");
+        assert_eq!(program.post("/api/arm", "").status, 200);
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0));
+    }
+    change(&machine, "EYX = 20.0", "EYX = -80.0");
+    {
+        let program = Program::start(dir.path(), &arguments);
+        program
+            .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
+            .expect("it runs");
+        let asked = program.post("/api/arm", "");
+        assert_eq!(asked.status, 409, "{}", asked.body);
+        let hash = asked.json()["model"].clone();
+        assert_eq!(
+            program
+                .post("/api/arm", &format!("{{\"confirm\": {hash}}}"))
+                .status,
+            200
+        );
+    }
+    // Of other axes: it does not even start.
+    change(&machine, "w X' b Y Z t", "w X' b Y C Z t");
+    change(
+        &machine,
+        "[errors]",
+        "[axes.C]\ntravel = [-180.0, 180.0]\n[errors]",
+    );
+    let program = Program::start(dir.path(), &arguments);
+    program
+        .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
+        .expect("it runs");
+    let refused = program.post("/api/arm", "");
+    assert_eq!(
+        refused.status, 409,
+        "where C stands nobody knows: {}",
+        refused.body
+    );
+}

@@ -1,0 +1,226 @@
+//! The program itself, started and asked over HTTP.
+
+use std::{
+    io::{BufRead, BufReader, Read, Write},
+    net::{SocketAddr, TcpStream},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    time::{Duration, Instant},
+};
+
+use serde_json::Value;
+
+pub(crate) const OPERATE: &str = "0123456789abcdef0123456789abcdef";
+pub(crate) const VIEW: &str = "fedcba9876543210fedcba9876543210";
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A running gateway; ended when it is dropped.
+pub(crate) struct Program {
+    pub(crate) child: Child,
+    pub(crate) address: SocketAddr,
+    log: PathBuf,
+}
+
+/// An answer: status, head, body.
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: String,
+}
+
+impl Answer {
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_str(&self.body).unwrap_or_else(|e| panic!("{e}: {}", self.body))
+    }
+}
+
+/// Tokens of both roles in a folder.
+pub(crate) fn token_file(dir: &Path) -> PathBuf {
+    use std::os::unix::fs::PermissionsExt;
+    let path = dir.join("tokens");
+    std::fs::write(
+        &path,
+        format!("# who may\nanna operate {OPERATE}\nbert view {VIEW}\n"),
+    )
+    .expect("writable");
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).expect("ours");
+    path
+}
+
+impl Program {
+    /// Starts it with these arguments, listening somewhere on loopback.
+    pub(crate) fn start(dir: &Path, arguments: &[&str]) -> Self {
+        Self::spawn(
+            Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")),
+            dir,
+            arguments,
+        )
+    }
+
+    /// Starts it through another command, such as a shell that sets limits.
+    pub(crate) fn spawn(mut command: Command, dir: &Path, arguments: &[&str]) -> Self {
+        let log = dir.join("gateway.log");
+        let file = std::fs::File::options()
+            .create(true)
+            .append(true)
+            .open(&log)
+            .expect("writable");
+        let mut child = command
+            .args(arguments)
+            .args(["--listen", "127.0.0.1:0"])
+            .stdout(Stdio::piped())
+            .stderr(file)
+            .spawn()
+            .expect("it was built for this test");
+        let mut line = String::new();
+        let stdout = child.stdout.take().expect("piped");
+        BufReader::new(stdout).read_line(&mut line).expect("a line");
+        let address = line
+            .trim()
+            .rsplit('/')
+            .next()
+            .and_then(|address| address.parse().ok());
+        let told = || std::fs::read_to_string(&log).unwrap_or_default();
+        let address = address.unwrap_or_else(|| panic!("it says {line:?}: {}", told()));
+        Self {
+            child,
+            address,
+            log,
+        }
+    }
+
+    /// A simulated one with tokens.
+    pub(crate) fn simulated(dir: &Path) -> Self {
+        let tokens = token_file(dir);
+        let audit = dir.join("audit");
+        Self::start(
+            dir,
+            &[
+                "--simulate",
+                "--token-file",
+                path(&tokens),
+                "--audit-dir",
+                path(&audit),
+            ],
+        )
+    }
+
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(&self.log).unwrap_or_default()
+    }
+
+    /// Bytes as they are, and what comes back until the other side closes.
+    pub(crate) fn raw(&self, bytes: &[u8]) -> String {
+        let mut stream = self.connect();
+        // The other side may close in the middle of it.
+        let _ = stream.write_all(bytes);
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    pub(crate) fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(self.address).expect("it listens");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
+        stream
+    }
+
+    pub(crate) fn request(
+        &self,
+        method: &str,
+        path: &str,
+        token: Option<&str>,
+        body: &str,
+    ) -> Answer {
+        let authorization = token.map_or(String::new(), |token| {
+            format!("Authorization: Bearer {token}\r\n")
+        });
+        let text = self.raw(
+            format!(
+                "{method} {path} HTTP/1.1\r\nHost: {}\r\n{authorization}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+                self.address,
+                body.len()
+            )
+            .as_bytes(),
+        );
+        answer(&text)
+    }
+
+    pub(crate) fn get(&self, path: &str) -> Answer {
+        self.request("GET", path, None, "")
+    }
+
+    pub(crate) fn post(&self, path: &str, body: &str) -> Answer {
+        self.request("POST", path, Some(OPERATE), body)
+    }
+
+    pub(crate) fn state(&self) -> Value {
+        self.get("/api/state").json()
+    }
+
+    /// Waits until the state is this.
+    pub(crate) fn wait_for(&self, name: &str) -> Value {
+        self.wait(|state| state["state"] == name)
+            .unwrap_or_else(|last| panic!("not {name}: {last}\n{}", self.log()))
+    }
+
+    pub(crate) fn wait(&self, done: impl Fn(&Value) -> bool) -> Result<Value, Value> {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let state = self.state();
+            if done(&state) {
+                return Ok(state);
+            }
+            if Instant::now() > end {
+                return Err(state);
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Sends a signal by name.
+    pub(crate) fn signal(&self, name: &str) {
+        let sent = Command::new("kill")
+            .args([&format!("-{name}"), &self.child.id().to_string()])
+            .status();
+        assert!(sent.is_ok_and(|status| status.success()));
+    }
+
+    /// Waits for its end: the status.
+    pub(crate) fn end(&mut self) -> Option<i32> {
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            if let Some(status) = self.child.try_wait().expect("ours") {
+                return status.code();
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("it does not end\n{}", self.log());
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+pub(crate) fn answer(text: &str) -> Answer {
+    let (head, body) = text.split_once("\r\n\r\n").unwrap_or((text, ""));
+    let status = head
+        .split_whitespace()
+        .nth(1)
+        .and_then(|status| status.parse().ok())
+        .unwrap_or(0);
+    Answer {
+        status,
+        head: head.to_ascii_lowercase(),
+        body: body.to_owned(),
+    }
+}
+
+pub(crate) fn path(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
