@@ -15,8 +15,6 @@ use crate::{
     report::{MAX_SENSORS, Report, SensorReport},
 };
 
-/// Temperatures are looked at so often.
-const THERMAL_PERIOD: Duration = Duration::from_millis(100);
 /// The last motion of an axis counts from here on: 5 um, and 5e-4 deg.
 const REVERSAL_MM: f64 = 0.005;
 const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
@@ -56,7 +54,6 @@ pub struct Cycle {
     sensor_of_model: Vec<Option<usize>>,
     model_degc: Vec<Option<f64>>,
     degraded: bool,
-    since_thermal: Duration,
     last: Option<Duration>,
     start: Instant,
     period: Duration,
@@ -113,7 +110,6 @@ impl Cycle {
             thermometers: sensors.thermometers,
             sensor_limits: sensors.limits,
             degraded: false,
-            since_thermal: THERMAL_PERIOD,
             last: None,
             start: Instant::now(),
             period,
@@ -166,7 +162,6 @@ impl Cycle {
         std::mem::swap(&mut self.model, &mut replacement.model);
         std::mem::swap(&mut self.sensor_of_model, &mut replacement.sensor_of_model);
         std::mem::swap(&mut self.model_degc, &mut replacement.model_degc);
-        self.since_thermal = THERMAL_PERIOD;
     }
 
     /// Other limits for the path at `index`; refused ones leave the old.
@@ -184,41 +179,45 @@ impl Cycle {
         asked: &Asked,
         own_clock: &mut dyn FnMut() -> Duration,
     ) -> Spent {
-        let begun = own_clock();
         let since_start = now.saturating_duration_since(self.start);
-        let dt = since_start
-            .saturating_sub(self.last.unwrap_or(since_start))
-            .min(self.period * 5);
-        self.last = Some(since_start);
-        let (mut spent, mut exchange_cpu) = (Spent::default(), Duration::ZERO);
-        let (before, wall) = (own_clock(), Instant::now());
+        let last = self.last.replace(since_start).unwrap_or(since_start);
+        let dt = since_start.saturating_sub(last).min(self.period * 5);
         self.read_all(now, since_start);
-        spent.exchange += wall.elapsed();
-        exchange_cpu += own_clock().saturating_sub(before);
+        let (computes, read) = (own_clock(), Instant::now());
         self.thermal(since_start, dt);
         let output = self.decide(since_start, asked);
-        let (before, wall) = (own_clock(), Instant::now());
-        self.write_all(now, &output);
-        spent.exchange += wall.elapsed();
-        exchange_cpu += own_clock().saturating_sub(before);
+        let (computed, writes) = (own_clock(), Instant::now());
+        self.write_all(&output);
+        let (tells, written) = (own_clock(), Instant::now());
         self.tell(since_start, asked, &output);
-        spent.own = own_clock()
-            .saturating_sub(begun)
-            .saturating_sub(exchange_cpu);
-        spent
+        Spent {
+            exchange: read.saturating_duration_since(now) + (written - writes),
+            own: computed.saturating_sub(computes) + own_clock().saturating_sub(tells),
+        }
     }
 
     /// Every controller says where it is, the active one first.
     fn read_all(&mut self, now: Instant, since_start: Duration) {
         let active = self.selector.active();
-        let deadline = now + self.period.mul_f64(0.6);
+        let deadline = now + self.patience(active);
         self.read(active, deadline, since_start);
         for index in 0..self.paths.len() {
             if index != active {
+                // Those that stand by must not hold up the one that corrects.
                 let deadline = Instant::now() + self.period.mul_f64(0.1);
                 self.read(index, deadline, since_start);
             }
         }
+    }
+
+    /// How long an exchange may take. Longer than a cycle where positions may be held for longer: an answer that
+    /// comes late costs a few cycles, a connection that is given up costs many.
+    fn patience(&self, index: usize) -> Duration {
+        let hold = self
+            .paths
+            .get(index)
+            .map_or(Duration::ZERO, |path| path.guard.limits().hold);
+        self.period.mul_f64(0.6).max(hold / 3)
     }
 
     fn read(&mut self, index: usize, deadline: Instant, since_start: Duration) {
@@ -228,14 +227,9 @@ impl Cycle {
         self.report.faults += u64::from(!answered);
     }
 
-    /// Temperatures, their checks, the lags, and the model with them.
+    /// Temperatures, their checks, the lags, and the model with them: in every cycle, since work that is done
+    /// seldom finds nothing of it in the caches and makes the longest cycles.
     fn thermal(&mut self, since_start: Duration, dt: Duration) {
-        self.since_thermal += dt;
-        if self.since_thermal < THERMAL_PERIOD {
-            return;
-        }
-        let dt_s = self.since_thermal.as_secs_f64();
-        self.since_thermal = Duration::ZERO;
         let mut place = 0;
         for thermometer in &mut self.thermometers {
             for latest in thermometer.latest() {
@@ -262,7 +256,7 @@ impl Cycle {
                 .and_then(|place| self.report.sensors.get(place))
                 .and_then(|sensor| sensor.degc);
         }
-        self.model.thermal.step(dt_s, &self.model_degc);
+        self.model.thermal.step(dt.as_secs_f64(), &self.model_degc);
         self.degraded = self.model.thermal.is_degraded();
         self.model.thermal.apply(&mut self.model.compiled);
     }
@@ -421,9 +415,10 @@ impl Cycle {
         }
     }
 
-    fn write_all(&mut self, now: Instant, outputs: &[Output; MAX_PATHS]) {
-        let deadline = now + self.period.mul_f64(0.9);
-        for (path, output) in self.paths.iter_mut().zip(outputs) {
+    fn write_all(&mut self, outputs: &[Output; MAX_PATHS]) {
+        for (index, output) in outputs.iter().enumerate().take(self.paths.len()) {
+            let deadline = Instant::now() + self.patience(index);
+            let path = &mut self.paths[index];
             if output.write && path.controller.apply(&output.correction, deadline).is_err() {
                 // Whether it was taken the next reading tells.
                 self.report.faults += 1;

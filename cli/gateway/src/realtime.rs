@@ -239,7 +239,7 @@ pub fn start(
 
 /// SCHED_FIFO and the processor, for this thread. What could not be had, in words. (Nothing is forked here; the
 /// unit sets reset-on-fork for what might be.)
-fn schedule(config: RealtimeConfig) -> Vec<String> {
+pub fn schedule(config: RealtimeConfig) -> Vec<String> {
     let mut lacking = Vec::new();
     if let Some(cpu) = config.cpu {
         let mut set = CpuSet::new();
@@ -368,6 +368,21 @@ impl Control {
             }
         }
         asked
+    }
+}
+
+/// Wakes at the same deadlines as a control thread and does nothing but tell the time, how late it woke and how many
+/// periods were missed: what the machine itself adds to every cycle.
+pub fn tick(period: Duration, during: Duration, told: &mut dyn FnMut(Duration, Duration, u32)) {
+    let begun = monotonic();
+    let mut next = begun + period;
+    while monotonic().saturating_sub(begun) < during {
+        while clock_nanosleep_absolute(ClockId::Monotonic, &timespec(next)).is_err() {}
+        let woke = monotonic();
+        let wake = woke.saturating_sub(next);
+        next += period;
+        let missed = missed(woke, &mut next, period);
+        told(woke, wake, missed);
     }
 }
 

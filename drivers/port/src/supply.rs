@@ -17,7 +17,7 @@ use crate::{DeviceError, Fault};
 pub struct Backoff {
     /// After the first failure; doubled with every further one.
     pub first: Duration,
-    /// At the most. A connection that lived longer starts again at `first`.
+    /// At the most. After a connection that lived for ten times `first` it begins anew.
     pub most: Duration,
 }
 
@@ -161,7 +161,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
                     }
                     let Ok(dead) = self.dead.recv() else { return };
                     drop(dead);
-                    if born.elapsed() > self.backoff.most {
+                    if born.elapsed() > self.backoff.first * 10 {
                         pause = Duration::ZERO;
                     }
                 }

@@ -75,7 +75,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
         "{}",
         refused.body
     );
-    assert_eq!(program.state()["state"], "compensating");
+    program.wait_for("compensating");
 }
 
 /// The machine file becomes another machine's between two runs: arming asks.

@@ -14,7 +14,7 @@ fn soon() -> Instant {
 
 #[test]
 fn without_faults_the_device_is_as_it_was() {
-    let (controller, thermometer, _) = machine(Clock::manual()).start();
+    let (controller, thermometer, _) = machine(Clock::system()).start();
     contract::controller(&mut Faulty::new(controller, Faults::default(), 1));
     contract::thermometer(&mut Faulty::new(thermometer, Faults::default(), 1));
 }

@@ -13,7 +13,7 @@ fn soon() -> Instant {
 
 #[test]
 fn the_contract_of_controllers_and_thermometers() {
-    let (mut controller, mut thermometer, _) = machine(Clock::manual()).start();
+    let (mut controller, mut thermometer, _) = machine(Clock::system()).start();
     contract::controller(&mut controller);
     contract::thermometer(&mut thermometer);
 }

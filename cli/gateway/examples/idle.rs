@@ -1,0 +1,50 @@
+//! A thread that does nothing, with the priority of a control thread: what the machine itself adds to its cycles.
+//!
+//! `idle PERIOD_MS PRIORITY CPU SECONDS` prints for each second the second of the monotonic clock, the longest
+//! wake-up (us) and the periods that were missed. `benches/soak` runs it beside the gateway.
+
+use std::{io::Write, time::Duration};
+
+use volcomp_gateway::{config::RealtimeConfig, realtime};
+
+fn main() {
+    let arguments: Vec<f64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
+    let [period_ms, priority, cpu, seconds] = arguments[..] else {
+        eprintln!("expected PERIOD_MS PRIORITY CPU SECONDS");
+        std::process::exit(2);
+    };
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "small numbers of a call"
+    )]
+    let config = RealtimeConfig {
+        priority: priority as u8,
+        cpu: Some(cpu as usize),
+    };
+    for lacking in realtime::schedule(config) {
+        eprintln!("{lacking}");
+    }
+    let mut second = (0_u64, 0_u64, 0_u32);
+    realtime::tick(
+        Duration::from_secs_f64(period_ms * 1e-3),
+        Duration::from_secs_f64(seconds),
+        &mut |now, wake, missed| {
+            if now.as_secs() != second.0 {
+                if second.0 > 0 {
+                    println!("{} {} {}", second.0, second.1 / 1000, second.2);
+                    // The reader may be gone.
+                    let _ = std::io::stdout().flush();
+                }
+                second = (now.as_secs(), 0, 0);
+            }
+            second.1 = second
+                .1
+                .max(u64::try_from(wake.as_nanos()).unwrap_or(u64::MAX));
+            second.2 += missed;
+        },
+    );
+}
