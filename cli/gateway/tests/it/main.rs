@@ -1,6 +1,8 @@
 //! The gateway: its cycle on a simulated machine, and the program as others see it.
 
 mod bench;
+mod browser;
+mod clock;
 mod cycle;
 mod faults;
 mod http;

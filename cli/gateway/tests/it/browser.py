@@ -1,0 +1,92 @@
+"""The dashboard in a headless Chromium: `browser.py URL TOKEN SCREENSHOT`.
+
+Every assertion is about what a person sees or touches.
+"""
+import sys
+import time
+
+from playwright.sync_api import sync_playwright
+
+url, token, screenshot = sys.argv[1:4]
+chromium = "/usr/bin/chromium"
+
+
+def state(page, name, seconds=15):
+    page.wait_for_selector(f"#banner[data-state={name}]", timeout=seconds * 1000)
+    assert page.inner_text("#state").lower() == name.replace("-", " "), page.inner_text("#state")
+
+
+def touches(page, selector, hold_ms):
+    box = page.locator(selector).bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.wait_for_timeout(hold_ms)
+    page.mouse.up()
+
+
+with sync_playwright() as playwright:
+    browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+    page = browser.new_page(viewport={"width": 1024, "height": 768})
+    errors, foreign = [], []
+    page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: errors.append(str(e)))
+    page.on("request", lambda r: foreign.append(r.url) if not r.url.startswith(url) else None)
+    page.goto(url)
+    state(page, "compensating")
+    assert page.locator(".axis").count() == 3
+    assert page.is_visible("#simulated")
+    positions = page.inner_text(".axis[data-axis=X] .position .value")
+    for _ in range(50):
+        if page.inner_text(".axis[data-axis=X] .position .value") != positions:
+            break
+        time.sleep(0.1)
+    else:
+        raise AssertionError("the position stands still")
+    assert page.locator("#temperatures tr").count() == 5
+    assert "%" in page.inner_text("#reduction")
+    # Nothing can be pressed without a token.
+    for button in ("arm", "disarm", "acknowledge", "reload"):
+        assert page.is_disabled(f"#{button}"), button
+    page.fill("#token", token)
+    page.click("#token-form button")
+    page.wait_for_selector("#disarm:not([disabled])", timeout=3000)
+    assert page.is_disabled("#arm") and page.is_disabled("#acknowledge")
+    assert token not in page.url and token not in page.content()
+    page.wait_for_timeout(4000)
+    page.screenshot(path=screenshot, full_page=True)
+    # Stopping is one touch; starting is a second of holding.
+    page.click("#disarm")
+    state(page, "disarmed")
+    page.wait_for_selector("#arm:not([disabled])", timeout=3000)
+    touches(page, "#arm", 300)
+    page.wait_for_timeout(500)
+    assert page.get_attribute("#banner", "data-state") == "disarmed", "a short touch does nothing"
+    touches(page, "#arm", 1400)
+    state(page, "compensating")
+    # Every button is a target for a glove: 48 px of CSS or more.
+    for size in ({"width": 768, "height": 1024}, {"width": 360, "height": 740}):
+        page.set_viewport_size(size)
+        page.wait_for_timeout(300)
+        wide = page.evaluate("() => document.documentElement.scrollWidth")
+        assert wide <= size["width"], f"{wide} px do not fit {size['width']}"
+        for button in page.locator("#operate button").all():
+            assert button.bounding_box()["height"] >= 48
+    # A wrong token is said.
+    page.fill("#token", "0" * 32)
+    page.click("#token-form button")
+    page.wait_for_timeout(300)
+    errors.clear()
+    page.click("#disarm")
+    page.wait_for_selector("#answer:has-text('refused')", timeout=3000)
+    # A refused request is an error to the browser, not of the page.
+    assert all("401" in error for error in errors), errors
+    errors.clear()
+    print("ready", flush=True)
+    # The gateway ends now: the page must not go on showing its last words.
+    sys.stdin.readline()
+    page.wait_for_selector("#banner[data-state=lost]", timeout=10000)
+    assert page.is_disabled("#disarm")
+    assert all("ERR_" in error for error in errors), errors
+    assert not foreign, foreign
+    browser.close()
+print("done", flush=True)

@@ -1,0 +1,52 @@
+//! The dashboard in a headless Chromium, by Playwright.
+
+use std::{
+    io::{BufRead, BufReader, Write},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use crate::program::{OPERATE, Program};
+
+/// The Python of `./test`; where it is missing the test is named and left out, but not under CI.
+fn python() -> Option<PathBuf> {
+    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/test-venv/bin/python");
+    if python.exists() && Path::new("/usr/bin/chromium").exists() {
+        return Some(python);
+    }
+    assert!(
+        std::env::var_os("CI").is_none(),
+        "./test installs Chromium and Playwright"
+    );
+    eprintln!("left out: no Chromium or Playwright, ./test installs them");
+    None
+}
+
+#[test]
+fn a_person_sees_and_operates_it() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().expect("writable");
+    let mut program = Program::simulated(dir.path());
+    let screenshot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/gateway.png");
+    let mut browser = Command::new(python)
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/browser.py"))
+        .arg(format!("http://{}/", program.address))
+        .arg(OPERATE)
+        .arg(&screenshot)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("Python");
+    let mut lines = BufReader::new(browser.stdout.take().expect("piped")).lines();
+    let said = lines.next().and_then(Result::ok);
+    if said.as_deref() == Some("ready") {
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0));
+        writeln!(browser.stdin.take().expect("piped"), "gone").expect("it listens");
+    }
+    let output = browser.wait_with_output().expect("ours");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{message}\n{}", program.log());
+    assert!(screenshot.exists());
+}

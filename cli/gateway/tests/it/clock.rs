@@ -1,0 +1,70 @@
+//! The wall clock goes where it wants: only records tell it, nothing is computed from it.
+
+use std::{path::Path, process::Command, time::Duration};
+
+use crate::program::Program;
+
+const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
+
+#[test]
+fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
+    if !Path::new(FAKETIME).exists() {
+        assert!(std::env::var_os("CI").is_none(), "./test installs faketime");
+        eprintln!("left out: no faketime, ./test installs it");
+        return;
+    }
+    let dir = tempfile::tempdir().expect("writable");
+    let stamp = dir.path().join("stamp");
+    std::fs::write(&stamp, "+0").expect("writable");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+    command
+        .env("LD_PRELOAD", FAKETIME)
+        .env("FAKETIME_TIMESTAMP_FILE", &stamp)
+        .env("FAKETIME_NO_CACHE", "1")
+        .env("FAKETIME_DONT_FAKE_MONOTONIC", "1");
+    let audit = dir.path().join("audit");
+    let tokens = crate::program::token_file(dir.path());
+    let arguments = [
+        "--simulate",
+        "--audit-dir",
+        crate::program::path(&audit),
+        "--token-file",
+        crate::program::path(&tokens),
+    ];
+    let mut program = Program::spawn(command, dir.path(), &arguments);
+    program.wait_for("compensating");
+    for jump in ["-10d", "+3650d", "+0"] {
+        let before = program.state()["cycle"]["count"].as_u64().expect("a count");
+        std::fs::write(&stamp, jump).expect("writable");
+        std::thread::sleep(Duration::from_millis(700));
+        let state = program.state();
+        assert_eq!(state["state"], "compensating", "{jump}");
+        let cycles = state["cycle"]["count"].as_u64().expect("a count") - before;
+        assert!(
+            (60..600).contains(&cycles),
+            "{jump}: {cycles} cycles in 0.7 s"
+        );
+        // Dates in the log jump, its order does not.
+        assert_eq!(program.post("/api/disarm", "").status, 200);
+        program.wait_for("disarmed");
+        assert_eq!(program.post("/api/arm", "").status, 200);
+        program.wait_for("compensating");
+    }
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    let text = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
+    let records: Vec<serde_json::Value> = text
+        .lines()
+        .filter_map(|line| serde_json::from_str(line.split_once(' ')?.1).ok())
+        .collect();
+    let years: std::collections::BTreeSet<String> = records
+        .iter()
+        .filter_map(|r| Some(r["time"].as_str()?.get(..4)?.to_owned()))
+        .collect();
+    assert!(years.len() >= 2, "the clock did jump: {years:?}");
+    let steadily = |pair: &[serde_json::Value]| {
+        pair[0]["monotonic_s"].as_f64() <= pair[1]["monotonic_s"].as_f64()
+            && pair[0]["seq"].as_u64() < pair[1]["seq"].as_u64()
+    };
+    assert!(records.windows(2).all(steadily));
+}
