@@ -55,7 +55,7 @@ impl AuditLog {
             .open(&path)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
-        let scanned = scan(&bytes, None);
+        let scanned = verify(&bytes);
         let mut found = Found {
             records: scanned.records,
             ..Found::default()
@@ -168,25 +168,23 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 
-struct Scanned {
-    records: u64,
-    end: usize,
+/// What a file of the log holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Verified {
+    /// Whole records that belong to the chain.
+    pub records: u64,
+    /// Bytes of them.
+    pub end: usize,
+    /// The first line that is whole and yet not of the chain.
+    pub broken: Option<u64>,
     last_checksum: String,
     sequence: u64,
-    /// The first line that is whole and yet not of the chain.
-    broken: Option<u64>,
 }
 
 /// Goes through a file. The chain begins with what the first record says of the one before.
-fn scan(bytes: &[u8], before: Option<String>) -> Scanned {
-    let mut scanned = Scanned {
-        records: 0,
-        end: 0,
-        last_checksum: String::new(),
-        sequence: 0,
-        broken: None,
-    };
-    let mut previous = before;
+pub fn verify(bytes: &[u8]) -> Verified {
+    let mut scanned = Verified::default();
+    let mut previous: Option<String> = None;
     let mut rest = bytes;
     while let Some(length) = rest.iter().position(|byte| *byte == b'\n') {
         let (line, after) = rest.split_at(length + 1);

@@ -1,8 +1,12 @@
 //! From a call to a running gateway, and back to nothing.
 
 use std::{
-    fs::File,
+    io::ErrorKind,
     net::{SocketAddr, TcpListener},
+    os::{
+        linux::net::SocketAddrExt,
+        unix::net::{SocketAddr as UnixAddress, UnixListener},
+    },
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -321,8 +325,9 @@ fn last_output(path: &Path) -> Option<AxisValues> {
     Some(output)
 }
 
-/// One gateway on a host for each controller: a lock file named for the device, held until the end.
-fn lock(config: &Config, controllers: &[Description]) -> Result<Vec<File>, GatewayError> {
+/// One gateway on a host for each controller: a name of the device in the kernel's abstract socket addresses, which
+/// nobody can hold twice, every user sees, and no crash leaves behind.
+fn lock(config: &Config, controllers: &[Description]) -> Result<Vec<UnixListener>, GatewayError> {
     let names = config
         .controllers
         .iter()
@@ -331,26 +336,17 @@ fn lock(config: &Config, controllers: &[Description]) -> Result<Vec<File>, Gatew
     names.map(lock_device).collect()
 }
 
-fn lock_device(device: &str) -> Result<File, GatewayError> {
-    let digest = Sha256::digest(device.as_bytes());
-    let name = crate::hex(&digest[..8]);
-    // The same place for every user of the host.
-    let path = std::env::temp_dir().join(format!("volcomp-{name}.lock"));
-    let failed = |e| GatewayError::system(path.display().to_string(), e);
-    let file = File::options()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(&path)
-        .map_err(failed)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(std::fs::TryLockError::WouldBlock) => Err(GatewayError::system(
-            device.to_owned(),
-            std::io::Error::other("another gateway on this host corrects it"),
+fn lock_device(device: &str) -> Result<UnixListener, GatewayError> {
+    let digest = crate::hex(&Sha256::digest(device.as_bytes())[..8]);
+    let failed = |e| GatewayError::system(device.to_owned(), e);
+    let address =
+        UnixAddress::from_abstract_name(format!("volcomp-gateway-{digest}")).map_err(failed)?;
+    UnixListener::bind_addr(&address).map_err(|e| match e.kind() {
+        ErrorKind::AddrInUse => failed(std::io::Error::other(
+            "another gateway on this host corrects it",
         )),
-        Err(std::fs::TryLockError::Error(e)) => Err(failed(e)),
-    }
+        _ => failed(e),
+    })
 }
 
 /// Checks a configuration without touching a device: what would be corrected, in words.

@@ -5,6 +5,7 @@ mod browser;
 mod clock;
 mod cycle;
 mod faults;
+mod fuzz_corpus;
 mod http;
 mod process;
 mod program;

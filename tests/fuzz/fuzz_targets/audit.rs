@@ -1,0 +1,10 @@
+#![no_main]
+//! Audit logs: no panic on any bytes, and what is whole stays whole when the rest is cut.
+
+use libfuzzer_sys::fuzz_target;
+use volcomp_gateway::audit::verify;
+
+fuzz_target!(|bytes: &[u8]| {
+    let found = verify(bytes);
+    assert_eq!(verify(&bytes[..found.end]).records, found.records);
+});
