@@ -37,6 +37,7 @@ pub struct AuditLog {
     last_checksum: String,
     sequence: u64,
     boot_id: String,
+    max_bytes: u64,
 }
 
 impl AuditLog {
@@ -87,13 +88,18 @@ impl AuditLog {
                     scanned.last_checksum
                 },
                 sequence: if is_broken { 0 } else { scanned.sequence },
-                boot_id: fs::read_to_string("/proc/sys/kernel/random/boot_id")
-                    .unwrap_or_default()
-                    .trim()
-                    .to_owned(),
+                boot_id: boot_id(),
+                max_bytes: MAX_BYTES,
             },
             found,
         ))
+    }
+
+    /// Begins the next file at another size.
+    #[must_use]
+    pub fn rotating_at(mut self, bytes: u64) -> Self {
+        self.max_bytes = bytes;
+        self
     }
 
     /// Appends a record; it is on disk afterwards.
@@ -101,7 +107,7 @@ impl AuditLog {
     /// # Errors
     /// A disk that is full or gone: nothing of the record is left then.
     pub fn append(&mut self, who: &str, what: &str, details: &Value) -> io::Result<()> {
-        if self.bytes > MAX_BYTES {
+        if self.bytes > self.max_bytes {
             self.rotate()?;
         }
         let sequence = self.sequence + 1;
@@ -223,6 +229,12 @@ fn checksum(previous: &str, record: &str) -> String {
         .chain_update(record)
         .finalize();
     crate::hex(&digest)
+}
+
+/// Which boot of the machine this is.
+pub fn boot_id() -> String {
+    let id = fs::read_to_string("/proc/sys/kernel/random/boot_id");
+    id.unwrap_or_default().trim().to_owned()
 }
 
 /// Now, as ISO 8601 in UTC with milliseconds.

@@ -326,7 +326,10 @@ impl Cycle {
         self.approach(&mut state, place.known);
         (self.report.positions, self.report.known) = (place.positions, place.known);
         if !self.is_complete(place) {
-            return ([0.0; MAX_AXES], Reasons::NONE);
+            return (
+                [0.0; MAX_AXES],
+                Reasons::AXIS_UNKNOWN.when(place.oldest.is_some()),
+            );
         }
         self.report.error = self.model.compiled.evaluate(&state).into_six();
         let (wanted, singular) = self.model.correction(&state);
@@ -488,7 +491,6 @@ fn sensor_report(found: Result<f64, volcomp_guard::Rejected>) -> SensorReport {
         Ok(degc) => SensorReport {
             degc: Some(degc),
             flaw: 0,
-            used: true,
         },
         Err(rejected) => {
             let flaw = match rejected {
@@ -497,11 +499,7 @@ fn sensor_report(found: Result<f64, volcomp_guard::Rejected>) -> SensorReport {
                 Rejected::OutOfRange => 3,
                 Rejected::Jumping => 4,
             };
-            SensorReport {
-                degc: None,
-                flaw,
-                used: false,
-            }
+            SensorReport { degc: None, flaw }
         }
     }
 }

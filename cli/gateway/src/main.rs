@@ -1,6 +1,6 @@
 //! The `volcomp-gateway` command: corrects a machine tool in real time.
 
-use std::{net::SocketAddr, path::PathBuf, process::ExitCode, time::Duration};
+use std::{io::Write, net::SocketAddr, path::PathBuf, process::ExitCode, time::Duration};
 
 use clap::{Parser, Subcommand, ValueEnum};
 use volcomp_gateway::{
@@ -63,6 +63,9 @@ enum Command {
     Check {
         /// Configuration, TOML
         config: PathBuf,
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
     },
     /// Say what a running gateway does
     Status {
@@ -125,9 +128,13 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                 simulated_cycle: options.cycle_ms,
             })
         }
-        Some(Command::Check { config }) => {
-            println!("{}", run::check(&config)?);
-            Ok(())
+        Some(Command::Check { config, json }) => {
+            let lines = run::check(&config)?;
+            if json {
+                print(&format!("{}\n", serde_json::json!({ "notes": lines })))
+            } else {
+                print(&(lines.join("\n") + "\n"))
+            }
         }
         Some(Command::Status {
             config,
@@ -157,22 +164,35 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                 None => None,
             };
             let state = status::ask(&dashboard, token.as_deref())?;
-            if json {
-                println!("{state}");
+            print(&if json {
+                format!(
+                    "{state}
+"
+                )
             } else {
-                print!("{}", status::text(&state));
-            }
-            Ok(())
+                status::text(&state)
+            })
         }
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
-            println!(
-                "tls_certificate = {:?}\ntls_key = {:?}",
+            print(&format!(
+                "tls_certificate = {:?}
+tls_key = {:?}
+",
                 certificate.display().to_string(),
                 key.display().to_string()
-            );
-            Ok(())
+            ))
         }
+    }
+}
+
+/// To standard output; a reader that has gone away is no failure.
+fn print(text: &str) -> Result<(), GatewayError> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(GatewayError::system("standard output", e))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -12,10 +12,8 @@ pub const MAX_SENSORS: usize = 64;
 pub struct SensorReport {
     /// degC; `None` when it is left out.
     pub degc: Option<f64>,
-    /// Why it is left out or not fully good; an index of [`SENSOR_TEXTS`], 0: good.
+    /// Why it is left out; an index of [`SENSOR_TEXTS`], 0: good.
     pub flaw: u8,
-    /// It is used all the same.
-    pub used: bool,
 }
 
 /// What may be wrong with a temperature.

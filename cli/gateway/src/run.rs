@@ -1,7 +1,7 @@
 //! From a call to a running gateway, and back to nothing.
 
 use std::{
-    io::ErrorKind,
+    io::{ErrorKind, Write},
     net::{SocketAddr, TcpListener},
     os::{
         linux::net::SocketAddrExt,
@@ -10,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
     sync::{
         Arc,
-        atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
+        atomic::{AtomicBool, AtomicUsize, Ordering},
         mpsc::sync_channel,
     },
     time::Duration,
@@ -27,6 +27,7 @@ use volcomp_port::{Clock, Description};
 use crate::{
     assemble::{self, PathConfig},
     audit::AuditLog,
+    audit::boot_id,
     config::Config,
     cycle::{Cycle, Sensors},
     error::GatewayError,
@@ -75,6 +76,10 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
             .as_deref()
             .or(config.dashboard.token_file.as_deref()),
     )?;
+    let is_local = config.dashboard.listen.ip().is_loopback();
+    if !is_local && tokens.is_empty() {
+        return Err(GatewayError::Unfit("[dashboard]: others can reach it, so reading needs a token: token_file is missing or empty".to_owned()));
+    }
     let assembled = assemble_all(options, &config)?;
     let _locks = lock(&config, &assembled.controllers)?;
     let (audit, found) = AuditLog::open(&config.audit_dir)
@@ -105,9 +110,6 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     }
     let (publisher, published) = published(Arc::clone(&model));
     let (asks, asked) = sync_channel(64);
-    let is_local = listener
-        .local_addr()
-        .is_ok_and(|address| address.ip().is_loopback());
     let address = listener
         .local_addr()
         .map_err(|e| GatewayError::system("dashboard", e))?;
@@ -118,7 +120,6 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         tokens,
         hosts: config.dashboard.hosts.clone(),
         reading_needs_token: !is_local,
-        operations: AtomicU64::new(0),
         streams: AtomicUsize::new(0),
     };
     let parts = Parts {
@@ -135,7 +136,8 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     let mut service = Service::new(parts, publisher, asked);
     service.started(&found);
     let runtime = serve(listener, tls, dashboard)?;
-    println!("listening on {scheme}://{address}");
+    // Nobody may be reading.
+    let _ = writeln!(std::io::stdout(), "listening on {scheme}://{address}");
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     until_stopped(&mut service, &asks)?;
     runtime.shutdown_background();
@@ -317,6 +319,10 @@ fn assemble_simulated(config: &Config) -> Result<Assembled, GatewayError> {
 fn last_output(path: &Path) -> Option<AxisValues> {
     let text = std::fs::read_to_string(path).ok()?;
     let document: serde_json::Value = serde_json::from_str(&text).ok()?;
+    // After a reboot nobody knows what the lines carry: from zero then.
+    if document["boot"] != boot_id() {
+        return None;
+    }
     let values = document["correction"].as_array()?;
     let mut output = [0.0; MAX_AXES];
     for (into, value) in output.iter_mut().zip(values) {
@@ -353,7 +359,7 @@ fn lock_device(device: &str) -> Result<UnixListener, GatewayError> {
 ///
 /// # Errors
 /// What is wrong.
-pub fn check(path: &Path) -> Result<String, GatewayError> {
+pub fn check(path: &Path) -> Result<Vec<String>, GatewayError> {
     let config = Config::read(path)?;
     let guard = config.guard.clone().unwrap_or_else(no_limits);
     let model = Model::read(&config.machine, guard.fading)?;
@@ -424,5 +430,5 @@ pub fn check(path: &Path) -> Result<String, GatewayError> {
         lines.push("no token: nobody can arm over HTTP".to_owned());
     }
     lines.push(format!("dashboard {}", config.dashboard.listen));
-    Ok(lines.join("\n"))
+    Ok(lines)
 }

@@ -13,7 +13,7 @@ use volcomp_port::Description;
 
 use crate::{
     assemble,
-    audit::{AuditLog, replace_file},
+    audit::{AuditLog, boot_id, replace_file},
     config::{Config, GuardConfig},
     cycle::Replacement,
     document::{Facts, document},
@@ -311,7 +311,7 @@ impl Service {
 
     /// The last output, for controllers that cannot be asked after a restart.
     fn write_output(&mut self, report: &Report) {
-        let text = json!({ "correction": report.correction }).to_string();
+        let text = json!({ "boot": boot_id(), "correction": report.correction }).to_string();
         if let Err(e) = replace_file(&self.parts.config.audit_dir.join("output.json"), &text) {
             tracing::warn!("last output: {e}");
         }

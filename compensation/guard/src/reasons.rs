@@ -57,8 +57,8 @@ reasons! {
     UNWATCHED = 18, "unwatched";
     /// The audit log cannot be written.
     AUDIT = 19, "audit log cannot be written";
-    /// The machine file does not fit the controller.
-    MODEL_UNFIT = 20, "machine file does not fit";
+    /// An axis of the machine has a position from no controller.
+    AXIS_UNKNOWN = 20, "a machine axis has no position";
     /// Another gateway corrects this controller.
     OTHER_GATEWAY = 21, "another gateway";
     /// The limits are not configured.

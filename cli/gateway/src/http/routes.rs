@@ -3,7 +3,7 @@
 use std::{
     convert::Infallible,
     net::{IpAddr, SocketAddr},
-    sync::{Arc, PoisonError, atomic::Ordering, mpsc::TrySendError},
+    sync::{Arc, PoisonError, mpsc::TrySendError},
     time::Duration,
 };
 
@@ -326,7 +326,6 @@ async fn operate(
             return refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping");
         }
     }
-    dashboard.operations.fetch_add(1, Ordering::Relaxed);
     match wait.await {
         Ok((status, document)) => (
             StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR),

@@ -4,7 +4,7 @@ use std::{
     net::SocketAddr,
     sync::{
         Arc,
-        atomic::{AtomicU64, AtomicUsize, Ordering},
+        atomic::{AtomicUsize, Ordering},
         mpsc::SyncSender,
     },
     time::Duration,
@@ -46,8 +46,6 @@ pub struct Dashboard {
     pub hosts: Vec<String>,
     /// Others can reach it.
     pub reading_needs_token: bool,
-    /// Requests so far that were let in.
-    pub operations: AtomicU64,
     /// Event streams that are open.
     pub streams: AtomicUsize,
 }

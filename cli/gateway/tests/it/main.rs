@@ -1,5 +1,6 @@
 //! The gateway: its cycle on a simulated machine, and the program as others see it.
 
+mod audit;
 mod bench;
 mod browser;
 mod clock;

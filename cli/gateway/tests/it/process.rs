@@ -206,7 +206,8 @@ fn a_torn_log_is_cut_and_a_forged_one_put_aside() {
     assert!(restarted.log().contains("torn tail"), "{}", restarted.log());
     drop(restarted);
     let again = std::fs::read_to_string(&log).expect("a log");
-    let kept = &whole[..whole[..whole.len() - 40].rfind('\n').expect("lines") + 1];
+    let last_line = whole[..whole.len() - 40].rfind('\n').expect("lines");
+    let kept = &whole[..=last_line];
     assert!(again.starts_with(kept) && again.len() > kept.len());
     // Somebody changes a record.
     std::fs::write(
@@ -361,6 +362,51 @@ fn status_and_check_speak_for_themselves() {
         assert_eq!(status, Some(2), "{to}: {message}");
         assert!(message.contains(expected), "{message}");
     }
+}
+
+/// Without [guard] it runs and shows, and does not arm.
+#[test]
+fn without_limits_it_does_not_arm() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let text = std::fs::read_to_string(&config).expect("readable");
+    let (before, rest) = text.split_once("[guard]").expect("there");
+    let (_, after) = rest.split_once("[[controller]]").expect("there");
+    std::fs::write(&config, format!("{before}[[controller]]{after}")).expect("writable");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program
+        .wait(|state| state["positions_mm"]["Y"] == 150.0)
+        .expect("it shows");
+    let refused = program.post("/api/arm", "");
+    assert_eq!(refused.status, 409);
+    assert!(
+        refused.body.contains("limits are not configured"),
+        "{}",
+        refused.body
+    );
+    assert_eq!(program.state()["state"], "disarmed");
+}
+
+/// The configuration of the manual.
+#[test]
+fn the_documented_configuration_is_right() {
+    let dir = tempfile::tempdir().expect("writable");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    std::fs::copy(
+        root.join("../../examples/gantry.toml"),
+        dir.path().join("machine.toml"),
+    )
+    .expect("there");
+    let text = std::fs::read_to_string(root.join("debian/gateway.toml")).expect("there");
+    let config = dir.path().join("G.toml");
+    std::fs::write(&config, text).expect("writable");
+    let lines = volcomp_gateway::run::check(&config);
+    let notes = lines.unwrap_or_else(|e| panic!("{e}")).join("\n");
+    assert!(
+        notes.contains("focas://192.0.2.10:8193: axes XYZ"),
+        "{notes}"
+    );
 }
 
 #[test]
