@@ -17,22 +17,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use program::{Program, path, token_file};
+use program::{MACHINE, Program, path, token_file};
 use volcomp_can::{CanPort, CanSocket, Frame, Message, Received, SHIPPED_DBC, SignalTable};
-
-const MACHINE: &str = r#"
-name = "small"
-structure = "w X' b Y Z t"
-[axes.X]
-travel = [0.0, 800.0]
-[axes.Y]
-travel = [0.0, 400.0]
-[axes.Z]
-travel = [0.0, 250.0]
-[errors]
-EXX = { poly = [0.0, 0.05] }
-EYX = 20.0
-"#;
 
 fn configuration(dir: &Path, controller: &str) -> PathBuf {
     fs::write(dir.join("machine.toml"), MACHINE).unwrap();

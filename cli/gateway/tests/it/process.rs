@@ -10,7 +10,7 @@ use std::{
 use serde_json::Value;
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-use crate::program::{Program, path, token_file};
+use crate::program::{MACHINE, Program, path, token_file};
 
 /// A control whose X goes to and fro.
 pub(crate) fn control() -> Simulator {
@@ -21,20 +21,6 @@ pub(crate) fn control() -> Simulator {
     });
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
-
-const MACHINE: &str = r#"
-name = "small"
-structure = "w X' b Y Z t"
-[axes.X]
-travel = [0.0, 800.0]
-[axes.Y]
-travel = [0.0, 400.0]
-[axes.Z]
-travel = [0.0, 250.0]
-[errors]
-EXX = { poly = [0.0, 0.05] }
-EYX = 20.0
-"#;
 
 /// A configuration for a control, with its machine and tokens.
 pub(crate) fn configuration(dir: &Path, control: &Simulator, more: &str) -> std::path::PathBuf {

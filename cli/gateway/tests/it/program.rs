@@ -12,6 +12,21 @@ use serde_json::Value;
 
 pub(crate) const OPERATE: &str = "0123456789abcdef0123456789abcdef";
 pub(crate) const VIEW: &str = "fedcba9876543210fedcba9876543210";
+/// A small machine whose corrections are known: -0.05 um/mm on X, -20 um on Y.
+pub(crate) const MACHINE: &str = r#"
+name = "small"
+structure = "w X' b Y Z t"
+[axes.X]
+travel = [0.0, 800.0]
+[axes.Y]
+travel = [0.0, 400.0]
+[axes.Z]
+travel = [0.0, 250.0]
+[errors]
+EXX = { poly = [0.0, 0.05] }
+EYX = 20.0
+"#;
+
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A running gateway; ended when it is dropped.
