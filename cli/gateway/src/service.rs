@@ -280,7 +280,7 @@ impl Service {
             let details = json!({ "state": change.state.name(), "controller": change.active, "reasons": reasons, "cycle": change.cycle });
             self.log("gateway", "state", &details);
             (self.last_state, self.last_active) = (change.state, change.active);
-            self.was_armed |= change.state.is_armed();
+            self.was_armed |= change.state == State::Compensating;
         }
         if self.audit_fails {
             // Once it can be written again arming is allowed again.

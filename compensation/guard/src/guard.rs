@@ -291,7 +291,9 @@ impl Guard {
             .map_or(Duration::MAX, |good| inputs.now.saturating_sub(good));
         let output = self.output();
         let proven = match (self.state, reading) {
-            (State::Arming(Phase::Proving), Some(reading)) if !changed => {
+            (State::Arming(Phase::Proving), Some(reading))
+                if !changed && age <= self.limits.hold =>
+            {
                 self.proof
                     .read(&reading.positions, &output, &self.from, &self.limits)
             }

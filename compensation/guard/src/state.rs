@@ -146,6 +146,10 @@ impl State {
             if facts.does_not_stick {
                 return Self::Faulted(Cause::DoesNotStick);
             }
+            // What is not proven is not held on to: arming begins anew.
+            if self == Self::Arming(Phase::Proving) && (facts.interlocked || facts.lost) {
+                return Self::RampingOut(End::Disarmed);
+            }
             if facts.interlocked {
                 return Self::Holding(Hold::Interlocked);
             }
@@ -153,12 +157,17 @@ impl State {
         let may_arm = matches!(facts.request, Some(Request::Arm | Request::TakeOver))
             && !(facts.forbidden || facts.interlocked || facts.stale);
         match self {
-            Self::Disarmed if may_arm && facts.proves && facts.request == Some(Request::Arm) => {
-                Self::Arming(Phase::Proving)
-            }
             // From zero, or from where it is on its way out.
-            Self::Disarmed | Self::RampingOut(End::Disarmed) if may_arm => ramping_in,
-            Self::RampingOut(End::Disarmed) if facts.zero || facts.interlocked => Self::Disarmed,
+            Self::Disarmed | Self::RampingOut(End::Disarmed) if may_arm => {
+                let proves = facts.proves && facts.request == Some(Request::Arm);
+                Self::Arming(if proves {
+                    Phase::Proving
+                } else {
+                    Phase::Ramping
+                })
+            }
+            Self::RampingOut(End::Disarmed) if facts.zero => Self::Disarmed,
+            Self::Arming(Phase::Proving) if facts.stale => self,
             Self::Arming(_) | Self::Compensating | Self::Holding(Hold::Interlocked)
                 if facts.stale =>
             {

@@ -246,3 +246,44 @@ fn the_proof_waits_for_standstill() {
     }
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
 }
+
+/// Positions that do not get younger stand still and prove nothing; what interrupts the proof ends arming.
+#[test]
+fn an_interrupted_proof_is_no_proof() {
+    for really in [false, true] {
+        let mut world = proving(false, really);
+        world.request(Request::Arm);
+        world.frozen_at = Some(world.now);
+        let output = world.run(Duration::from_millis(400));
+        assert_eq!(output.state.name(), "arming");
+        world.run(2 * SECOND);
+        assert_eq!(world.guard.state(), State::Disarmed);
+        assert_eq!(world.applied, [0.0; MAX_AXES]);
+        world.frozen_at = None;
+        assert_eq!(world.run(SECOND).state, State::Disarmed, "not by itself");
+        world.request(Request::Arm);
+        world.emergency_stop = true;
+        world.run(SECOND);
+        world.emergency_stop = false;
+        assert_eq!(world.run(SECOND).state, State::Disarmed);
+        assert_eq!(world.applied, [0.0; MAX_AXES]);
+        world.request(Request::Arm);
+        let last = world.run(2 * SECOND).state.name();
+        assert_eq!(last, if really { "faulted" } else { "compensating" });
+    }
+}
+
+/// Disarmed in the middle of it, an emergency stop: nothing is written meanwhile, then the rest is ramped out.
+#[test]
+fn a_ramp_out_goes_on_after_an_emergency_stop() {
+    let mut world = World::compensating(&limits());
+    world.request(Request::Disarm);
+    world.run(Duration::from_millis(200));
+    world.emergency_stop = true;
+    let held = world.applied;
+    assert!(!world.run(SECOND).write);
+    assert_eq!(world.applied, held);
+    world.emergency_stop = false;
+    assert_eq!(world.run(SECOND).state, State::Disarmed);
+    assert_eq!(world.applied, [0.0; MAX_AXES]);
+}
