@@ -423,7 +423,7 @@ impl Cycle {
             let deadline = Instant::now() + self.patience(index);
             let path = &mut self.paths[index];
             if output.write && path.controller.apply(&output.correction, deadline).is_err() {
-                // Whether it was taken the next reading tells.
+                path.guard.write_failed();
                 self.report.faults += 1;
             }
         }

@@ -78,6 +78,8 @@ pub struct Guard {
     /// When positions and target were good last.
     good: Option<Duration>,
     adopted: u32,
+    /// Writes that failed since the controller last said what is applied: whether it took them is not known.
+    lost_writes: usize,
     /// Whether the controller can be asked what is applied: as it was when it answered last.
     can_be_asked: bool,
     held_back: u64,
@@ -103,10 +105,10 @@ impl Written {
         self.next = (self.next + 1) % MOST_READ_BACK_CYCLES;
     }
 
-    /// Whether one of the last writes is within half a step on every axis.
-    fn holds(&self, applied: &AxisValues, limits: &Limits) -> bool {
+    /// Whether one of the last so many writes is within half a step on every axis.
+    fn holds(&self, applied: &AxisValues, last: usize, limits: &Limits) -> bool {
         (0..limits.count).all(|axis| {
-            (1..=limits.read_back_cycles).any(|back| {
+            (1..=last.min(MOST_READ_BACK_CYCLES)).any(|back| {
                 let place = (self.next + MOST_READ_BACK_CYCLES - back) % MOST_READ_BACK_CYCLES;
                 (applied[axis] - self.ring[place][axis]).abs()
                     <= 0.51 * limits.axes[axis].resolution
@@ -133,6 +135,7 @@ impl Guard {
             last_cycle: None,
             good: None,
             adopted: 0,
+            lost_writes: 0,
             can_be_asked: true,
             held_back: 0,
         })
@@ -161,6 +164,11 @@ impl Guard {
         }
         self.limits = limits;
         Ok(())
+    }
+
+    /// The write of the last output failed: whether the controller took it the next read-back tells.
+    pub fn write_failed(&mut self) {
+        self.lost_writes = (self.lost_writes + 1).min(MOST_READ_BACK_CYCLES);
     }
 
     /// The limits.
@@ -254,12 +262,20 @@ impl Guard {
         let differs = |i: usize, from: &AxisValues| {
             (applied[i] - from[i]).abs() > 0.51 * self.limits.axes[i].resolution
         };
-        if self.written.holds(&applied, &self.limits) {
+        let last = self.limits.read_back_cycles;
+        let lost = core::mem::take(&mut self.lost_writes);
+        if self.written.holds(&applied, last, &self.limits) {
             let output = self.output();
             // It went where it was told to, away from where the ramp began.
             if self.all(|i| !differs(i, &output)) && !self.all(|i| !differs(i, &self.from)) {
                 self.adopted = 0;
             }
+            return false;
+        }
+        if lost > 0 && self.written.holds(&applied, last + lost, &self.limits) {
+            // The writes that failed were not taken: on from there, which is no event.
+            self.axes = applied.map(Follower::at);
+            self.written = Written::fill(&applied);
             return false;
         }
         let writes = !matches!(

@@ -1,12 +1,22 @@
 //! One fault each, injected into the cycle, and what becomes of the correction.
 
-use std::{sync::atomic::Ordering, time::Duration};
+use std::{
+    sync::{Arc, Mutex, atomic::Ordering},
+    time::Duration,
+};
 
-use volcomp_gateway::simulate;
+use volcomp_gateway::{
+    assemble::{self, PathConfig},
+    model::Model,
+    simulate::{self, Simulation},
+};
 use volcomp_guard::{Reasons, Request};
-use volcomp_port::{Fault, Reason, Temperature, Thermometer};
+use volcomp_port::{
+    Clock, Fault, Reason, Temperature, Thermometer,
+    inject::{Faults, Faulty},
+};
 
-use crate::bench::{Bench, PERIOD};
+use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
 
 const SECOND: Duration = Duration::from_secs(1);
 /// 500 um/s in 4 ms and one step.
@@ -178,6 +188,79 @@ fn a_starved_processor_makes_no_step() {
         );
         assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
         assert_eq!(bench.run(PERIOD).state.name(), "compensating");
+    }
+}
+
+/// Answers lost, numbers broken, positions frozen, connections gone, at random for ten minutes: nothing leaves its
+/// bounds, and it corrects again when all is well.
+#[test]
+fn random_faults_of_the_wire_never_make_a_step() {
+    for seed in 0..4 {
+        let guard = simulate::guard();
+        let clock = Clock::manual();
+        let simulation = Simulation::new(clock.clone()).expect("built in");
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let wire = Faults {
+            drop: 0.01,
+            corrupt: 0.005,
+            freeze: 0.0001,
+            disconnect: 0.0003,
+            calls: 200,
+            ..Faults::default()
+        };
+        let faulty = Faulty::new(simulation.controller, wire, seed);
+        let controller = Watched {
+            inner: faulty,
+            seen: Arc::clone(&seen),
+        };
+        let model = Model::new(&simulation.model, guard.fading).expect("built in");
+        let config = PathConfig {
+            proves: false,
+            ..path_config()
+        };
+        let path = assemble::path(
+            Box::new(controller),
+            &model,
+            &guard,
+            &config,
+            PERIOD,
+            &mut Vec::new(),
+        );
+        let mut bench = Bench {
+            cycle: cycle(
+                model,
+                vec![path.expect("built in")],
+                &guard,
+                Box::new(simulation.thermometer),
+                &clock,
+            ),
+            clock,
+            controls: simulation.controls,
+            truth: simulation.truth,
+            seen,
+            forbids: Reasons::NONE,
+        };
+        let mut compensated = 0;
+        let mut before = bench.applied();
+        for number in 0..150_000 {
+            // Whatever becomes of it, somebody arms and acknowledges now and then.
+            let request = match number % 1000 {
+                0 => Some(Request::Arm),
+                500 => Some(Request::Acknowledge),
+                _ => None,
+            };
+            let report = bench.step(PERIOD, request);
+            compensated += u32::from(report.state.name() == "compensating");
+            let now = bench.applied();
+            for (a, b) in now.iter().zip(&before) {
+                assert!(
+                    (a - b).abs() <= ONE_CYCLE_MM && a.abs() <= 0.250 + 1e-9,
+                    "{b} to {a} at {number}, seed {seed}"
+                );
+            }
+            before = now;
+        }
+        assert!(compensated > 10_000, "{compensated}");
     }
 }
 

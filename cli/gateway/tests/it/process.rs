@@ -145,6 +145,56 @@ fn a_control_that_reboots_with_its_shift_cleared_is_ramped_in_again() {
     );
 }
 
+/// Answers that take longer than a cycle: it corrects all the same, and says that cycles are missed.
+#[test]
+fn a_slow_control_costs_cycles_not_the_connection() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
+    let options = Options {
+        latency: Duration::from_millis(7),
+        ..Options::default()
+    };
+    let control = Simulator::start("127.0.0.1:0", options, world).expect("loopback");
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait_for("compensating");
+    let state = program
+        .wait(|state| state["correction_um"]["Y"] == -20.0)
+        .expect("it corrects");
+    assert!(state["cycle"]["overruns"].as_u64() > Some(10));
+    assert!(state["reasons"].to_string().contains("cycle overruns"));
+    assert_eq!(control.open_sessions(), 1);
+}
+
+/// What systemd hears: that it is ready, that cycles go on, that it stops.
+#[test]
+fn the_service_manager_is_told() {
+    let dir = tempfile::tempdir().expect("writable");
+    let socket = dir.path().join("notify");
+    let listener = std::os::unix::net::UnixDatagram::bind(&socket).expect("writable");
+    listener
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .expect("a time");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+    command
+        .env("NOTIFY_SOCKET", &socket)
+        .env("WATCHDOG_USEC", "400000");
+    let mut program = Program::spawn(command, dir.path(), &["--simulate"]);
+    let heard = || {
+        let mut buffer = [0; 256];
+        let count = listener.recv(&mut buffer).expect("a word");
+        String::from_utf8_lossy(&buffer[..count]).into_owned()
+    };
+    assert!(heard().contains("READY=1"));
+    for _ in 0..5 {
+        assert!(heard().contains("WATCHDOG=1"));
+    }
+    program.signal("TERM");
+    while !heard().contains("STOPPING=1") {}
+    assert_eq!(program.end(), Some(0));
+}
+
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");

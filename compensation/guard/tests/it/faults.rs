@@ -287,3 +287,26 @@ fn a_ramp_out_goes_on_after_an_emergency_stop() {
     assert_eq!(world.run(SECOND).state, State::Disarmed);
     assert_eq!(world.applied, [0.0; MAX_AXES]);
 }
+
+/// Writes that fail and are not taken are no event, whether one or some in a row; the correction goes on from what is
+/// applied.
+#[test]
+fn lost_writes_are_no_event() {
+    let mut world = World::compensating(&Limits {
+        read_back_cycles: 1,
+        ..limits()
+    });
+    let mut before = world.applied[0];
+    for cycle in 0..2000 {
+        world.target = Some(axes(0.05 * (f64::from(cycle) * 0.01).sin(), 0.0));
+        world.sticks = cycle % 7 > 2;
+        let output = world.run(Duration::ZERO);
+        if output.write && !world.sticks {
+            world.guard.write_failed();
+        }
+        assert_eq!(output.state, State::Compensating, "cycle {cycle}");
+        assert!((world.applied[0] - before).abs() <= 0.003 + 1e-9);
+        before = world.applied[0];
+    }
+    assert!(before.abs() > 0.01);
+}
