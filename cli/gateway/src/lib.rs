@@ -10,6 +10,7 @@ pub mod http;
 mod metrics;
 pub mod model;
 pub mod path;
+pub mod process;
 pub mod realtime;
 pub mod report;
 pub mod run;

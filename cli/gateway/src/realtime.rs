@@ -1,9 +1,6 @@
 //! The control thread: absolute deadlines, real-time scheduling, rings to and from the rest.
 
 use std::{
-    fs::File,
-    io::Write,
-    os::unix::fs::OpenOptionsExt,
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -14,7 +11,6 @@ use std::{
 
 use rtrb::{Consumer, Producer, RingBuffer};
 use rustix::{
-    mm::{MlockAllFlags, mlockall},
     thread::{ClockId, CpuSet, clock_nanosleep_absolute, sched_setaffinity},
     time::{ClockId as TimeClock, Timespec, clock_gettime},
 };
@@ -147,39 +143,6 @@ impl Handle {
 impl Drop for Handle {
     fn drop(&mut self) {
         self.stop();
-    }
-}
-
-/// Memory stays in, the processor stays awake: for the whole process. What could not be had, in words.
-pub struct Process {
-    _awake: Option<File>,
-    /// What could not be had.
-    pub lacking: Vec<String>,
-}
-
-impl Process {
-    /// Asks for both.
-    pub fn prepare() -> Self {
-        let mut lacking = Vec::new();
-        let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
-        if let Err(e) = mlockall(flags) {
-            lacking.push(format!("memory is not locked: {e} (LimitMEMLOCK)"));
-        }
-        let awake = std::fs::OpenOptions::new()
-            .write(true)
-            .custom_flags(0)
-            .open("/dev/cpu_dma_latency")
-            .and_then(|mut file| {
-                file.write_all(&0_i32.to_ne_bytes())?;
-                Ok(file)
-            });
-        if let Err(e) = &awake {
-            lacking.push(format!("processors may sleep: /dev/cpu_dma_latency: {e}"));
-        }
-        Self {
-            _awake: awake.ok(),
-            lacking,
-        }
     }
 }
 

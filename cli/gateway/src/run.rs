@@ -33,7 +33,8 @@ use crate::{
     error::GatewayError,
     http::{self, Dashboard, Tokens},
     model::Model,
-    realtime::{self, Process},
+    process::Process,
+    realtime,
     service::{Ask, Asked, Parts, Service, no_limits, published},
     simulate::{self, Simulation, Truth},
 };

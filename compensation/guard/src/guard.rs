@@ -8,6 +8,7 @@ use crate::{
     limits::MOST_READ_BACK_CYCLES,
     proof::Proof,
     state::{Facts, Hold, Phase, Request, State},
+    written::Written,
 };
 
 /// Adopted read-backs in a row, without a write that stuck between, that make a fault.
@@ -83,38 +84,6 @@ pub struct Guard {
     /// Whether the controller can be asked what is applied: as it was when it answered last.
     can_be_asked: bool,
     held_back: u64,
-}
-
-/// The last outputs, for a read-back that is behind.
-#[derive(Clone, Debug)]
-struct Written {
-    ring: [AxisValues; MOST_READ_BACK_CYCLES],
-    next: usize,
-}
-
-impl Written {
-    fn fill(values: &AxisValues) -> Self {
-        Self {
-            ring: [*values; MOST_READ_BACK_CYCLES],
-            next: 0,
-        }
-    }
-
-    fn push(&mut self, values: &AxisValues) {
-        self.ring[self.next] = *values;
-        self.next = (self.next + 1) % MOST_READ_BACK_CYCLES;
-    }
-
-    /// Whether one of the last so many writes is within half a step on every axis.
-    fn holds(&self, applied: &AxisValues, last: usize, limits: &Limits) -> bool {
-        (0..limits.count).all(|axis| {
-            (1..=last.min(MOST_READ_BACK_CYCLES)).any(|back| {
-                let place = (self.next + MOST_READ_BACK_CYCLES - back) % MOST_READ_BACK_CYCLES;
-                (applied[axis] - self.ring[place][axis]).abs()
-                    <= 0.51 * limits.axes[axis].resolution
-            })
-        })
-    }
 }
 
 impl Guard {

@@ -10,6 +10,7 @@ mod proof;
 mod reasons;
 mod state;
 mod temperature;
+mod written;
 
 pub use axis::Follower;
 pub use direction::DirectionMemory;

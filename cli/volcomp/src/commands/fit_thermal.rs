@@ -321,11 +321,11 @@ fn json(channel: &Channel, sensors: &[String], reference_degc: f64, toml: &str) 
 
 fn comparison(channels: &[Channel]) -> String {
     let mut lines = table(&[
-        "left on the last part, rms",
+        "rms on the last part",
         "plain ridge",
         "with lags",
         "",
-        "worst stretch",
+        "worst",
         "from, h",
         "lags, s",
         "sensors",
@@ -337,12 +337,11 @@ fn comparison(channels: &[Channel]) -> String {
         ..
     } in channels
     {
-        let lags: Vec<String> = lagged
-            .fit
-            .terms
-            .iter()
-            .map(|term| format!("{}", term.lag_s))
-            .collect();
+        let lags = lagged.fit.terms.iter().map(|term| term.lag_s);
+        let [shortest, longest] = [
+            lags.clone().fold(f64::INFINITY, f64::min),
+            lags.fold(0.0, f64::max),
+        ];
         lines.add_row([
             name.clone(),
             format!("{:.2}", plain.rms),
@@ -354,7 +353,7 @@ fn comparison(channels: &[Channel]) -> String {
             lagged
                 .worst
                 .map_or(String::new(), |w| format!("{:.1}", w.from_s / 3600.0)),
-            lags.join(" "),
+            format!("{shortest} to {longest}"),
             format!("{}", lagged.fit.sensors().len()),
         ]);
     }

@@ -1,7 +1,6 @@
 //! Everything around the control thread that is not in a hurry: requests, the audit log, reloads, what others see.
 
 use std::{
-    path::PathBuf,
     sync::{Arc, Mutex, PoisonError, mpsc::Receiver},
     time::{Duration, Instant},
 };
@@ -12,24 +11,21 @@ use volcomp_guard::{Reasons, Request, State};
 use volcomp_port::Description;
 
 use crate::{
-    assemble,
     audit::{AuditLog, boot_id, replace_file},
     config::{Config, GuardConfig},
-    cycle::Replacement,
     document::{Facts, document},
-    error::GatewayError,
     model::Model,
     realtime::{Handle, Order},
     report::Report,
-    run::{Options, configuration},
+    run::Options,
     simulate::Truth,
     times::Times,
 };
 
+mod requests;
+
 /// So often the rest of the world is looked at.
 const TICK: Duration = Duration::from_millis(50);
-/// A request has taken effect or not after so long.
-const EFFECT: Duration = Duration::from_millis(300);
 /// The last output is written down so often.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 
@@ -330,219 +326,6 @@ impl Service {
             self.watchdog.fed = Instant::now();
             self.watchdog.cycles = cycles;
         }
-    }
-
-    fn auto_arm(&mut self) {
-        if !self.parts.config.auto_arm || self.was_armed || Instant::now() < self.auto_arm_after {
-            return;
-        }
-        self.auto_arm_after = Instant::now() + Duration::from_secs(1);
-        let report = self.parts.handle.report();
-        let against = report.reasons.without(Reasons::DOES_NOT_FORBID);
-        if report.cycle > 1
-            && report.state == State::Disarmed
-            && against.is_empty()
-            && self.parts.forbids.is_empty()
-            && !self.audit_fails
-        {
-            let (status, answer) = self.arm("auto_arm", None);
-            if status != 200 {
-                tracing::warn!("auto_arm: {answer}");
-                // A person must look at it.
-                self.was_armed = status == 409 && answer.get("model").is_some();
-            }
-        }
-    }
-
-    fn answer(&mut self, asked: Asked) {
-        let who = &asked.who;
-        let answer = match asked.ask {
-            Ask::Arm(confirm) => self.arm(who, confirm.as_deref()),
-            Ask::Disarm => self.request(who, "disarm", Request::Disarm, |state| !state.is_armed()),
-            Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge, |state| {
-                !matches!(state, State::Faulted(_))
-            }),
-            Ask::Reload(confirm) => self.reload(who, confirm.as_deref()),
-        };
-        if let Some(to) = asked.answer {
-            // Whoever asked may have gone.
-            let _ = to.send(answer);
-        } else {
-            tracing::info!("{who}: {}", answer.1);
-        }
-    }
-
-    /// Logs a request, sends it, and waits for its effect.
-    fn request(
-        &mut self,
-        who: &str,
-        what: &str,
-        request: Request,
-        done: impl Fn(State) -> bool,
-    ) -> Answer {
-        let before = *self.parts.handle.report();
-        let may = self.log(who, what, &json!({ "state": before.state.name() }));
-        // A full disk forbids arming, never disarming.
-        if !may && request == Request::Arm {
-            return (
-                409,
-                json!({ "state": before.state.name(), "reasons": ["audit log cannot be written"] }),
-            );
-        }
-        if !self.parts.handle.send(Order::Request(request)) {
-            return (
-                503,
-                json!({ "error": "the control thread takes no orders" }),
-            );
-        }
-        let end = Instant::now() + EFFECT.max(self.parts.config.cycle * 5);
-        loop {
-            let report = *self.parts.handle.report();
-            // Two cycles: the order may have come in the middle of one.
-            let seen = report.cycle > before.cycle + 2;
-            if seen && done(report.state) || Instant::now() > end {
-                let status = if done(report.state) { 200 } else { 409 };
-                let reasons: Vec<&str> = (report.reasons | self.parts.forbids).texts().collect();
-                return (
-                    status,
-                    json!({ "state": report.state.name(), "reasons": reasons }),
-                );
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-    }
-
-    fn confirmed_path(&self) -> PathBuf {
-        self.parts.config.audit_dir.join("confirmed-machine.toml")
-    }
-
-    /// What a change from `old` must be confirmed for; `None`: nothing, or it is.
-    fn needs_confirmation(&self, old: &Model, new: &Model, confirm: Option<&str>) -> Option<Value> {
-        let guard = self.parts.config.guard.as_ref()?;
-        let [worst_mm, worst_rad] = old.worst_corner(new);
-        let (worst_um, worst_urad) = (worst_mm * 1e3, worst_rad * 1e6);
-        let rotary = guard
-            .rotary
-            .as_ref()
-            .map_or(f64::INFINITY, |rotary| rotary.confirm);
-        let moves = worst_um > guard.linear.confirm || worst_urad > rotary;
-        if !moves || confirm == Some(new.hash.as_str()) {
-            return None;
-        }
-        // An infinite number is none in JSON: machines with other axes.
-        Some(
-            json!({ "model": new.hash, "worst_corner_um": worst_um, "worst_corner_urad": worst_urad, "confirm_um": guard.linear.confirm }),
-        )
-    }
-
-    fn arm(&mut self, who: &str, confirm: Option<&str>) -> Answer {
-        let fading = self
-            .parts
-            .config
-            .guard
-            .as_ref()
-            .map(|guard| guard.fading)
-            .unwrap_or_default();
-        let path = self.confirmed_path();
-        // The model that was armed last, unless there was none.
-        if let Ok(old) = Model::read(&path, fading)
-            && old.hash != self.parts.model.hash
-            && let Some(needed) = self.needs_confirmation(&old, &self.parts.model, confirm)
-        {
-            return (409, needed);
-        }
-        if let Err(e) = replace_file(&path, &self.parts.model.text) {
-            tracing::error!("{}: {e}", path.display());
-            return (
-                409,
-                json!({ "state": self.last_state.name(), "reasons": ["audit log cannot be written"] }),
-            );
-        }
-        self.request(who, "arm", Request::Arm, |state| state != State::Disarmed)
-    }
-
-    /// Reads everything again. What cannot change while it runs is said.
-    fn reload(&mut self, who: &str, confirm: Option<&str>) -> Answer {
-        match self.try_reload(who, confirm) {
-            Ok(answer) => answer,
-            Err(e) => {
-                self.log(who, "reload refused", &json!(e.to_string()));
-                tracing::warn!("reload: {e}");
-                (422, json!({ "error": e.to_string() }))
-            }
-        }
-    }
-
-    fn try_reload(&mut self, who: &str, confirm: Option<&str>) -> Result<Answer, GatewayError> {
-        if self.parts.options.config.is_none() {
-            let what = "the built-in configuration cannot be read again";
-            return Err(GatewayError::Unfit(what.to_owned()));
-        }
-        let config = configuration(&self.parts.options)?;
-        let old = &self.parts.config;
-        let same = |a: bool, what: &str| {
-            if a {
-                Ok(())
-            } else {
-                Err(GatewayError::Unfit(format!(
-                    "{what} changed: restart the gateway for that"
-                )))
-            }
-        };
-        same(config.controllers == old.controllers, "[[controller]]")?;
-        same(config.thermometers == old.thermometers, "[[thermometer]]")?;
-        same(config.cycle == old.cycle, "cycle_ms")?;
-        same(config.dashboard == old.dashboard, "[dashboard]")?;
-        same(config.audit_dir == old.audit_dir, "[audit]")?;
-        same(config.realtime == old.realtime, "[realtime]")?;
-        let guard = config
-            .guard
-            .as_ref()
-            .ok_or_else(|| GatewayError::Unfit("[guard] is missing".to_owned()))?;
-        let limits = assemble::reloaded_limits(&config, guard, &self.parts.controllers)?;
-        let model = Model::read(&config.machine, guard.fading)?;
-        if model.axes != self.parts.model.axes {
-            return Err(GatewayError::Unfit(format!(
-                "{}: other axes than before: restart the gateway for that",
-                config.machine.display()
-            )));
-        }
-        if let Some(needed) = self.needs_confirmation(&self.parts.model, &model, confirm) {
-            tracing::warn!("reload needs a confirmation: {needed}");
-            return Ok((409, needed));
-        }
-        let details = json!({ "from": self.parts.model.hash, "to": model.hash });
-        if !self.log(who, "reload", &details) {
-            return Ok((409, json!({ "reasons": ["audit log cannot be written"] })));
-        }
-        for (index, limits) in limits.into_iter().enumerate() {
-            self.parts
-                .handle
-                .send(Order::Limits(index, Box::new(limits)));
-        }
-        if model.hash != self.parts.model.hash {
-            if self.last_state.is_armed() {
-                // The confirmed one is now this.
-                let _ = replace_file(&self.confirmed_path(), &model.text);
-            }
-            let copy = Arc::new(Model::read(&config.machine, guard.fading)?);
-            self.parts
-                .handle
-                .send(Order::Model(Box::new(Replacement::new(
-                    Box::new(model),
-                    &self.parts.sensors,
-                ))));
-            *self
-                .publisher
-                .model
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner) = Arc::clone(&copy);
-            self.parts.model = copy;
-        }
-        self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
-        self.parts.config = config;
-        self.tell_thread();
-        Ok((200, json!({ "model": self.parts.model.hash })))
     }
 }
 

@@ -1,0 +1,93 @@
+//! `[guard]`.
+
+use std::time::Duration;
+
+use volcomp_model::{Fading, InputError, document::Section};
+
+use super::{AxisGuard, GuardConfig, number_in, number_or};
+
+pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig, InputError> {
+    section.allow(&[
+        "limit_um",
+        "warn_um",
+        "slew_um_per_s",
+        "accel_um_per_s2",
+        "confirm_um",
+        "test_shift_um",
+        "limit_urad",
+        "warn_urad",
+        "slew_urad_per_s",
+        "accel_urad_per_s2",
+        "confirm_urad",
+        "test_shift_urad",
+        "hold_ms",
+        "zero_after_ms",
+        "ramp_s",
+        "stop_s",
+        "hand_back_s",
+        "max_degc_per_min",
+        "range_degc",
+        "temperature_stale_s",
+        "temperature_hold_s",
+        "temperature_fade_s",
+    ])?;
+    let hold_ms = number_in(&section.require("hold_ms")?, [cycle_ms, 60_000.0])?;
+    let zero_after_ms = number_in(&section.require("zero_after_ms")?, [hold_ms, 600_000.0])?;
+    let seconds = |key: &str, range, default| {
+        number_or(section, key, range, default).map(Duration::from_secs_f64)
+    };
+    let range_degc = match section.get("range_degc") {
+        Some(value) => {
+            let [low, high] = value.vector::<2>()?;
+            if low >= high {
+                return Err(value.error(format!(
+                    "found {low} to {high}, expected the lower temperature first"
+                )));
+            }
+            [low, high]
+        }
+        None => [-20.0, 120.0],
+    };
+    let fading = Fading::default();
+    let rotary = section.get("limit_urad").is_some();
+    Ok(GuardConfig {
+        linear: axis_guard(section, "um", 5.0)?,
+        rotary: rotary
+            .then(|| axis_guard(section, "urad", 20.0))
+            .transpose()?,
+        hold: Duration::from_secs_f64(hold_ms * 1e-3),
+        zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
+        ramp: seconds("ramp_s", [0.0, 600.0], 0.5)?,
+        stop: seconds("stop_s", [0.0, 600.0], 5.0)?,
+        hand_back: seconds("hand_back_s", [0.0, 3600.0], 2.0)?,
+        max_degc_per_min: number_or(section, "max_degc_per_min", [0.01, 1000.0], 5.0)?,
+        range_degc,
+        temperature_stale: seconds("temperature_stale_s", [0.1, 3600.0], 30.0)?,
+        fading: Fading {
+            hold_s: number_or(section, "temperature_hold_s", [0.0, 1e6], fading.hold_s)?,
+            fade_s: number_or(section, "temperature_fade_s", [1.0, 1e6], fading.fade_s)?,
+        },
+    })
+}
+
+/// The keys that end in `unit`; the test shift is 0 or this where it is not named, if the limit allows.
+fn axis_guard(section: &Section<'_>, unit: &str, test_shift: f64) -> Result<AxisGuard, InputError> {
+    let key = |name: &str| match name.split_once("_per") {
+        Some((name, per)) => format!("{name}_{unit}_per{per}"),
+        None => format!("{name}_{unit}"),
+    };
+    let limit = number_in(&section.require(&key("limit"))?, [1e-3, 10_000.0])?;
+    Ok(AxisGuard {
+        limit,
+        warn: number_or(section, &key("warn"), [0.0, limit], limit)?,
+        slew_per_s: number_in(&section.require(&key("slew_per_s"))?, [1e-3, 1e7])?,
+        accel_per_s2: number_or(section, &key("accel_per_s2"), [1e-3, 1e12], f64::INFINITY)?,
+        confirm: number_or(section, &key("confirm"), [0.0, 1e6], limit)?,
+        test_shift: number_or(
+            section,
+            &key("test_shift"),
+            [0.0, limit],
+            test_shift.min(limit),
+        )?,
+    })
+}
