@@ -400,6 +400,13 @@ pub fn check(path: &Path) -> Result<Vec<String>, GatewayError> {
             controller.axes.iter().collect::<String>()
         ));
     }
+    let shown = |letter: char| {
+        let mut controllers = config.controllers.iter();
+        controllers.any(|c| c.axes.contains(&letter) || c.fixed.contains_key(&letter))
+    };
+    for (letter, _) in model.axes.iter().filter(|(letter, _)| !shown(*letter)) {
+        lines.push(format!("axis {letter}: no controller shows it and `fixed` does not say where it stands: it will not arm"));
+    }
     let known: Vec<&String> = config
         .thermometers
         .iter()

@@ -113,10 +113,10 @@ pub fn text(state: &Value) -> String {
             .join("  ")
     };
     let cycle = &state["cycle"];
-    let mut lines = vec![format!("state         {}", word(&state["state"]))];
+    let mut lines = vec![format!("state           {}", word(&state["state"]))];
     let mut add = |title: &str, text: String| {
         if !text.is_empty() {
-            lines.push(format!("{title:<14}{text}"));
+            lines.push(format!("{title:<16}{text}"));
         }
     };
     add("because", list(&state["reasons"]));
@@ -124,10 +124,7 @@ pub fn text(state: &Value) -> String {
     add("controller", word(&state["controller"]["device"]));
     add("position, mm", named(&state["positions_mm"]));
     add("deg", named(&state["positions_deg"]));
-    add(
-        "correction, um",
-        format!(" {}", named(&state["correction_um"])),
-    );
+    add("correction, um", named(&state["correction_um"]));
     add("urad", named(&state["correction_urad"]));
     for temperature in state["temperatures"].as_array().into_iter().flatten() {
         let degc = temperature["degc"]

@@ -11,6 +11,7 @@ mod http;
 mod process;
 mod program;
 mod reload;
+mod texts;
 mod volume;
 
 /// Ends the run on an allocation where one is forbidden.
