@@ -156,3 +156,80 @@ fn adding_channels_keep_their_sum() {
         "{sum} {report:?} {held:?}"
     );
 }
+
+/// The second path is one axis on lines, as the published system has it: it corrects that axis alone, and only where
+/// the positions of the others are known - fixed, or shown by somebody.
+#[test]
+fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
+    for (fixed, stands_in) in [(Some(1000.0), true), (None, false)] {
+        let clock = Clock::manual();
+        let guard = simulate::guard();
+        let simulation = Simulation::new(clock.clone()).expect("built in");
+        let model = Model::new(&simulation.model, guard.fading).expect("built in");
+        let lines = volcomp_port::simulated::Machine {
+            axes: simulation.controller.description().axes[..1].to_vec(),
+            program: Vec::new(),
+            acceleration_per_s2: 1.0,
+            sensors: Vec::new(),
+            truth: Arc::new(|_, _| [0.0; 9]),
+            clock: clock.clone(),
+        };
+        let (lines, _, _) = lines.start();
+        let [seen, second] = [0, 1].map(|_| Arc::new(Mutex::new(Seen::default())));
+        let mut channels = Vec::new();
+        let mut path = |controller: Box<dyn Controller>, fixed: Vec<(char, f64)>| {
+            let config = PathConfig {
+                proves: false,
+                fixed,
+                ..path_config()
+            };
+            assemble::path(controller, &model, &guard, &config, PERIOD, &mut channels)
+                .expect("built in")
+        };
+        let others = fixed.map_or(Vec::new(), |at| vec![('Y', at), ('Z', 500.0)]);
+        let paths = vec![
+            path(
+                Box::new(Watched {
+                    inner: simulation.controller,
+                    seen: Arc::clone(&seen),
+                }),
+                Vec::new(),
+            ),
+            path(
+                Box::new(Watched {
+                    inner: lines,
+                    seen: Arc::clone(&second),
+                }),
+                others,
+            ),
+        ];
+        let mut bench = Bench {
+            cycle: cycle(
+                model,
+                paths,
+                &guard,
+                Box::new(simulation.thermometer),
+                &clock,
+            ),
+            clock,
+            controls: simulation.controls,
+            truth: simulation.truth,
+            seen,
+            forbids: Reasons::NONE,
+        };
+        bench.request(Request::Arm);
+        bench.run(SECOND);
+        bench.seen.lock().unwrap().fault = Some(Fault::Disconnected);
+        let report = bench.run(2 * SECOND);
+        assert_eq!(report.active, usize::from(stands_in), "{report:?}");
+        let applied = second.lock().unwrap().applied;
+        if stands_in {
+            assert_eq!(report.state.name(), "compensating");
+            assert!(
+                (applied[0] - report.wanted[0]).abs() < 0.002 && report.wanted[0].abs() > 0.002
+            );
+        } else {
+            assert_eq!(applied, [0.0; 9]);
+        }
+    }
+}
