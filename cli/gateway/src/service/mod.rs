@@ -123,8 +123,8 @@ pub struct Service {
     last_state: State,
     last_active: usize,
     audit_fails: bool,
-    /// Whether auto_arm has done its work.
-    was_armed: bool,
+    /// It was armed once, or a person took over.
+    auto_arm_done: bool,
     auto_arm_after: Instant,
     output_written: (Instant, [f64; 9]),
     watchdog: Watchdog,
@@ -148,7 +148,7 @@ impl Service {
             last_state: State::Disarmed,
             last_active: 0,
             audit_fails: false,
-            was_armed: false,
+            auto_arm_done: false,
             auto_arm_after: now,
             output_written: (now, [0.0; 9]),
             watchdog: Watchdog {
@@ -276,7 +276,7 @@ impl Service {
             let details = json!({ "state": change.state.name(), "controller": change.active, "reasons": reasons, "cycle": change.cycle });
             self.log("gateway", "state", &details);
             (self.last_state, self.last_active) = (change.state, change.active);
-            self.was_armed |= change.state == State::Compensating;
+            self.auto_arm_done |= change.state == State::Compensating;
         }
         if self.audit_fails {
             // Once it can be written again arming is allowed again.

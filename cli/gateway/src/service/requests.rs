@@ -21,7 +21,8 @@ const EFFECT: Duration = Duration::from_millis(300);
 
 impl Service {
     pub(super) fn auto_arm(&mut self) {
-        if !self.parts.config.auto_arm || self.was_armed || Instant::now() < self.auto_arm_after {
+        if !self.parts.config.auto_arm || self.auto_arm_done || Instant::now() < self.auto_arm_after
+        {
             return;
         }
         self.auto_arm_after = Instant::now() + Duration::from_secs(1);
@@ -37,13 +38,15 @@ impl Service {
             if status != 200 {
                 tracing::warn!("auto_arm: {answer}");
                 // A person must look at it.
-                self.was_armed = status == 409 && answer.get("model").is_some();
+                self.auto_arm_done = status == 409 && answer.get("model").is_some();
             }
         }
     }
 
     pub(super) fn answer(&mut self, asked: Asked) {
         let who = &asked.who;
+        // From here on a person decides.
+        self.auto_arm_done |= !matches!(asked.ask, Ask::Reload(_));
         let answer = match asked.ask {
             Ask::Arm(confirm) => self.arm(who, confirm.as_deref()),
             Ask::Disarm => self.request(who, "disarm", Request::Disarm, |state| !state.is_armed()),

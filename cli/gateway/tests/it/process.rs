@@ -400,6 +400,33 @@ fn status_and_check_speak_for_themselves() {
     }
 }
 
+/// Axes that never stand still keep the test shift waiting; a person who disarms then is not overruled by auto_arm.
+#[test]
+fn auto_arm_does_not_overrule_a_person() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let text = std::fs::read_to_string(&config).expect("readable");
+    std::fs::write(
+        &config,
+        text.replace("test_shift_um = 0", "test_shift_um = 5"),
+    )
+    .expect("writable");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let state = program.wait_for("arming");
+    assert!(
+        state["reasons"]
+            .to_string()
+            .contains("waiting for standstill"),
+        "{state}"
+    );
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    program.wait_for("disarmed");
+    std::thread::sleep(Duration::from_millis(2500));
+    assert_eq!(program.state()["state"], "disarmed");
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+}
+
 /// Without [guard] it runs and shows, and does not arm.
 #[test]
 fn without_limits_it_does_not_arm() {
