@@ -8,6 +8,7 @@ use volcomp_model::{CompiledMachine, Fading, Machine, ThermalState, Tolerance};
 use crate::error::GatewayError;
 
 /// A machine that is compiled, with its thermal terms. Boxed and handed over whole.
+#[derive(Clone)]
 pub struct Model {
     /// Its name.
     pub name: String,
@@ -92,6 +93,20 @@ impl Model {
         })
     }
 
+    /// The machine as it is at steady temperatures (degC) by name.
+    pub(crate) fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
+        let mut warm = self.clone();
+        let degc: Vec<Option<f64>> = self
+            .thermal
+            .sensors()
+            .iter()
+            .map(|name| degc(name))
+            .collect();
+        warm.thermal.step(0.0, &degc);
+        warm.thermal.apply(&mut warm.compiled);
+        warm
+    }
+
     /// How far the correction of any corner moves when `other` takes the place of this model: mm of a linear axis,
     /// rad of a rotary axis at the most. Infinite where the axes differ.
     pub fn worst_corner(&self, other: &Self) -> [f64; 2] {
@@ -108,5 +123,27 @@ impl Model {
             }
         }
         worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A change that is only seen when the machine is warm.
+    #[test]
+    fn corners_are_compared_warm_too() {
+        let model = |um_per_m_k: f64| {
+            let text = format!(
+                "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 1000.0]\n[axes.Y]\ntravel = [0.0, 1.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = {um_per_m_k}\n"
+            );
+            let machine = Machine::parse(&text, "m").expect("valid");
+            Model::new(&machine, Fading::default()).expect("compiles")
+        };
+        let (old, new) = (model(10.0), model(20.0));
+        assert_eq!(old.worst_corner(&new), [0.0; 2]);
+        let warm = |model: &Model| model.warmed(|_| Some(25.0));
+        let [mm, rad] = warm(&old).worst_corner(&warm(&new));
+        assert!((mm - 0.05).abs() < 1e-5 && rad == 0.0, "{mm}");
     }
 }

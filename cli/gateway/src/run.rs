@@ -258,8 +258,8 @@ fn assemble_all(options: &Options, config: &Config) -> Result<Assembled, Gateway
 
 fn assemble_configured(config: &Config) -> Result<Assembled, GatewayError> {
     let guard = config.guard.clone().unwrap_or_else(no_limits);
-    let model = Box::new(Model::read(&config.machine, guard.fading)?);
-    let cycle = assemble::cycle(config, &guard, model)?;
+    let model = Model::read(&config.machine, guard.fading)?;
+    let cycle = assemble::cycle(config, &guard, Box::new(model.clone()))?;
     Ok(Assembled {
         controllers: cycle
             .paths()
@@ -271,7 +271,7 @@ fn assemble_configured(config: &Config) -> Result<Assembled, GatewayError> {
             .iter()
             .flat_map(|thermometer| thermometer.names.clone())
             .collect(),
-        model: Arc::new(Model::read(&config.machine, guard.fading)?),
+        model: Arc::new(model),
         truth: None,
         cycle,
     })
@@ -304,7 +304,7 @@ fn assemble_simulated(config: &Config) -> Result<Assembled, GatewayError> {
     Ok(Assembled {
         controllers: vec![path.controller.description().clone()],
         sensors: sensors.names(),
-        model: Arc::new(Model::new(&simulation.model, guard.fading)?),
+        model: Arc::new(model.clone()),
         truth: Some(simulation.truth),
         cycle: Cycle::new(
             Box::new(model),

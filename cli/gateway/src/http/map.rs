@@ -18,15 +18,11 @@ pub(super) fn map(model: &Model, state: &Value) -> Value {
     let [first, second] = linear[..] else {
         return json!({});
     };
-    let mut compiled = model.compiled.clone();
-    let mut thermal = model.thermal.clone();
-    let temperature = |name: &String| {
+    let temperature = |name: &str| {
         let list = state["temperatures"].as_array()?;
-        list.iter().find(|t| t["name"] == **name)?["degc"].as_f64()
+        list.iter().find(|t| t["name"] == *name)?["degc"].as_f64()
     };
-    let degc: Vec<Option<f64>> = thermal.sensors().iter().map(temperature).collect();
-    thermal.step(0.0, &degc);
-    thermal.apply(&mut compiled);
+    let model = model.warmed(temperature);
     let mut at = State::default();
     for (index, (letter, rotary)) in model.axes.iter().enumerate() {
         let (key, factor) = if *rotary {
@@ -46,7 +42,7 @@ pub(super) fn map(model: &Model, state: &Value) -> Value {
                 .map(|x| {
                     let mut state = at;
                     (state.q[first], state.q[second]) = (x, y);
-                    let [x, y, z] = compiled.evaluate(&state).position_mm;
+                    let [x, y, z] = model.compiled.evaluate(&state).position_mm;
                     (1e4 * (x * x + y * y + z * z).sqrt()).round() / 10.0
                 })
                 .collect()

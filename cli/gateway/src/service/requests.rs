@@ -12,8 +12,8 @@ use volcomp_guard::{Reasons, Request, State};
 
 use super::{Answer, Ask, Asked, Service};
 use crate::{
-    assemble, audit::replace_file, cycle::Replacement, error::GatewayError, model::Model,
-    realtime::Order, run::configuration,
+    assemble, audit::replace_file, config::Config, cycle::Replacement, error::GatewayError,
+    model::Model, realtime::Order, run::configuration,
 };
 
 /// A request has taken effect or not after so long.
@@ -108,9 +108,26 @@ impl Service {
     }
 
     /// What a change from `old` must be confirmed for; `None`: nothing, or it is.
-    fn needs_confirmation(&self, old: &Model, new: &Model, confirm: Option<&str>) -> Option<Value> {
+    /// Judged cold, and at the temperatures of now.
+    fn needs_confirmation(
+        &mut self,
+        old: &Model,
+        new: &Model,
+        confirm: Option<&str>,
+    ) -> Option<Value> {
+        let report = *self.parts.handle.report();
         let guard = self.parts.config.guard.as_ref()?;
-        let [worst_mm, worst_rad] = old.worst_corner(new);
+        let degc = |name: &str| {
+            let place = self
+                .parts
+                .sensors
+                .iter()
+                .position(|sensor| sensor == name)?;
+            report.sensors.get(place)?.degc
+        };
+        let cold = old.worst_corner(new);
+        let warm = old.warmed(degc).worst_corner(&new.warmed(degc));
+        let [worst_mm, worst_rad] = [cold[0].max(warm[0]), cold[1].max(warm[1])];
         let (worst_um, worst_urad) = (worst_mm * 1e3, worst_rad * 1e6);
         let rotary = guard
             .rotary
@@ -138,7 +155,8 @@ impl Service {
         // The model that was armed last, unless there was none.
         if let Ok(old) = Model::read(&path, fading)
             && old.hash != self.parts.model.hash
-            && let Some(needed) = self.needs_confirmation(&old, &self.parts.model, confirm)
+            && let Some(needed) =
+                self.needs_confirmation(&old, &Arc::clone(&self.parts.model), confirm)
         {
             return (409, needed);
         }
@@ -170,22 +188,7 @@ impl Service {
             return Err(GatewayError::Unfit(what.to_owned()));
         }
         let config = configuration(&self.parts.options)?;
-        let old = &self.parts.config;
-        let same = |a: bool, what: &str| {
-            if a {
-                Ok(())
-            } else {
-                Err(GatewayError::Unfit(format!(
-                    "{what} changed: restart the gateway for that"
-                )))
-            }
-        };
-        same(config.controllers == old.controllers, "[[controller]]")?;
-        same(config.thermometers == old.thermometers, "[[thermometer]]")?;
-        same(config.cycle == old.cycle, "cycle_ms")?;
-        same(config.dashboard == old.dashboard, "[dashboard]")?;
-        same(config.audit_dir == old.audit_dir, "[audit]")?;
-        same(config.realtime == old.realtime, "[realtime]")?;
+        self.can_change_to(&config)?;
         let guard = config
             .guard
             .as_ref()
@@ -198,7 +201,9 @@ impl Service {
                 config.machine.display()
             )));
         }
-        if let Some(needed) = self.needs_confirmation(&self.parts.model, &model, confirm) {
+        if let Some(needed) =
+            self.needs_confirmation(&Arc::clone(&self.parts.model), &model, confirm)
+        {
             tracing::warn!("reload needs a confirmation: {needed}");
             return Ok((409, needed));
         }
@@ -216,7 +221,7 @@ impl Service {
                 // The confirmed one is now this.
                 let _ = replace_file(&self.confirmed_path(), &model.text);
             }
-            let copy = Arc::new(Model::read(&config.machine, guard.fading)?);
+            let copy = Arc::new(model.clone());
             self.parts
                 .handle
                 .send(Order::Model(Box::new(Replacement::new(
@@ -234,5 +239,39 @@ impl Service {
         self.parts.config = config;
         self.tell_thread();
         Ok((200, json!({ "model": self.parts.model.hash })))
+    }
+
+    /// Whether everything that stays as it is while the gateway runs is as it was.
+    fn can_change_to(&self, config: &Config) -> Result<(), GatewayError> {
+        let old = &self.parts.config;
+        let fixed = |config: &Config| {
+            config.guard.as_ref().map(|guard| {
+                let temperature = (
+                    guard.max_degc_per_min,
+                    guard.range_degc,
+                    guard.temperature_stale,
+                    guard.fading,
+                );
+                (guard.hand_back, temperature)
+            })
+        };
+        let same = [
+            (config.controllers == old.controllers, "[[controller]]"),
+            (config.thermometers == old.thermometers, "[[thermometer]]"),
+            (config.cycle == old.cycle, "cycle_ms"),
+            (config.dashboard == old.dashboard, "[dashboard]"),
+            (config.audit_dir == old.audit_dir, "[audit]"),
+            (config.realtime == old.realtime, "[realtime]"),
+            (
+                old.guard.is_none() || fixed(config) == fixed(old),
+                "[guard] hand_back_s or a key of temperatures",
+            ),
+        ];
+        match same.iter().find(|(same, _)| !same) {
+            Some((_, what)) => Err(GatewayError::Unfit(format!(
+                "{what} changed: restart the gateway for that"
+            ))),
+            None => Ok(()),
+        }
     }
 }
