@@ -64,34 +64,24 @@ impl Tokens {
     /// # Errors
     /// A file that others may read, or with wrong lines.
     pub fn load(configured: Option<&Path>) -> Result<Self, GatewayError> {
-        let credential = || {
-            std::env::var_os("CREDENTIALS_DIRECTORY")
-                .map(|dir| PathBuf::from(dir).join("tokens"))
-                .filter(|path| path.exists())
-        };
-        match configured.map(Path::to_owned).or_else(credential) {
-            Some(path) => Self::read(&path),
-            None => Ok(Self::default()),
+        if let Some(path) = configured {
+            check_private(path)?;
+            return Self::read(path);
+        }
+        let folder = std::env::var_os("CREDENTIALS_DIRECTORY").map(PathBuf::from);
+        // The service manager keeps its folder private; the file's mode may show an access list.
+        match folder.map(|folder| folder.join("tokens")) {
+            Some(path) if path.exists() => Self::read(&path),
+            _ => Ok(Self::default()),
         }
     }
 
     fn read(path: &Path) -> Result<Self, GatewayError> {
         let file = path.display().to_string();
-        let failed = |source| GatewayError::Read {
+        let text = std::fs::read_to_string(path).map_err(|source| GatewayError::Read {
             file: file.clone(),
             source,
-        };
-        let mode = std::fs::metadata(path)
-            .map_err(failed)?
-            .permissions()
-            .mode();
-        if mode & 0o077 != 0 {
-            return Err(GatewayError::Unfit(format!(
-                "{file}: found mode {:03o}, expected 600: others may read the tokens",
-                mode & 0o777
-            )));
-        }
-        let text = std::fs::read_to_string(path).map_err(failed)?;
+        })?;
         Self::parse(&text)
             .map_err(|(line, what)| GatewayError::Unfit(format!("{file}:{line}: {what}")))
     }
@@ -197,6 +187,22 @@ impl Tokens {
         }
         *count += 1;
     }
+}
+
+/// Nobody but its owner may read it.
+fn check_private(path: &Path) -> Result<(), GatewayError> {
+    let file = path.display().to_string();
+    let metadata = std::fs::metadata(path).map_err(|source| GatewayError::Read {
+        file: file.clone(),
+        source,
+    })?;
+    let mode = metadata.permissions().mode() & 0o777;
+    if mode & 0o077 == 0 {
+        return Ok(());
+    }
+    Err(GatewayError::Unfit(format!(
+        "{file}: found mode {mode:03o}, expected 600: others may read the tokens"
+    )))
 }
 
 fn is_long_enough(token: &str) -> bool {
