@@ -197,12 +197,12 @@ fn check_private(path: &Path) -> Result<(), GatewayError> {
         source,
     })?;
     let mode = metadata.permissions().mode() & 0o777;
-    if mode & 0o077 == 0 {
-        return Ok(());
+    if mode & 0o077 > 0 {
+        return Err(GatewayError::Unfit(format!(
+            "{file}: found mode {mode:03o}, expected 600: others may read the tokens"
+        )));
     }
-    Err(GatewayError::Unfit(format!(
-        "{file}: found mode {mode:03o}, expected 600: others may read the tokens"
-    )))
+    Ok(())
 }
 
 fn is_long_enough(token: &str) -> bool {
