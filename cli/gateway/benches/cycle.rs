@@ -1,0 +1,76 @@
+//! A whole cycle on the simulated machine: reading, temperatures, model, guard, writing; and the same with nothing to
+//! correct, which tells what the simulation itself costs.
+
+use std::{hint::black_box, time::Duration};
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use volcomp_gateway::{
+    assemble::{self, PathConfig},
+    cycle::{Asked, Cycle, Sensors},
+    model::Model,
+    simulate::{self, Simulation},
+};
+use volcomp_guard::Request;
+use volcomp_port::{Clock, Controller, MAX_AXES, Thermometer};
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+fn cycles(criterion: &mut Criterion) {
+    let clock = Clock::manual();
+    let guard = simulate::guard();
+    let simulation = Simulation::new(clock.clone()).expect("built in");
+    let model = Model::new(&simulation.model, guard.fading).expect("built in");
+    let config = PathConfig {
+        fixed: Vec::new(),
+        unwatched: false,
+        proves: false,
+        position_step: 0.0,
+        read_back_cycles: 1,
+    };
+    let path = assemble::path(
+        Box::new(simulation.controller),
+        &model,
+        &guard,
+        &config,
+        PERIOD,
+        &mut Vec::new(),
+    );
+    let sensors = Sensors {
+        thermometers: vec![Box::new(simulation.thermometer)],
+        limits: assemble::sensor_limits(&guard),
+    };
+    let paths = vec![path.expect("built in")];
+    let mut cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
+        .with_start(clock.start());
+    let mut asked = Asked {
+        request: Some(Request::Arm),
+        ..Asked::default()
+    };
+    criterion.bench_function("whole cycle, simulated machine", |bencher| {
+        bencher.iter(|| {
+            clock.advance(PERIOD);
+            cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+            asked.request = None;
+            black_box(cycle.report().correction)
+        });
+    });
+    let clock = Clock::manual();
+    let Simulation {
+        mut controller,
+        mut thermometer,
+        ..
+    } = Simulation::new(clock.clone()).expect("built in");
+    criterion.bench_function("the simulation alone", |bencher| {
+        bencher.iter(|| {
+            clock.advance(PERIOD);
+            let read = controller
+                .read(clock.now())
+                .map(|snapshot| snapshot.positions);
+            let written = controller.apply(&[0.001; MAX_AXES], clock.now());
+            black_box((read, written, thermometer.latest().len()))
+        });
+    });
+}
+
+criterion_group!(benches, cycles);
+criterion_main!(benches);
