@@ -233,3 +233,94 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
         }
     }
 }
+
+/// Five axes, which the control names in another order than the machine's chain: each gets its own correction, that of
+/// the exact model, with its sign.
+#[test]
+fn every_axis_gets_its_own_correction() {
+    use volcomp_kinematics::{AxisName, CorrectionOptions};
+    use volcomp_model::{Machine, Temperatures};
+    let file =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
+    let machine = Machine::read(&file).expect("shipped");
+    let letters = ['Z', 'B', 'X', 'C', 'Y'];
+    for place in [
+        [-100.0, 40.0, 200.0, 50.0, 300.0],
+        [-400.0, -75.0, 650.0, 300.0, 50.0],
+        [0.0, 100.0, 10.0, 190.0, 590.0],
+    ] {
+        let rotary = |name: char| matches!(name, 'B' | 'C');
+        let mut to = [0.0; 9];
+        for ((to, name), at) in to.iter_mut().zip(letters).zip(place) {
+            *to = if rotary(name) {
+                f64::to_radians(at)
+            } else {
+                at
+            };
+        }
+        let clock = Clock::manual();
+        let control = volcomp_port::simulated::Machine {
+            axes: letters
+                .map(|name| volcomp_port::Axis {
+                    name,
+                    rotary: rotary(name),
+                    includes_correction: false,
+                    resolution: 1e-6,
+                })
+                .to_vec(),
+            program: vec![volcomp_port::simulated::Move {
+                to,
+                feed_per_s: 1.0,
+                dwell: SECOND,
+            }],
+            acceleration_per_s2: 1.0,
+            sensors: Vec::new(),
+            truth: Arc::new(|_, _| [0.0; 9]),
+            clock: clock.clone(),
+        };
+        let (control, thermometer, controls) = control.start();
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let mut guard = simulate::guard();
+        guard.rotary = Some(guard.linear);
+        let model = Model::new(&machine, guard.fading).expect("shipped");
+        let config = PathConfig {
+            proves: false,
+            ..path_config()
+        };
+        let controller = Box::new(Watched {
+            inner: control,
+            seen: Arc::clone(&seen),
+        });
+        let path = assemble::path(controller, &model, &guard, &config, PERIOD, &mut Vec::new())
+            .expect("fits");
+        let mut bench = Bench {
+            cycle: cycle(model, vec![path], &guard, Box::new(thermometer), &clock),
+            clock,
+            controls,
+            truth: Simulation::new(Clock::manual()).expect("built in").truth,
+            seen,
+            forbids: Reasons::NONE,
+        };
+        bench.run(SECOND);
+        bench.request(Request::Arm);
+        assert_eq!(bench.run(3 * SECOND).state.name(), "compensating");
+        let named = |(name, at): (char, f64)| (AxisName::from_letter(name).expect("a letter"), at);
+        let coordinates: Vec<_> = letters.into_iter().zip(place).map(named).collect();
+        let state = machine.state(&coordinates).expect("its axes");
+        let exact =
+            machine.correction_at(&state, &Temperatures::new(), &CorrectionOptions::default());
+        let mut largest = 0.0_f64;
+        for (name, applied) in letters.into_iter().zip(bench.applied()) {
+            let index = machine
+                .index_of(AxisName::from_letter(name).expect("a letter"))
+                .expect("its axis");
+            let wanted = exact.delta[index];
+            assert!(
+                (applied - wanted).abs() < 3e-6,
+                "{name} at {place:?}: {applied} for {wanted}"
+            );
+            largest = largest.max(wanted.abs());
+        }
+        assert!(largest > 0.005, "there is something to correct");
+    }
+}
