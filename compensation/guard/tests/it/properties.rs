@@ -164,3 +164,30 @@ fn random_faults_visit_every_state() {
     ];
     assert_eq!(seen.into_iter().collect::<Vec<_>>(), all);
 }
+
+proptest! {
+    /// However fast slew and ramp allow, after k cycles no more than k twentieths of the way are gone: in, out, and to
+    /// another target.
+    #[test]
+    fn a_ramp_is_never_steeper_than_twenty_cycles(from in -0.1..0.1_f64, to in -0.1..0.1_f64, ramp_ms in 0..400_u64, leave: bool) {
+        let mut limits = Limits { ramp: Duration::from_millis(ramp_ms), ..limits() };
+        for axis in &mut limits.axes {
+            (axis.slew_per_s, axis.accel_per_s2) = (1e6, f64::INFINITY);
+        }
+        let mut world = World::new(&limits);
+        world.target = Some(axes(from, 0.0));
+        world.request(Request::Arm);
+        world.run(Duration::from_secs(1));
+        let begun = world.applied[0];
+        let (request, goal) = if leave { (Request::Disarm, 0.0) } else { (Request::Switched, to) };
+        world.target = Some(axes(to, 0.0));
+        let per_cycle = (0.004 / (ramp_ms as f64 * 1e-3).max(0.080)).min(0.05);
+        for cycle in 1..=200 {
+            world.cycle_after(Duration::from_millis(4), (cycle == 1).then_some(request));
+            let gone = (world.applied[0] - begun).abs();
+            let allowed = (goal - begun).abs() * (f64::from(cycle) * per_cycle).min(1.0) + 1.7 * STEP;
+            prop_assert!(gone <= allowed, "{gone} of {} after {cycle}", goal - begun);
+        }
+        prop_assert!((world.applied[0] - goal).abs() <= 0.7 * STEP);
+    }
+}
