@@ -111,11 +111,10 @@ impl AuditLog {
             self.rotate()?;
         }
         let sequence = self.sequence + 1;
-        let mono = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
         let record = json!({
             "seq": sequence,
             "boot": self.boot_id,
-            "monotonic_s": mono.tv_sec as f64 + mono.tv_nsec as f64 * 1e-9,
+            "monotonic_s": crate::realtime::monotonic().as_secs_f64(),
             "time": utc_now(),
             "who": who,
             "what": what,

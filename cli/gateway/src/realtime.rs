@@ -364,7 +364,7 @@ fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-fn monotonic() -> Duration {
+pub(crate) fn monotonic() -> Duration {
     duration(clock_gettime(TimeClock::Monotonic))
 }
 

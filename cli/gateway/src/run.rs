@@ -8,11 +8,7 @@ use std::{
         unix::net::{SocketAddr as UnixAddress, UnixListener},
     },
     path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
-        mpsc::sync_channel,
-    },
+    sync::{Arc, atomic::AtomicUsize, mpsc::sync_channel},
     time::Duration,
 };
 
@@ -26,9 +22,8 @@ use volcomp_port::{Clock, Description};
 
 use crate::{
     assemble::{self, PathConfig},
-    audit::AuditLog,
-    audit::boot_id,
-    config::Config,
+    audit::{AuditLog, boot_id},
+    config::{Config, DashboardConfig},
     cycle::{Cycle, Sensors},
     error::GatewayError,
     http::{self, Dashboard, Tokens},
@@ -82,7 +77,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         return Err(GatewayError::Unfit("[dashboard]: others can reach it, so reading needs a token: token_file is missing or empty".to_owned()));
     }
     let assembled = assemble_all(options, &config)?;
-    let _locks = lock(&config, &assembled.controllers)?;
+    let _locks = lock(&config)?;
     let (audit, found) = AuditLog::open(&config.audit_dir)
         .map_err(|e| GatewayError::system(config.audit_dir.display().to_string(), e))?;
     if found.cut_bytes > 0 {
@@ -155,15 +150,7 @@ fn until_stopped(
     loop {
         for signal in signals.pending() {
             if signal != SIGHUP {
-                let hurry = AtomicBool::new(false);
-                let pending = std::cell::RefCell::new(&mut signals);
-                service.stop(&|| {
-                    let again = pending
-                        .borrow_mut()
-                        .pending()
-                        .any(|signal| signal != SIGHUP);
-                    hurry.fetch_or(again, Ordering::Relaxed) || again
-                });
+                service.stop(&mut || signals.pending().any(|signal| signal != SIGHUP));
                 return Ok(());
             }
             let reload = Asked {
@@ -197,6 +184,17 @@ pub(crate) fn configuration(options: &Options) -> Result<Config, GatewayError> {
     Ok(config)
 }
 
+/// Where others can reach the dashboard it needs TLS.
+fn check_listen(dashboard: &DashboardConfig) -> Result<(), GatewayError> {
+    let address = dashboard.listen;
+    if address.ip().is_loopback() || dashboard.tls.is_some() {
+        return Ok(());
+    }
+    Err(GatewayError::Unfit(format!(
+        "[dashboard] listen = {address}: others can reach this address, so tls_certificate and tls_key are needed (volcomp-gateway tls-init makes a pair)"
+    )))
+}
+
 /// The socket of the dashboard; where others can reach it, only with TLS.
 fn listen(
     config: &Config,
@@ -208,11 +206,7 @@ fn listen(
         .as_ref()
         .map(|(certificate, key)| http::tls::acceptor(certificate, key))
         .transpose()?;
-    if !address.ip().is_loopback() && tls.is_none() {
-        return Err(GatewayError::Unfit(format!(
-            "[dashboard] listen = {address}: others can reach this address, so tls_certificate and tls_key are needed (volcomp-gateway tls-init makes a pair)"
-        )));
-    }
+    check_listen(&config.dashboard)?;
     let bound = TcpListener::bind(address)
         .and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
     Ok((
@@ -334,13 +328,9 @@ fn last_output(path: &Path) -> Option<AxisValues> {
 
 /// One gateway on a host for each controller: a name of the device in the kernel's abstract socket addresses, which
 /// nobody can hold twice, every user sees, and no crash leaves behind.
-fn lock(config: &Config, controllers: &[Description]) -> Result<Vec<UnixListener>, GatewayError> {
-    let names = config
-        .controllers
-        .iter()
-        .zip(controllers)
-        .map(|(config, _)| config.url.as_str());
-    names.map(lock_device).collect()
+fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
+    let devices = config.controllers.iter().map(|controller| &controller.url);
+    devices.map(|device| lock_device(device)).collect()
 }
 
 fn lock_device(device: &str) -> Result<UnixListener, GatewayError> {
@@ -427,12 +417,7 @@ pub fn check(path: &Path) -> Result<Vec<String>, GatewayError> {
             thermometer.names.join(", ")
         ));
     }
-    if !config.dashboard.listen.ip().is_loopback() && config.dashboard.tls.is_none() {
-        return Err(GatewayError::Unfit(format!(
-            "[dashboard] listen = {}: others can reach this address, so tls_certificate and tls_key are needed",
-            config.dashboard.listen
-        )));
-    }
+    check_listen(&config.dashboard)?;
     let tokens = Tokens::load(config.dashboard.token_file.as_deref())?;
     if tokens.is_empty() {
         lines.push("no token: nobody can arm over HTTP".to_owned());

@@ -121,7 +121,6 @@ pub struct Service {
     asked: Receiver<Asked>,
     times: Times,
     last_state: State,
-    last_active: usize,
     audit_fails: bool,
     /// It was armed once, or a person took over.
     auto_arm_done: bool,
@@ -146,7 +145,6 @@ impl Service {
             asked,
             times: Times::default(),
             last_state: State::Disarmed,
-            last_active: 0,
             audit_fails: false,
             auto_arm_done: false,
             auto_arm_after: now,
@@ -186,7 +184,7 @@ impl Service {
     }
 
     /// Ramps to zero for at most the configured time, then leaves the rest. `hurry` says to leave at once.
-    pub fn stop(&mut self, hurry: &dyn Fn() -> bool) {
+    pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
         let report = *self.parts.handle.report();
         self.log("signal", "stop", &json!({ "state": report.state.name() }));
@@ -275,7 +273,7 @@ impl Service {
             );
             let details = json!({ "state": change.state.name(), "controller": change.active, "reasons": reasons, "cycle": change.cycle });
             self.log("gateway", "state", &details);
-            (self.last_state, self.last_active) = (change.state, change.active);
+            self.last_state = change.state;
             self.auto_arm_done |= change.state == State::Compensating;
         }
         if self.audit_fails {

@@ -10,7 +10,7 @@ use std::{
 use serde_json::Value;
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-use crate::program::{MACHINE, Program, path, token_file};
+use crate::program::{MACHINE, Program, change, path, token_file};
 
 /// A control whose X goes to and fro.
 pub(crate) fn control() -> Simulator {
@@ -212,10 +212,7 @@ fn two_gateways_on_one_controller() {
     // As from another host, by another name: the heartbeat moves.
     let other = tempfile::tempdir().expect("writable");
     let config = configuration(other.path(), &control, "");
-    let text = std::fs::read_to_string(&config)
-        .expect("readable")
-        .replace("focas://127.0.0.1", "focas://localhost");
-    std::fs::write(&config, text).expect("writable");
+    change(&config, "focas://127.0.0.1", "focas://localhost");
     let second = Program::start(other.path(), &["--config", path(&config)]);
     second
         .wait(|state| state["cycle"]["count"].as_u64() > Some(100))
@@ -266,12 +263,7 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    let text = std::fs::read_to_string(&config).expect("readable");
-    std::fs::write(
-        &config,
-        text.replace("hold_ms = 500", "hold_ms = 500\nramp_s = 0.1"),
-    )
-    .expect("writable");
+    change(&config, "hold_ms = 500", "hold_ms = 500\nramp_s = 0.1");
     let audit = dir.path().join("audit");
     let mut shell = Command::new("bash");
     // 8 blocks of a KiB; without the signal a write fails instead.
@@ -311,10 +303,11 @@ fn a_second_signal_leaves_at_once() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    let text = std::fs::read_to_string(&config)
-        .expect("readable")
-        .replace("hold_ms = 500", "hold_ms = 500\nramp_s = 60\nstop_s = 60");
-    std::fs::write(&config, text).expect("writable");
+    change(
+        &config,
+        "hold_ms = 500",
+        "hold_ms = 500\nramp_s = 60\nstop_s = 60",
+    );
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     program
         .wait(|state| state["correction_um"]["X"].as_f64() < Some(-1.0))
@@ -406,12 +399,7 @@ fn auto_arm_does_not_overrule_a_person() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    let text = std::fs::read_to_string(&config).expect("readable");
-    std::fs::write(
-        &config,
-        text.replace("test_shift_um = 0", "test_shift_um = 5"),
-    )
-    .expect("writable");
+    change(&config, "test_shift_um = 0", "test_shift_um = 5");
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     let state = program.wait_for("arming");
     assert!(
@@ -499,11 +487,9 @@ fn elsewhere_only_with_tls_and_a_token() {
         .and_then(|l| l.local_addr())
         .expect("loopback")
         .port();
-    let text = std::fs::read_to_string(&config).expect("readable").replace(
-        "[dashboard]",
-        &format!("[dashboard]\nlisten = \"0.0.0.0:{free}\"\ntls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\""),
-    );
-    std::fs::write(&config, text).expect("writable");
+    let tls = "tls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"";
+    let dashboard = format!("[dashboard]\nlisten = \"0.0.0.0:{free}\"\n{tls}");
+    change(&config, "[dashboard]", &dashboard);
     let log = std::fs::File::create(dir.path().join("log")).expect("writable");
     let child = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
         .args(["--config", path(&config)])

@@ -239,3 +239,10 @@ pub(crate) fn answer(text: &str) -> Answer {
 pub(crate) fn path(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
+
+/// Writes a file again with something else in it, which must have been there.
+pub(crate) fn change(file: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(file).expect("readable");
+    assert!(text.contains(from), "{from}");
+    std::fs::write(file, text.replace(from, to)).expect("writable");
+}

@@ -1,17 +1,11 @@
 //! Configuration and machine file read again while it corrects.
 
-use std::{path::Path, time::Duration};
+use std::time::Duration;
 
 use crate::{
     process::{configuration, control},
-    program::{Program, path},
+    program::{Program, change, path},
 };
-
-fn change(file: &Path, from: &str, to: &str) {
-    let text = std::fs::read_to_string(file).expect("readable");
-    assert!(text.contains(from), "{from}");
-    std::fs::write(file, text.replace(from, to)).expect("writable");
-}
 
 #[test]
 fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
