@@ -4,12 +4,13 @@ use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 
 use crate::{
-    axis::{AxisName, JointKind, MAX_AXES},
+    axis::letter_direction,
     pose::{Pose, rotation_about_axis},
     source::State,
     structure::{Side, Structure},
     twist::Screw,
 };
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 /// One axis of the chain, in MCS at machine zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub struct Joint {
     /// Its letter.
     pub name: AxisName,
     /// Sliding or turning.
-    pub kind: JointKind,
+    pub kind: AxisKind,
     /// What it carries.
     pub side: Side,
     /// Unit direction u in MCS.
@@ -31,8 +32,8 @@ impl Joint {
     /// J(q) = Trans(u·q) or Trans(c) Rot(u, q) Trans(−c); q in mm or rad.
     pub fn motion(&self, q: f64) -> Pose {
         match self.kind {
-            JointKind::Linear => Pose::from_translation(self.direction * q),
-            JointKind::Rotary => {
+            AxisKind::Linear => Pose::from_translation(self.direction * q),
+            AxisKind::Rotary => {
                 Pose::about_point(rotation_about_axis(&self.direction, q), self.point_mm)
             }
         }
@@ -41,10 +42,10 @@ impl Joint {
     /// The joint's screw at machine zero.
     pub fn screw(&self) -> Screw {
         match self.kind {
-            JointKind::Linear => Screw::Prismatic {
+            AxisKind::Linear => Screw::Prismatic {
                 direction: self.direction,
             },
-            JointKind::Rotary => Screw::Revolute {
+            AxisKind::Rotary => Screw::Revolute {
                 direction: self.direction,
                 point_mm: self.point_mm,
                 pitch_mm: 0.0,
@@ -105,7 +106,7 @@ impl Chain {
                 name,
                 kind: name.kind(),
                 side: structure.side(index),
-                direction: name.default_direction(),
+                direction: letter_direction(name),
                 point_mm: Vector3::zeros(),
             })
             .collect();

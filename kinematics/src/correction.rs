@@ -4,13 +4,13 @@ use arrayvec::ArrayVec;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::{
-    axis::{AxisName, JointKind, MAX_AXES},
     chain::Chain,
     error_form::actual_pose,
     math::sqrt,
     pose::Pose,
     source::{ErrorSource, State},
 };
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 /// A rotary direction whose nominal singular value is below this is left out (about 1° from the
 /// singular pose); no rotary correction is then more than 1/0.02 = 50 times the tool-axis error.
@@ -175,7 +175,7 @@ impl RotaryRows {
         let tool_axis = chain.ideal_pose(state).rotation * chain.tool_axis();
         let mut before = Pose::identity();
         for (index, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
-            if joint.kind == JointKind::Rotary {
+            if joint.kind == AxisKind::Rotary {
                 let turned = (before.rotation * joint.direction).cross(&tool_axis);
                 columns.push((index, goal.normal_components(&turned)));
             }
@@ -244,7 +244,7 @@ fn symmetric_eigen(m: &Matrix2<f64>) -> ([f64; 2], [Vector2<f64>; 2]) {
 fn linear_correctors(chain: &Chain, options: &CorrectionOptions) -> ArrayVec<usize, 3> {
     let linear = |name: &AxisName| {
         let index = chain.structure().index_of(*name)?;
-        (name.kind() == JointKind::Linear).then_some(index)
+        (name.kind() == AxisKind::Linear).then_some(index)
     };
     let wanted: &[AxisName] = match &options.correct {
         Some(names) => names,

@@ -4,13 +4,13 @@ use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{
-    axis::{JointKind, MAX_AXES},
     chain::{Chain, Joint},
     math::{atan2, sin_cos},
     pose::Pose,
     structure::Structure,
     zero_position::ZeroPositionError,
 };
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 /// Two axes enclosing a smaller angle than this (rad) count as parallel: over 10 m that is 1 nm.
 const PARALLEL_BELOW_RAD: f64 = 1e-10;
@@ -31,10 +31,10 @@ pub struct DhRow {
 
 impl DhRow {
     /// A(q); q in mm or rad.
-    pub fn pose(&self, kind: JointKind, q: f64) -> Pose {
+    pub fn pose(&self, kind: AxisKind, q: f64) -> Pose {
         let (theta, d_mm) = match kind {
-            JointKind::Linear => (self.theta_rad, self.d_mm + q),
-            JointKind::Rotary => (self.theta_rad + q, self.d_mm),
+            AxisKind::Linear => (self.theta_rad, self.d_mm + q),
+            AxisKind::Rotary => (self.theta_rad + q, self.d_mm),
         };
         let (sin, cos) = sin_cos(theta);
         let (sin_alpha, cos_alpha) = sin_cos(self.alpha_rad);
@@ -110,8 +110,8 @@ impl DhTable {
             base = Pose {
                 rotation: frame_along(&first.direction),
                 translation_mm: match first.kind {
-                    JointKind::Rotary => first.point_mm,
-                    JointKind::Linear => Vector3::zeros(),
+                    AxisKind::Rotary => first.point_mm,
+                    AxisKind::Linear => Vector3::zeros(),
                 },
             };
         }
@@ -134,8 +134,8 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     let inverse = frame.inverse();
     let direction = inverse.rotation * next.direction;
     let point = match next.kind {
-        JointKind::Rotary => inverse.transform_point(&next.point_mm),
-        JointKind::Linear => Vector3::zeros(),
+        AxisKind::Rotary => inverse.transform_point(&next.point_mm),
+        AxisKind::Linear => Vector3::zeros(),
     };
     let normal = Vector3::new(-direction.y, direction.x, 0.0);
     let sin_alpha = normal.norm();

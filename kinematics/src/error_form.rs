@@ -5,7 +5,6 @@ use core::{fmt, str::FromStr};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{
-    axis::{JointKind, MAX_AXES},
     chain::{Chain, Joint},
     math::sin_cos,
     pose::{
@@ -15,6 +14,7 @@ use crate::{
     source::{ErrorMotion, ErrorSource, State},
     structure::Side,
 };
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 /// Which form of the model computes the volumetric error; all agree to first order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -87,7 +87,7 @@ pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> 
 /// What sets the `exact` and the `htm` products apart.
 trait SmallMotion {
     fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64>;
-    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: JointKind) -> Vector3<f64>;
+    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: AxisKind) -> Vector3<f64>;
     fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64>;
 }
 
@@ -98,7 +98,7 @@ impl SmallMotion for Exponential {
     fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
         rotation_from_vector(r_rad)
     }
-    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, _: JointKind) -> Vector3<f64> {
+    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, _: AxisKind) -> Vector3<f64> {
         rotation_from_vector(tilt_rad) * direction
     }
     fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
@@ -110,11 +110,11 @@ impl SmallMotion for SmallAngle {
     fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
         small_rotation(r_rad)
     }
-    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: JointKind) -> Vector3<f64> {
+    fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: AxisKind) -> Vector3<f64> {
         let tilted = direction + tilt_rad.cross(direction);
         match kind {
-            JointKind::Linear => tilted,
-            JointKind::Rotary => tilted.normalize(),
+            AxisKind::Linear => tilted,
+            AxisKind::Rotary => tilted.normalize(),
         }
     }
     fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
@@ -153,10 +153,10 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
         // A linear axis's errors ride with its carriage, a rotary axis's stay in the frame that does
         // not turn; the assembly error sits between an axis and what carries it.
         pose = match (joint.side, joint.kind) {
-            (Side::Tool, JointKind::Linear) => pose * assembly * motion * error,
-            (Side::Tool, JointKind::Rotary) => pose * assembly * error * motion,
-            (Side::Workpiece, JointKind::Linear) => pose * error * motion * assembly,
-            (Side::Workpiece, JointKind::Rotary) => pose * motion * error * assembly,
+            (Side::Tool, AxisKind::Linear) => pose * assembly * motion * error,
+            (Side::Tool, AxisKind::Rotary) => pose * assembly * error * motion,
+            (Side::Workpiece, AxisKind::Linear) => pose * error * motion * assembly,
+            (Side::Workpiece, AxisKind::Rotary) => pose * motion * error * assembly,
         };
     }
     pose
@@ -173,8 +173,8 @@ fn error_pose<M: SmallMotion>(error: &ErrorMotion, point_mm: &Vector3<f64>) -> P
 fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) -> Pose {
     let direction = M::tilted(&joint.direction, &location.angular_rad, joint.kind);
     match joint.kind {
-        JointKind::Linear => Pose::from_translation(direction * q),
-        JointKind::Rotary => Pose::about_point(
+        AxisKind::Linear => Pose::from_translation(direction * q),
+        AxisKind::Rotary => Pose::about_point(
             rotation_about_axis(&direction, q),
             joint.point_mm + location.linear_mm,
         ),
@@ -193,7 +193,7 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
     // All angles first: a call in the walk would push every vector out of its registers.
     let mut sines = [(0.0, 1.0); MAX_AXES];
     for ((place, joint), &q) in sines.iter_mut().zip(chain.joints()).zip(&state.q) {
-        if joint.kind == JointKind::Rotary {
+        if joint.kind == AxisKind::Rotary {
             *place = sin_cos(q);
         }
     }
@@ -203,22 +203,22 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
         let location = source.location(index);
         let assembly = source.assembly(index);
         match (joint.kind, joint.side) {
-            (JointKind::Linear, Side::Tool) => {
+            (AxisKind::Linear, Side::Tool) => {
                 walk.add(&error, &joint.point_mm);
                 walk.slide(&joint.direction, &location.angular_rad, q);
                 walk.add(&assembly, &Vector3::zeros());
             }
-            (JointKind::Linear, Side::Workpiece) => {
+            (AxisKind::Linear, Side::Workpiece) => {
                 walk.add(&assembly, &Vector3::zeros());
                 walk.slide(&joint.direction, &location.angular_rad, q);
                 walk.add(&error, &joint.point_mm);
             }
-            (JointKind::Rotary, Side::Tool) => {
+            (AxisKind::Rotary, Side::Tool) => {
                 walk.turn(joint, &location, sines[index]);
                 walk.add(&error, &joint.point_mm);
                 walk.add(&assembly, &Vector3::zeros());
             }
-            (JointKind::Rotary, Side::Workpiece) => {
+            (AxisKind::Rotary, Side::Workpiece) => {
                 walk.add(&assembly, &Vector3::zeros());
                 walk.add(&error, &joint.point_mm);
                 walk.turn(joint, &location, sines[index]);

@@ -13,7 +13,7 @@ mod structure;
 mod twist;
 mod zero_position;
 
-pub use axis::{AxisName, JointKind, MAX_AXES};
+pub use axis::letter_direction;
 pub use chain::{Chain, ChainError, Joint};
 pub use correction::{Correction, CorrectionOptions, SINGULAR_BELOW, correct};
 pub use denavit_hartenberg::{DhRow, DhTable};
@@ -23,7 +23,8 @@ pub use pose::{
     Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,
     vector_from_rotation,
 };
-pub use source::{Approach, ErrorMotion, ErrorSource, GivenErrors, State};
+pub use source::{ErrorMotion, ErrorSource, GivenErrors, State};
 pub use structure::{Side, Structure, StructureError, TypeNumbers};
 pub use twist::{Screw, Twist};
+pub use volcomp_vocabulary as vocabulary;
 pub use zero_position::ZeroPositionError;

@@ -2,27 +2,16 @@
 
 use nalgebra::Vector3;
 
-use crate::axis::MAX_AXES;
-
-/// The direction of the last motion of an axis; it selects the branch of a bidirectional curve.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Approach {
-    /// The axis came in its positive direction.
-    Positive,
-    /// The axis came in its negative direction.
-    Negative,
-    /// Not known: the mean of both branches.
-    #[default]
-    Unknown,
-}
+use volcomp_vocabulary::{Direction, MAX_AXES, PerAxis};
 
 /// Where every axis of a chain stands, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Commanded coordinates: mm for linear axes, rad for rotary ones. Places beyond the chain are 0.
-    pub q: [f64; MAX_AXES],
-    /// Directions of approach.
-    pub approach: [Approach; MAX_AXES],
+    pub q: PerAxis<f64>,
+    /// The direction of the last travel of each axis; it selects the branch of a bidirectional curve. `None`: not
+    /// known, the mean of both branches.
+    pub approach: PerAxis<Option<Direction>>,
 }
 
 impl State {

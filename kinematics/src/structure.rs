@@ -4,7 +4,7 @@ use core::{fmt, str::FromStr};
 
 use arrayvec::ArrayVec;
 
-use crate::axis::{AxisName, JointKind, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 /// On which side of the bed an axis stands: what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -18,7 +18,7 @@ pub enum Side {
 /// A serial chain from the workpiece to the tool, for example `w C' X' b Y Z B t`.
 ///
 /// ```
-/// use volcomp_kinematics::Structure;
+/// use volcomp_kinematics::{Structure};
 /// let gantry: Structure = "w X b Y Z t".parse()?;
 /// assert_eq!(gantry.to_string(), "w X' b Y Z t");
 /// # Ok::<(), volcomp_kinematics::StructureError>(())
@@ -157,7 +157,7 @@ impl Structure {
         let expected = if rotary == 0 { 0 } else { 2 };
         let different = AxisName::ALL
             .into_iter()
-            .filter(|a| a.kind() == JointKind::Rotary && rotary_axes.contains(a))
+            .filter(|a| a.kind() == AxisKind::Rotary && rotary_axes.contains(a))
             .count();
         if different != expected || rotary_axes.len() != expected {
             return Err(StructureError::RotaryAxes {
@@ -186,7 +186,7 @@ impl Structure {
             .axes
             .iter()
             .copied()
-            .filter(|a| a.kind() == JointKind::Rotary)
+            .filter(|a| a.kind() == AxisKind::Rotary)
             .collect();
         let numbers = (0..=3).flat_map(|t| (0..=3).map(move |r| (t, r)));
         numbers

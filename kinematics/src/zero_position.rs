@@ -6,7 +6,6 @@
 use nalgebra::Vector3;
 
 use crate::{
-    axis::{AxisName, JointKind},
     chain::{Chain, ChainError, Joint},
     math::atan2,
     pose::rotation_from_vector,
@@ -14,6 +13,7 @@ use crate::{
     structure::Structure,
     twist::Screw,
 };
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 /// Why screws do not make a chain.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -62,11 +62,11 @@ impl Chain {
         let mut chain = Self::new(structure.clone());
         for (&axis, screw) in structure.axes().iter().zip(screws) {
             match (axis.kind(), screw) {
-                (JointKind::Linear, Screw::Prismatic { direction }) => {
+                (AxisKind::Linear, Screw::Prismatic { direction }) => {
                     chain.set_direction(axis, (*direction).into())?;
                 }
                 (
-                    JointKind::Rotary,
+                    AxisKind::Rotary,
                     Screw::Revolute {
                         direction,
                         point_mm,
@@ -81,8 +81,8 @@ impl Chain {
                         axis,
                         found: screw_kind(screw),
                         expected: match kind {
-                            JointKind::Linear => "sliding",
-                            JointKind::Rotary => "turning",
+                            AxisKind::Linear => "sliding",
+                            AxisKind::Rotary => "turning",
                         },
                     });
                 }
@@ -131,8 +131,8 @@ impl Joint {
     pub fn real_screw(&self, location: &ErrorMotion) -> Screw {
         let direction = rotation_from_vector(&location.angular_rad) * self.direction;
         match self.kind {
-            JointKind::Linear => Screw::Prismatic { direction },
-            JointKind::Rotary => Screw::Revolute {
+            AxisKind::Linear => Screw::Prismatic { direction },
+            AxisKind::Rotary => Screw::Revolute {
                 direction,
                 point_mm: self.point_mm + location.linear_mm,
                 pitch_mm: 0.0,

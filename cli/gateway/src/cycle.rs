@@ -6,7 +6,7 @@ use volcomp_guard::{
     AxisValues, DirectionMemory, MAX_AXES, MAX_PATHS, Output, PathHealth, Reasons, Request,
     Selector, SensorCheck, SensorLimits, State as GuardState,
 };
-use volcomp_kinematics::{Approach, State};
+use volcomp_kinematics::State;
 use volcomp_port::{Quality, Thermometer};
 
 use crate::{
@@ -373,11 +373,7 @@ impl Cycle {
                 continue;
             }
             let threshold = if *rotary { REVERSAL_RAD } else { REVERSAL_MM };
-            state.approach[index] = match memory.at(state.q[index], threshold) {
-                Some(true) => Approach::Positive,
-                Some(false) => Approach::Negative,
-                None => Approach::Unknown,
-            };
+            state.approach[index] = memory.at(state.q[index], threshold);
         }
     }
 

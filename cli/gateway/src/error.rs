@@ -1,6 +1,7 @@
 //! Why a gateway does not start, or not do what it is asked.
 
-use volcomp_model::{InputError, ModelError};
+use volcomp_document::InputError;
+use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 
 /// What is wrong.

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use volcomp_kinematics::{JointKind, MAX_AXES, State};
+use volcomp_kinematics::State;
 use volcomp_model::{CompiledMachine, Fading, Machine, ThermalState, Tolerance};
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 use crate::error::GatewayError;
 
@@ -44,7 +45,7 @@ impl Model {
             .chain()
             .joints()
             .iter()
-            .map(|joint| (joint.name.letter(), joint.kind == JointKind::Rotary))
+            .map(|joint| (joint.name.letter(), joint.kind == AxisKind::Rotary))
             .collect();
         Ok(Self {
             name: machine.name.clone(),

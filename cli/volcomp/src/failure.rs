@@ -4,7 +4,8 @@ use std::{fmt::Display, io::IsTerminal, path::Path};
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use volcomp_calibrate::CalibrateError;
-use volcomp_model::{InputError, ModelError};
+use volcomp_document::InputError;
+use volcomp_model::ModelError;
 
 /// Why the program stops.
 #[derive(Debug)]

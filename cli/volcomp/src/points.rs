@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::{Value, json};
-use volcomp_kinematics::{Approach, AxisName, State};
+use volcomp_kinematics::State;
 use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::failure::Failure;
 
@@ -134,13 +135,13 @@ impl PointArguments {
 }
 
 impl ApproachArguments {
-    fn directions(&self, machine: &Machine) -> Result<Vec<(usize, Approach)>, Failure> {
+    fn directions(&self, machine: &Machine) -> Result<Vec<(usize, Option<Direction>)>, Failure> {
         let mut directions = Vec::new();
         for item in items(self.approach.as_deref().unwrap_or_default()) {
             let (name, sign) = assignment("--approach", item, "X=+ or X=-")?;
             let direction = match sign {
-                "+" => Approach::Positive,
-                "-" => Approach::Negative,
+                "+" => Some(Direction::Positive),
+                "-" => Some(Direction::Negative),
                 _ => {
                     let message =
                         format!("--approach: found `{item}`, expected {name}=+ or {name}=-");

@@ -2,8 +2,8 @@
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::Fit;
-use volcomp_metrology::{Direction, ReferenceLine};
-use volcomp_model::ErrorName;
+use volcomp_metrology::ReferenceLine;
+use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::{
     calibrate::FittedCurve,

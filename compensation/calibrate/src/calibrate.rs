@@ -3,9 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_kinematics::{AxisName, ErrorSource, JointKind, nalgebra::Vector3};
-use volcomp_metrology::{Direction, squareness_parts, squareness_urad};
-use volcomp_model::{Component, ErrorName, Machine, Temperatures};
+use volcomp_kinematics::{ErrorSource, nalgebra::Vector3};
+use volcomp_metrology::{squareness_parts, squareness_urad};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Direction, ErrorName};
 
 use crate::{
     branches::Branches,
@@ -114,7 +115,7 @@ impl<'a> Work<'a> {
             let named = notes.map(|note| format!("{}: {note}", line.file.display()));
             self.result.warnings.extend(named);
             let mut track = Track::new(line, &joint)?;
-            if name.axis.kind() == JointKind::Linear && !name.component.is_angular() {
+            if name.axis.kind() == AxisKind::Linear && !name.component.is_angular() {
                 track.remove_abbe(&self.result.machine)?;
                 self.warn_of_levers(&track)?;
             }

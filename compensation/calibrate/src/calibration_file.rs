@@ -2,12 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp_kinematics::AxisName;
+use volcomp_document::{Document, InputError, Section, Value};
 use volcomp_metrology::{DeviationUnit, Measurement, read_file, squareness_parts};
-use volcomp_model::{
-    ErrorName, InputError, Machine,
-    document::{Document, Section, Value},
-};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     curve_choice::CurveChoice,

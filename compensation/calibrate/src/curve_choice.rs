@@ -1,14 +1,11 @@
 //! The kind of curve that an error is fitted with.
 
+use volcomp_document::{InputError, Section, Value};
 use volcomp_fit::{
     Fit, FitError, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
     fit_linear_table, fit_mls, fit_polynomial,
 };
-use volcomp_kinematics::{AxisName, JointKind};
-use volcomp_model::{
-    InputError,
-    document::{Section, Value},
-};
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::setup::one_of;
 
@@ -73,7 +70,7 @@ impl CurveChoice {
                 kinds.len()
             )));
         };
-        if *kind == "fourier" && axis.kind() == JointKind::Linear {
+        if *kind == "fourier" && axis.kind() == AxisKind::Linear {
             return Err(value.error(format!(
                 "found fourier for axis {axis}, expected it on a rotary axis"
             )));

@@ -2,8 +2,9 @@
 
 use std::{fs, path::Path};
 
+use volcomp_document::InputError;
 use volcomp_metrology::MetrologyError;
-use volcomp_model::{InputError, ModelError};
+use volcomp_model::ModelError;
 
 use crate::track::Track;
 

@@ -2,11 +2,9 @@
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_metrology::{DeviationUnit, Direction, Measurement, Reading};
-use volcomp_model::{
-    InputError,
-    document::{Section, Value},
-};
+use volcomp_document::{InputError, Section, Value};
+use volcomp_metrology::{DeviationUnit, Measurement, Reading};
+use volcomp_vocabulary::Direction;
 
 /// How an instrument reads and how a line is run. Lengths in µm, angles in µrad: `[length, angle]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,8 +141,8 @@ impl Instrument {
             for &direction in directions {
                 for place in 0..targets.len() {
                     let (target, lost) = match direction {
-                        Direction::Forward => (targets[place], 0.5),
-                        Direction::Backward => (targets[targets.len() - 1 - place], -0.5),
+                        Direction::Positive => (targets[place], 0.5),
+                        Direction::Negative => (targets[targets.len() - 1 - place], -0.5),
                     };
                     let elapsed = readings.len() as f64 / (count - 1).max(1) as f64;
                     let noise: f64 = StandardNormal.sample(random);

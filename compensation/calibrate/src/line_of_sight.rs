@@ -1,12 +1,13 @@
 //! What a perfect instrument reads along a line on a machine with errors.
 
 use volcomp_kinematics::{
-    Approach, Chain, ErrorSource, JointKind, Pose, Side, State, actual_pose,
+    Chain, ErrorSource, Pose, Side, State, actual_pose,
     nalgebra::{Matrix3, Vector3},
     vector_from_rotation,
 };
-use volcomp_metrology::{Direction, Rides};
+use volcomp_metrology::Rides;
 use volcomp_model::{Machine, ModelError};
+use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::{setup::Setup, track::Kind};
 
@@ -49,12 +50,12 @@ impl<'a> LineOfSight<'a> {
     pub fn state(&self, coordinate: f64, direction: Direction) -> State {
         let mut state = self.held;
         state.q[self.axis] = match self.chain.joints()[self.axis].kind {
-            JointKind::Linear => coordinate,
-            JointKind::Rotary => coordinate.to_radians(),
+            AxisKind::Linear => coordinate,
+            AxisKind::Rotary => coordinate.to_radians(),
         };
         state.approach[self.axis] = match direction {
-            Direction::Forward => Approach::Positive,
-            Direction::Backward => Approach::Negative,
+            Direction::Positive => Some(Direction::Positive),
+            Direction::Negative => Some(Direction::Negative),
         };
         state
     }
@@ -92,8 +93,8 @@ impl<'a> LineOfSight<'a> {
             (_, Rides::Other) => 0.0,
         };
         match joint.kind {
-            JointKind::Linear => self.point_mcs + joint.direction * (moves * state.q[self.axis]),
-            JointKind::Rotary => self.point_mcs,
+            AxisKind::Linear => self.point_mcs + joint.direction * (moves * state.q[self.axis]),
+            AxisKind::Rotary => self.point_mcs,
         }
     }
 

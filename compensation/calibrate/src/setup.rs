@@ -1,11 +1,10 @@
 //! How one line is measured: which error, where everything stands, in which sign.
 
+use volcomp_document::{InputError, Section, Value};
 use volcomp_kinematics::Side;
 use volcomp_metrology::{Rides, TiltReading};
-use volcomp_model::{
-    ErrorName, InputError, Machine, UnknownError,
-    document::{Section, Value},
-};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{ErrorName, UnknownErrorName};
 
 /// How one error is measured along one line.
 #[derive(Clone, Debug, PartialEq)]
@@ -152,7 +151,7 @@ pub(crate) fn decode_error(value: &Value<'_>, machine: &Machine) -> Result<Error
     let name: ErrorName = value
         .text()?
         .parse()
-        .map_err(|e: UnknownError| value.error(e.to_string()))?;
+        .map_err(|e: UnknownErrorName| value.error(e.to_string()))?;
     if machine.axis(name.axis).is_none() {
         let structure = machine.chain().structure();
         return Err(value.error(format!(

@@ -6,15 +6,13 @@ use std::{collections::BTreeMap, fmt::Write, path::Path};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_document::{Document, InputError, Section};
 use volcomp_kinematics::{Form, Joint, State};
 use volcomp_metrology::{
-    DeviationUnit, Direction, Measurement, TiltReading, squareness_parts, tilt_sign, write_csv,
-    write_renishaw,
+    DeviationUnit, Measurement, TiltReading, squareness_parts, tilt_sign, write_csv, write_renishaw,
 };
-use volcomp_model::{
-    ErrorName, InputError, Machine, Temperatures,
-    document::{Document, Section},
-};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::{
     curve_choice::CurveChoice,
@@ -185,7 +183,7 @@ impl Shop {
                     DeviationUnit::Um
                 };
                 let targets = line.instrument.targets_over(travel);
-                let zero = perfect(targets[0], Direction::Forward);
+                let zero = perfect(targets[0], Direction::Positive);
                 let reading = |target, direction| sign * (perfect(target, direction) - zero);
                 line.instrument.run(&targets, unit, reading, &mut random)
             }

@@ -1,11 +1,12 @@
 //! One measured line on its way from readings to the error itself.
 
-use volcomp_kinematics::{Approach, ErrorSource, Joint, JointKind, Side, State, nalgebra::Vector3};
+use volcomp_kinematics::{ErrorSource, Joint, Side, State, nalgebra::Vector3};
 use volcomp_metrology::{
-    CarriedSide, Direction, MetrologyError, ReferenceLine, Rides, TiltReading, Travel, abbe_um,
+    CarriedSide, MetrologyError, ReferenceLine, Rides, TiltReading, Travel, abbe_um,
     angular_method_um, lever_mm,
 };
-use volcomp_model::{ErrorName, Machine, ModelError, Temperatures};
+use volcomp_model::{Machine, ModelError, Temperatures};
+use volcomp_vocabulary::{AxisKind, Direction, ErrorName};
 
 use crate::{calibration_file::Line, setup::Method};
 
@@ -27,8 +28,8 @@ impl Kind {
     pub(crate) fn of(name: ErrorName) -> Self {
         let own = name.component.mcs_index() == name.axis.mcs_index();
         match (name.axis.kind(), name.component.is_angular()) {
-            (JointKind::Linear, false) | (JointKind::Rotary, true) if own => Self::Positioning,
-            (JointKind::Linear, false) => Self::Straightness,
+            (AxisKind::Linear, false) | (AxisKind::Rotary, true) if own => Self::Positioning,
+            (AxisKind::Linear, false) => Self::Straightness,
             _ => Self::Other,
         }
     }
@@ -203,7 +204,7 @@ fn carried_point(index: usize, line: &Line, machine: &Machine) -> [f64; 3] {
         Side::Tool => joints[other].side == Side::Tool && other < index,
         Side::Workpiece => joints[other].side == Side::Workpiece && other > index,
     };
-    let linear = |other: &usize| carries(*other) && joints[*other].kind == JointKind::Linear;
+    let linear = |other: &usize| carries(*other) && joints[*other].kind == AxisKind::Linear;
     (0..joints.len())
         .filter(linear)
         .fold(joint.point_mm, |point, other| {
@@ -227,8 +228,8 @@ fn tilts_urad(
     // A linear axis: mm in the chain as in the file.
     state.q[index] = target;
     state.approach[index] = match direction {
-        Direction::Forward => Approach::Positive,
-        Direction::Backward => Approach::Negative,
+        Direction::Positive => Some(Direction::Positive),
+        Direction::Negative => Some(Direction::Negative),
     };
     let none = Temperatures::new();
     let error = machine.source(&none).error_motion(index, &state);

@@ -6,8 +6,9 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_metrology::{Direction, Measurement, Reading};
-use volcomp_model::{InputError, document::Section};
+use volcomp_document::{InputError, Section};
+use volcomp_metrology::{Measurement, Reading};
+use volcomp_vocabulary::Direction;
 
 use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource},

@@ -2,7 +2,8 @@
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
-use volcomp_kinematics::{Approach, MAX_AXES, State};
+use volcomp_kinematics::State;
+use volcomp_vocabulary::{Direction, PerAxis};
 
 use crate::{
     correction::FirstOrder,
@@ -20,7 +21,7 @@ impl CompiledMachine {
     pub fn evaluate_batch(
         &self,
         poses: &[f64],
-        approach: [Approach; MAX_AXES],
+        approach: PerAxis<Option<Direction>>,
         errors: &mut [[f64; 6]],
     ) {
         Arch::new().dispatch(Batch {
@@ -35,7 +36,7 @@ impl CompiledMachine {
     pub fn evaluate_batch_parallel(
         &self,
         poses: &[f64],
-        approach: [Approach; MAX_AXES],
+        approach: PerAxis<Option<Direction>>,
         errors: &mut [[f64; 6]],
     ) {
         let stride = self.axes.len().max(1);
@@ -49,7 +50,7 @@ impl CompiledMachine {
 struct Batch<'a> {
     machine: &'a CompiledMachine,
     poses: &'a [f64],
-    approach: [Approach; MAX_AXES],
+    approach: PerAxis<Option<Direction>>,
     errors: &'a mut [[f64; 6]],
 }
 
@@ -62,7 +63,7 @@ impl WithSimd for Batch<'_> {
         let registers = Wide(simd);
         let (axes, approach) = (&machine.axes[..], self.approach);
         if let (true, [a, b, c]) = (machine.three_slides, axes) {
-            let (axes, [k, l, m, ..]) = ([a, b, c], approach);
+            let (axes, [k, l, m, ..]) = ([a, b, c], approach.0);
             let (poses, _) = self.poses.as_chunks::<3>();
             for (&pose, error) in poses.iter().zip(self.errors) {
                 let found = machine.three_slides(axes, [k, l, m], pose, registers);
@@ -91,7 +92,7 @@ pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
             let Self(machine, axes, state) = self;
-            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q, &state.approach);
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
             machine.three_slides(axes, [k, l, m], [x, y, z], Wide(simd))
         }
     }

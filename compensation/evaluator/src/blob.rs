@@ -9,9 +9,8 @@ use alloc::{
 };
 
 use sha2::{Digest, Sha256};
-use volcomp_kinematics::{
-    AxisName, Chain, ErrorMotion, JointKind, MAX_AXES, Structure, nalgebra::Vector3,
-};
+use volcomp_kinematics::{Chain, ErrorMotion, Structure, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{
     EvaluatorError, Tolerance,
@@ -254,7 +253,7 @@ fn read_axis(
     axes: usize,
 ) -> Result<AxisTables, EvaluatorError> {
     let [low, high, period] = reader.numbers()?;
-    if low >= high || period < 0.0 || (period > 0.0 && name.kind() == JointKind::Linear) {
+    if low >= high || period < 0.0 || (period > 0.0 && name.kind() == AxisKind::Linear) {
         return Err(refused("found a travel or a modulo that makes no axis"));
     }
     let count = reader.count(3, "tables")?;

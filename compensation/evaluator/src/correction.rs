@@ -3,9 +3,10 @@
 use alloc::vec::Vec;
 
 use volcomp_kinematics::{
-    Joint, JointKind, MAX_AXES, SINGULAR_BELOW, State,
+    Joint, SINGULAR_BELOW, State,
     nalgebra::{Matrix3, Vector2, Vector3},
 };
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 use crate::{
     machine::{CompiledMachine, Evaluation},
@@ -134,7 +135,7 @@ impl CompiledMachine {
         // A·Aᵀ = [a b; b c].
         let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
         for (index, axis) in self.axes.iter().enumerate() {
-            if axis.joint.kind == JointKind::Rotary {
+            if axis.joint.kind == AxisKind::Rotary {
                 let row = seen(&directions.axes[index]);
                 (a, b, c) = (a + row.x * row.x, b + row.x * row.y, c + row.y * row.y);
                 rows[index] = row;
@@ -182,7 +183,7 @@ impl CompiledMachine {
         let reach_mm = self.reach_mm();
         let (mut tilts, mut bound) = (0.0, 0.0);
         for (index, (axis, delta)) in self.axes.iter().zip(delta).enumerate() {
-            let rotary = axis.joint.kind == JointKind::Rotary;
+            let rotary = axis.joint.kind == AxisKind::Rotary;
             let per_unit = if rotary {
                 180.0 / core::f64::consts::PI
             } else {
@@ -203,7 +204,7 @@ impl CompiledMachine {
         let turned: f64 = delta
             .iter()
             .zip(&self.axes)
-            .filter(|(_, a)| a.joint.kind == JointKind::Rotary)
+            .filter(|(_, a)| a.joint.kind == AxisKind::Rotary)
             .map(|(d, _)| libm::fabs(*d))
             .sum();
         bound + (tilts + turned) * (tilts + turned) * reach_mm
@@ -216,7 +217,7 @@ impl CompiledMachine {
         let mut travelled = 0.0;
         for axis in &self.axes {
             reach = reach.max((tip - axis.joint.point_mm).norm());
-            if axis.joint.kind == JointKind::Linear {
+            if axis.joint.kind == AxisKind::Linear {
                 travelled += libm::fabs(axis.travel[0]).max(libm::fabs(axis.travel[1]));
             }
         }
@@ -259,7 +260,7 @@ pub(crate) fn correcting(joints: &[Joint]) -> Vec<usize> {
     let mut chosen: Vec<usize> = Vec::new();
     let mut basis: Vec<Vector3<f64>> = Vec::new();
     for (index, joint) in joints.iter().enumerate() {
-        if joint.kind == JointKind::Rotary || basis.len() == 3 {
+        if joint.kind == AxisKind::Rotary || basis.len() == 3 {
             continue;
         }
         let mut normal = joint.direction;

@@ -7,7 +7,8 @@
 //! a displacement that grows with the coordinate, which the table takes too. What no table can take stays
 //! at an end of the chain.
 
-use volcomp_kinematics::{Chain, ErrorMotion, Joint, JointKind, MAX_AXES, Side, nalgebra::Vector3};
+use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 /// Where the constant errors of a chain went. Displacements are those of the tool tip at machine zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +26,7 @@ pub(crate) struct Folded {
 /// Whether the error motions of an axis stand on the tool side of its joint: those of a linear axis ride
 /// with its carriage, those of a rotary axis stay in the frame that does not turn.
 pub(crate) fn errors_before_motion(joint: &Joint) -> bool {
-    (joint.kind == JointKind::Linear) == (joint.side == Side::Tool)
+    (joint.kind == AxisKind::Linear) == (joint.side == Side::Tool)
 }
 
 /// Folds location and assembly errors.
@@ -45,8 +46,8 @@ pub(crate) fn fold(
         };
         add(&mut gaps[fixed_to], &at_tip(&assembly[i], &tip), 1.0);
         match joint.kind {
-            JointKind::Linear => slide[i] += location[i].angular_rad.cross(&joint.direction),
-            JointKind::Rotary => {
+            AxisKind::Linear => slide[i] += location[i].angular_rad.cross(&joint.direction),
+            AxisKind::Rotary => {
                 let line = at_tip(&location[i], &(tip - joint.point_mm));
                 add(&mut gaps[i], &line, 1.0);
                 add(&mut gaps[i + 1], &line, -1.0);
@@ -59,7 +60,7 @@ pub(crate) fn fold(
     for (gap, held) in gaps.iter().enumerate().take(last + 1) {
         let inner = joints.get(gap);
         let outer = gap.checked_sub(1).and_then(|i| joints.get(i));
-        let linear = |joint: Option<&Joint>| joint.is_some_and(|j| j.kind == JointKind::Linear);
+        let linear = |joint: Option<&Joint>| joint.is_some_and(|j| j.kind == AxisKind::Linear);
         let tilt = &held.angular_rad;
         if inner.is_some_and(|joint| !errors_before_motion(joint)) {
             add(&mut constant[gap], held, 1.0);

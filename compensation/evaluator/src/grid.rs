@@ -4,7 +4,8 @@ use std::vec::Vec;
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
-use volcomp_kinematics::{JointKind, State, nalgebra::Vector3};
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_vocabulary::AxisKind;
 
 use crate::machine::CompiledMachine;
 
@@ -42,7 +43,7 @@ impl CompiledMachine {
         let fits = (1..=3).contains(&grid.len())
             && grid.windows(2).all(|pair| pair[0].0 < pair[1].0)
             && grid.iter().all(|(index, nodes)| {
-                let linear = |a: &crate::machine::CompiledAxis| a.joint.kind == JointKind::Linear;
+                let linear = |a: &crate::machine::CompiledAxis| a.joint.kind == AxisKind::Linear;
                 !nodes.is_empty() && self.axes.get(*index).is_some_and(linear)
             })
             && self.axes.iter().all(|axis| axis.patches.is_empty());

@@ -1,11 +1,10 @@
 //! The compiled machine: what it is made of and what it answers about itself.
 
+use crate::parts::branch_index;
 use alloc::vec::Vec;
 
-use volcomp_kinematics::{
-    Approach, AxisName, Chain, ErrorMotion, ErrorSource, Joint, JointKind, MAX_AXES, State,
-    nalgebra::Vector3,
-};
+use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource, Joint, State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, MAX_AXES};
 
 use crate::{
     EvaluatorError, Tolerance,
@@ -196,7 +195,7 @@ impl CompiledMachine {
     fn choose_path(&mut self) {
         let plain =
             |axis: &CompiledAxis| axis.patches.is_empty() && axis.warmth == Warmth::default();
-        let slides = |axis: &CompiledAxis| axis.joint.kind == JointKind::Linear;
+        let slides = |axis: &CompiledAxis| axis.joint.kind == AxisKind::Linear;
         self.patched = !self.axes.iter().all(plain);
         self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
     }
@@ -248,7 +247,7 @@ impl CompiledMachine {
     #[inline(always)]
     pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
         if let (true, [a, b, c]) = (self.three_slides, &self.axes[..]) {
-            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q, &state.approach);
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
             return self.three_slides([a, b, c], [k, l, m], [x, y, z], registers);
         }
         self.walk::<true>(state, registers, &mut ())
@@ -273,7 +272,7 @@ impl CompiledMachine {
                     .get(looked_at)
                     .map_or(0.0, |axis| axis.looked_up(state.q[looked_at]))
             });
-            let value = compiled.value(at) * patch.weights[state.approach[index] as usize];
+            let value = compiled.value(at) * patch.weights[branch_index(state.approach[index])];
             twist[patch.component] += value;
             if patch.component >= 3 {
                 let mut tilt = Vector3::zeros();
@@ -350,8 +349,8 @@ impl CompiledAxis {
     #[inline(always)]
     pub(crate) fn looked_up(&self, q: f64) -> f64 {
         let coordinate = match self.joint.kind {
-            JointKind::Linear => q,
-            JointKind::Rotary => q.to_degrees(),
+            AxisKind::Linear => q,
+            AxisKind::Rotary => q.to_degrees(),
         };
         match self.modulo {
             Some(period) if !(self.travel[0]..=self.travel[1]).contains(&coordinate) => {
@@ -393,14 +392,14 @@ fn tables(
     index: usize,
     parts: &AxisParts<'_>,
 ) -> Result<Vec<Vec<Piece>>, EvaluatorError> {
-    let branches: &[Approach] = match parts.branches {
-        Branches::One => &[Approach::Unknown],
-        // In the order of `Approach as usize`.
-        Branches::Three => &[Approach::Positive, Approach::Negative, Approach::Unknown],
+    let branches: &[Option<Direction>] = match parts.branches {
+        Branches::One => &[None],
+        // In the order of `branch_index`.
+        Branches::Three => &[Some(Direction::Positive), Some(Direction::Negative), None],
     };
     let joint = &frame.chain.joints()[index];
     let slope = frame.folded.slide[index] + Vector3::from(parts.slope_mm);
-    let table = |approach: &Approach| {
+    let table = |approach: &Option<Direction>| {
         let wanted = ToTable {
             errors: &|x| (parts.errors)(x, *approach),
             breakpoints: &parts.breakpoints,
@@ -424,7 +423,10 @@ impl ErrorSource for CompiledMachine {
         let Some(axis) = self.axes.get(index) else {
             return ErrorMotion::ZERO;
         };
-        let (q, head) = (state.q[index], &axis.heads[state.approach[index] as usize]);
+        let (q, head) = (
+            state.q[index],
+            &axis.heads[branch_index(state.approach[index])],
+        );
         let mut twist = Baseline.value(&self.tables, head, axis.looked_up(q));
         self.add_patches(&mut twist, index, state);
         let [x, y, z, a, b, c, ..] = twist;

@@ -2,7 +2,8 @@
 
 use alloc::{format, vec, vec::Vec};
 
-use volcomp_kinematics::{Approach, AxisName, Chain, ErrorMotion, MAX_AXES, nalgebra::Vector3};
+use volcomp_kinematics::{Chain, ErrorMotion, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisName, Direction, MAX_AXES};
 
 use crate::{
     EvaluatorError,
@@ -48,7 +49,7 @@ impl Tolerance {
 }
 
 /// The six error motions of an axis as its curves give them: mm and rad at a coordinate in mm or deg.
-pub type RawCurve<'a> = dyn Fn(f64, Approach) -> ErrorMotion + 'a;
+pub type RawCurve<'a> = dyn Fn(f64, Option<Direction>) -> ErrorMotion + 'a;
 
 /// Whether an axis has different errors in its two directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +58,16 @@ pub enum Branches {
     One,
     /// Forward, backward, and their mean where the direction is not known.
     Three,
+}
+
+/// The place of a branch among those of [`Branches::Three`]: forward, backward, mean.
+#[inline(always)]
+pub(crate) fn branch_index(approach: Option<Direction>) -> usize {
+    match approach {
+        Some(Direction::Positive) => 0,
+        Some(Direction::Negative) => 1,
+        None => 2,
+    }
 }
 
 /// One axis of a machine to be compiled. Coordinates are mm or deg.

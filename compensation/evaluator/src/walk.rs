@@ -1,6 +1,8 @@
 //! From the tool to the workpiece: every axis adds its errors where the tip stands by then, and moves it.
 
-use volcomp_kinematics::{Approach, ErrorMotion, JointKind, State, nalgebra::Vector3};
+use crate::parts::branch_index;
+use volcomp_kinematics::{ErrorMotion, State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::{
     machine::{CompiledAxis, CompiledMachine, Evaluation},
@@ -105,7 +107,7 @@ impl CompiledMachine {
         let mut tip = Tip::new(registers, &self.folded.tool_end);
         let stands = state.q.iter().zip(&state.approach);
         for (index, (axis, (&q, &approach))) in self.axes.iter().zip(stands).enumerate().rev() {
-            let head = &axis.heads[approach as usize];
+            let head = &axis.heads[branch_index(approach)];
             let mut error = registers.value(&self.tables, head, axis.looked_up(q));
             if PATCHED {
                 self.add_patches(&mut error, index, state);
@@ -114,8 +116,8 @@ impl CompiledMachine {
                 tip.add(&error);
             }
             match axis.joint.kind {
-                JointKind::Linear => tip.slide(&axis.joint.direction, q),
-                JointKind::Rotary => {
+                AxisKind::Linear => tip.slide(&axis.joint.direction, q),
+                AxisKind::Rotary => {
                     let turn = Turn::new(registers, axis.along, q);
                     let lever_mm = tip.turn(&turn, &axis.arm_mm);
                     turns.turned(index, turn, lever_mm);
@@ -136,15 +138,15 @@ impl CompiledMachine {
     pub(crate) fn three_slides(
         &self,
         axes: [&CompiledAxis; 3],
-        approach: [Approach; 3],
+        approach: [Option<Direction>; 3],
         q_mm: [f64; 3],
         registers: impl Registers,
     ) -> Evaluation {
         // No closure: one that is not inlined is not compiled for wide registers.
         let heads = [
-            &axes[0].heads[approach[0] as usize],
-            &axes[1].heads[approach[1] as usize],
-            &axes[2].heads[approach[2] as usize],
+            &axes[0].heads[branch_index(approach[0])],
+            &axes[1].heads[branch_index(approach[1])],
+            &axes[2].heads[branch_index(approach[2])],
         ];
         let errors = [
             registers.value(&self.tables, heads[0], q_mm[0]),

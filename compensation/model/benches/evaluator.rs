@@ -9,8 +9,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_fit::{fit_mls, fit_polynomial};
-use volcomp_kinematics::{Approach, CorrectionOptions, JointKind, State, actual_pose, correct};
+use volcomp_kinematics::{CorrectionOptions, State, actual_pose, correct};
 use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
+use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
 
 #[path = "../../../kinematics/benches/by_hand/mod.rs"]
 mod by_hand;
@@ -32,7 +33,7 @@ fn gantry(fit: impl Fn(&[f64], &[f64]) -> Curve) -> Machine {
         let at = |&x: &f64| {
             let mut coordinates = [0.0; 9];
             coordinates[own] = x;
-            curve.value(own, &coordinates, volcomp_curve::Branch::Mean)
+            curve.value(own, &coordinates, None)
         };
         let u: Vec<f64> = x.iter().map(at).collect();
         let fitted = ErrorCurve::Single(Field::Curve(fit(&x, &u)));
@@ -82,8 +83,8 @@ fn states(machine: &Machine) -> Vec<State> {
         for (index, axis) in machine.axes().iter().enumerate() {
             let coordinate = rng.random_range(axis.travel[0]..=axis.travel[1]);
             state.q[index] = match axis.name.kind() {
-                JointKind::Linear => coordinate,
-                JointKind::Rotary => coordinate.to_radians(),
+                AxisKind::Linear => coordinate,
+                AxisKind::Rotary => coordinate.to_radians(),
             };
         }
         state
@@ -152,7 +153,7 @@ fn patches(c: &mut Criterion) {
     let mut group = c.benchmark_group("patches");
     group.throughput(Throughput::Elements(POSES as u64));
     let plain = gantry(polynomial);
-    let y = volcomp_kinematics::AxisName::Y;
+    let y = AxisName::Y;
     for count in [0, 1, 6] {
         let mut machine = plain.clone();
         for component in &volcomp_model::Component::ALL[..count] {
@@ -236,7 +237,7 @@ fn scattered(c: &mut Criterion) {
         let mut group = c.benchmark_group(format!("scattered/{name}"));
         group.throughput(Throughput::Elements(COUNT as u64));
         group.sample_size(10);
-        let approach = [Approach::Unknown; 9];
+        let approach = PerAxis([None; 9]);
         group.bench_function("batch", |b| {
             b.iter(|| compiled.evaluate_batch(&poses, approach, black_box(&mut errors)));
         });

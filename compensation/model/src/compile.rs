@@ -1,13 +1,11 @@
 //! From a machine to its compiled form.
 
-use volcomp_curve::{Branch, ErrorCurve, Field, Grid};
+use volcomp_curve::{ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, Branches, CompiledMachine, MachineParts, Patch, Tolerance};
-use volcomp_kinematics::{Approach, ErrorMotion, MAX_AXES};
+use volcomp_kinematics::ErrorMotion;
+use volcomp_vocabulary::{Component, Direction, MAX_AXES};
 
-use crate::{
-    error::ModelError, error_name::Component, machine::Machine, source::branch,
-    thermal::Temperatures,
-};
+use crate::{error::ModelError, machine::Machine, source::branch, thermal::Temperatures};
 
 impl Machine {
     /// The machine with every curve as piecewise cubics within `tolerance` of it, for the tool that is
@@ -35,7 +33,9 @@ impl Machine {
             .enumerate()
             .map(|(axis, six)| {
                 let offsets = six.map(|[offset, _]| offset);
-                move |x: f64, approach: Approach| self.curve_errors(axis, x, approach, offsets)
+                move |x: f64, approach: Option<Direction>| {
+                    self.curve_errors(axis, x, approach, offsets)
+                }
             })
             .collect();
         let axes = raw.iter().enumerate();
@@ -58,7 +58,7 @@ impl Machine {
         &self,
         axis: usize,
         x: f64,
-        approach: Approach,
+        approach: Option<Direction>,
         offsets: [f64; 6],
     ) -> ErrorMotion {
         let mut coordinates = [0.0; MAX_AXES];
@@ -75,7 +75,7 @@ impl Machine {
     fn axis_parts<'a>(
         &'a self,
         axis: usize,
-        errors: &'a dyn Fn(f64, Approach) -> ErrorMotion,
+        errors: &'a dyn Fn(f64, Option<Direction>) -> ErrorMotion,
         thermal: &[[f64; 2]; 6],
     ) -> AxisParts<'a> {
         let stated = &self.axes()[axis];
@@ -131,15 +131,20 @@ fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
 }
 
 /// A curve without its parts over two arguments: the reversal stays.
-fn one_argument(curve: &ErrorCurve, own: usize, coordinates: &[f64], branch: Branch) -> f64 {
+fn one_argument(
+    curve: &ErrorCurve,
+    own: usize,
+    coordinates: &[f64],
+    branch: Option<Direction>,
+) -> f64 {
     let on_grids: f64 = weighted_fields(curve)
         .into_iter()
         .filter(|(field, _)| matches!(field, Field::Grid(_)))
         .map(|(field, weights)| {
             let weight = match branch {
-                Branch::Forward => weights[0],
-                Branch::Backward => weights[1],
-                Branch::Mean => weights[2],
+                Some(Direction::Positive) => weights[0],
+                Some(Direction::Negative) => weights[1],
+                None => weights[2],
             };
             weight * field.value(own, coordinates)
         })

@@ -6,13 +6,10 @@ use volcomp_curve::{
     BSpline, Chebyshev, Curve, CurveError, ErrorCurve, Field, Fourier, Grid, Interpolation,
     MovingLeastSquares, Polynomial, Table,
 };
-use volcomp_kinematics::AxisName;
+use volcomp_document::{InputError, Section, Value};
+use volcomp_vocabulary::AxisName;
 
-use crate::{
-    document::{Section, Value},
-    error::InputError,
-    machine::Axis,
-};
+use crate::machine::Axis;
 
 /// The kinds of curve, by the key that names each.
 const KINDS: [&str; 7] = [

@@ -1,6 +1,7 @@
 //! The body diagonals of ISO 230-6 on the model.
 
-use volcomp_kinematics::{AxisName, ErrorSource, JointKind, MAX_AXES, State, actual_pose};
+use volcomp_kinematics::{ErrorSource, State, actual_pose};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
 use crate::machine::Machine;
 
@@ -85,7 +86,7 @@ fn range(values: &[f64]) -> f64 {
 /// The state with a correction added (mm and rad), approach kept.
 pub fn corrected(state: &State, delta: &[f64; MAX_AXES]) -> State {
     State {
-        q: core::array::from_fn(|index| state.q[index] + delta[index]),
+        q: PerAxis::from_fn(|index| state.q[index] + delta[index]),
         approach: state.approach,
     }
 }
@@ -95,8 +96,8 @@ pub fn quantised(machine: &Machine, delta: &[f64; MAX_AXES], mm: f64, rad: f64) 
     let mut rounded = *delta;
     for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {
         let step = match joint.kind {
-            JointKind::Linear => mm,
-            JointKind::Rotary => rad,
+            AxisKind::Linear => mm,
+            AxisKind::Rotary => rad,
         };
         *place = (*place / step).round() * step;
     }

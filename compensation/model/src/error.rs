@@ -1,8 +1,8 @@
 //! What can be wrong with a machine file.
 
-use core::ops::Range;
-
-use volcomp_kinematics::{AxisName, ChainError};
+use volcomp_document::InputError;
+use volcomp_kinematics::ChainError;
+use volcomp_vocabulary::AxisName;
 
 /// Why a machine file is refused or a machine cannot answer.
 #[derive(Debug, thiserror::Error)]
@@ -74,22 +74,4 @@ pub enum ModelError {
         /// Why not.
         error: volcomp_evaluator::EvaluatorError,
     },
-}
-
-/// A place in a TOML file and what is wrong there.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{file}:{line}: {key}{}{message}", if key.is_empty() { "" } else { ": " })]
-pub struct InputError {
-    /// The file.
-    pub file: String,
-    /// Line, from 1.
-    pub line: usize,
-    /// The key, with the tables before it: `errors.EXX.table`; empty for the whole file.
-    pub key: String,
-    /// What was found and what was expected.
-    pub message: String,
-    /// Place in the file, bytes.
-    pub span: Range<usize>,
-    /// The text of the file, for programs that show the place.
-    pub text: std::sync::Arc<str>,
 }

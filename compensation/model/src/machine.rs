@@ -4,13 +4,13 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_kinematics::{
-    AxisName, Chain, Correction, CorrectionOptions, ErrorMotion, Form, JointKind, MAX_AXES, State,
-    Structure, VolumetricError, correct, nalgebra::Vector3, volumetric_error,
+    Chain, Correction, CorrectionOptions, ErrorMotion, Form, State, Structure, VolumetricError,
+    correct, nalgebra::Vector3, volumetric_error,
 };
+use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName, MAX_AXES};
 
 use crate::{
     error::ModelError,
-    error_name::{Component, ErrorName},
     source::MachineErrors,
     thermal::{Temperatures, Thermal},
 };
@@ -288,13 +288,13 @@ impl Machine {
         }
         let along_itself = joint.direction[name.component.mcs_index()].abs() > 1.0 - 1e-12;
         match (joint.kind, name.component.is_angular()) {
-            (JointKind::Linear, false) => {
+            (AxisKind::Linear, false) => {
                 let constant = ErrorName::motion(name.component, name.axis);
                 let reason =
                     format!("has no effect; put a zero offset into the constant of {constant}");
                 return Err(refused(name, reason));
             }
-            (JointKind::Rotary, _) if along_itself => {
+            (AxisKind::Rotary, _) if along_itself => {
                 let about = Component::ALL[3 + name.component.mcs_index()];
                 let constant = ErrorName::motion(about, name.axis);
                 let reason = format!(
@@ -302,7 +302,7 @@ impl Machine {
                 );
                 return Err(refused(name, reason));
             }
-            (JointKind::Linear, true) if along_itself => {
+            (AxisKind::Linear, true) if along_itself => {
                 let constant =
                     ErrorName::motion(Component::ALL[name.component.mcs_index()], name.axis);
                 let reason = format!(
@@ -348,8 +348,8 @@ impl Machine {
                 return Err(ModelError::Coordinate { axis, found });
             }
             state.q[index] = match axis.kind() {
-                JointKind::Linear => found,
-                JointKind::Rotary => found.to_radians(),
+                AxisKind::Linear => found,
+                AxisKind::Rotary => found.to_radians(),
             };
         }
         Ok(state)
@@ -446,8 +446,8 @@ impl Machine {
 /// A coordinate of the chain (mm, rad) in the units of the file (mm, deg).
 pub(crate) fn file_units(axis: AxisName, q: f64) -> f64 {
     match axis.kind() {
-        JointKind::Linear => q,
-        JointKind::Rotary => q.to_degrees(),
+        AxisKind::Linear => q,
+        AxisKind::Rotary => q.to_degrees(),
     }
 }
 

@@ -4,13 +4,13 @@ use core::fmt::Write;
 use std::collections::BTreeMap;
 
 use sha2::{Digest, Sha256};
-use volcomp_kinematics::{AxisName, JointKind, Structure};
+use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_kinematics::Structure;
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
 use crate::{
     curve_file::{CurveContext, decode_error_curve, write_error_curve},
-    document::{Document, Section, Value},
-    error::{InputError, ModelError},
-    error_name::ErrorName,
+    error::ModelError,
     machine::{Axis, Machine, Parts, Tool},
     thermal::{Drift, Expansion, Thermal},
 };
@@ -188,7 +188,7 @@ fn decode_axis(section: &Section<'_>, name: AxisName) -> Result<Axis, InputError
         .map(|v| v.number().map(|n| (n, v)))
         .transpose()?;
     if let Some((period, value)) = &modulo
-        && (name.kind() == JointKind::Linear || *period <= 0.0)
+        && (name.kind() == AxisKind::Linear || *period <= 0.0)
     {
         return Err(value.error(format!(
             "found {period:?} on axis {name}, expected a positive period in deg on a rotary axis"
@@ -255,7 +255,7 @@ fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelE
     for (key, value) in section.values() {
         let name: ErrorName = key
             .parse()
-            .map_err(|e: crate::error_name::UnknownError| value.error(e.to_string()))?;
+            .map_err(|e: volcomp_vocabulary::UnknownErrorName| value.error(e.to_string()))?;
         if let Some(other) = seen.insert(name, key.to_owned()) {
             return Err(value
                 .error(format!("{key} is the same error as {other}"))
@@ -349,7 +349,7 @@ fn decode_thermal_error(term: &Section<'_>, machine: &Machine) -> Result<ErrorNa
 fn decode_expansion(term: &Section<'_>, machine: &Machine) -> Result<Expansion, InputError> {
     term.allow(&["error", "sensor", "um_per_m_k", "fixed_mm"])?;
     let error = decode_thermal_error(term, machine)?;
-    if error.axis.kind() == JointKind::Rotary || error.component.is_angular() {
+    if error.axis.kind() == AxisKind::Rotary || error.component.is_angular() {
         return Err(term.error(format!(
             "found expansion of {error}, expected a linear error motion of a linear axis"
         )));

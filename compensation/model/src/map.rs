@@ -1,6 +1,7 @@
 //! The volumetric map: the error on a grid over the travels.
 
-use volcomp_kinematics::{AxisName, State};
+use volcomp_kinematics::State;
+use volcomp_vocabulary::AxisName;
 
 use crate::machine::Machine;
 

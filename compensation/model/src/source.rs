@@ -1,13 +1,9 @@
 //! The errors of a machine as kinematics asks for them.
 
-use volcomp_curve::Branch;
-use volcomp_kinematics::{Approach, ErrorMotion, ErrorSource, MAX_AXES, State};
+use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
+use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
 
-use crate::{
-    error_name::{Component, ErrorName},
-    machine::Machine,
-    thermal::Temperatures,
-};
+use crate::{machine::Machine, thermal::Temperatures};
 
 /// The errors of a machine at steady temperatures: an [`ErrorSource`] in mm and rad over curves in
 /// µm and µrad.
@@ -47,11 +43,11 @@ impl Machine {
 }
 
 /// The branch that a direction of approach selects.
-pub(crate) fn branch(approach: Approach) -> Branch {
+pub(crate) fn branch(approach: Option<Direction>) -> Option<Direction> {
     match approach {
-        Approach::Positive => Branch::Forward,
-        Approach::Negative => Branch::Backward,
-        Approach::Unknown => Branch::Mean,
+        Some(Direction::Positive) => Some(Direction::Positive),
+        Some(Direction::Negative) => Some(Direction::Negative),
+        None => None,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::error_name::ErrorName;
+use volcomp_vocabulary::ErrorName;
 
 /// Temperatures by sensor name, °C. Sensors that are not named are not known.
 pub type Temperatures = BTreeMap<String, f64>;

@@ -1,11 +1,11 @@
 //! Thermal terms over time: state are the lags, and how long sensors are missing.
 
 use volcomp_evaluator::CompiledMachine;
-use volcomp_kinematics::{ErrorMotion, MAX_AXES};
+use volcomp_kinematics::ErrorMotion;
+use volcomp_vocabulary::{ErrorName, MAX_AXES};
 
 use crate::{
     error::ModelError,
-    error_name::ErrorName,
     machine::Machine,
     thermal::{Drift, Expansion, Thermal},
 };

@@ -1,3 +1,5 @@
+use volcomp_vocabulary::Direction;
+
 use crate::{Curve, CurveError, Grid, domain};
 
 /// A function of the coordinates of a machine: of the axis the error belongs to, or of two axes.
@@ -51,18 +53,6 @@ impl From<Grid> for Field {
     }
 }
 
-/// Which branch of a bidirectional curve the approach selects.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Branch {
-    /// The last motion was in the positive direction.
-    Forward,
-    /// The last motion was in the negative direction.
-    Backward,
-    /// The approach is not known: the mean of both branches.
-    #[default]
-    Mean,
-}
-
 /// The error of one axis in one direction or about it, with or without reversal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ErrorCurve {
@@ -95,17 +85,17 @@ impl ErrorCurve {
     }
 
     /// The value at `coordinates` for the branch.
-    pub fn value(&self, own: usize, coordinates: &[f64], branch: Branch) -> f64 {
+    pub fn value(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         let value = self.blend(branch, |field| field.value(own, coordinates));
         match (self, branch) {
-            (Self::Reversal { reversal, .. }, Branch::Forward) => value + reversal / 2.0,
-            (Self::Reversal { reversal, .. }, Branch::Backward) => value - reversal / 2.0,
+            (Self::Reversal { reversal, .. }, Some(Direction::Positive)) => value + reversal / 2.0,
+            (Self::Reversal { reversal, .. }, Some(Direction::Negative)) => value - reversal / 2.0,
             _ => value,
         }
     }
 
     /// The derivative by the own coordinate.
-    pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Branch) -> f64 {
+    pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         self.partial(own, own, coordinates, branch)
     }
 
@@ -115,7 +105,7 @@ impl ErrorCurve {
         with_respect_to: usize,
         own: usize,
         coordinates: &[f64],
-        branch: Branch,
+        branch: Option<Direction>,
     ) -> f64 {
         self.blend(branch, |field| {
             field.partial(with_respect_to, own, coordinates)
@@ -136,13 +126,13 @@ impl ErrorCurve {
         core::iter::once(first).chain(second)
     }
 
-    fn blend(&self, branch: Branch, of: impl Fn(&Field) -> f64) -> f64 {
+    fn blend(&self, branch: Option<Direction>, of: impl Fn(&Field) -> f64) -> f64 {
         match self {
             Self::Single(field) | Self::Reversal { mean: field, .. } => of(field),
             Self::Pair { forward, backward } => match branch {
-                Branch::Forward => of(forward),
-                Branch::Backward => of(backward),
-                Branch::Mean => 0.5 * of(forward) + 0.5 * of(backward),
+                Some(Direction::Positive) => of(forward),
+                Some(Direction::Negative) => of(backward),
+                None => 0.5 * of(forward) + 0.5 * of(backward),
             },
         }
     }

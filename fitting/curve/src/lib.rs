@@ -10,7 +10,7 @@
 //! evaluation never fails: it neither allocates nor panics, and NaN gives NaN.
 //!
 //! ```
-//! use volcomp_curve::{Branch, Curve, ErrorCurve, Table};
+//! use volcomp_curve::{Curve, ErrorCurve, Table};
 //!
 //! # fn main() -> Result<(), volcomp_curve::CurveError> {
 //! // Positioning deviation in µm over the coordinate in mm.
@@ -22,8 +22,8 @@
 //!
 //! // The same with a reversal value of 3 µm.
 //! let error = ErrorCurve::with_reversal(curve.into(), 3.0)?;
-//! assert_eq!(error.value(0, &[400.0], Branch::Forward), 3.0);
-//! assert_eq!(error.value(0, &[400.0], Branch::Mean), 1.5);
+//! assert_eq!(error.value(0, &[400.0], Some(Direction::Positive)), 3.0);
+//! assert_eq!(error.value(0, &[400.0], None), 1.5);
 //! # Ok(())
 //! # }
 //! ```
@@ -52,7 +52,7 @@ pub use bspline::BSpline;
 pub use chebyshev::Chebyshev;
 pub use curve::Curve;
 pub use error::CurveError;
-pub use error_curve::{Branch, ErrorCurve, Field};
+pub use error_curve::{ErrorCurve, Field};
 pub use fourier::Fourier;
 pub use grid::Grid;
 pub use mls::MovingLeastSquares;

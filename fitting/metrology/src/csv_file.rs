@@ -147,7 +147,7 @@ impl Table {
                 direction_of(place, &record[2])?,
             )
         } else {
-            (1, Direction::Forward)
+            (1, Direction::Positive)
         };
         if let Some(first) = self
             .lines
@@ -242,8 +242,8 @@ fn header_is_full(place: Place<'_>, record: &::csv::StringRecord) -> Result<bool
 
 fn direction_of(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> {
     match text {
-        "+" => Ok(Direction::Forward),
-        "-" => Ok(Direction::Backward),
+        "+" => Ok(Direction::Positive),
+        "-" => Ok(Direction::Negative),
         _ => Err(MetrologyError::Structure(place.finding(
             "direction",
             quoted(text),
@@ -292,8 +292,8 @@ fn incomplete_runs(readings: &[Reading]) -> Vec<String> {
 fn zero_direction(readings: &[Reading]) -> Option<String> {
     let in_direction = |direction| readings.iter().filter(move |r| r.direction == direction);
     let all_zero = |direction| in_direction(direction).all(|r| r.deviation == 0.0);
-    let suspicious = in_direction(Direction::Backward).count() > 1
-        && all_zero(Direction::Backward)
-        && !all_zero(Direction::Forward);
+    let suspicious = in_direction(Direction::Negative).count() > 1
+        && all_zero(Direction::Negative)
+        && !all_zero(Direction::Positive);
     suspicious.then(|| "every backward reading is exactly 0: if the test was unidirectional, leave those rows out".into())
 }

@@ -160,8 +160,8 @@ fn target_row(
         found => Ok(found),
     };
     let (forward, backward) = (
-        approach(Direction::Forward)?,
-        approach(Direction::Backward)?,
+        approach(Direction::Positive)?,
+        approach(Direction::Negative)?,
     );
     let pair = forward.zip(backward);
     Ok(TargetRow {

@@ -55,11 +55,10 @@ pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
 pub use csv_file::{parse_csv, write_csv};
 pub use error::{Finding, MetrologyError};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
-pub use measurement::{
-    DeviationUnit, Direction, Environment, Measurement, Metadata, Reading, StartEnd,
-};
+pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
 pub use outliers::{OutlierHint, outlier_hints};
 pub use read::{READ_EXTENSIONS, read_file};
 pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
 pub use squareness::{squareness_parts, squareness_urad};
 pub use straightness::{ReferenceLine, TiltReading, angular_method_um, tilt_sign};
+pub use volcomp_vocabulary::Direction;

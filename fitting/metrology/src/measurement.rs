@@ -1,3 +1,5 @@
+use volcomp_vocabulary::Direction;
+
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviationUnit {
@@ -12,37 +14,6 @@ impl std::fmt::Display for DeviationUnit {
         f.write_str(match self {
             Self::Um => "µm",
             Self::Urad => "µrad",
-        })
-    }
-}
-
-/// Direction of approach to a target (ISO 230-2: ↑ and ↓).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Direction {
-    /// Towards larger coordinates, `+` in files, ↑ in the standard.
-    Forward,
-    /// Towards smaller coordinates, `-` in files, ↓ in the standard.
-    Backward,
-}
-
-impl Direction {
-    /// Both directions, forward first.
-    pub const BOTH: [Self; 2] = [Self::Forward, Self::Backward];
-
-    /// `forward` or `backward`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Forward => "forward",
-            Self::Backward => "backward",
-        }
-    }
-}
-
-impl std::fmt::Display for Direction {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Forward => "+",
-            Self::Backward => "-",
         })
     }
 }
@@ -207,8 +178,8 @@ impl Measurement {
         let groups = sorted.chunk_by(|a, b| a.target == b.target);
         let group = |readings: &[&Reading]| TargetReadings {
             target: readings[0].target,
-            forward: of(readings, Direction::Forward),
-            backward: of(readings, Direction::Backward),
+            forward: of(readings, Direction::Positive),
+            backward: of(readings, Direction::Negative),
         };
         groups.map(group).collect()
     }
@@ -224,8 +195,8 @@ pub(crate) struct TargetReadings {
 impl TargetReadings {
     pub(crate) fn of(&self, direction: Direction) -> &[(u32, f64)] {
         match direction {
-            Direction::Forward => &self.forward,
-            Direction::Backward => &self.backward,
+            Direction::Positive => &self.forward,
+            Direction::Negative => &self.backward,
         }
     }
 

@@ -2,10 +2,11 @@
 //! compiled evaluator are measured against.
 
 use volcomp_kinematics::{
-    Chain, ErrorSource, JointKind, Side, State,
+    Chain, ErrorSource, Side, State,
     nalgebra::{Matrix3, Matrix4, Vector3, Vector4},
     rotation_about_axis, small_rotation,
 };
+use volcomp_vocabulary::AxisKind;
 
 fn homogeneous(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> Matrix4<f64> {
     let mut m = Matrix4::identity();
@@ -38,11 +39,11 @@ pub(crate) fn by_hand<S: ErrorSource>(
         let assembly = homogeneous(&small_rotation(&s.angular_rad), &s.linear_mm);
         let tilted = joint.direction + location.angular_rad.cross(&joint.direction);
         let (motion, nominal) = match joint.kind {
-            JointKind::Linear => (
+            AxisKind::Linear => (
                 Matrix4::new_translation(&(tilted * q)),
                 Matrix4::new_translation(&(joint.direction * q)),
             ),
-            JointKind::Rotary => (
+            AxisKind::Rotary => (
                 about(
                     &rotation_about_axis(&tilted.normalize(), q),
                     &(joint.point_mm + location.linear_mm),
@@ -51,10 +52,10 @@ pub(crate) fn by_hand<S: ErrorSource>(
             ),
         };
         actual = match (joint.side, joint.kind) {
-            (Side::Tool, JointKind::Linear) => actual * assembly * motion * error,
-            (Side::Tool, JointKind::Rotary) => actual * assembly * error * motion,
-            (Side::Workpiece, JointKind::Linear) => actual * error * motion * assembly,
-            (Side::Workpiece, JointKind::Rotary) => actual * motion * error * assembly,
+            (Side::Tool, AxisKind::Linear) => actual * assembly * motion * error,
+            (Side::Tool, AxisKind::Rotary) => actual * assembly * error * motion,
+            (Side::Workpiece, AxisKind::Linear) => actual * error * motion * assembly,
+            (Side::Workpiece, AxisKind::Rotary) => actual * motion * error * assembly,
         };
         ideal *= nominal;
     }

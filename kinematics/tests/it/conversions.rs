@@ -3,10 +3,11 @@
 use std::f64::consts::PI;
 
 use volcomp_kinematics::{
-    AxisName, Chain, DhRow, DhTable, ErrorMotion, Form, GivenErrors, JointKind, Pose, Screw, State,
+    Chain, DhRow, DhTable, ErrorMotion, Form, GivenErrors, Pose, Screw, State,
     nalgebra::{Matrix3, Vector3},
     volumetric_error,
 };
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{all_types, motion, placed, seeded, state, vector};
 
@@ -26,8 +27,8 @@ fn plain_product(table: &DhTable, chain: &Chain, state: &State) -> Pose {
     let mut pose = table.base;
     for ((row, joint), q) in table.rows.iter().zip(chain.joints()).zip(state.q) {
         let (turn, slide) = match joint.kind {
-            JointKind::Linear => (0.0, q),
-            JointKind::Rotary => (q, 0.0),
+            AxisKind::Linear => (0.0, q),
+            AxisKind::Rotary => (q, 0.0),
         };
         pose = pose
             * rotation(Vector3::z(), row.theta_rad + turn)
@@ -127,7 +128,7 @@ fn real_axes_are_location_errors() {
             let off = motion(&mut rng);
             let direction = joint.direction + off.angular_rad.cross(&joint.direction);
             real.set_direction(joint.name, direction.into()).unwrap();
-            if joint.kind == JointKind::Rotary {
+            if joint.kind == AxisKind::Rotary {
                 // Any point of the real line will do.
                 let point = joint.point_mm + off.linear_mm + direction.normalize() * 123.0;
                 real.set_point(joint.name, point.into()).unwrap();

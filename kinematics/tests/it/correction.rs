@@ -2,10 +2,11 @@
 
 use rand::RngExt;
 use volcomp_kinematics::{
-    AxisName, Chain, Correction, CorrectionOptions, ErrorMotion, ErrorSource, GivenErrors,
-    JointKind, MAX_AXES, SINGULAR_BELOW, State, actual_pose, correct,
+    Chain, Correction, CorrectionOptions, ErrorMotion, ErrorSource, GivenErrors, SINGULAR_BELOW,
+    State, actual_pose, correct,
     nalgebra::{DMatrix, Vector3},
 };
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{all_types, every_error, motion, placed, seeded, state};
 
@@ -34,7 +35,7 @@ impl ErrorSource for Wavy {
 fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
     let axis = |state: &State| chain.ideal_pose(state).rotation * chain.tool_axis();
     let rotary: Vec<usize> = (0..chain.joints().len())
-        .filter(|&i| chain.joints()[i].kind == JointKind::Rotary)
+        .filter(|&i| chain.joints()[i].kind == AxisKind::Rotary)
         .collect();
     let mut rows = DMatrix::zeros(3, rotary.len().max(1));
     for (column, &index) in rotary.iter().enumerate() {
@@ -78,7 +79,7 @@ fn check(chain: &Chain, source: &impl ErrorSource, state: &State) -> Correction 
     assert!((tip - ideal - found.residual_mm).norm() < 1e-12);
     let most = 50.0 * tool_axis_error_rad(chain, source, state);
     for (joint, delta) in chain.joints().iter().zip(found.delta) {
-        if joint.kind == JointKind::Rotary {
+        if joint.kind == AxisKind::Rotary {
             assert!(
                 delta.abs() <= most * 1.001,
                 "{structure} {}: {delta} over {most}",
@@ -95,7 +96,7 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     for structure in all_types() {
         let chain = placed(&structure, &mut rng);
         let rotary: Vec<usize> = (0..chain.joints().len())
-            .filter(|&i| chain.joints()[i].kind == JointKind::Rotary)
+            .filter(|&i| chain.joints()[i].kind == AxisKind::Rotary)
             .collect();
         let (mut regular, mut singular) = (0, 0);
         for pose in 0..1000 {

@@ -1,6 +1,6 @@
 //! The three forms against plain matrices and against one another.
 
-use volcomp_kinematics::{Form, GivenErrors, volumetric_error};
+use volcomp_kinematics::{Form, GivenErrors, letter_direction, volumetric_error};
 
 use crate::{all_types, every_error, motion, placed, plain, seeded, state, vector};
 
@@ -12,7 +12,7 @@ fn exact_and_htm_are_the_products_in_plain_matrices() {
             let mut chain = placed(&structure, &mut rng);
             if oblique {
                 for &axis in structure.axes() {
-                    let u = axis.default_direction();
+                    let u = letter_direction(axis);
                     let tilt = vector(&mut rng, 0.4);
                     chain
                         .set_direction(axis, [u.x + tilt[0], u.y + tilt[1], u.z + tilt[2]])

@@ -12,7 +12,8 @@ mod structures;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_kinematics::{AxisName, Chain, ErrorMotion, GivenErrors, JointKind, State, Structure};
+use volcomp_kinematics::{Chain, ErrorMotion, GivenErrors, State, Structure};
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 /// The 4 three-axis and 12 five-axis types.
 pub(crate) fn all_types() -> Vec<Structure> {
@@ -61,8 +62,8 @@ pub(crate) fn state(chain: &Chain, rng: &mut ChaCha8Rng) -> State {
     let mut state = State::default();
     for (place, joint) in state.q.iter_mut().zip(chain.joints()) {
         *place = match joint.kind {
-            JointKind::Linear => rng.random_range(-400.0..=400.0),
-            JointKind::Rotary => rng.random_range(-3.1..=3.1),
+            AxisKind::Linear => rng.random_range(-400.0..=400.0),
+            AxisKind::Rotary => rng.random_range(-3.1..=3.1),
         };
     }
     state
@@ -75,7 +76,7 @@ pub(crate) fn every_error(chain: &Chain, rng: &mut ChaCha8Rng) -> GivenErrors {
         errors.motion[index] = motion(rng);
         errors.assembly[index] = motion(rng);
         errors.location[index] = motion(rng);
-        if joint.kind == JointKind::Linear {
+        if joint.kind == AxisKind::Linear {
             errors.location[index].linear_mm.fill(0.0);
         }
     }

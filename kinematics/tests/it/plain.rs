@@ -1,6 +1,7 @@
 //! The model in plain 4×4 arrays, written from its definition alone.
 
-use volcomp_kinematics::{Chain, Form, GivenErrors, JointKind, Side, State};
+use volcomp_kinematics::{Chain, Form, GivenErrors, Side, State};
+use volcomp_vocabulary::AxisKind;
 
 pub(crate) type M = [[f64; 4]; 4];
 
@@ -103,7 +104,7 @@ pub(crate) fn error(
         } else {
             plus(u, cross(omega, u))
         };
-        let linear = joint.kind == JointKind::Linear;
+        let linear = joint.kind == AxisKind::Linear;
         let (motion, nominal) = if linear {
             (trans(scaled(d, q)), trans(scaled(u, q)))
         } else {

@@ -1,7 +1,8 @@
 //! Structural codes and type numbers.
 
 use proptest::prelude::*;
-use volcomp_kinematics::{AxisName, Side, Structure, StructureError};
+use volcomp_kinematics::{Side, Structure, StructureError};
+use volcomp_vocabulary::AxisName;
 
 use crate::all_types;
 

@@ -16,9 +16,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
 use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, MAX_AXES, Reading};
-use volcomp_kinematics::{
-    Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error,
-};
+use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error};
 
 const ARENA_BYTES: usize = 1 << 20;
 

@@ -3,11 +3,8 @@
 use std::collections::BTreeMap;
 
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
+use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
-use volcomp_model::{
-    InputError,
-    document::{Section, Value},
-};
 
 use super::{
     ControllerConfig, DigitalConfig, ThermometerConfig, number_in, number_or, one_of, truth_or,

@@ -1,8 +1,7 @@
 //! `[dashboard]` and `[realtime]`.
 
 use std::path::Path;
-
-use volcomp_model::{InputError, document::Section};
+use volcomp_document::{InputError, Section};
 
 use super::{DashboardConfig, RealtimeConfig};
 

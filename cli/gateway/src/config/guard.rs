@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_model::{Fading, InputError, document::Section};
+use volcomp_document::{InputError, Section};
+use volcomp_model::Fading;
 
 use super::{AxisGuard, GuardConfig, number_in, number_or};
 

@@ -8,11 +8,9 @@ use std::{
 };
 
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
+use volcomp_document::{Document, InputError, Section, Value};
 use volcomp_focas::{PmcAddress, Width};
-use volcomp_model::{
-    Fading, InputError,
-    document::{Document, Section, Value},
-};
+use volcomp_model::Fading;
 
 use crate::error::GatewayError;
 

@@ -12,6 +12,7 @@ use volcomp_gateway::{
 };
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{Clock, Controller, Fault};
+use volcomp_vocabulary::AxisName;
 
 use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
 
@@ -238,7 +239,7 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
 /// the exact model, with its sign.
 #[test]
 fn every_axis_gets_its_own_correction() {
-    use volcomp_kinematics::{AxisName, CorrectionOptions};
+    use volcomp_kinematics::CorrectionOptions;
     use volcomp_model::{Machine, Temperatures};
     let file =
         std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");

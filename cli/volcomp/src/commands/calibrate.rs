@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
-use volcomp_metrology::Direction;
+use volcomp_vocabulary::Direction;
 
 use super::{Answer, table, table_text};
 use crate::{failure::Failure, output::OutputFile, progress};

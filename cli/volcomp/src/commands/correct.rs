@@ -1,8 +1,9 @@
 //! `volcomp correct`: what must be added to a command.
 
 use serde_json::{Map, Value, json};
-use volcomp_kinematics::{AxisName, CorrectionOptions, State};
+use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName;
 
 use super::{Answer, micro, micrometres, microradians, table, table_text, thermal_note};
 use crate::{

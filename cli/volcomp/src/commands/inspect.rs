@@ -3,7 +3,8 @@
 use std::{fmt::Write, path::PathBuf};
 
 use serde_json::{Map, Value, json};
-use volcomp_metrology::{DeviationUnit, Direction, Measurement, Metadata, StartEnd, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, Metadata, StartEnd, read_file};
+use volcomp_vocabulary::Direction;
 
 use super::Answer;
 use crate::failure::Failure;

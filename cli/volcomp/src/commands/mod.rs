@@ -17,8 +17,9 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde_json::Value;
-use volcomp_kinematics::{JointKind, nalgebra::Vector3};
+use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisKind;
 
 use crate::{failure::Failure, output::OutputFile};
 
@@ -66,10 +67,10 @@ fn microradians(v: &Vector3<f64>) -> [f64; 3] {
 }
 
 /// mm or rad of a joint in µm or µrad.
-fn micro(kind: JointKind, value: f64) -> f64 {
+fn micro(kind: AxisKind, value: f64) -> f64 {
     match kind {
-        JointKind::Linear => value * 1e3,
-        JointKind::Rotary => value * 1e6,
+        AxisKind::Linear => value * 1e3,
+        AxisKind::Rotary => value * 1e6,
     }
 }
 

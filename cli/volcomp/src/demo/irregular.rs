@@ -4,8 +4,9 @@ use std::path::Path;
 
 use volcomp_calibrate::{LineOfSight, Shop};
 use volcomp_fit::{Fit, FitError, fit_bspline, fit_mls, fit_polynomial};
-use volcomp_metrology::{Direction, read_file};
+use volcomp_metrology::read_file;
 use volcomp_model::Temperatures;
+use volcomp_vocabulary::Direction;
 
 use crate::failure::Failure;
 
@@ -20,7 +21,7 @@ pub(crate) struct IrregularCurve {
 /// Fits the forward means of the X positioning file and compares with the truth.
 pub(crate) fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve, Failure> {
     let measurement = read_file(file).map_err(Failure::input)?;
-    let means = measurement.mean_curve_in(Direction::Forward);
+    let means = measurement.mean_curve_in(Direction::Positive);
     let (x, u): (Vec<f64>, Vec<f64>) = means.into_iter().unzip();
     let exx = shop
         .lines
@@ -36,7 +37,7 @@ pub(crate) fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve
         let misses: Vec<f64> = (0..=60)
             .map(|i| {
                 let target = domain[0] + (domain[1] - domain[0]) * f64::from(i) / 60.0;
-                let state = sight.state(target, Direction::Forward);
+                let state = sight.state(target, Direction::Positive);
                 sight.reading(&errors, &state, &state) - curve.value(target)
             })
             .collect();

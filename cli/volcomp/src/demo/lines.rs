@@ -5,8 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_calibrate::{LineOfSight, Shop, ShopLine};
 use volcomp_kinematics::State;
-use volcomp_metrology::{Direction, ReferenceLine, squareness_parts, squareness_urad};
-use volcomp_model::{ErrorName, Temperatures};
+use volcomp_metrology::{ReferenceLine, squareness_parts, squareness_urad};
+use volcomp_model::Temperatures;
+use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::failure::Failure;
 
@@ -61,7 +62,7 @@ pub(crate) fn compare_lines(
         let targets = points(shop, line);
         let profile = |command: &dyn Fn(&State) -> State| -> Vec<(f64, f64)> {
             let reading = |&target: &f64| {
-                let state = sight.state(target, Direction::Forward);
+                let state = sight.state(target, Direction::Positive);
                 (target, sight.reading(&errors, &state, &command(&state)))
             };
             targets.iter().map(reading).collect()

@@ -3,8 +3,9 @@
 use std::{fmt::Write, fs, path::Path};
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
-use volcomp_kinematics::{AxisName, ErrorSource, Form};
-use volcomp_model::{ErrorName, Machine, Temperatures};
+use volcomp_kinematics::{ErrorSource, Form};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 const STRUCTURE: &str = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 2000]\nY.travel = [0, 1000]\nZ.travel = [0, 800]\n";
 
@@ -37,8 +38,8 @@ fn write_line(folder: &Path, machine: &Machine, error: &str, lever: impl Fn(f64)
     let none = Temperatures::new();
     let mut csv = String::from("target,run,direction,deviation\n");
     for (sign, approach) in [
-        ("+", volcomp_kinematics::Approach::Positive),
-        ("-", volcomp_kinematics::Approach::Negative),
+        ("+", Some(volcomp_vocabulary::Direction::Positive)),
+        ("-", Some(volcomp_vocabulary::Direction::Negative)),
     ] {
         for step in 0..=10 {
             let q = low + (high - low) * f64::from(step) / 10.0;

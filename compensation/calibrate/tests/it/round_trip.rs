@@ -5,10 +5,11 @@ use std::{fmt::Write, fs, path::Path};
 
 use volcomp_calibrate::{Calibration, CalibrationFile, Shop, calibrate};
 use volcomp_kinematics::{
-    AxisName, Form,
+    Form,
     nalgebra::{DMatrix, DVector, Vector3},
 };
 use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName;
 
 /// Every error of three axes: polynomials of order 3 with constants and slopes.
 fn truth(structure: &str, axes: &str, more: &str) -> String {

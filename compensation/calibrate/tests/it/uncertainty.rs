@@ -5,7 +5,8 @@ use std::{fmt::Write, fs, path::Path};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_calibrate::{CalibrationFile, calibrate};
-use volcomp_kinematics::AxisName;
+use volcomp_vocabulary::AxisName;
+
 use volcomp_model::{Ensemble, Machine, Tolerance};
 
 const TRIALS: u64 = 2000;

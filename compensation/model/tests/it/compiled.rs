@@ -1,10 +1,9 @@
 //! The compiled machine follows its source.
 
 use proptest::prelude::*;
-use volcomp_kinematics::{
-    Approach, CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error,
-};
+use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error};
 use volcomp_model::{Machine, Temperatures, Tolerance};
+use volcomp_vocabulary::Direction;
 
 use crate::EXAMPLE;
 
@@ -21,7 +20,7 @@ proptest! {
         let none = Temperatures::new();
         let source = machine.source(&none);
         let mut state = State::from_coordinates(&[c, x, y, z]);
-        state.approach = [[Approach::Positive, Approach::Negative, Approach::Unknown][approach]; 9];
+        state.approach = [[Some(Direction::Positive), Some(Direction::Negative), None][approach]; 9].into();
         for axis in 0..5 {
             let difference = source.error_motion(axis, &state).linear_mm
                 - compiled.error_motion(axis, &state).linear_mm;
@@ -46,9 +45,7 @@ fn the_slope_bound_holds_and_is_no_fantasy() {
         let steepest = (0..=4000)
             .map(|step| {
                 coordinates[own] = low + (high - low) * f64::from(step) / 4000.0;
-                curve
-                    .derivative(own, &coordinates, volcomp_curve::Branch::Mean)
-                    .abs()
+                curve.derivative(own, &coordinates, None).abs()
             })
             .fold(0.0, f64::max);
         let per_unit = if name.component.is_angular() {

@@ -1,7 +1,8 @@
 //! Values, ranges, temperatures, tools, diagonals and maps against closed forms.
 
-use volcomp_kinematics::{Approach, AxisName, CorrectionOptions, ErrorSource, Form, State};
-use volcomp_model::{ErrorName, Machine, MapGrid, Temperatures, corrected, diagonals, quantised};
+use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State};
+use volcomp_model::{Machine, MapGrid, Temperatures, corrected, diagonals, quantised};
+use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 use crate::EXAMPLE;
 
@@ -45,9 +46,9 @@ fn every_kind_of_curve_has_its_value() {
     let motion = machine.source(&Temperatures::new()).error_motion(0, &state);
     assert!((motion.angular_rad.x * 1e6 - (0.5 - 1.2)).abs() < 1e-12);
     for (approach, value) in [
-        (Approach::Positive, 1.0),
-        (Approach::Negative, 3.5),
-        (Approach::Unknown, 2.25),
+        (Some(Direction::Positive), 1.0),
+        (Some(Direction::Negative), 3.5),
+        (None, 2.25),
     ] {
         state.approach[2] = approach;
         assert!((linear_um(&machine, 2, &state)[0] - value).abs() < 1e-12);

@@ -2,10 +2,9 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_kinematics::{
-    Approach, AxisName, CorrectionOptions, Form, JointKind, State, Structure, correct,
-};
-use volcomp_model::{CompiledMachine, ErrorName, Machine, Temperatures, Tolerance};
+use volcomp_kinematics::{CorrectionOptions, Form, State, Structure, correct};
+use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -33,7 +32,7 @@ fn machine(structure: &Structure, seed: u64) -> Machine {
     let mut number = |size: f64| rng.random_range(-size..=size);
     let mut text = format!("structure = \"{structure}\"\n");
     for axis in structure.axes() {
-        let half = if axis.kind() == JointKind::Linear {
+        let half = if axis.kind() == AxisKind::Linear {
             400.0
         } else {
             180.0
@@ -48,7 +47,7 @@ fn machine(structure: &Structure, seed: u64) -> Machine {
     let tip: [f64; 3] = [(); 3].map(|()| number(150.0));
     writeln!(text, "[tool]\ntip = {tip:?}\n[errors]").unwrap();
     for axis in structure.axes() {
-        let half = if axis.kind() == JointKind::Linear {
+        let half = if axis.kind() == AxisKind::Linear {
             400.0
         } else {
             180.0
@@ -66,7 +65,7 @@ fn machine(structure: &Structure, seed: u64) -> Machine {
         let own = axis.mcs_index();
         for (k, letter) in ["X", "Y", "Z"].into_iter().enumerate() {
             if k != own {
-                if axis.kind() == JointKind::Rotary {
+                if axis.kind() == AxisKind::Rotary {
                     writeln!(text, "E{letter}0{axis} = {}", number(20.0)).unwrap();
                 }
                 writeln!(text, "E{}0{axis} = {}", ["A", "B", "C"][k], number(30.0)).unwrap();
@@ -85,10 +84,10 @@ fn random_state(machine: &Machine, rng: &mut ChaCha8Rng) -> State {
     let mut state = State::default();
     for (index, joint) in machine.chain().joints().iter().enumerate() {
         state.q[index] = match joint.kind {
-            JointKind::Linear => rng.random_range(-400.0..=400.0),
-            JointKind::Rotary => rng.random_range(-3.1..=3.1),
+            AxisKind::Linear => rng.random_range(-400.0..=400.0),
+            AxisKind::Rotary => rng.random_range(-3.1..=3.1),
         };
-        state.approach[index] = [Approach::Positive, Approach::Negative, Approach::Unknown]
+        state.approach[index] = [Some(Direction::Positive), Some(Direction::Negative), None]
             [rng.random_range(0..3_usize)];
     }
     state
@@ -219,7 +218,7 @@ fn batches_are_the_same_as_single_poses() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         let states: Vec<State> = (0..10_000).map(|_| random_state(text, &mut rng)).collect();
         let poses: Vec<f64> = states.iter().flat_map(|s| s.q[..count].to_vec()).collect();
-        let approach = [Approach::Positive; 9];
+        let approach = PerAxis([Some(Direction::Positive); 9]);
         let mut one = vec![[0.0; 6]; states.len()];
         let mut all = one.clone();
         compiled.evaluate_batch(&poses, approach, &mut one);
@@ -245,7 +244,7 @@ fn grids_are_the_same_as_single_poses() {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let held = random_state(&machine, &mut rng);
         let linear: Vec<usize> = (0..machine.axes().len())
-            .filter(|&i| machine.chain().joints()[i].kind == JointKind::Linear)
+            .filter(|&i| machine.chain().joints()[i].kind == AxisKind::Linear)
             .collect();
         let counts = [5, 3, 7];
         let grid: Vec<(usize, Vec<f64>)> = linear

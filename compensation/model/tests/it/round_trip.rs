@@ -1,7 +1,8 @@
 //! What is written is what was read.
 
 use proptest::prelude::*;
-use volcomp_model::{ErrorName, Machine};
+use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
 
 use crate::EXAMPLE;
 

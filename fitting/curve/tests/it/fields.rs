@@ -1,5 +1,6 @@
 use proptest::prelude::*;
-use volcomp_curve::{Branch, Curve, ErrorCurve, Field, Grid, Polynomial};
+use volcomp_curve::{Curve, ErrorCurve, Field, Grid, Polynomial};
+use volcomp_vocabulary::Direction;
 
 /// The grid of the machine file over Y (coordinate 1) and Z (2).
 fn sag() -> Grid {
@@ -40,20 +41,26 @@ fn branches() {
         forward: line(1.0, 2.0),
         backward: line(3.5, 1.0),
     };
-    assert_eq!(pair.value(0, &[1.0], Branch::Forward), 3.0);
-    assert_eq!(pair.value(0, &[1.0], Branch::Backward), 4.5);
-    assert_eq!(pair.value(0, &[1.0], Branch::Mean), 3.75);
-    assert_eq!(pair.derivative(0, &[1.0], Branch::Mean), 1.5);
-    assert_eq!(pair.partial(1, 0, &[1.0, 2.0], Branch::Forward), 0.0);
+    assert_eq!(pair.value(0, &[1.0], Some(Direction::Positive)), 3.0);
+    assert_eq!(pair.value(0, &[1.0], Some(Direction::Negative)), 4.5);
+    assert_eq!(pair.value(0, &[1.0], None), 3.75);
+    assert_eq!(pair.derivative(0, &[1.0], None), 1.5);
+    assert_eq!(
+        pair.partial(1, 0, &[1.0, 2.0], Some(Direction::Positive)),
+        0.0
+    );
 
     let reversal = ErrorCurve::with_reversal(line(1.0, 2.0), 3.5).unwrap();
-    assert_eq!(reversal.value(0, &[1.0], Branch::Forward), 4.75);
-    assert_eq!(reversal.value(0, &[1.0], Branch::Backward), 1.25);
-    assert_eq!(reversal.value(0, &[1.0], Branch::Mean), 3.0);
-    assert_eq!(reversal.derivative(0, &[1.0], Branch::Backward), 2.0);
+    assert_eq!(reversal.value(0, &[1.0], Some(Direction::Positive)), 4.75);
+    assert_eq!(reversal.value(0, &[1.0], Some(Direction::Negative)), 1.25);
+    assert_eq!(reversal.value(0, &[1.0], None), 3.0);
+    assert_eq!(
+        reversal.derivative(0, &[1.0], Some(Direction::Negative)),
+        2.0
+    );
 
     let single = ErrorCurve::from(Curve::Constant(4.0));
-    assert_eq!(single.value(0, &[], Branch::Backward), 4.0);
+    assert_eq!(single.value(0, &[], Some(Direction::Negative)), 4.0);
 }
 
 #[test]

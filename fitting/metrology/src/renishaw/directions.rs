@@ -79,15 +79,15 @@ fn direction_of(
     if rows.len() < 2 {
         let reverse = targets.unidirectional != Some(true) && pass.is_multiple_of(2);
         return Ok(if reverse {
-            Direction::Backward
+            Direction::Negative
         } else {
-            Direction::Forward
+            Direction::Positive
         });
     }
     let ascends = rows[0].target < rows[1].target;
     match pairs.find(|pair| (pair[0].target < pair[1].target) != ascends) {
-        None if ascends => Ok(Direction::Forward),
-        None => Ok(Direction::Backward),
+        None if ascends => Ok(Direction::Positive),
+        None => Ok(Direction::Negative),
         Some(pair) => {
             let found = format!(
                 "target {} after {} in run {pass}",

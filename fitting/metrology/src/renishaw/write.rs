@@ -45,7 +45,7 @@ fn passes(measurement: &Measurement) -> Vec<Vec<Reading>> {
             .filter(|r| (r.run, r.direction) == (run, direction));
         let mut readings: Vec<Reading> = of_pass.copied().collect();
         readings.sort_by(|a, b| a.target.total_cmp(&b.target));
-        if direction == Direction::Backward {
+        if direction == Direction::Negative {
             readings.reverse();
         }
         readings

@@ -1,4 +1,5 @@
-use volcomp_metrology::{Direction, Measurement, MetrologyError, parse_csv, write_csv};
+use volcomp_metrology::{Measurement, MetrologyError, parse_csv, write_csv};
+use volcomp_vocabulary::Direction;
 
 fn csv(text: &str) -> Result<Measurement, MetrologyError> {
     parse_csv(text.as_bytes(), "x.csv")
@@ -18,7 +19,7 @@ fn the_table_is_read_as_it_stands() {
     let m = csv(BIDIRECTIONAL).unwrap();
     assert_eq!((m.unit, m.readings.len(), m.notes.len()), (None, 6, 0));
     assert_eq!(m.targets(), [-10.5, 0.0, 10.0]);
-    assert_eq!(m.mean_at(-10.5, Direction::Backward), Some(4.25));
+    assert_eq!(m.mean_at(-10.5, Direction::Negative), Some(4.25));
     let spaced = BIDIRECTIONAL.replace(',', " , ").replace('\n', "\r\n\r\n");
     assert_eq!(
         csv(&format!("\u{feff}{}", spaced.replace("target", "Target")))
@@ -33,7 +34,7 @@ fn two_columns_are_one_forward_run() {
     let m = csv("target,deviation\n0,1\n\"10\",2e-1\n").unwrap();
     assert_eq!(m.mean_curve(), [(0.0, 1.0), (10.0, 0.2)]);
     assert_eq!(
-        (m.runs(Direction::Forward), m.has(Direction::Backward)),
+        (m.runs(Direction::Positive), m.has(Direction::Negative)),
         (vec![1], false)
     );
 }

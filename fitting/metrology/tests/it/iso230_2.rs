@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 use volcomp_metrology::{
-    Direction::{self, Backward, Forward},
+    Direction::{self, Negative, Positive},
     Iso230Part2, Measurement, MetrologyError, Reading, evaluate, parse_csv,
 };
 
@@ -57,7 +57,7 @@ fn the_odd_backward_run_is_pointed_at_and_nothing_else() {
         .iter()
         .map(|h| (h.run, h.direction, h.target))
         .collect();
-    assert_eq!(named, [(1, Backward, None)]);
+    assert_eq!(named, [(1, Negative, None)]);
     insta::assert_snapshot!(hints[0].text, @"backward run 1 differs from the other runs by 55.23 (root mean square; usual scatter 2.26)");
 }
 
@@ -65,14 +65,14 @@ fn the_odd_backward_run_is_pointed_at_and_nothing_else() {
 #[test]
 fn small_case_by_hand() {
     let m = measurement(&[
-        (0.0, 1, Forward, 1.0),
-        (0.0, 2, Forward, 3.0),
-        (0.0, 1, Backward, -2.0),
-        (0.0, 2, Backward, -2.0),
-        (10.0, 1, Forward, 5.0),
-        (10.0, 2, Forward, 5.0),
-        (10.0, 1, Backward, 4.0),
-        (10.0, 2, Backward, 8.0),
+        (0.0, 1, Positive, 1.0),
+        (0.0, 2, Positive, 3.0),
+        (0.0, 1, Negative, -2.0),
+        (0.0, 2, Negative, -2.0),
+        (10.0, 1, Positive, 5.0),
+        (10.0, 2, Positive, 5.0),
+        (10.0, 1, Negative, 4.0),
+        (10.0, 2, Negative, 8.0),
     ]);
     let result = evaluate(&m).unwrap();
     let (s, root2) = (2.0_f64.sqrt(), 2.0_f64.sqrt());
@@ -109,10 +109,10 @@ fn small_case_by_hand() {
 #[test]
 fn one_run_has_no_repeatability_and_no_accuracy() {
     let m = measurement(&[
-        (0.0, 1, Forward, 1.0),
-        (10.0, 1, Forward, 5.0),
-        (0.0, 1, Backward, -2.0),
-        (10.0, 1, Backward, 4.0),
+        (0.0, 1, Positive, 1.0),
+        (10.0, 1, Positive, 5.0),
+        (0.0, 1, Negative, -2.0),
+        (10.0, 1, Negative, 4.0),
     ]);
     let r = evaluate(&m).unwrap();
     assert_eq!(
@@ -135,7 +135,7 @@ fn one_run_has_no_repeatability_and_no_accuracy() {
 
 #[test]
 fn one_direction_leaves_the_other_and_the_bidirectional_values_open() {
-    let backward = |target, run, deviation| (target, run, Backward, deviation);
+    let backward = |target, run, deviation| (target, run, Negative, deviation);
     let m = measurement(&[
         backward(0.0, 1, 1.0),
         backward(0.0, 2, 1.0),
@@ -165,16 +165,16 @@ fn one_direction_leaves_the_other_and_the_bidirectional_values_open() {
 #[test]
 fn a_target_lacking_in_one_direction_is_named() {
     let m = measurement(&[
-        (0.0, 1, Forward, 1.0),
-        (10.0, 1, Forward, 5.0),
-        (10.0, 1, Backward, 4.0),
+        (0.0, 1, Positive, 1.0),
+        (10.0, 1, Positive, 5.0),
+        (10.0, 1, Negative, 4.0),
     ]);
     let error = evaluate(&m).unwrap_err();
     assert!(matches!(
         error,
         MetrologyError::TargetLacking {
             target: 0.0,
-            direction: Backward,
+            direction: Negative,
             ..
         }
     ));
@@ -185,10 +185,10 @@ fn a_target_lacking_in_one_direction_is_named() {
 fn unsound_readings_are_refused() {
     insta::assert_snapshot!(evaluate(&measurement(&[])).unwrap_err(), @"m: readings: found none, expected at least one reading");
     for bad in [f64::NAN, f64::INFINITY, 1e300] {
-        assert!(evaluate(&measurement(&[(0.0, 1, Forward, bad)])).is_err());
-        assert!(evaluate(&measurement(&[(bad, 1, Forward, 0.0)])).is_err());
+        assert!(evaluate(&measurement(&[(0.0, 1, Positive, bad)])).is_err());
+        assert!(evaluate(&measurement(&[(bad, 1, Positive, 0.0)])).is_err());
     }
-    insta::assert_snapshot!(evaluate(&measurement(&[(3.0, 1, Forward, f64::NAN)])).unwrap_err(), @"m: readings: found deviation NaN at target 3, expected finite numbers, at most 1e12");
+    insta::assert_snapshot!(evaluate(&measurement(&[(3.0, 1, Positive, f64::NAN)])).unwrap_err(), @"m: readings: found deviation NaN at target 3, expected finite numbers, at most 1e12");
 }
 
 /// The standard's formulas once more, straight down from the readings.
@@ -207,8 +207,8 @@ fn second_implementation(m: &Measurement) -> [f64; 12] {
             ((squares - sum * sum / n).max(0.0) / (n - 1.0)).sqrt(),
         )
     };
-    let up: Vec<_> = targets.iter().map(|t| stats(*t, Forward)).collect();
-    let down: Vec<_> = targets.iter().map(|t| stats(*t, Backward)).collect();
+    let up: Vec<_> = targets.iter().map(|t| stats(*t, Positive)).collect();
+    let down: Vec<_> = targets.iter().map(|t| stats(*t, Negative)).collect();
     let max = |v: &[f64]| v.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
     let spread = |v: &[f64]| max(v) + max(&v.iter().map(|x| -x).collect::<Vec<_>>());
     let accuracy = |x: &[(f64, f64)]| {

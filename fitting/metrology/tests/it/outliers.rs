@@ -1,7 +1,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use volcomp_metrology::{Direction, Measurement, Reading, outlier_hints};
+use volcomp_metrology::{Measurement, Reading, outlier_hints};
+use volcomp_vocabulary::Direction;
 
 const SIGMA_UM: f64 = 1.3;
 
@@ -13,7 +14,7 @@ fn gaussian(rng: &mut ChaCha8Rng, runs: u32, targets: u32) -> Measurement {
         for direction in Direction::BOTH {
             for k in 0..targets {
                 let target = f64::from(k) * 400.0;
-                let reversal = if direction == Direction::Forward {
+                let reversal = if direction == Direction::Positive {
                     2.0
                 } else {
                     -2.0
@@ -59,7 +60,7 @@ fn a_run_that_stands_off_is_named_alone() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for runs in [3, 5, 8] {
         let mut m = gaussian(&mut rng, runs, 21);
-        let bad = |r: &&mut Reading| r.run == 2 && r.direction == Direction::Backward;
+        let bad = |r: &&mut Reading| r.run == 2 && r.direction == Direction::Negative;
         m.readings
             .iter_mut()
             .filter(bad)
@@ -69,7 +70,7 @@ fn a_run_that_stands_off_is_named_alone() {
             .iter()
             .map(|h| (h.run, h.direction, h.target))
             .collect();
-        assert_eq!(named, [(2, Direction::Backward, None)], "{runs} runs");
+        assert_eq!(named, [(2, Direction::Negative, None)], "{runs} runs");
         assert!((hints[0].size - 8.0 * SIGMA_UM).abs() < 2.0 * SIGMA_UM);
     }
 }
@@ -104,7 +105,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
         let noise = (reading.deviation * 1e6).fract() / 1e3;
         reading.deviation = (0.49 + noise * 15.0 + reading.target / 100.0).round();
     }
-    let values = |target| rounded.deviations_at(target, Direction::Forward);
+    let values = |target| rounded.deviations_at(target, Direction::Positive);
     assert!(
         values(400.0).iter().any(|x| *x != values(400.0)[0]),
         "some readings differ"

@@ -2,9 +2,10 @@
 
 use proptest::prelude::*;
 use volcomp_metrology::{
-    DeviationUnit, Direction, Environment, Measurement, Metadata, Reading, RenishawKind, StartEnd,
-    evaluate, parse_csv, parse_renishaw, write_csv, write_renishaw,
+    DeviationUnit, Environment, Measurement, Metadata, Reading, RenishawKind, StartEnd, evaluate,
+    parse_csv, parse_renishaw, write_csv, write_renishaw,
 };
+use volcomp_vocabulary::Direction;
 
 use crate::samples::BIDIRECTIONAL_RTL;
 
@@ -144,9 +145,9 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
     let targets = prop::collection::btree_set(-9_000_000_000..9_000_000_000_i64, 2..13);
     let deviations = prop::collection::vec(1..900_000_000_i64, 12 * 8);
     let directions = prop::sample::select(vec![
-        vec![Direction::Forward],
-        vec![Direction::Backward],
-        vec![Direction::Forward, Direction::Backward],
+        vec![Direction::Positive],
+        vec![Direction::Negative],
+        vec![Direction::Positive, Direction::Negative],
     ]);
     (
         targets,
@@ -166,7 +167,7 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
                     for &direction in &directions {
                         let mut in_order: Vec<f64> =
                             targets.iter().map(|k| *k as f64 / 1e6).collect();
-                        if direction == Direction::Backward {
+                        if direction == Direction::Negative {
                             in_order.reverse();
                         }
                         readings.extend(in_order.into_iter().map(|target| {

@@ -1,7 +1,8 @@
 use volcomp_metrology::{
-    DeviationUnit, Direction, Measurement, MetrologyError, RenishawKind, StartEnd, parse_renishaw,
+    DeviationUnit, Measurement, MetrologyError, RenishawKind, StartEnd, parse_renishaw,
     write_renishaw,
 };
+use volcomp_vocabulary::Direction;
 
 use crate::samples::{BIDIRECTIONAL_RTL, rtl_with};
 
@@ -10,7 +11,7 @@ fn rtl(text: &str) -> Result<Measurement, MetrologyError> {
 }
 
 fn readings(m: &Measurement) -> Vec<(f64, u32, char, f64)> {
-    let sign = |d| if d == Direction::Forward { '+' } else { '-' };
+    let sign = |d| if d == Direction::Positive { '+' } else { '-' };
     m.readings
         .iter()
         .map(|r| (r.target, r.run, sign(r.direction), r.deviation))
@@ -40,8 +41,8 @@ fn readings_belong_to_their_target_numbers_and_directions_to_the_order_of_travel
     );
     assert_eq!(m.notes, [""; 0]);
     assert_eq!(m.targets(), [-100.0, 0.0, 250.5]);
-    assert_eq!(m.runs(Direction::Backward), [1, 2]);
-    assert!((m.mean_at(-100.0, Direction::Backward).unwrap() - 4.1).abs() < 1e-12);
+    assert_eq!(m.runs(Direction::Negative), [1, 2]);
+    assert!((m.mean_at(-100.0, Direction::Negative).unwrap() - 4.1).abs() < 1e-12);
     assert!((m.mean_of_directions_at(0.0).unwrap() - 3.1).abs() < 1e-12);
 }
 
@@ -151,8 +152,8 @@ fn order_of_targets_tells_the_direction_also_when_the_first_run_goes_back() {
         (2, "3", 6.0),
     ];
     let m = rtl(&with_rows(2, "0 0 2 0", &rows)).unwrap();
-    assert_eq!(m.mean_at(-100.0, Direction::Backward), Some(3.0));
-    assert_eq!(m.mean_at(-100.0, Direction::Forward), Some(4.0));
+    assert_eq!(m.mean_at(-100.0, Direction::Negative), Some(3.0));
+    assert_eq!(m.mean_at(-100.0, Direction::Positive), Some(4.0));
     assert_eq!(m.notes, [""; 0]);
     let noted = rtl(&with_rows(2, "0 1 2 0", &rows)).unwrap();
     assert_eq!(noted.readings, m.readings);
@@ -174,8 +175,8 @@ fn reverse_runs_of_zeros_are_left_out_and_named() {
             rows.extend(reverse.map(|t| (2 * pair + 2, t, 0.0)));
         }
         let m = rtl(&with_rows(4, flags, &rows)).unwrap();
-        assert!(!m.has(Direction::Backward), "{flags}");
-        assert_eq!(m.runs(Direction::Forward), [1, 2]);
+        assert!(!m.has(Direction::Negative), "{flags}");
+        assert_eq!(m.runs(Direction::Positive), [1, 2]);
         assert_eq!(m.mean_of_directions_at(0.0), Some(3.5));
         insta::allow_duplicates! {
             insta::assert_snapshot!(m.notes.join("\n"), @"reverse runs 2, 4 left out: nothing but zeros, as written for a unidirectional test");

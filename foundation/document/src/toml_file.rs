@@ -1,6 +1,4 @@
-//! TOML decoded by hand, so that every message has its file, line and key.
-//!
-//! `serde`'s `untagged` and `flatten` lose both; the calibration and shop files use this too.
+//! A TOML file as tables and values that know their place.
 
 use core::ops::Range;
 use std::sync::Arc;

@@ -1,0 +1,84 @@
+//! The direction of travel of an axis.
+
+use core::{fmt, ops::Neg, str::FromStr};
+
+/// The direction in which an axis travels or last travelled. It selects the branch of a bidirectional curve and
+/// names the approach to a target (ISO 230-2: ↑ and ↓). Where the direction is not known, an `Option<Direction>` is
+/// `None`, and the mean of both branches holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Direction {
+    /// Towards larger coordinates: `+` in files, ↑ in the standard.
+    Positive,
+    /// Towards smaller coordinates: `-` in files, ↓ in the standard.
+    Negative,
+}
+
+/// A text that is no direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected + or -")]
+pub struct UnknownDirection;
+
+impl Direction {
+    /// Both directions, the positive one first.
+    pub const BOTH: [Self; 2] = [Self::Positive, Self::Negative];
+
+    /// The word that keys of files and answers use: `forward` or `backward`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Positive => "forward",
+            Self::Negative => "backward",
+        }
+    }
+
+    /// +1 or −1.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Positive => 1.0,
+            Self::Negative => -1.0,
+        }
+    }
+
+    /// The direction of a displacement, `None` for zero and for a number that is not one.
+    pub fn of(displacement: f64) -> Option<Self> {
+        if displacement > 0.0 {
+            Some(Self::Positive)
+        } else if displacement < 0.0 {
+            Some(Self::Negative)
+        } else {
+            None
+        }
+    }
+}
+
+impl Neg for Direction {
+    type Output = Self;
+
+    fn neg(self) -> Self {
+        match self {
+            Self::Positive => Self::Negative,
+            Self::Negative => Self::Positive,
+        }
+    }
+}
+
+impl fmt::Display for Direction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Positive => "+",
+            Self::Negative => "-",
+        })
+    }
+}
+
+impl FromStr for Direction {
+    type Err = UnknownDirection;
+
+    /// Reads `+` or `-`.
+    fn from_str(text: &str) -> Result<Self, UnknownDirection> {
+        match text {
+            "+" => Ok(Self::Positive),
+            "-" => Ok(Self::Negative),
+            _ => Err(UnknownDirection),
+        }
+    }
+}

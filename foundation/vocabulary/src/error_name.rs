@@ -1,0 +1,153 @@
+//! The error names of ISO 230-1: `EXX`, `EC0Y`.
+
+use core::{fmt, str::FromStr};
+
+use arrayvec::ArrayString;
+
+use crate::axis::AxisName;
+
+/// One of the six components of an error: along or about an axis of the machine coordinate system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Component {
+    /// Translation along X, µm.
+    EX,
+    /// Translation along Y, µm.
+    EY,
+    /// Translation along Z, µm.
+    EZ,
+    /// Rotation about X, µrad.
+    EA,
+    /// Rotation about Y, µrad.
+    EB,
+    /// Rotation about Z, µrad.
+    EC,
+}
+
+impl Component {
+    /// All six, in the order of ISO 230-1.
+    pub const ALL: [Self; 6] = [Self::EX, Self::EY, Self::EZ, Self::EA, Self::EB, Self::EC];
+
+    /// The place in [`Component::ALL`], 0 to 5.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Whether it is a rotation (µrad) and not a translation (µm).
+    pub fn is_angular(self) -> bool {
+        self.index() >= 3
+    }
+
+    /// 0, 1 or 2: the axis X, Y or Z of the machine coordinate system along or about which it is.
+    pub fn mcs_index(self) -> usize {
+        self.index() % 3
+    }
+
+    /// The unit in keys of files and answers: `um` or `urad`.
+    pub fn unit(self) -> &'static str {
+        if self.is_angular() { "urad" } else { "um" }
+    }
+
+    /// The unit as people read it: `µm` or `µrad`.
+    pub fn symbol(self) -> &'static str {
+        if self.is_angular() { "µrad" } else { "µm" }
+    }
+
+    /// The letter behind the E: X Y Z A B C.
+    pub fn letter(self) -> char {
+        match self {
+            Self::EX => 'X',
+            Self::EY => 'Y',
+            Self::EZ => 'Z',
+            Self::EA => 'A',
+            Self::EB => 'B',
+            Self::EC => 'C',
+        }
+    }
+}
+
+/// The name of one error of one axis: `EYX` is the straightness error motion of X along Y, `EC0Y` the squareness of
+/// Y to X.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ErrorName {
+    /// Along or about which axis of the machine coordinate system.
+    pub component: Component,
+    /// The axis whose motion or location has the error.
+    pub axis: AxisName,
+    /// Whether it is a location error `E?0N` (a number) and not an error motion `E?N` (a curve).
+    pub location: bool,
+}
+
+/// A text that is no error name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "`{found}` is no error name, expected E, one of X Y Z A B C, 0 for a location error, and an axis: EXX, EC0Y"
+)]
+pub struct UnknownErrorName {
+    /// The text, cut after a few characters.
+    pub found: ArrayString<24>,
+}
+
+impl ErrorName {
+    /// The name of an error motion `E?N` of `axis`.
+    pub fn motion(component: Component, axis: AxisName) -> Self {
+        Self {
+            component,
+            axis,
+            location: false,
+        }
+    }
+
+    /// The name of a location error `E?0N` of `axis`.
+    pub fn location(component: Component, axis: AxisName) -> Self {
+        Self {
+            component,
+            axis,
+            location: true,
+        }
+    }
+}
+
+impl FromStr for ErrorName {
+    type Err = UnknownErrorName;
+
+    /// Reads `EXX`, `EC0Y` and the aliases `EC(0X)Y`, `EB(0X)Z`, `EA(0Y)Z`, `C0Y`, `X0C`.
+    fn from_str(text: &str) -> Result<Self, UnknownErrorName> {
+        let unknown = || {
+            let mut found = ArrayString::new();
+            for letter in text.chars() {
+                if found.try_push(letter).is_err() {
+                    break;
+                }
+            }
+            UnknownErrorName { found }
+        };
+        let (component, axis, location) = match *text.as_bytes() {
+            [b'E', component, b'(', b'0', reference, b')', axis] => {
+                match (component, reference, axis) {
+                    (b'C', b'X', b'Y') | (b'B', b'X', b'Z') | (b'A', b'Y', b'Z') => {
+                        (component, axis, true)
+                    }
+                    _ => return Err(unknown()),
+                }
+            }
+            [b'E', component, b'0', axis] | [component, b'0', axis] => (component, axis, true),
+            [b'E', component, axis] => (component, axis, false),
+            _ => return Err(unknown()),
+        };
+        let component = Component::ALL
+            .into_iter()
+            .find(|known| known.letter() == char::from(component));
+        Ok(Self {
+            component: component.ok_or_else(unknown)?,
+            axis: AxisName::from_letter(char::from(axis)).ok_or_else(unknown)?,
+            location,
+        })
+    }
+}
+
+impl fmt::Display for ErrorName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let zero = if self.location { "0" } else { "" };
+        write!(f, "E{}{zero}{}", self.component.letter(), self.axis)
+    }
+}

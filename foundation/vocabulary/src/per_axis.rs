@@ -1,0 +1,96 @@
+//! One value for each axis, in one of the two orders there are.
+
+use core::ops::{Deref, DerefMut};
+
+use crate::axis::MAX_AXES;
+
+macro_rules! in_order {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[repr(transparent)]
+        pub struct $name<T>(pub [T; MAX_AXES]);
+
+        impl<T> $name<T> {
+            /// The value of each place from its index.
+            #[inline]
+            pub fn from_fn(value: impl FnMut(usize) -> T) -> Self {
+                Self(core::array::from_fn(value))
+            }
+
+            /// Another value for each place.
+            #[inline]
+            pub fn map<U>(self, value: impl FnMut(T) -> U) -> $name<U> {
+                $name(self.0.map(value))
+            }
+        }
+
+        impl $name<f64> {
+            /// Zero at every place.
+            pub const ZERO: Self = Self([0.0; MAX_AXES]);
+        }
+
+        impl<T> Deref for $name<T> {
+            type Target = [T; MAX_AXES];
+            #[inline]
+            fn deref(&self) -> &Self::Target {
+                &self.0
+            }
+        }
+
+        impl<T> DerefMut for $name<T> {
+            #[inline]
+            fn deref_mut(&mut self) -> &mut Self::Target {
+                &mut self.0
+            }
+        }
+
+        impl<T> From<[T; MAX_AXES]> for $name<T> {
+            #[inline]
+            fn from(values: [T; MAX_AXES]) -> Self {
+                Self(values)
+            }
+        }
+
+        impl<T> IntoIterator for $name<T> {
+            type Item = T;
+            type IntoIter = core::array::IntoIter<T, MAX_AXES>;
+            #[inline]
+            fn into_iter(self) -> Self::IntoIter {
+                self.0.into_iter()
+            }
+        }
+
+        impl<'a, T> IntoIterator for &'a $name<T> {
+            type Item = &'a T;
+            type IntoIter = core::slice::Iter<'a, T>;
+            #[inline]
+            fn into_iter(self) -> Self::IntoIter {
+                self.0.iter()
+            }
+        }
+
+        impl<'a, T> IntoIterator for &'a mut $name<T> {
+            type Item = &'a mut T;
+            type IntoIter = core::slice::IterMut<'a, T>;
+            #[inline]
+            fn into_iter(self) -> Self::IntoIter {
+                self.0.iter_mut()
+            }
+        }
+    };
+}
+
+in_order! {
+    /// One value for each axis of a machine, in *machine order*: the order of its kinematic chain from the workpiece
+    /// to the tool. Coordinates and corrections are mm for linear and rad for rotary axes; places beyond the last
+    /// axis hold the default.
+    PerAxis
+}
+
+in_order! {
+    /// One value for each axis that a controller writes, in *channel order*: the order of the controller's
+    /// description. Positions and corrections are mm for linear and rad for rotary axes; places beyond the last axis
+    /// hold the default. The type differs from [`PerAxis`], so that the two orders cannot be mixed up.
+    PerChannel
+}

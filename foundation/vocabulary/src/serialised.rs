@@ -1,0 +1,133 @@
+//! How the words are written by serde: axes, errors and directions as their text, units as their number.
+
+use core::{fmt, marker::PhantomData, str::FromStr};
+
+use serde::{
+    Deserialize, Deserializer, Serialize, Serializer,
+    de::{Error, SeqAccess, Visitor},
+    ser::SerializeStruct,
+};
+
+use crate::{
+    AxisKind, AxisName, Component, Deg, Degc, Direction, Displacement, ErrorName, MAX_AXES, Mm,
+    PerAxis, PerChannel, Rad, Um, Urad,
+};
+
+/// Reads a text by its `FromStr`.
+struct Text<T>(PhantomData<T>, &'static str);
+
+impl<T: FromStr<Err: fmt::Display>> Visitor<'_> for Text<T> {
+    type Value = T;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.1)
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<T, E> {
+        text.parse().map_err(E::custom)
+    }
+}
+
+macro_rules! as_text {
+    ($name:ident, $expected:literal) => {
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_str(self)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                deserializer.deserialize_str(Text::<Self>(PhantomData, $expected))
+            }
+        }
+    };
+}
+
+as_text!(AxisName, "an axis letter");
+as_text!(ErrorName, "an error name such as EXX or EC0Y");
+as_text!(Direction, "+ or -");
+
+macro_rules! as_number {
+    ($($name:ident),*) => {$(
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_f64(self.0)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                f64::deserialize(deserializer).map(Self)
+            }
+        }
+    )*};
+}
+
+as_number!(Mm, Um, Deg, Rad, Urad, Degc);
+
+impl Serialize for AxisKind {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl Serialize for Component {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(&format_args!("E{}", self.letter()))
+    }
+}
+
+impl Serialize for Displacement {
+    /// `{"mm": …}` or `{"rad": …}`.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_struct("Displacement", 1)?;
+        match self {
+            Self::Length(length) => fields.serialize_field("mm", length)?,
+            Self::Angle(angle) => fields.serialize_field("rad", angle)?,
+        }
+        fields.end()
+    }
+}
+
+/// Reads up to [`MAX_AXES`] values; places that are not given hold the default.
+struct Values<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de> + Default> Visitor<'de> for Values<T> {
+    type Value = [T; MAX_AXES];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "up to {MAX_AXES} values, one for each axis")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<Self::Value, A::Error> {
+        let mut values: [T; MAX_AXES] = core::array::from_fn(|_| T::default());
+        let mut count = 0;
+        while let Some(value) = sequence.next_element()? {
+            let place = values
+                .get_mut(count)
+                .ok_or_else(|| A::Error::invalid_length(count + 1, &self))?;
+            *place = value;
+            count += 1;
+        }
+        Ok(values)
+    }
+}
+
+macro_rules! as_sequence {
+    ($($name:ident),*) => {$(
+        impl<T: Serialize> Serialize for $name<T> {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                self.0.serialize(serializer)
+            }
+        }
+
+        impl<'de, T: Deserialize<'de> + Default> Deserialize<'de> for $name<T> {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                deserializer.deserialize_seq(Values(PhantomData)).map(Self)
+            }
+        }
+    )*};
+}
+
+as_sequence!(PerAxis, PerChannel);
