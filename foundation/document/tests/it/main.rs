@@ -1,5 +1,7 @@
 //! Tests of the document layer: whatever the text, an answer or a message with its place.
 
+mod csv_file;
+
 use proptest::prelude::*;
 use volcomp_document::{Document, InputError};
 

@@ -1,0 +1,359 @@
+//! A CSV table with a header, whose rows and cells know their place.
+
+use core::ops::Range;
+use std::sync::Arc;
+
+use csv::{ReaderBuilder, StringRecord, Trim};
+
+use crate::error::InputError;
+
+/// A table with a header, read from CSV text.
+///
+/// The separator is the one that stands most often in the header, of `,`, `;` and the tab; a first line `sep=;` as
+/// spreadsheets write it is honoured. Where the separator is not a comma, numbers may have a decimal comma, then in
+/// the whole table. Cells may stand in double quotes; blanks around a cell, blank rows and a byte order mark are
+/// passed over. Columns are found by name, whatever their order; their case is ignored.
+#[derive(Clone, Debug)]
+pub struct CsvTable {
+    file: String,
+    text: Arc<str>,
+    separator: char,
+    /// The first row with a decimal comma, if the table has one.
+    decimal_comma_line: Option<usize>,
+    header: Record,
+    rows: Vec<Record>,
+}
+
+#[derive(Clone, Debug)]
+struct Record {
+    line: usize,
+    span: Range<usize>,
+    cells: StringRecord,
+}
+
+/// A column of a [`CsvTable`], as [`CsvTable::column`] finds it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Column(usize);
+
+/// One row of a [`CsvTable`] under its header.
+#[derive(Clone, Copy, Debug)]
+pub struct CsvRow<'t> {
+    table: &'t CsvTable,
+    record: &'t Record,
+}
+
+/// One cell of a [`CsvTable`].
+#[derive(Clone, Copy, Debug)]
+pub struct Cell<'t> {
+    row: CsvRow<'t>,
+    column: Column,
+}
+
+impl CsvTable {
+    /// Reads a table from the text of `file`.
+    ///
+    /// # Errors
+    /// There is no header, or a row has more or fewer cells than the header (empty cells at the end are passed over).
+    pub fn parse(file: &str, text: &str) -> Result<Self, InputError> {
+        let text: Arc<str> = text.into();
+        let (start, separator) = start_and_separator(&text);
+        let error = |line: usize, span: Range<usize>, message: String| InputError {
+            file: file.to_owned(),
+            line,
+            key: String::new(),
+            message,
+            span,
+            text: text.clone(),
+        };
+        let mut records = records(&text, start, separator)
+            .map_err(|(line, message)| error(line, 0..0, message))?
+            .into_iter();
+        let Some(header) = records.next() else {
+            return Err(error(
+                1,
+                0..0,
+                "found no rows, expected a header".to_owned(),
+            ));
+        };
+        let mut rows = Vec::new();
+        for mut record in records {
+            if record.cells.iter().all(str::is_empty) {
+                continue;
+            }
+            let columns = header.cells.len();
+            if record.cells.iter().skip(columns).all(str::is_empty) {
+                record.cells.truncate(columns);
+            }
+            if record.cells.len() != columns {
+                let row = record.cells.iter().collect::<Vec<_>>();
+                let message = format!(
+                    "found {} in {}, expected {} as in the header",
+                    counted(record.cells.len()),
+                    quoted(&row.join(&separator.to_string())),
+                    counted(columns)
+                );
+                return Err(error(record.line, record.span, message));
+            }
+            rows.push(record);
+        }
+        let has_comma = |record: &&Record| record.cells.iter().any(is_number_with_comma);
+        Ok(Self {
+            decimal_comma_line: rows
+                .iter()
+                .find(has_comma)
+                .filter(|_| separator != ',')
+                .map(|record| record.line),
+            file: file.to_owned(),
+            separator,
+            header,
+            rows,
+            text,
+        })
+    }
+
+    /// The character between the cells: `,`, `;` or the tab.
+    pub fn separator(&self) -> char {
+        self.separator
+    }
+
+    /// The line of the header, from 1.
+    pub fn header_line(&self) -> usize {
+        self.header.line
+    }
+
+    /// The names in the header as they are written, columns without a name left out.
+    pub fn names(&self) -> impl Iterator<Item = (Column, &str)> {
+        let cells = self.header.cells.iter().enumerate();
+        cells
+            .map(|(index, name)| (Column(index), name))
+            .filter(|(_, name)| !name.is_empty())
+    }
+
+    /// The column of a name, if the header has it.
+    ///
+    /// # Errors
+    /// The header has the name twice.
+    pub fn column(&self, name: &str) -> Result<Option<Column>, InputError> {
+        let mut named = self
+            .names()
+            .filter(|(_, found)| found.eq_ignore_ascii_case(name));
+        let first = named.next().map(|(column, _)| column);
+        match named.next() {
+            Some(_) => Err(self.header_error(format!("column `{name}` stands twice"))),
+            None => Ok(first),
+        }
+    }
+
+    /// The column of a name that the header must have.
+    ///
+    /// # Errors
+    /// The header lacks the name or has it twice.
+    pub fn require(&self, name: &str) -> Result<Column, InputError> {
+        self.column(name)?.ok_or_else(|| {
+            let found = self.names().map(|(_, name)| name).collect::<Vec<_>>();
+            let found = quoted(&found.join(&self.separator.to_string()));
+            self.header_error(format!("found {found}, expected a column `{name}`"))
+        })
+    }
+
+    /// The names of the columns that are none of those known, for a note about what is not used.
+    pub fn names_besides(&self, known: &[&str]) -> Vec<&str> {
+        let is_known = |name: &str| known.iter().any(|known| known.eq_ignore_ascii_case(name));
+        let names = self.names().map(|(_, name)| name);
+        names.filter(|name| !is_known(name)).collect()
+    }
+
+    /// The rows under the header, in the order of the file, without the blank ones.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = CsvRow<'_>> {
+        self.rows.iter().map(|record| CsvRow {
+            table: self,
+            record,
+        })
+    }
+
+    /// An error at the header.
+    pub fn header_error(&self, message: impl Into<String>) -> InputError {
+        self.error(&self.header, "header", message.into())
+    }
+
+    fn error(&self, record: &Record, key: &str, message: String) -> InputError {
+        InputError {
+            file: self.file.clone(),
+            line: record.line,
+            key: key.to_owned(),
+            message,
+            span: record.span.clone(),
+            text: self.text.clone(),
+        }
+    }
+}
+
+impl<'t> CsvRow<'t> {
+    /// The line of the row in the file, from 1.
+    pub fn line(&self) -> usize {
+        self.record.line
+    }
+
+    /// The cell in a column of this table.
+    pub fn cell(&self, column: Column) -> Cell<'t> {
+        Cell { row: *self, column }
+    }
+
+    /// An error at this row.
+    pub fn error(&self, message: impl Into<String>) -> InputError {
+        self.table.error(self.record, "row", message.into())
+    }
+}
+
+impl<'t> Cell<'t> {
+    /// The text of the cell without the blanks around it; empty for a column of another, wider table.
+    pub fn text(&self) -> &'t str {
+        let record: &'t Record = self.row.record;
+        record.cells.get(self.column.0).unwrap_or_default()
+    }
+
+    /// The line of the cell in the file, from 1.
+    pub fn line(&self) -> usize {
+        self.row.line()
+    }
+
+    /// The text with a decimal point where the table has decimal commas.
+    ///
+    /// # Errors
+    /// The table has decimal commas and this cell a point: it may separate thousands.
+    pub fn decimal_text(&self) -> Result<String, InputError> {
+        let text = self.text();
+        match self.row.table.decimal_comma_line {
+            Some(_) if !text.contains('.') => Ok(text.replacen(',', ".", 1)),
+            Some(line) => Err(self.error(format!(
+                "found {}, expected a number with a decimal comma as in line {line}",
+                quoted(text)
+            ))),
+            None => Ok(text.to_owned()),
+        }
+    }
+
+    /// The cell as a finite number.
+    ///
+    /// # Errors
+    /// Anything else, `nan` and `inf` included.
+    pub fn number(&self) -> Result<f64, InputError> {
+        let number = self.decimal_text()?.parse::<f64>().ok();
+        number.filter(|number| number.is_finite()).ok_or_else(|| {
+            let found = quoted(self.text());
+            self.error(format!("found {found}, expected a finite number"))
+        })
+    }
+
+    /// An error at this cell.
+    pub fn error(&self, message: impl Into<String>) -> InputError {
+        let table = self.row.table;
+        let name = table.header.cells.get(self.column.0).unwrap_or_default();
+        table.error(self.row.record, name, message.into())
+    }
+}
+
+/// Where the table starts in the text, and what separates its cells.
+fn start_and_separator(text: &str) -> (usize, char) {
+    let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
+    let rest = text.get(start..).unwrap_or_default();
+    let first = rest.lines().next().unwrap_or_default();
+    match first.trim().strip_prefix("sep=") {
+        Some(";") => (start + first.len(), ';'),
+        Some(",") => (start + first.len(), ','),
+        // The tab itself may have been taken for a blank.
+        Some("" | "\t") => (start + first.len(), '\t'),
+        _ => {
+            let header = rest.lines().find(|line| !line.trim().is_empty());
+            (start, separator_of(header.unwrap_or_default()))
+        }
+    }
+}
+
+fn separator_of(header: &str) -> char {
+    let mut counts = [(',', 0), ('\t', 0), (';', 0)];
+    let mut is_quoted = false;
+    for character in header.chars() {
+        if character == '"' {
+            is_quoted = !is_quoted;
+        }
+        for (separator, count) in &mut counts {
+            if character == *separator && !is_quoted {
+                *count += 1;
+            }
+        }
+    }
+    let most = counts.into_iter().max_by_key(|(_, count)| *count);
+    most.filter(|(_, count)| *count > 0)
+        .map_or(',', |(separator, _)| separator)
+}
+
+/// Every record from `start` on with its line and its bytes, or the line and message of what cannot be read.
+fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (usize, String)> {
+    let mut reader = ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(Trim::All)
+        // `,`, `;` and the tab are one byte each.
+        .delimiter(u8::try_from(separator).unwrap_or(b','))
+        .from_reader(text.get(start..).unwrap_or_default().as_bytes());
+    let bytes = text.as_bytes();
+    let mut records = Vec::new();
+    let mut cells = StringRecord::new();
+    let (mut counted, mut line) = (0, 1);
+    loop {
+        match reader.read_record(&mut cells) {
+            Ok(false) => return Ok(records),
+            Ok(true) => {}
+            Err(error) => return Err((line, error.to_string())),
+        }
+        let byte = |position: u64| start + usize::try_from(position).unwrap_or(usize::MAX - start);
+        let from = byte(cells.position().map_or(0, csv::Position::byte));
+        let to = byte(reader.position().byte());
+        // The position of a record may stand before the blank lines above it.
+        let record = bytes.get(from..to).unwrap_or_default();
+        let is_break = |byte: &&u8| matches!(byte, b'\n' | b'\r');
+        let from = from + record.iter().take_while(is_break).count();
+        let to = to - record.iter().rev().take_while(is_break).count();
+        let passed = bytes.get(counted..from).unwrap_or_default();
+        line += passed.split(|&byte| byte == b'\n').count() - 1;
+        counted = from;
+        if cells.len() == 1 && cells.get(0).is_none_or(str::is_empty) {
+            continue;
+        }
+        records.push(Record {
+            line,
+            span: from..to.max(from),
+            cells: cells.clone(),
+        });
+    }
+}
+
+/// Whether a cell is a number with one comma and no point: `-12,5`.
+fn is_number_with_comma(cell: &str) -> bool {
+    cell.matches(',').count() == 1
+        && !cell.contains('.')
+        && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
+}
+
+fn counted(columns: usize) -> String {
+    let plural = if columns == 1 { "" } else { "s" };
+    format!("{columns} column{plural}")
+}
+
+/// A piece of the file in back quotes, control characters escaped, cut when long.
+fn quoted(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let mut characters = text.chars();
+    let shown: String = characters
+        .by_ref()
+        .take(LONGEST)
+        .flat_map(char::escape_debug)
+        .collect();
+    let cut = if characters.next().is_some() {
+        "…"
+    } else {
+        ""
+    };
+    format!("`{shown}{cut}`")
+}

@@ -1,0 +1,89 @@
+//! CSV tables: separators, decimal commas, places.
+
+use proptest::prelude::*;
+use volcomp_document::{CsvTable, InputError};
+
+fn columns_x_y(text: &str) -> Result<Vec<[f64; 2]>, InputError> {
+    let table = CsvTable::parse("p.csv", text)?;
+    let (x, y) = (table.require("X")?, table.require("Y")?);
+    let row =
+        |row: volcomp_document::CsvRow<'_>| Ok([row.cell(x).number()?, row.cell(y).number()?]);
+    table.rows().map(row).collect()
+}
+
+#[test]
+fn every_usual_way_to_write_a_table_gives_the_same_numbers() {
+    let expected = [[1.5, -20.0], [0.25, 1e3]];
+    for text in [
+        "X,Y\n1.5,-20\n0.25,1e3\n",
+        "X;Y\n1,5;-20\n0,25;1e3\n",
+        "X;Y\r\n1.5;-20\r\n\r\n0.25;1000.0\r\n",
+        "X\tY\n1,5\t-20,0\n0,25\t1e3\n",
+        "\u{feff}x ; y\n 1,5 ; -20 \n0,25;1e3",
+        "sep=;\r\nX;Y\r\n1,5;-20\r\n0,25;1e3\r\n",
+        "Y;note;X\n-20;\"a;b\";1,5\n1e3;;0,25\n",
+        "X;Y;\n1,5;-20;\n;;\n0,25;1e3;;;\n",
+        "\"X\",\"Y\"\n\"1.5\",\"-20\"\n0.25,1e3\n",
+    ] {
+        assert_eq!(columns_x_y(text).unwrap(), expected, "{text:?}");
+    }
+}
+
+#[test]
+fn every_message_has_file_line_and_column() {
+    let told = |text: &str| {
+        let error = columns_x_y(text).expect_err(text);
+        assert!(error.text.get(error.span.clone()).is_some(), "{text:?}");
+        error.to_string()
+    };
+    insta::assert_snapshot!(
+        [
+            told(""),
+            told("\n \n"),
+            told("X;Z\n1;2\n"),
+            told("X,y,Y\n1,2,3\n"),
+            told("X,Y\n1,2\n3\n"),
+            told("X,Y\n\n\n1,5,2\n"),
+            told("X,Y\n\"1,2\n3,4\n"),
+            told("X;Y\n1,5;2\n\n1.234;5\n"),
+            told("X;Y\n1.234,5;2\n"),
+            told("X,Y\n1,nan\n"),
+            told("X,Y\n1,\n"),
+        ]
+        .join("\n")
+    );
+}
+
+#[test]
+fn the_span_of_an_error_is_its_row() {
+    let text = "X,Y\r\n\r\n1,2\r\n3,far\r\n5,6\r\n";
+    let error = columns_x_y(text).unwrap_err();
+    assert_eq!(&error.text[error.span], "3,far");
+}
+
+#[test]
+fn columns_that_are_not_known_are_named() {
+    let table = CsvTable::parse("p.csv", "X;Remark;y;;Operator\n1;a;2;;b\n").unwrap();
+    assert_eq!(table.names_besides(&["X", "Y"]), ["Remark", "Operator"]);
+    assert_eq!((table.separator(), table.header_line()), (';', 1));
+}
+
+proptest! {
+    #[test]
+    fn any_text_is_read_or_refused_with_a_line_that_is_there(text in "(?s)(X[,;\t]Y\r?\n)?[XY0-9,;\t\"\r\n.é ]{0,40}") {
+        if let Err(error) = columns_x_y(&text) {
+            prop_assert!(error.line >= 1 && error.line <= text.matches('\n').count() + 1);
+            prop_assert!(error.text.get(error.span.clone()).is_some(), "{:?}", error.span);
+        }
+    }
+
+    #[test]
+    fn numbers_are_the_same_with_point_and_comma(rows in prop::collection::vec((-1e9..1e9, -1e9..1e9), 1..9)) {
+        let lines: Vec<String> = rows.iter().map(|(x, y)| format!("{x};{y}\n")).collect();
+        let text = format!("X;Y\n{}", lines.concat());
+        let expected: Vec<[f64; 2]> = rows.into_iter().map(|(x, y)| [x, y]).collect();
+        prop_assert_eq!(&columns_x_y(&text).unwrap(), &expected);
+        prop_assert_eq!(&columns_x_y(&text.replace('.', ",")).unwrap(), &expected);
+        prop_assert_eq!(&columns_x_y(&text.replace(';', ",")).unwrap(), &expected);
+    }
+}
