@@ -212,9 +212,9 @@ def gantry():
     # Motions.
     s.arrow((425, 60, 11), (335, 60, 11), RED, 3.0, 12)
     x, y = s.at((425, 60, 11))
-    f.text(x + 8, y + 2, "+X: the table moves", fill=RED, size=14, weight="bold", halo=True)
-    f.text(x + 8, y + 19, "towards −X, the tool goes", fill=RED, size=14, halo=True)
-    f.text(x + 8, y + 36, "to +X over the workpiece", fill=RED, size=14, halo=True)
+    f.text(x + 12, y + 12, "+X: the table moves", fill=RED, size=14, weight="bold", halo=True)
+    f.text(x + 12, y + 29, "towards −X, the tool goes", fill=RED, size=14, halo=True)
+    f.text(x + 12, y + 46, "to +X over the workpiece", fill=RED, size=14, halo=True)
     s.arrow((240, 140, 215), (240, 225, 215), GREEN, 3.0, 12)
     x, y = s.at((240, 225, 215))
     f.text(x + 8, y + 2, "+Y", fill=GREEN, weight="bold")
