@@ -1,0 +1,144 @@
+//! The book and the README files say what the program does: their TOML blocks are read, their console blocks
+//! run, and their tables of keys are those of the decoders.
+
+#[path = "../../../../docs/reader.rs"]
+mod reader;
+
+use std::{collections::BTreeSet, fs, path::Path};
+
+use reader::{Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, root, used_keys};
+use volcomp_calibrate::{CalibrationFile, Shop};
+use volcomp_model::Machine;
+
+/// What a part of a machine file is put into.
+const SMALL_MACHINE: &str = r#"
+structure = "w C' A' b X Y Z t"
+[axes.X]
+travel = [0.0, 800.0]
+[axes.Y]
+travel = [0.0, 600.0]
+[axes.Z]
+travel = [-500.0, 0.0]
+[axes.A]
+travel = [-120.0, 30.0]
+[axes.C]
+travel = [0.0, 360.0]
+"#;
+
+/// What every block marked `toml` must begin with.
+const KINDS: [&str; 8] = [
+    "machine file",
+    "part of a machine file",
+    "calibration file",
+    "part of a calibration file",
+    "shop file",
+    "part of a shop file",
+    // Read in the tests of volcomp-gateway.
+    "gateway file",
+    "part of a gateway file",
+];
+
+fn machine(text: &str) -> Result<(), String> {
+    Machine::parse(text, "machine.toml")
+        .map(drop)
+        .map_err(|e| e.to_string())
+}
+
+/// Reads a text as if it stood in `examples/calibration`.
+fn beside_the_examples<T, E: ToString>(
+    text: &str,
+    read: impl Fn(&Path) -> Result<T, E>,
+) -> Result<(), String> {
+    let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
+    for entry in fs::read_dir(root().join("examples/calibration")).map_err(|e| e.to_string())? {
+        let entry = entry.map_err(|e| e.to_string())?;
+        fs::copy(entry.path(), folder.path().join(entry.file_name())).map_err(|e| e.to_string())?;
+    }
+    let file = folder.path().join("of-the-book.toml");
+    fs::write(&file, text).map_err(|e| e.to_string())?;
+    read(&file).map(drop).map_err(|e| e.to_string())
+}
+
+/// The text of a block made whole, and its decoder; `None` where another test reads it.
+fn decoder(block: &Block) -> Option<(String, fn(&str) -> Result<(), String>)> {
+    let calibration = |text: &str| beside_the_examples(text, CalibrationFile::read);
+    let shop = |text: &str| beside_the_examples(text, Shop::read);
+    let text = &block.text;
+    Some(if block.is("machine file") {
+        (text.clone(), machine)
+    } else if block.is("part of a machine file") {
+        (joined(SMALL_MACHINE, text), machine)
+    } else if block.is("calibration file") {
+        (text.clone(), calibration)
+    } else if block.is("part of a calibration file") {
+        (joined("machine = \"machine.toml\"", text), calibration)
+    } else if block.is("shop file") {
+        (text.clone(), shop)
+    } else if block.is("part of a shop file") {
+        (
+            joined("machine = \"truth.toml\"\nformat = \"csv\"", text),
+            shop,
+        )
+    } else {
+        return None;
+    })
+}
+
+#[test]
+fn every_toml_block_is_read_by_the_program() {
+    let mut count = 0;
+    for block in pages().iter().flat_map(|page| blocks(page)) {
+        if block.info != "toml" {
+            assert!(
+                !block.info.starts_with("toml"),
+                "{}: found `{}`, expected `toml` alone",
+                block.place,
+                block.info
+            );
+            continue;
+        }
+        assert!(
+            KINDS.iter().any(|kind| block.is(kind)),
+            "{}: the first line is `{}`, expected a comment that begins with one of {KINDS:?}",
+            block.place,
+            block.label()
+        );
+        if let Some((text, decode)) = decoder(&block) {
+            decode(&text).unwrap_or_else(|e| panic!("{}: {e}", block.place));
+            count += 1;
+        }
+    }
+    assert!(count > 2, "only {count} blocks were read");
+}
+
+/// The documented keys of a chapter are those that the decoders know, and each is shown in a block.
+fn keys_of(name: &str, free: &[&str]) {
+    let page = chapter(name);
+    let (mut decoded, mut used) = (BTreeSet::new(), BTreeSet::new());
+    for mut block in blocks(&page) {
+        if let Some((text, decode)) = decoder(&block) {
+            used.extend(used_keys(&block.text));
+            block.text = text;
+            decoded.extend(decoded_keys(&block, free, decode));
+        }
+    }
+    compare_keys(&page, &decoded, &used);
+}
+
+#[test]
+fn keys_of_the_machine_file() {
+    keys_of("machine-file.md", &["thermal.drift.sensors"]);
+}
+
+#[test]
+fn keys_of_the_calibration_file() {
+    keys_of("calibration-file.md", &[]);
+}
+
+#[test]
+fn every_console_block_prints_what_it_says() {
+    reader::run_console_blocks(
+        &[("volcomp", env!("CARGO_BIN_EXE_volcomp"))],
+        &["volcomp-gateway", "focas-sim", "cargo"],
+    );
+}

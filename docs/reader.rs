@@ -1,0 +1,317 @@
+//! Reads the book and the README files for the tests that hold them to the code.
+//!
+//! No crate: the tests of `volcomp` and of `volcomp-gateway` include this file by its path.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// The key that no decoder knows.
+const UNKNOWN: &str = "zzz_unknown";
+
+/// A fenced block of a page.
+pub(crate) struct Block {
+    /// `docs/src/gateway.md:12`, the line of the opening fence.
+    pub(crate) place: String,
+    /// What stands behind the opening fence: `toml`, `console,ignore`.
+    pub(crate) info: String,
+    /// The lines between the fences, included files read.
+    pub(crate) text: String,
+}
+
+impl Block {
+    /// The first line without its `#`, which says what a TOML block is: `machine file`.
+    pub(crate) fn label(&self) -> &str {
+        let first = self.text.lines().next().unwrap_or("");
+        first.trim_start_matches('#').trim()
+    }
+
+    /// Whether the block says that it is a `kind`; more words may follow.
+    pub(crate) fn is(&self, kind: &str) -> bool {
+        self.info == "toml" && self.label().starts_with(kind)
+    }
+}
+
+/// The repository's root.
+pub(crate) fn root() -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    root.canonicalize().expect("the repository is there")
+}
+
+/// A chapter of the book.
+pub(crate) fn chapter(name: &str) -> PathBuf {
+    root().join("docs/src").join(name)
+}
+
+/// Every chapter and every README file.
+pub(crate) fn pages() -> Vec<PathBuf> {
+    let mut pages = Vec::new();
+    let mut folders = vec![root()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder of the repository") {
+            let path = entry.expect("an entry of the folder").path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if path.is_dir() && name != "target" && !name.starts_with('.') {
+                folders.push(path);
+            } else if name == "README.md"
+                || (folder.ends_with("docs/src") && path.extension().is_some_and(|e| e == "md"))
+            {
+                pages.push(path);
+            }
+        }
+    }
+    pages.sort();
+    pages
+}
+
+/// The fenced blocks of a page in their order.
+pub(crate) fn blocks(page: &Path) -> Vec<Block> {
+    let text = fs::read_to_string(page).expect("a page");
+    let name = page.strip_prefix(root()).unwrap_or(page).display();
+    let mut blocks = Vec::new();
+    let mut open: Option<(String, usize, Block)> = None;
+    for (index, line) in text.lines().enumerate() {
+        let marks = line.trim_start().chars().take_while(|c| *c == '`').count();
+        match &mut open {
+            None if marks >= 3 => {
+                let block = Block {
+                    place: format!("{name}:{}", index + 1),
+                    info: line.trim_start()[marks..].trim().to_owned(),
+                    text: String::new(),
+                };
+                open = Some((
+                    "`".repeat(marks),
+                    line.len() - line.trim_start().len(),
+                    block,
+                ));
+            }
+            Some((fence, indent, block)) => {
+                if line.trim() == fence {
+                    blocks.extend(open.take().map(|(_, _, block)| block));
+                } else {
+                    let line = line.get(*indent..).unwrap_or("");
+                    block.text += &included(line, page, &block.place);
+                    block.text.push('\n');
+                }
+            }
+            None => {}
+        }
+    }
+    assert!(open.is_none(), "{name}: a block is not closed");
+    blocks
+}
+
+/// The line, or the file that it includes.
+fn included(line: &str, page: &Path, place: &str) -> String {
+    let named = line.trim().strip_prefix("{{#include ");
+    let Some(named) = named.and_then(|rest| rest.strip_suffix("}}")) else {
+        return line.to_owned();
+    };
+    let file = page.parent().unwrap_or(page).join(named.trim());
+    let text = fs::read_to_string(&file).unwrap_or_else(|e| panic!("{place}: {named}: {e}"));
+    text.trim_end().to_owned()
+}
+
+/// The keys in the first column of every table of the page that is headed `key`.
+pub(crate) fn documented_keys(page: &Path) -> BTreeSet<String> {
+    let text = fs::read_to_string(page).expect("a page");
+    let mut keys = BTreeSet::new();
+    let mut of_keys = false;
+    for line in text.lines() {
+        let Some(row) = line.trim().strip_prefix('|') else {
+            of_keys = false;
+            continue;
+        };
+        let cell = row.split('|').next().unwrap_or("").trim();
+        if cell == "key" {
+            of_keys = true;
+        } else if of_keys {
+            // Every second piece stands between back quotes.
+            keys.extend(cell.split('`').skip(1).step_by(2).map(str::to_owned));
+        }
+    }
+    keys
+}
+
+/// Every key that a decoder expects in any table of a text: into one table after another an unknown key is
+/// put, and the message names those that are known. The tables in `free` have names of the user's for keys.
+pub(crate) fn decoded_keys(
+    block: &Block,
+    free: &[&str],
+    decode: impl Fn(&str) -> Result<(), String>,
+) -> BTreeSet<String> {
+    let table: toml::Table = block.text.parse().expect("decoded before");
+    let mut keys = BTreeSet::new();
+    for (path, broken) in with_unknown_keys(&table) {
+        match decode(&broken.to_string()) {
+            Err(message) => {
+                if let Some((_, known)) = message.split_once("unknown key, expected one of: ") {
+                    keys.extend(
+                        known
+                            .split(", ")
+                            .filter(|key| !key.is_empty())
+                            .map(str::to_owned),
+                    );
+                } else {
+                    assert!(
+                        message.contains(UNKNOWN),
+                        "{}: unknown key in [{path}]: {message}",
+                        block.place
+                    );
+                }
+            }
+            Ok(()) => assert!(
+                free.contains(&path.as_str()),
+                "{}: an unknown key in [{path}] is not refused",
+                block.place
+            ),
+        }
+    }
+    keys
+}
+
+/// Every key of any table of a text.
+pub(crate) fn used_keys(text: &str) -> BTreeSet<String> {
+    fn walk(value: &toml::Value, keys: &mut BTreeSet<String>) {
+        match value {
+            toml::Value::Table(table) => {
+                for (key, value) in table {
+                    keys.insert(key.clone());
+                    walk(value, keys);
+                }
+            }
+            toml::Value::Array(items) => items.iter().for_each(|item| walk(item, keys)),
+            _ => {}
+        }
+    }
+    let mut keys = BTreeSet::new();
+    walk(
+        &toml::Value::Table(text.parse().expect("decoded before")),
+        &mut keys,
+    );
+    keys
+}
+
+/// The table once for each table in it, that one with an unknown key, and its path without numbers.
+fn with_unknown_keys(table: &toml::Table) -> Vec<(String, toml::Table)> {
+    let mut all = Vec::new();
+    let mut changed = table.clone();
+    changed.insert(UNKNOWN.to_owned(), toml::Value::Integer(0));
+    all.push((String::new(), changed));
+    for (key, value) in table {
+        for (path, inner) in values_with_unknown_keys(value) {
+            let mut changed = table.clone();
+            changed.insert(key.clone(), inner);
+            let dot = if path.is_empty() { "" } else { "." };
+            all.push((format!("{key}{dot}{path}"), changed));
+        }
+    }
+    all
+}
+
+fn values_with_unknown_keys(value: &toml::Value) -> Vec<(String, toml::Value)> {
+    match value {
+        toml::Value::Table(table) => with_unknown_keys(table)
+            .into_iter()
+            .map(|(path, table)| (path, toml::Value::Table(table)))
+            .collect(),
+        toml::Value::Array(items) => {
+            let mut all = Vec::new();
+            for (index, item) in items.iter().enumerate() {
+                for (path, inner) in values_with_unknown_keys(item) {
+                    let mut changed = items.clone();
+                    changed[index] = inner;
+                    all.push((path, toml::Value::Array(changed)));
+                }
+            }
+            all
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// `part` put into `whole`: tables are joined, everything else of the part takes the place of the whole's.
+pub(crate) fn joined(whole: &str, part: &str) -> String {
+    fn join(whole: &mut toml::Table, part: toml::Table) {
+        for (key, value) in part {
+            match (whole.get_mut(&key), value) {
+                (Some(toml::Value::Table(inner)), toml::Value::Table(value)) => join(inner, value),
+                (_, value) => {
+                    whole.insert(key, value);
+                }
+            }
+        }
+    }
+    let mut table: toml::Table = whole.parse().expect("a whole file of the test");
+    join(
+        &mut table,
+        part.parse().unwrap_or_else(|e| panic!("{e}\n{part}")),
+    );
+    table.to_string()
+}
+
+/// Runs the console blocks of every page with the programs given; those of `elsewhere` are left to other tests.
+/// Each page in a folder of its own, with links to the repository's folders.
+pub(crate) fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let mut copies = Vec::new();
+    for page in pages() {
+        if !blocks(&page).iter().any(|block| block.info == "console") {
+            continue;
+        }
+        let name = page.strip_prefix(root()).expect("a page of the repository");
+        let own = folder
+            .path()
+            .join(name.display().to_string().replace('/', "-"));
+        // Commands of `page.md` run in `page.in`.
+        let place = own.join("page.in");
+        fs::create_dir_all(&place).expect("a folder for the page");
+        for part in ["examples", "fitting", "cli", "drivers", "docs"] {
+            std::os::unix::fs::symlink(root().join(part), place.join(part)).expect("a link");
+        }
+        let copy = own.join("page.md");
+        fs::copy(&page, &copy).expect("a copy of the page");
+        copies.push((copy, page));
+    }
+    let cases = trycmd::TestCases::new();
+    for (program, path) in programs {
+        cases.register_bin(*program, Path::new(path));
+    }
+    for program in elsewhere {
+        cases.register_bin(*program, trycmd::schema::Bin::Ignore);
+    }
+    // The width of tables and help texts does not depend on who runs this.
+    cases.env("COLUMNS", "80").env("NO_COLOR", "1");
+    for (copy, _) in &copies {
+        cases.case(copy);
+    }
+    cases.run();
+    if std::env::var("TRYCMD").is_ok_and(|value| value == "overwrite") {
+        for (copy, page) in &copies {
+            fs::copy(copy, page).expect("the page can be written");
+        }
+    }
+}
+
+/// The documented keys must be the decoded ones, and each must be shown in a block.
+pub(crate) fn compare_keys(page: &Path, decoded: &BTreeSet<String>, used: &BTreeSet<String>) {
+    let documented = documented_keys(page);
+    let only = |a: &BTreeSet<String>, b: &BTreeSet<String>| -> Vec<String> {
+        a.difference(b).cloned().collect()
+    };
+    let wrong = [
+        (
+            "documented, but no decoder knows them",
+            only(&documented, decoded),
+        ),
+        (
+            "known to a decoder, but not documented",
+            only(decoded, &documented),
+        ),
+        ("documented, but shown in no block", only(&documented, used)),
+    ];
+    let wrong: Vec<_> = wrong.iter().filter(|(_, keys)| !keys.is_empty()).collect();
+    assert!(wrong.is_empty(), "{}: {wrong:?}", page.display());
+}
