@@ -100,6 +100,13 @@ pub(crate) fn blocks(page: &Path) -> Vec<Block> {
         }
     }
     assert!(open.is_none(), "{name}: a block is not closed");
+    for block in &blocks {
+        let place = &block.place;
+        assert!(
+            !block.info.is_empty(),
+            "{place}: a block without a language, expected text"
+        );
+    }
     blocks
 }
 
@@ -272,7 +279,8 @@ pub(crate) fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) 
             std::os::unix::fs::symlink(root().join(part), place.join(part)).expect("a link");
         }
         let copy = own.join("page.md");
-        fs::copy(&page, &copy).expect("a copy of the page");
+        let text = fs::read_to_string(&page).expect("a page");
+        fs::write(&copy, with_ends(&text)).expect("a copy of the page");
         copies.push((copy, page));
     }
     let cases = trycmd::TestCases::new();
@@ -290,9 +298,42 @@ pub(crate) fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) 
     cases.run();
     if std::env::var("TRYCMD").is_ok_and(|value| value == "overwrite") {
         for (copy, page) in &copies {
-            fs::copy(copy, page).expect("the page can be written");
+            let text = fs::read_to_string(copy).expect("the copy");
+            fs::write(page, without_ends(&text)).expect("the page can be written");
         }
     }
+}
+
+/// With the empty line that trycmd wants after all that a command prints.
+fn with_ends(page: &str) -> String {
+    let (mut text, mut last, mut in_console) = (String::new(), "", false);
+    for line in page.lines() {
+        let ends = line.starts_with("```") || line.starts_with("$ ");
+        let printed =
+            !(last.starts_with("$ ") || last.starts_with("? ") || last.starts_with("```"));
+        // An empty line between two commands is that line already.
+        if in_console && ends && printed && (!last.is_empty() || line.starts_with("```")) {
+            text.push('\n');
+        }
+        in_console = line == "```console" || in_console && !line.starts_with("```");
+        text += line;
+        text.push('\n');
+        last = line;
+    }
+    text
+}
+
+/// Without the empty line before the end of a block.
+fn without_ends(page: &str) -> String {
+    let (mut lines, mut in_console) = (Vec::new(), false);
+    for line in page.lines() {
+        if in_console && line.starts_with("```") && lines.last() == Some(&"") {
+            lines.pop();
+        }
+        in_console = line == "```console" || in_console && !line.starts_with("```");
+        lines.push(line);
+    }
+    lines.join("\n") + "\n"
 }
 
 /// The documented keys must be the decoded ones, and each must be shown in a block.
