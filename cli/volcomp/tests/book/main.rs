@@ -59,8 +59,11 @@ fn beside_the_examples<T, E: ToString>(
     read(&file).map(drop).map_err(|e| e.to_string())
 }
 
+/// Reads a text as the program does.
+type Decode = fn(&str) -> Result<(), String>;
+
 /// The text of a block made whole, and its decoder; `None` where another test reads it.
-fn decoder(block: &Block) -> Option<(String, fn(&str) -> Result<(), String>)> {
+fn decoder(block: &Block) -> Option<(String, Decode)> {
     let calibration = |text: &str| beside_the_examples(text, CalibrationFile::read);
     let shop = |text: &str| beside_the_examples(text, Shop::read);
     let text = &block.text;
