@@ -4,8 +4,10 @@
 mod axis;
 mod chain;
 mod correction;
+mod correctors;
 mod denavit_hartenberg;
 mod error_form;
+pub mod least_norm;
 mod math;
 mod pose;
 mod source;
@@ -15,9 +17,11 @@ mod zero_position;
 
 pub use axis::letter_direction;
 pub use chain::{Chain, ChainError, Joint};
-pub use correction::{Correction, CorrectionOptions, SINGULAR_BELOW, correct};
+pub use correction::{Correction, CorrectionOptions, correct};
+pub use correctors::{Correctors, INDEPENDENT_ABOVE};
 pub use denavit_hartenberg::{DhRow, DhTable};
 pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
+pub use least_norm::SINGULAR_BELOW;
 pub use nalgebra;
 pub use pose::{
     Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,

@@ -333,7 +333,7 @@ impl Cycle {
         }
         self.report.error = self.model.compiled.evaluate(&state).into_six();
         let (wanted, singular) = self.model.correction(&state);
-        let outside = self.model.compiled.outside_range(&state) != 0;
+        let outside = !self.model.compiled.outside_range(&state).is_empty();
         let notes = Reasons::SINGULAR.when(singular) | Reasons::OUTSIDE_RANGE.when(outside);
         (wanted, notes)
     }

@@ -73,7 +73,7 @@ impl Model {
             *q += delta;
         }
         let second = self.compiled.first_order(&there);
-        (second.delta, second.singular && self.corrects_tool_axis)
+        (second.delta.0, second.singular && self.corrects_tool_axis)
     }
 
     /// The corners of the work space, mm and rad.

@@ -5,11 +5,7 @@ use rayon::prelude::*;
 use volcomp_kinematics::State;
 use volcomp_vocabulary::{Direction, PerAxis};
 
-use crate::{
-    correction::FirstOrder,
-    machine::{CompiledAxis, CompiledMachine, Evaluation},
-    table::Wide,
-};
+use crate::{machine::CompiledMachine, table::Wide};
 
 /// Poses that one core takes at a time.
 const CHUNK: usize = 4096;
@@ -80,54 +76,5 @@ impl WithSimd for Batch<'_> {
             state.q[..stride].copy_from_slice(pose);
             *error = machine.evaluate_with(&state, registers).into_six();
         }
-    }
-}
-
-/// One pose in registers as wide as the processor has.
-pub(crate) fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
-    struct Slides<'a>(&'a CompiledMachine, [&'a CompiledAxis; 3], &'a State);
-    impl WithSimd for Slides<'_> {
-        type Output = Evaluation;
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
-            let Self(machine, axes, state) = self;
-            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
-            machine.three_slides(axes, [k, l, m], [x, y, z], Wide(simd))
-        }
-    }
-    struct Walk<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State);
-    impl<const PATCHED: bool> WithSimd for Walk<'_, PATCHED> {
-        type Output = Evaluation;
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
-            self.0.walk::<PATCHED>(self.1, Wide(simd), &mut ())
-        }
-    }
-    if let (true, [a, b, c]) = (machine.three_slides, &machine.axes[..]) {
-        Arch::new().dispatch(Slides(machine, [a, b, c], state))
-    } else if machine.patched {
-        Arch::new().dispatch(Walk::<true>(machine, state))
-    } else {
-        Arch::new().dispatch(Walk::<false>(machine, state))
-    }
-}
-
-/// The correction of one pose, the same way.
-pub(crate) fn one_correction(machine: &CompiledMachine, state: &State) -> FirstOrder {
-    struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State);
-    impl<const PATCHED: bool> WithSimd for One<'_, PATCHED> {
-        type Output = FirstOrder;
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> FirstOrder {
-            self.0.first_order_with::<PATCHED>(self.1, Wide(simd))
-        }
-    }
-    if machine.patched {
-        Arch::new().dispatch(One::<true>(machine, state))
-    } else {
-        Arch::new().dispatch(One::<false>(machine, state))
     }
 }

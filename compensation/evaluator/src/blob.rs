@@ -8,23 +8,24 @@ use alloc::{
     vec::Vec,
 };
 
+use arrayvec::ArrayVec;
 use sha2::{Digest, Sha256};
 use volcomp_kinematics::{Chain, ErrorMotion, Structure, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, MAX_AXES, PerAxis};
 
 use crate::{
     EvaluatorError, Tolerance,
-    machine::{AxisTables, CompiledAxis, CompiledMachine, Frame, Range},
+    build::{AxisTables, Frame},
+    machine::{CompiledAxis, CompiledMachine, Range},
     parts::Branches,
-    patch::Patch,
+    patch::{CompiledPatch, Patch},
     table::{LANES, MAX_PIECES, Piece},
 };
 
 /// Version of the bytes that this program writes, and the only one it reads.
-pub const BLOB_VERSION: u32 = 1;
+pub const BLOB_VERSION: u32 = 2;
 
 const MAGIC: &[u8; 8] = b"VOLCOMPM";
-const NOTHING: [ErrorMotion; MAX_AXES] = [ErrorMotion::ZERO; MAX_AXES];
 const HEAD: usize = 8 + 4 + 32;
 /// Nodes of a patch along one axis at the most.
 const MAX_NODES: usize = 1 << 16;
@@ -49,9 +50,18 @@ impl CompiledMachine {
         put_count(&mut body, self.ranges.len());
         for range in &self.ranges {
             put_count(&mut body, range.axis);
-            put_count(&mut body, range.component);
+            put_count(&mut body, range.component.index());
             put_count(&mut body, range.looked_at);
             put(&mut body, &range.domain);
+        }
+        let moved = self
+            .correctors
+            .linear()
+            .iter()
+            .chain(self.correctors.rotary());
+        put_count(&mut body, moved.clone().count());
+        for index in moved {
+            put_count(&mut body, *index);
         }
         let mut blob = Vec::with_capacity(HEAD + body.len());
         blob.extend(MAGIC);
@@ -134,10 +144,13 @@ fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &
         }
     }
     put_count(body, axis.patches.len());
-    for patch in axis.patches.iter().map(|compiled| &compiled.patch) {
-        put_count(body, patch.component);
+    for CompiledPatch {
+        patch, looked_at, ..
+    } in &axis.patches
+    {
+        put_count(body, patch.component.index());
         put(body, &patch.weights);
-        for (axis, nodes) in patch.axes.iter().zip(&patch.nodes) {
+        for (axis, nodes) in looked_at.iter().zip(&patch.nodes) {
             put_count(body, *axis);
             put_count(body, nodes.len());
             put(body, nodes);
@@ -192,6 +205,14 @@ impl Reader<'_> {
             .ok_or_else(|| refused(&format!("found {found} {what}, expected {most} at most")))
     }
 
+    fn component(&mut self) -> Result<Component, EvaluatorError> {
+        let index = self.count(LANES - 1, "as a component")?;
+        Component::ALL
+            .get(index)
+            .copied()
+            .ok_or_else(|| refused("found no component"))
+    }
+
     fn motion(&mut self) -> Result<ErrorMotion, EvaluatorError> {
         let [x, y, z, a, b, c] = self.numbers()?;
         Ok(ErrorMotion {
@@ -218,23 +239,29 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
     let broken = |e: volcomp_kinematics::ChainError| refused(&e.to_string());
     chain.set_tool(tip, tool_axis).map_err(broken)?;
     chain.set_workpiece_origin(origin).map_err(broken)?;
-    let (mut axes, mut location, mut assembly) = (Vec::new(), NOTHING, NOTHING);
+    let (mut axes, mut location, mut assembly) =
+        (Vec::new(), PerAxis::default(), PerAxis::default());
     for (index, &name) in structure.axes().iter().enumerate() {
         let (direction, point) = (reader.numbers()?, reader.numbers()?);
         chain.set_direction(name, direction).map_err(broken)?;
         chain.set_point(name, point).map_err(broken)?;
         (location[index], assembly[index]) = (reader.motion()?, reader.motion()?);
-        axes.push(read_axis(reader, name, structure.axes().len())?);
+        axes.push(read_axis(reader, name, &structure)?);
     }
     let mut ranges = Vec::new();
     let last = structure.axes().len() - 1;
     for _ in 0..reader.count(MAX_NODES, "ranges")? {
         ranges.push(Range {
             axis: reader.count(last, "as an axis")?,
-            component: reader.count(LANES - 1, "as a component")?,
+            component: reader.component()?,
             looked_at: reader.count(last, "as an axis")?,
             domain: reader.numbers()?,
         });
+    }
+    let mut moved = ArrayVec::<AxisName, MAX_AXES>::new();
+    for _ in 0..reader.count(structure.axes().len(), "axes that correct")? {
+        let name = structure.axes()[reader.count(last, "as an axis")?];
+        moved.push(name); // at most as many as the structure has
     }
     if !reader.body.is_empty() {
         return Err(refused("it goes on behind its end"));
@@ -244,13 +271,15 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
         angular_rad,
     };
     let frame = Frame::new(chain, &location, &assembly, tolerance);
-    Ok(CompiledMachine::from_tables(frame, axes, ranges))
+    let mut machine = CompiledMachine::from_tables(frame, axes, ranges);
+    machine.set_correctors(&moved)?;
+    Ok(machine)
 }
 
 fn read_axis(
     reader: &mut Reader<'_>,
     name: AxisName,
-    axes: usize,
+    structure: &Structure,
 ) -> Result<AxisTables, EvaluatorError> {
     let [low, high, period] = reader.numbers()?;
     if low >= high || period < 0.0 || (period > 0.0 && name.kind() == AxisKind::Linear) {
@@ -265,7 +294,7 @@ fn read_axis(
         .collect::<Result<_, _>>()?;
     let count = reader.count(MAX_NODES, "patches")?;
     let patches = (0..count)
-        .map(|_| read_patch(reader, axes))
+        .map(|_| read_patch(reader, structure))
         .collect::<Result<_, _>>()?;
     Ok(AxisTables {
         travel: [low, high],
@@ -298,13 +327,16 @@ fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, EvaluatorError> {
     Ok(pieces)
 }
 
-fn read_patch(reader: &mut Reader<'_>, axes: usize) -> Result<Patch, EvaluatorError> {
-    let component = reader.count(LANES - 1, "as a component")?;
+fn read_patch(
+    reader: &mut Reader<'_>,
+    structure: &Structure,
+) -> Result<CompiledPatch, EvaluatorError> {
+    let component = reader.component()?;
     let weights = reader.numbers()?;
     let mut looked_at = [0; 2];
     let mut nodes = [Vec::new(), Vec::new()];
     for (axis, nodes) in looked_at.iter_mut().zip(&mut nodes) {
-        *axis = reader.count(axes - 1, "as an axis")?;
+        *axis = reader.count(structure.axes().len() - 1, "as an axis")?;
         let count = reader.count(MAX_NODES, "nodes")?;
         *nodes = reader.list(count)?;
         if nodes.is_empty() || nodes.windows(2).any(|pair| pair[0] >= pair[1]) {
@@ -312,11 +344,12 @@ fn read_patch(reader: &mut Reader<'_>, axes: usize) -> Result<Patch, EvaluatorEr
         }
     }
     let values = reader.list(nodes[0].len() * nodes[1].len())?;
-    Ok(Patch {
+    let patch = Patch {
         component,
         weights,
-        axes: looked_at,
+        axes: looked_at.map(|index| structure.axes()[index]),
         nodes,
         values,
-    })
+    };
+    Ok(CompiledPatch::new(patch, looked_at))
 }

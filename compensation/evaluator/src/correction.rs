@@ -1,22 +1,19 @@
 //! The first-order correction of a real-time cycle, and a bound of what it neglects.
 
-use alloc::vec::Vec;
-
 use volcomp_kinematics::{
-    Joint, SINGULAR_BELOW, State,
+    Correctors, State,
+    least_norm::{LinearColumns, RotaryGram, normals},
     nalgebra::{Matrix3, Vector2, Vector3},
 };
-use volcomp_vocabulary::{AxisKind, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, MAX_AXES, PerAxis};
 
 use crate::{
+    EvaluatorError,
     machine::{CompiledMachine, Evaluation},
     table::Registers,
     turn::Turn,
     walk::Turns,
 };
-
-/// A linear axis corrects when it is at least so far from the plane or line of those before it.
-const INDEPENDENT_ABOVE: f64 = 1e-3;
 
 /// How the rotary axes turned, and the levers from their points to the tip.
 struct Passed([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
@@ -28,10 +25,10 @@ impl Turns for Passed {
     }
 }
 
-/// What a correction can do, in workpiece axes.
+/// How tip and tool axis move with each axis, in workpiece axes.
 struct Directions {
     axes: [Vector3<f64>; MAX_AXES],
-    /// How the tip goes with each rotary axis, mm for each rad.
+    /// How the tip moves with each rotary axis, mm for each rad.
     arms_mm: [Vector3<f64>; MAX_AXES],
     tool_axis: Vector3<f64>,
 }
@@ -42,37 +39,43 @@ pub struct FirstOrder {
     /// The error that is corrected.
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
-    pub delta: [f64; MAX_AXES],
-    /// A direction of the tool axis is not corrected: near a singular pose, or with fewer than two
-    /// rotary axes.
+    pub delta: PerAxis<f64>,
+    /// A direction of the tool axis is not corrected: the pose is within about 1° of a singular one, or fewer than
+    /// two rotary axes may move.
     pub singular: bool,
 }
 
 impl CompiledMachine {
-    /// The correction of one step: rotary axes on the tool axis with the least norm, then the first
-    /// linear axis of each direction on position (MODEL.md section 3).
-    pub fn first_order(&self, state: &State) -> FirstOrder {
-        #[cfg(feature = "std")]
-        return crate::batch::one_correction(self, state);
-        #[cfg(not(feature = "std"))]
-        self.first_order_with::<true>(state, crate::table::Baseline)
+    /// The axes that its corrections move.
+    pub fn correctors(&self) -> &Correctors {
+        &self.correctors
+    }
+
+    /// From now on corrections move these axes and hold all others; the default is every axis. Blobs hold it.
+    ///
+    /// # Errors
+    /// [`EvaluatorError::Chain`] for a name that the chain does not have.
+    pub fn set_correctors(&mut self, names: &[AxisName]) -> Result<(), EvaluatorError> {
+        self.correctors = Correctors::named(&self.chain, names)?;
+        Ok(())
     }
 
     #[inline(always)]
     pub(crate) fn first_order_with<const PATCHED: bool>(
         &self,
         state: &State,
+        correctors: &Correctors,
         registers: impl Registers,
     ) -> FirstOrder {
-        let mut delta = [0.0; MAX_AXES];
+        let mut delta = PerAxis::ZERO;
         if self.three_slides {
             let error = self.evaluate_with(state, registers);
             let position = Vector3::from(error.position_mm);
-            self.correct_position(
-                &position,
-                |index| self.axes[index].joint.direction,
-                &mut delta,
-            );
+            let column = |index: usize| {
+                let axis = self.axes.get(index);
+                axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
+            };
+            correct_position(correctors, &position, column, &mut delta);
             return FirstOrder {
                 error,
                 delta,
@@ -82,12 +85,17 @@ impl CompiledMachine {
         let mut passed = Passed([None; MAX_AXES]);
         let error = self.walk::<PATCHED>(state, registers, &mut passed);
         let directions = self.directions(&passed, registers);
-        let singular = self.correct_axis(&error, &directions, &mut delta);
+        let singular = correct_axis(correctors, &error, &directions, &mut delta);
         let mut position = Vector3::from(error.position_mm);
         for (arm_mm, delta) in directions.arms_mm.iter().zip(&delta) {
             position += arm_mm * *delta;
         }
-        self.correct_position(&position, |index| directions.axes[index], &mut delta);
+        correct_position(
+            correctors,
+            &position,
+            |index| directions.axes[index],
+            &mut delta,
+        );
         FirstOrder {
             error,
             delta,
@@ -117,69 +125,9 @@ impl CompiledMachine {
         }
     }
 
-    /// Rotary axes, least norm on the two components of the tool-axis error normal to it. Whether a
-    /// direction is left out.
-    #[inline(always)]
-    fn correct_axis(
-        &self,
-        error: &Evaluation,
-        directions: &Directions,
-        delta: &mut [f64; MAX_AXES],
-    ) -> bool {
-        let tool_axis = &directions.tool_axis;
-        let [first, second] = normals(tool_axis);
-        // (v × t) · n = v · (t × n).
-        let seen = |v: &Vector3<f64>| Vector2::new(second.dot(v), -first.dot(v));
-        let miss = seen(&Vector3::from(error.rotation_rad));
-        let mut rows = [Vector2::zeros(); MAX_AXES];
-        // A·Aᵀ = [a b; b c].
-        let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
-        for (index, axis) in self.axes.iter().enumerate() {
-            if axis.joint.kind == AxisKind::Rotary {
-                let row = seen(&directions.axes[index]);
-                (a, b, c) = (a + row.x * row.x, b + row.x * row.y, c + row.y * row.y);
-                rows[index] = row;
-            }
-        }
-        let (weighted, singular) = pseudo_inverse(a, b, c, &miss);
-        for (delta, row) in delta.iter_mut().zip(&rows) {
-            *delta = -row.dot(&weighted);
-        }
-        singular
-    }
-
-    /// Linear axes, exactly on position; of more than three the first independent ones.
-    #[inline(always)]
-    fn correct_position(
-        &self,
-        position_mm: &Vector3<f64>,
-        column: impl Fn(usize) -> Vector3<f64>,
-        delta: &mut [f64; MAX_AXES],
-    ) {
-        let mut columns = [Vector3::zeros(); 3];
-        for (into, &index) in columns.iter_mut().zip(&self.correcting) {
-            *into = column(index);
-        }
-        let count = self.correcting.len();
-        if count < 3 {
-            fill_with_normals(&mut columns, count);
-        }
-        // Cramer's rule.
-        let [first, second, third] = columns;
-        let normals = [
-            second.cross(&third),
-            third.cross(&first),
-            first.cross(&second),
-        ];
-        let per_volume = 1.0 / first.dot(&normals[0]);
-        for (normal, &index) in normals.iter().zip(&self.correcting) {
-            delta[index] = -normal.dot(position_mm) * per_volume;
-        }
-    }
-
     /// A bound (mm) of the position error that a first-order correction of this size leaves: the
     /// errors change on the way, and tilts have a second order.
-    pub fn neglected_mm(&self, delta: &[f64; MAX_AXES]) -> f64 {
+    pub fn neglected_mm(&self, delta: &PerAxis<f64>) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut tilts, mut bound) = (0.0, 0.0);
         for (index, (axis, delta)) in self.axes.iter().zip(delta).enumerate() {
@@ -189,10 +137,14 @@ impl CompiledMachine {
             } else {
                 1.0
             };
-            let slopes = |components: core::ops::Range<usize>| -> f64 {
-                components.map(|c| axis.slope_bound(c) * per_unit).sum()
+            let slopes = |angular: bool| -> f64 {
+                let components = Component::ALL.into_iter();
+                let components = components.filter(|component| component.is_angular() == angular);
+                components
+                    .map(|component| axis.slope_bound(component) * per_unit)
+                    .sum()
             };
-            let (linear, angular) = (slopes(0..3), slopes(3..6));
+            let (linear, angular) = (slopes(false), slopes(true));
             let [linear_mm, angular_rad] = axis.size_bounds();
             tilts += angular_rad
                 + self.location[index].angular_rad.norm()
@@ -225,78 +177,45 @@ impl CompiledMachine {
     }
 }
 
-/// (A Aᵀ)⁺ miss for A Aᵀ = [a b; b c], directions below [`SINGULAR_BELOW`] left out, and whether one
-/// was.
-fn pseudo_inverse(a: f64, b: f64, c: f64, miss: &Vector2<f64>) -> (Vector2<f64>, bool) {
-    let half_difference = 0.5 * (a - c);
-    let radius = libm::sqrt(half_difference * half_difference + b * b);
-    let larger = 0.5 * (a + c) + radius;
-    let determinant = a * c - b * b;
-    // det/larger instead of the difference: the small eigenvalue keeps its digits.
-    let smaller = if larger > 0.0 {
-        determinant / larger
-    } else {
-        0.0
-    };
-    let least = SINGULAR_BELOW * SINGULAR_BELOW;
-    if smaller >= least {
-        let solved = Vector2::new(c * miss.x - b * miss.y, a * miss.y - b * miss.x);
-        return (solved / determinant, false);
-    }
-    if larger < least {
-        return (Vector2::zeros(), true);
-    }
-    let candidate = if half_difference >= 0.0 {
-        Vector2::new(radius + half_difference, b)
-    } else {
-        Vector2::new(b, radius - half_difference)
-    };
-    let vector = candidate.try_normalize(0.0).unwrap_or_else(Vector2::x);
-    (vector * (vector.dot(miss) / larger), true)
-}
-
-/// The linear axes that correct: the first of each direction, three at the most.
-pub(crate) fn correcting(joints: &[Joint]) -> Vec<usize> {
-    let mut chosen: Vec<usize> = Vec::new();
-    let mut basis: Vec<Vector3<f64>> = Vec::new();
-    for (index, joint) in joints.iter().enumerate() {
-        if joint.kind == AxisKind::Rotary || basis.len() == 3 {
-            continue;
-        }
-        let mut normal = joint.direction;
-        for unit in &basis {
-            normal -= unit * unit.dot(&normal);
-        }
-        let norm = normal.norm();
-        if norm > INDEPENDENT_ABOVE {
-            basis.push(normal / norm);
-            chosen.push(index);
-        }
-    }
-    chosen
-}
-
-/// Columns from `count` on become vectors normal to those before: their shares are not applied.
-fn fill_with_normals(columns: &mut [Vector3<f64>; 3], count: usize) {
-    if count == 0 {
-        *columns = [Vector3::x(), Vector3::y(), Vector3::z()];
-        return;
-    }
-    if count == 1 {
-        columns[1] = normals(&columns[0])[0];
-    }
-    columns[2] = columns[0].cross(&columns[1]);
-}
-
-/// Two unit vectors that make a right-handed frame with a unit vector as its third (Duff et al.,
-/// Building an Orthonormal Basis, Revisited, JCGT 6, 2017).
+/// Rotary axes, least norm on the two components of the tool-axis error normal to it. Whether a direction is left
+/// out.
 #[inline(always)]
-fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
-    let sign = 1.0_f64.copysign(unit.z);
-    let a = -1.0 / (sign + unit.z);
-    let b = unit.x * unit.y * a;
-    [
-        Vector3::new(1.0 + sign * unit.x * unit.x * a, sign * b, -sign * unit.x),
-        Vector3::new(b, sign + unit.y * unit.y * a, -unit.y),
-    ]
+fn correct_axis(
+    correctors: &Correctors,
+    error: &Evaluation,
+    directions: &Directions,
+    delta: &mut PerAxis<f64>,
+) -> bool {
+    let [first, second] = normals(&directions.tool_axis);
+    // (v × t) · n = v · (t × n).
+    let seen = |v: &Vector3<f64>| Vector2::new(second.dot(v), -first.dot(v));
+    let miss = seen(&Vector3::from(error.rotation_rad));
+    let mut gram = RotaryGram::default();
+    for &index in correctors.rotary() {
+        gram.add(&seen(&directions.axes[index]));
+    }
+    let rank = gram.rank();
+    let (weighted, _) = gram.solve(rank, &miss);
+    for &index in correctors.rotary() {
+        delta[index] = -seen(&directions.axes[index]).dot(&weighted);
+    }
+    rank < 2
+}
+
+/// Linear axes on position: exactly with three directions, least squares with fewer.
+#[inline(always)]
+fn correct_position(
+    correctors: &Correctors,
+    position_mm: &Vector3<f64>,
+    column: impl Fn(usize) -> Vector3<f64>,
+    delta: &mut PerAxis<f64>,
+) {
+    let mut columns = [Vector3::zeros(); 3];
+    for (into, &index) in columns.iter_mut().zip(correctors.linear()) {
+        *into = column(index);
+    }
+    let columns = LinearColumns::new(columns, correctors.linear().len());
+    for (&index, share) in correctors.linear().iter().zip(columns.shares(position_mm)) {
+        delta[index] = -share;
+    }
 }

@@ -1,12 +1,17 @@
-use alloc::{format, string::String};
+//! Why a machine cannot be compiled.
 
-/// Why a machine cannot be compiled or a blob not be read.
+use alloc::string::String;
+
+use volcomp_kinematics::ChainError;
+use volcomp_vocabulary::{AxisName, ErrorName};
+
+/// Why a machine cannot be compiled or its bytes cannot be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvaluatorError {
     /// A curve needs too much room.
     #[error(
-        "curve {curve} needs more than 1 MiB for {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
+        "curve {curve} needs more than 1 MiB for a tolerance of {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
     )]
     TooLarge {
         /// Its name, or the axis whose curves do not fit together.
@@ -16,12 +21,49 @@ pub enum EvaluatorError {
         /// A tolerance that fits, nm and nrad; `None`: there are too many breakpoints for any.
         fitting_nm: Option<f64>,
     },
+    /// A curve gives something that is no finite number.
+    #[error(
+        "curve {curve}: found a value that is not finite near {at} (mm or deg), expected finite numbers"
+    )]
+    NotFinite {
+        /// Its name, or the axis whose curves are meant.
+        curve: String,
+        /// A coordinate near the place, mm or deg.
+        at: f64,
+    },
     /// A tolerance that is not positive.
     #[error("found the tolerance {found}, expected a positive finite number")]
     Tolerance {
         /// The number.
         found: f64,
     },
+    /// A part of an axis that makes no sense.
+    #[error("axis {axis}: {what}: expected {expected}")]
+    Axis {
+        /// The axis.
+        axis: AxisName,
+        /// Which part.
+        what: &'static str,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// An axis of the chain that was not added.
+    #[error("axis {axis} of the chain was not added, expected every axis once")]
+    MissingAxis {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// A location error that is none, or with a value of the wrong kind.
+    #[error(
+        "{name}: expected a location error E?0N with a finite length (EX EY EZ) or angle (EA EB EC)"
+    )]
+    Location {
+        /// The name.
+        name: ErrorName,
+    },
+    /// An axis that the chain does not have.
+    #[error(transparent)]
+    Chain(#[from] ChainError),
     /// Bytes that are no compiled machine.
     #[error("compiled machine: {reason}")]
     Blob {
@@ -32,7 +74,7 @@ pub enum EvaluatorError {
 
 fn expected(fitting_nm: Option<f64>) -> String {
     match fitting_nm {
-        Some(nm) => format!("expected a tolerance of {nm} nm or more"),
+        Some(nm) => alloc::format!("expected a tolerance of {nm} nm or more"),
         None => "expected fewer breakpoints: no tolerance fits".into(),
     }
 }

@@ -8,7 +8,7 @@
 //! at an end of the chain.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
 /// Where the constant errors of a chain went. Displacements are those of the tool tip at machine zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,9 +18,9 @@ pub(crate) struct Folded {
     /// Between the workpiece and the first joint, where that joint has its errors behind it.
     pub(crate) workpiece_end: ErrorMotion,
     /// Constants of each axis's table.
-    pub(crate) constant: [ErrorMotion; MAX_AXES],
+    pub(crate) constant: PerAxis<ErrorMotion>,
     /// What the table of a linear axis gains for each mm of its coordinate.
-    pub(crate) slide: [Vector3<f64>; MAX_AXES],
+    pub(crate) slide: PerAxis<Vector3<f64>>,
 }
 
 /// Whether the error motions of an axis stand on the tool side of its joint: those of a linear axis ride
@@ -32,11 +32,11 @@ pub(crate) fn errors_before_motion(joint: &Joint) -> bool {
 /// Folds location and assembly errors.
 pub(crate) fn fold(
     chain: &Chain,
-    location: &[ErrorMotion; MAX_AXES],
-    assembly: &[ErrorMotion; MAX_AXES],
+    location: &PerAxis<ErrorMotion>,
+    assembly: &PerAxis<ErrorMotion>,
 ) -> Folded {
     let (joints, tip) = (chain.joints(), chain.tool_tip_mm());
-    let mut slide = [Vector3::zeros(); MAX_AXES];
+    let mut slide = PerAxis([Vector3::zeros(); MAX_AXES]);
     // Gap i lies on the workpiece side of joint i, gap i + 1 on its tool side.
     let mut gaps = [ErrorMotion::ZERO; MAX_AXES + 1];
     for (i, joint) in joints.iter().enumerate() {
@@ -54,7 +54,7 @@ pub(crate) fn fold(
             }
         }
     }
-    let mut constant = [ErrorMotion::ZERO; MAX_AXES];
+    let mut constant = PerAxis::default();
     let last = joints.len();
     let (mut tool_end, mut workpiece_end) = (ErrorMotion::ZERO, ErrorMotion::ZERO);
     for (gap, held) in gaps.iter().enumerate().take(last + 1) {

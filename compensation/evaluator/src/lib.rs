@@ -10,8 +10,10 @@ extern crate alloc;
 #[cfg(feature = "std")]
 mod batch;
 mod blob;
+mod build;
 mod correction;
 mod error;
+mod fit;
 mod fold;
 #[cfg(feature = "std")]
 mod grid;
@@ -19,7 +21,9 @@ mod index;
 mod machine;
 mod parts;
 mod patch;
+mod single;
 mod table;
+mod terms;
 mod turn;
 mod walk;
 
@@ -28,6 +32,6 @@ pub use correction::FirstOrder;
 pub use error::EvaluatorError;
 #[cfg(feature = "std")]
 pub use grid::LinearGrid;
-pub use machine::{CompiledMachine, Evaluation};
-pub use parts::{AxisParts, Branches, MachineParts, RawCurve, Tolerance};
+pub use machine::{CompiledMachine, Evaluation, OutsideRange};
+pub use parts::{AxisParts, MachineParts, RawCurve, Tolerance};
 pub use patch::Patch;

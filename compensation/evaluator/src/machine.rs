@@ -1,17 +1,16 @@
-//! The compiled machine: what it is made of and what it answers about itself.
+//! The compiled machine: plain data, and what it says about itself.
 
-use crate::parts::branch_index;
 use alloc::vec::Vec;
 
-use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource, Joint, State, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, Direction, MAX_AXES};
+use volcomp_kinematics::{Chain, Correctors, ErrorMotion, Joint, State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName, PerAxis};
 
 use crate::{
-    EvaluatorError, Tolerance,
-    fold::{Folded, errors_before_motion, fold},
-    parts::{AxisParts, Branches, MachineParts, ToTable},
+    Tolerance,
+    fold::Folded,
+    parts::Branches,
     patch::{CompiledPatch, Patch},
-    table::{Baseline, Bounds, Head, LANES, Piece, Registers, Tables, WIDE},
+    table::{Bounds, Head, LANES, Tables},
     turn::Along,
 };
 
@@ -50,71 +49,36 @@ pub(crate) struct CompiledAxis {
     pub(crate) before_motion: bool,
     pub(crate) along: Along,
     pub(crate) bounds: Bounds,
-    pub(crate) warmth: Warmth,
+    pub(crate) thermal: Thermal,
 }
 
 /// What temperature adds to the error motions of an axis for now.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Warmth {
+pub(crate) struct Thermal {
     /// Carried to the tool tip at machine zero: mm, rad.
-    at_tip: [f64; LANES],
+    pub(crate) at_tip: [f64; LANES],
     /// Displacement for each mm of the coordinate.
-    slope_mm: [f64; 3],
-}
-
-/// What an axis has besides its joint and what follows from it.
-pub(crate) struct AxisTables {
-    pub(crate) travel: [f64; 2],
-    pub(crate) modulo: Option<f64>,
-    /// Pieces of one table, or of forward, backward and mean.
-    pub(crate) tables: Vec<Vec<Piece>>,
-    pub(crate) patches: Vec<Patch>,
+    pub(crate) slope_mm: [f64; 3],
 }
 
 /// Where the curve of one component is defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Range {
     pub(crate) axis: usize,
-    pub(crate) component: usize,
+    pub(crate) component: Component,
     /// The axis whose coordinate counts, and its range in mm or deg.
     pub(crate) looked_at: usize,
     pub(crate) domain: [f64; 2],
 }
 
-/// A machine without its tables.
-pub(crate) struct Frame {
-    pub(crate) chain: Chain,
-    pub(crate) location: [ErrorMotion; MAX_AXES],
-    pub(crate) assembly: [ErrorMotion; MAX_AXES],
-    pub(crate) tolerance: Tolerance,
-    folded: Folded,
-}
-
-impl Frame {
-    pub(crate) fn new(
-        chain: Chain,
-        location: &[ErrorMotion; MAX_AXES],
-        assembly: &[ErrorMotion; MAX_AXES],
-        tolerance: Tolerance,
-    ) -> Self {
-        Self {
-            folded: fold(&chain, location, assembly),
-            chain,
-            location: *location,
-            assembly: *assembly,
-            tolerance,
-        }
-    }
-}
-
 /// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
 /// first order without allocation, lock or panic. Thermal terms are in as they stood when it was made, or
-/// as [`set_warmth`](Self::set_warmth) said last.
+/// as [`set_thermal_offset`](Self::set_thermal_offset) said last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompiledMachine {
     pub(crate) chain: Chain,
-    pub(crate) location: [ErrorMotion; MAX_AXES],
-    pub(crate) assembly: [ErrorMotion; MAX_AXES],
+    pub(crate) location: PerAxis<ErrorMotion>,
+    pub(crate) assembly: PerAxis<ErrorMotion>,
     pub(crate) tolerance: Tolerance,
     pub(crate) axes: Vec<CompiledAxis>,
     pub(crate) tables: Tables,
@@ -126,75 +90,15 @@ pub struct CompiledMachine {
     pub(crate) patched: bool,
     /// Three linear axes and nothing besides their tables.
     pub(crate) three_slides: bool,
-    /// The linear axes that correct: of each direction the first.
-    pub(crate) correcting: Vec<usize>,
+    /// The axes that corrections move.
+    pub(crate) correctors: Correctors,
 }
 
 impl CompiledMachine {
-    /// Compiles a machine.
-    ///
-    /// # Errors
-    /// [`EvaluatorError::TooLarge`], [`EvaluatorError::Tolerance`].
-    pub fn new(parts: MachineParts<'_>, tolerance: Tolerance) -> Result<Self, EvaluatorError> {
-        for found in [tolerance.linear_mm, tolerance.angular_rad] {
-            if !(found > 0.0 && found.is_finite()) {
-                return Err(EvaluatorError::Tolerance { found });
-            }
-        }
-        let chain = parts.chain.clone();
-        let frame = Frame::new(chain, &parts.location, &parts.assembly, tolerance);
-        let (mut axes, mut ranges) = (Vec::new(), Vec::new());
-        for (index, parts) in parts.axes.into_iter().enumerate() {
-            let stated = parts.ranges.iter();
-            ranges.extend(stated.map(|&(component, looked_at, domain)| Range {
-                axis: index,
-                component,
-                looked_at,
-                domain,
-            }));
-            axes.push(AxisTables {
-                travel: parts.travel,
-                modulo: parts.modulo,
-                tables: tables(&frame, index, &parts)?,
-                patches: parts.patches,
-            });
-        }
-        Ok(Self::from_tables(frame, axes, ranges))
-    }
-
-    /// From tables that hold the constants already.
-    pub(crate) fn from_tables(frame: Frame, axes: Vec<AxisTables>, ranges: Vec<Range>) -> Self {
-        let folded = frame.folded;
-        let tip = frame.chain.tool_tip_mm();
-        let mut tables = Tables::default();
-        let compiled = |(index, (joint, axis)): (usize, (&Joint, AxisTables))| {
-            let slide = &folded.slide[index];
-            axis.compiled(joint, tip - joint.point_mm, slide, &mut tables)
-        };
-        let joints = frame.chain.joints().iter();
-        let axes: Vec<CompiledAxis> = joints.zip(axes).enumerate().map(compiled).collect();
-        let mut machine = Self {
-            patched: false,
-            three_slides: false,
-            at_workpiece: folded.workpiece_end != ErrorMotion::ZERO,
-            correcting: crate::correction::correcting(frame.chain.joints()),
-            chain: frame.chain,
-            location: frame.location,
-            assembly: frame.assembly,
-            tolerance: frame.tolerance,
-            axes,
-            tables,
-            ranges,
-            folded,
-        };
-        machine.choose_path();
-        machine
-    }
-
     /// How its errors are summed.
-    fn choose_path(&mut self) {
+    pub(crate) fn choose_path(&mut self) {
         let plain =
-            |axis: &CompiledAxis| axis.patches.is_empty() && axis.warmth == Warmth::default();
+            |axis: &CompiledAxis| axis.patches.is_empty() && axis.thermal == Thermal::default();
         let slides = |axis: &CompiledAxis| axis.joint.kind == AxisKind::Linear;
         self.patched = !self.axes.iter().all(plain);
         self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
@@ -203,13 +107,13 @@ impl CompiledMachine {
     /// What temperature adds to the error motions of the axis at `index` from now on: `offset` (mm, rad) at
     /// the axis's point, and `slope_mm` for each mm of a linear axis's coordinate; instead of what was added
     /// before. Allocates nothing. Blobs do not hold it.
-    pub fn set_warmth(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
+    pub fn set_thermal_offset(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
         let Some(axis) = self.axes.get_mut(index) else {
             return;
         };
         let (tilt, arm_mm) = (offset.angular_rad, axis.arm_mm);
         let at_tip = offset.linear_mm + tilt.cross(&arm_mm);
-        axis.warmth = Warmth {
+        axis.thermal = Thermal {
             at_tip: [at_tip.x, at_tip.y, at_tip.z, tilt.x, tilt.y, tilt.z],
             slope_mm,
         };
@@ -236,111 +140,55 @@ impl CompiledMachine {
         self.tables.bytes()
     }
 
-    /// The volumetric error at a state (mm, rad), first order (the `twist` form).
-    pub fn evaluate(&self, state: &State) -> Evaluation {
-        #[cfg(feature = "std")]
-        return crate::batch::one_pose(self, state);
-        #[cfg(not(feature = "std"))]
-        self.evaluate_with(state, Baseline)
-    }
-
-    #[inline(always)]
-    pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
-        if let (true, [a, b, c]) = (self.three_slides, &self.axes[..]) {
-            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
-            return self.three_slides([a, b, c], [k, l, m], [x, y, z], registers);
-        }
-        self.walk::<true>(state, registers, &mut ())
-    }
-
-    /// Errors over two coordinates and of temperature, carried to the tool tip like those of the tables.
-    pub(crate) fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
-        let axis = &self.axes[index];
-        let Warmth {
-            at_tip, slope_mm, ..
-        } = &axis.warmth;
-        for (lane, part) in twist.iter_mut().zip(at_tip) {
-            *lane += part;
-        }
-        for (lane, slope) in twist.iter_mut().zip(slope_mm) {
-            *lane += slope * state.q[index];
-        }
-        for compiled in &axis.patches {
-            let patch = &compiled.patch;
-            let at = patch.axes.map(|looked_at| {
-                self.axes
-                    .get(looked_at)
-                    .map_or(0.0, |axis| axis.looked_up(state.q[looked_at]))
-            });
-            let value = compiled.value(at) * patch.weights[branch_index(state.approach[index])];
-            twist[patch.component] += value;
-            if patch.component >= 3 {
-                let mut tilt = Vector3::zeros();
-                tilt[patch.component - 3] = value;
-                let carried = tilt.cross(&axis.arm_mm);
-                for (lane, part) in twist.iter_mut().zip(carried.iter()) {
-                    *lane += part;
-                }
-            }
-        }
-    }
-
     /// Bound of |dE/dq| of one error motion at the axis's point over all branches, mm or rad for each
-    /// mm or deg; `component` 0 to 5.
-    pub fn slope_bound(&self, axis: AxisName, component: usize) -> f64 {
+    /// mm or deg.
+    pub fn slope_bound(&self, axis: AxisName, component: Component) -> f64 {
         let axis = self.axes.iter().find(|a| a.joint.name == axis);
         axis.map_or(0.0, |axis| axis.slope_bound(component))
     }
 
-    /// The components whose curves are evaluated outside their range, as bits: axis × 6 + component.
-    pub fn outside_range(&self, state: &State) -> u64 {
-        let mut outside = 0;
+    /// The error motions whose curves are evaluated outside their range at a state. Allocates nothing.
+    pub fn outside_range(&self, state: &State) -> OutsideRange<'_> {
+        let mut outside = 0_u64;
         for range in &self.ranges {
             let Some(axis) = self.axes.get(range.looked_at) else {
                 continue;
             };
             let [low, high] = range.domain;
             if !(low..=high).contains(&axis.looked_up(state.q[range.looked_at])) {
-                outside |= 1 << (range.axis * LANES + range.component);
+                outside |= 1 << (range.axis * LANES + range.component.index());
             }
         }
-        outside
+        OutsideRange {
+            names: self.chain.structure().axes(),
+            outside,
+        }
     }
 }
 
-impl AxisTables {
-    /// Ready to evaluate, its tables among those of the machine.
-    fn compiled(
-        self,
-        joint: &Joint,
-        arm_mm: Vector3<f64>,
-        slide: &Vector3<f64>,
-        tables: &mut Tables,
-    ) -> CompiledAxis {
-        let heads: Vec<Head> = self
-            .tables
-            .iter()
-            .map(|pieces| tables.add(pieces))
-            .collect();
-        // One table at least: `tables` and a blob have one or three.
-        let (branches, heads) = match heads[..] {
-            [forward, backward, mean] => (Branches::Three, [forward, backward, mean]),
-            _ => (Branches::One, [heads[0]; 3]),
-        };
-        let all = self.tables.iter().flatten();
-        CompiledAxis {
-            joint: *joint,
-            travel: self.travel,
-            modulo: self.modulo,
-            branches,
-            heads,
-            bounds: Bounds::of(all, &arm_mm, slide),
-            patches: self.patches.into_iter().map(CompiledPatch::new).collect(),
-            arm_mm,
-            before_motion: errors_before_motion(joint),
-            along: Along::of(&joint.direction),
-            warmth: Warmth::default(),
-        }
+/// Error motions whose curves were evaluated outside the range over which they are defined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutsideRange<'a> {
+    names: &'a [AxisName],
+    /// Bit axis × 6 + component.
+    outside: u64,
+}
+
+impl OutsideRange<'_> {
+    /// Whether every curve was within its range.
+    pub fn is_empty(&self) -> bool {
+        self.outside == 0
+    }
+
+    /// The names, axis after axis in chain order.
+    pub fn iter(&self) -> impl Iterator<Item = ErrorName> + '_ {
+        let (axes, outside) = (self.names.iter().enumerate(), self.outside);
+        axes.flat_map(move |(index, &axis)| {
+            let named = Component::ALL.into_iter();
+            named
+                .filter(move |component| outside >> (index * LANES + component.index()) & 1 == 1)
+                .map(move |component| ErrorName::motion(component, axis))
+        })
     }
 }
 
@@ -362,88 +210,28 @@ impl CompiledAxis {
         }
     }
 
-    pub(crate) fn slope_bound(&self, component: usize) -> f64 {
-        let of_tables = self.bounds.slopes[component.min(LANES - 1)];
+    pub(crate) fn slope_bound(&self, component: Component) -> f64 {
+        let of_tables = self.bounds.slopes[component.index()];
         let patches = self.patches.iter().map(|compiled| &compiled.patch);
         let patches = patches.filter(|patch| patch.component == component);
-        let warmth = self.warmth.slope_mm.get(component).copied();
-        of_tables + patches.map(Patch::slope_bound).sum::<f64>() + libm::fabs(warmth.unwrap_or(0.0))
+        let thermal = self.thermal.slope_mm.get(component.index()).copied();
+        of_tables
+            + patches.map(Patch::slope_bound).sum::<f64>()
+            + libm::fabs(thermal.unwrap_or(0.0))
     }
 
     /// Bound of displacement (mm) of the tool tip and tilt (rad) of tables and temperature.
     pub(crate) fn size_bounds(&self) -> [f64; 2] {
         let [low, high] = self.travel.map(libm::fabs);
-        let slope = Vector3::from(self.warmth.slope_mm).norm() * low.max(high);
-        let [x, y, z, a, b, c] = self.warmth.at_tip;
-        let warmth = [
+        let slope = Vector3::from(self.thermal.slope_mm).norm() * low.max(high);
+        let [x, y, z, a, b, c] = self.thermal.at_tip;
+        let thermal = [
             Vector3::new(x, y, z).norm() + slope,
             Vector3::new(a, b, c).norm(),
         ];
         [
-            self.bounds.linear_mm + warmth[0],
-            self.bounds.angular_rad + warmth[1],
+            self.bounds.linear_mm + thermal[0],
+            self.bounds.angular_rad + thermal[1],
         ]
-    }
-}
-
-/// The tables of one axis, errors carried to the tool tip at machine zero and constant errors in.
-fn tables(
-    frame: &Frame,
-    index: usize,
-    parts: &AxisParts<'_>,
-) -> Result<Vec<Vec<Piece>>, EvaluatorError> {
-    let branches: &[Option<Direction>] = match parts.branches {
-        Branches::One => &[None],
-        // In the order of `branch_index`.
-        Branches::Three => &[Some(Direction::Positive), Some(Direction::Negative), None],
-    };
-    let joint = &frame.chain.joints()[index];
-    let slope = frame.folded.slide[index] + Vector3::from(parts.slope_mm);
-    let table = |approach: &Option<Direction>| {
-        let wanted = ToTable {
-            errors: &|x| (parts.errors)(x, *approach),
-            breakpoints: &parts.breakpoints,
-            arm_mm: frame.chain.tool_tip_mm() - joint.point_mm,
-            constant: frame.folded.constant[index],
-            tolerance: frame.tolerance,
-            axis: joint.name,
-        };
-        let mut pieces = wanted.fit()?;
-        for piece in &mut pieces {
-            piece.add_slope(&slope);
-        }
-        Ok(pieces)
-    };
-    branches.iter().map(table).collect()
-}
-
-impl ErrorSource for CompiledMachine {
-    /// The error motion at the axis's point, from its table.
-    fn error_motion(&self, index: usize, state: &State) -> ErrorMotion {
-        let Some(axis) = self.axes.get(index) else {
-            return ErrorMotion::ZERO;
-        };
-        let (q, head) = (
-            state.q[index],
-            &axis.heads[branch_index(state.approach[index])],
-        );
-        let mut twist = Baseline.value(&self.tables, head, axis.looked_up(q));
-        self.add_patches(&mut twist, index, state);
-        let [x, y, z, a, b, c, ..] = twist;
-        let constant = &self.folded.constant[index];
-        let tilt = Vector3::new(a, b, c) - constant.angular_rad;
-        let at_tip = Vector3::new(x, y, z) - constant.linear_mm - self.folded.slide[index] * q;
-        ErrorMotion {
-            linear_mm: at_tip - tilt.cross(&axis.arm_mm),
-            angular_rad: tilt,
-        }
-    }
-
-    fn location(&self, index: usize) -> ErrorMotion {
-        *self.location.get(index).unwrap_or(&ErrorMotion::ZERO)
-    }
-
-    fn assembly(&self, index: usize) -> ErrorMotion {
-        *self.assembly.get(index).unwrap_or(&ErrorMotion::ZERO)
     }
 }

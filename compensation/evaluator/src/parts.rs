@@ -1,18 +1,13 @@
-//! What a compiled machine is made from.
+//! What a compiled machine is made from: a builder that checks every part as it is added, by name.
 
-use alloc::{format, vec, vec::Vec};
+use alloc::{boxed::Box, vec::Vec};
 
-use volcomp_kinematics::{Chain, ErrorMotion, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisName, Direction, MAX_AXES};
-
-use crate::{
-    EvaluatorError,
-    patch::Patch,
-    table::{LANES, MAX_PIECES, Piece},
+use volcomp_kinematics::{Chain, ErrorMotion};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Component, Deg, Direction, Displacement, ErrorName, MAX_AXES, PerAxis,
 };
 
-/// Degree of the Chebyshev interpolant that a piece is judged by, plus 1.
-const NODES: usize = 12;
+use crate::{EvaluatorError, patch::Patch};
 
 /// How far a compiled curve may be from its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +26,7 @@ impl Default for Tolerance {
 }
 
 impl Tolerance {
-    /// So many nm and nrad.
+    /// The same number of nm for displacements and of nrad for rotations.
     pub fn from_nm(nm: f64) -> Self {
         Self {
             linear_mm: nm * 1e-6,
@@ -39,7 +34,7 @@ impl Tolerance {
         }
     }
 
-    fn lane(&self, lane: usize) -> f64 {
+    pub(crate) fn lane(&self, lane: usize) -> f64 {
         if lane < 3 {
             self.linear_mm
         } else {
@@ -48,12 +43,13 @@ impl Tolerance {
     }
 }
 
-/// The six error motions of an axis as its curves give them: mm and rad at a coordinate in mm or deg.
+/// The six error motions of an axis as its curves give them: mm and rad at a coordinate in mm or deg, for a
+/// direction of the last travel (`None`: not known).
 pub type RawCurve<'a> = dyn Fn(f64, Option<Direction>) -> ErrorMotion + 'a;
 
-/// Whether an axis has different errors in its two directions.
+/// Whether an axis has different errors in its two directions of travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Branches {
+pub(crate) enum Branches {
     /// The same in both.
     One,
     /// Forward, backward, and their mean where the direction is not known.
@@ -70,205 +66,266 @@ pub(crate) fn branch_index(approach: Option<Direction>) -> usize {
     }
 }
 
-/// One axis of a machine to be compiled. Coordinates are mm or deg.
+/// Where the curve of one component is defined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct StatedRange {
+    pub(crate) component: Component,
+    pub(crate) looked_at: AxisName,
+    pub(crate) domain: [f64; 2],
+}
+
+/// One axis of a machine to be compiled: its travel and its error motions. Coordinates of curves are mm or deg.
+///
+/// ```
+/// use volcomp_evaluator::AxisParts;
+/// use volcomp_kinematics::ErrorMotion;
+/// use volcomp_vocabulary::{AxisKind, Component, Displacement};
+///
+/// let travel = [0.0, 500.0].map(|end| Displacement::from_coordinate(AxisKind::Linear, end));
+/// let x = AxisParts::new(travel, |q, _| ErrorMotion::from_um_urad([0.01 * q, 0.0, 0.0, 0.0, 0.0, 0.0]))
+///     .breakpoints(Component::EX, [0.0, 500.0]);
+/// # let _ = x;
+/// ```
 pub struct AxisParts<'a> {
-    /// Its error motions over its own coordinate alone.
-    pub errors: &'a RawCurve<'a>,
-    /// Whether they depend on the direction.
-    pub branches: Branches,
-    /// For each component every coordinate at which a derivative may jump, domain ends included, in any
-    /// order; outside the first and last of all the errors are held. Empty for constants.
-    pub breakpoints: [Vec<f64>; 6],
-    /// What its displacements gain for each mm or deg of the coordinate besides, mm, outside the
-    /// breakpoints too.
-    pub slope_mm: [f64; 3],
-    /// Lower and upper end of travel.
-    pub travel: [f64; 2],
-    /// Period that brings a rotary coordinate into travel.
-    pub modulo: Option<f64>,
-    /// Errors over two coordinates.
-    pub patches: Vec<Patch>,
-    /// For each component, where its curve is defined: the axis looked at and its range.
-    pub ranges: Vec<(usize, usize, [f64; 2])>,
+    pub(crate) errors: Box<RawCurve<'a>>,
+    pub(crate) branches: Branches,
+    pub(crate) breakpoints: [Vec<f64>; 6],
+    pub(crate) slope_mm: [f64; 3],
+    pub(crate) travel: [Displacement; 2],
+    pub(crate) modulo: Option<Deg>,
+    pub(crate) patches: Vec<Patch>,
+    pub(crate) ranges: Vec<StatedRange>,
 }
 
-/// A machine to be compiled: axes in chain order.
-pub struct MachineParts<'a> {
-    /// The ideal chain with its tool, mm and rad.
-    pub chain: &'a Chain,
-    /// Its axes.
-    pub axes: Vec<AxisParts<'a>>,
-    /// Location errors, mm and rad.
-    pub location: [ErrorMotion; MAX_AXES],
-    /// Assembly errors, mm and rad.
-    pub assembly: [ErrorMotion; MAX_AXES],
-}
-
-/// A function of six components as piecewise cubics, the first and the last of them the held ends.
-fn fit(
-    function: &dyn Fn(f64) -> [f64; LANES],
-    mut points: Vec<f64>,
-    tolerance: Tolerance,
-) -> Option<Vec<Piece>> {
-    points.sort_unstable_by(f64::total_cmp);
-    points.dedup();
-    let ends = [points.first(), points.last()].map(|end| end.copied().unwrap_or(0.0));
-    let mut pieces = vec![Piece::held(ends[0], function(ends[0]))];
-    for ends in points.windows(2) {
-        let mut pending = vec![(ends[0], ends[1])];
-        while let Some((from, to)) = pending.pop() {
-            let middle = 0.5 * (from + to);
-            let piece = Sampled::over(function, from, to);
-            // An interval that cannot be halved any more is taken as it is: one rounding wide.
-            if piece.keeps(tolerance) || middle <= from || middle >= to {
-                if pieces.len() + 1 >= MAX_PIECES {
-                    return None;
-                }
-                pieces.push(Piece::new(from, to, piece.powers()));
-            } else {
-                if pending.len() + pieces.len() + 1 >= MAX_PIECES {
-                    return None;
-                }
-                pending.push((middle, to));
-                pending.push((from, middle));
-            }
-        }
-    }
-    pieces.push(Piece::held(ends[1], function(ends[1])));
-    Some(pieces)
-}
-
-/// The errors of an axis as its tables want them.
-pub(crate) struct ToTable<'a> {
-    pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
-    pub(crate) breakpoints: &'a [Vec<f64>; LANES],
-    /// From the axis's point to the tool tip, mm.
-    pub(crate) arm_mm: Vector3<f64>,
-    pub(crate) constant: ErrorMotion,
-    pub(crate) tolerance: Tolerance,
-    pub(crate) axis: AxisName,
-}
-
-impl ToTable<'_> {
-    /// The table, or which curve is too much for it.
-    pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
-        self.pieces(None, self.tolerance)
-            .ok_or_else(|| self.too_large())
-    }
-
-    /// The pieces of all components or of one of them alone; displacements at the tool tip.
-    fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Option<Vec<Piece>> {
-        let function = |x: f64| {
-            let mut error = (self.errors)(x);
-            if let Some(alone) = alone {
-                for k in 0..3 {
-                    error.linear_mm[k] *= f64::from(u8::from(alone == k));
-                    error.angular_rad[k] *= f64::from(u8::from(alone == k + 3));
-                }
-            }
-            let carried = error.angular_rad.cross(&self.arm_mm);
-            let linear = error.linear_mm + carried + self.constant.linear_mm;
-            let angular = error.angular_rad + self.constant.angular_rad;
-            [
-                linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-            ]
-        };
-        let counted = |lane: usize| alone.is_none_or(|alone| alone == lane);
-        let lanes = (0..LANES).filter(|lane| counted(*lane));
-        let breakpoints = lanes.flat_map(|lane| self.breakpoints[lane].iter().copied());
-        fit(&function, breakpoints.collect(), tolerance)
-    }
-
-    /// The first curve that is too large by itself, else the axis, and a tolerance that fits.
-    fn too_large(&self) -> EvaluatorError {
-        let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_none());
-        let tolerance_nm = self.tolerance.linear_mm * 1e6;
-        let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));
-        let fits = |nm: &f64| self.pieces(None, Tolerance::from_nm(*nm)).is_some();
-        EvaluatorError::TooLarge {
-            curve: match alone {
-                Some(lane) => format!(
-                    "{}{}",
-                    ["EX", "EY", "EZ", "EA", "EB", "EC"][lane],
-                    self.axis
-                ),
-                None => format!("all of axis {}", self.axis),
-            },
-            tolerance_nm,
-            fitting_nm: tried.into_iter().find(fits),
-        }
-    }
-}
-
-/// Six functions over one interval: values at Chebyshev–Lobatto points and their Chebyshev series.
-struct Sampled {
-    length: f64,
-    /// Values at −1, −½, ½, 1 of the interval.
-    corners: [[f64; LANES]; 4],
-    series: [[f64; LANES]; NODES],
-}
-
-impl Sampled {
-    fn over(function: &dyn Fn(f64) -> [f64; LANES], from: f64, to: f64) -> Self {
-        let length = to - from;
-        // From the ends inward, so that the ends are met to the last digit.
-        let at = |t: f64| {
-            if t <= -1.0 {
-                function(from)
-            } else if t >= 1.0 {
-                function(to)
-            } else {
-                function(from + 0.5 * (t + 1.0) * length)
-            }
-        };
-        let last = (NODES - 1) as f64;
-        let angle = |j: usize| core::f64::consts::PI * j as f64 / last;
-        let values: [[f64; LANES]; NODES] = core::array::from_fn(|j| at(libm::cos(angle(j))));
-        let mut series = [[0.0; LANES]; NODES];
-        for (k, row) in series.iter_mut().enumerate() {
-            for (j, value) in values.iter().enumerate() {
-                let end = |i: usize| if i == 0 || i == NODES - 1 { 0.5 } else { 1.0 };
-                let weight = 2.0 / last * end(j) * end(k) * libm::cos(angle(j) * k as f64);
-                for lane in 0..LANES {
-                    row[lane] += weight * value[lane];
-                }
-            }
-        }
+impl<'a> AxisParts<'a> {
+    /// An axis with this travel and these error motions, the same in both directions. Where the errors are not
+    /// constant, [`breakpoints`](Self::breakpoints) must say over which range they are to be compiled.
+    pub fn new(
+        travel: [Displacement; 2],
+        errors: impl Fn(f64, Option<Direction>) -> ErrorMotion + 'a,
+    ) -> Self {
         Self {
-            length,
-            corners: [at(-1.0), at(-0.5), at(0.5), at(1.0)],
-            series,
+            errors: Box::new(errors),
+            branches: Branches::One,
+            breakpoints: Default::default(),
+            slope_mm: [0.0; 3],
+            travel,
+            modulo: None,
+            patches: Vec::new(),
+            ranges: Vec::new(),
         }
     }
 
-    /// The cubic through the corners differs from Σ c_k T_k by 2 Σ_{k ≥ 4} |c_k| at the most: at the
-    /// corners T_k coincides with a T of an order below 4. The series is the function itself where that
-    /// is a polynomial of an order below [`NODES`]; else its last two coefficients, which must have
-    /// died out, are counted ten times for the rest.
-    fn keeps(&self, tolerance: Tolerance) -> bool {
-        (0..LANES).all(|lane| {
-            let size = |k: usize| libm::fabs(self.series[k][lane]);
-            let beyond: f64 = (4..NODES).map(size).sum();
-            let rest = size(NODES - 1) + size(NODES - 2);
-            2.0 * beyond + 10.0 * rest <= tolerance.lane(lane)
-        })
+    /// An axis without error motions.
+    pub fn without_errors(travel: [Displacement; 2]) -> Self {
+        Self::new(travel, |_, _| ErrorMotion::ZERO)
     }
 
-    /// In powers of the distance from the start.
-    fn powers(&self) -> [[f64; LANES]; 4] {
-        let mut powers = [[0.0; LANES]; 4];
-        let h = self.length;
-        for lane in 0..LANES {
-            let [v0, v1, v2, v3] = self.corners.map(|corner| corner[lane]);
-            // Through 0, ¼, ¾ and 1 of the length.
-            let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
-            let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;
-            let c3 = (-16.0 * v0 + 32.0 * v1 - 32.0 * v2 + 16.0 * v3) / 3.0;
-            powers[0][lane] = v0;
-            powers[1][lane] = c1 / h;
-            powers[2][lane] = c2 / (h * h);
-            powers[3][lane] = c3 / (h * h * h);
+    /// The errors differ in the two directions of travel: they are asked for forward, backward, and, for a direction
+    /// that is not known, for their mean.
+    #[must_use]
+    pub fn bidirectional(mut self) -> Self {
+        self.branches = Branches::Three;
+        self
+    }
+
+    /// Coordinates (mm or deg) at which a derivative of a component may jump, the ends of its range included, in any
+    /// order. Outside the first and last of all components the errors are held.
+    #[must_use]
+    pub fn breakpoints(
+        mut self,
+        component: Component,
+        coordinates: impl IntoIterator<Item = f64>,
+    ) -> Self {
+        self.breakpoints[component.index()].extend(coordinates);
+        self
+    }
+
+    /// What the displacements gain besides for each mm or deg of the coordinate, mm, outside the breakpoints too:
+    /// thermal expansion.
+    #[must_use]
+    pub fn slope_mm(mut self, slope_mm: [f64; 3]) -> Self {
+        self.slope_mm = slope_mm;
+        self
+    }
+
+    /// Period that brings a rotary coordinate into travel before its curves are looked up.
+    #[must_use]
+    pub fn modulo(mut self, period: Deg) -> Self {
+        self.modulo = Some(period);
+        self
+    }
+
+    /// An error over two coordinates, added to those of its own coordinate.
+    #[must_use]
+    pub fn patch(mut self, patch: Patch) -> Self {
+        self.patches.push(patch);
+        self
+    }
+
+    /// The range (mm or deg of the axis looked at) over which the curve of a component is defined; a state outside
+    /// is told by [`CompiledMachine::outside_range`](crate::CompiledMachine::outside_range).
+    #[must_use]
+    pub fn range(mut self, component: Component, looked_at: AxisName, domain: [f64; 2]) -> Self {
+        self.ranges.push(StatedRange {
+            component,
+            looked_at,
+            domain,
+        });
+        self
+    }
+
+    fn check(&self, chain: &Chain, axis: AxisName) -> Result<(), EvaluatorError> {
+        let wrong = |what, expected| {
+            Err(EvaluatorError::Axis {
+                axis,
+                what,
+                expected,
+            })
+        };
+        let [low, high] = self.travel.map(Displacement::mm_or_deg);
+        if self.travel.iter().any(|end| end.kind() != axis.kind()) {
+            return wrong(
+                "travel",
+                match axis.kind() {
+                    AxisKind::Linear => "lengths, since the axis is linear",
+                    AxisKind::Rotary => "angles, since the axis is rotary",
+                },
+            );
         }
-        powers
+        if !(low.is_finite() && high.is_finite() && low < high) {
+            return wrong("travel", "two finite ends, the lower one first");
+        }
+        if self.modulo.is_some_and(|period| {
+            axis.kind() == AxisKind::Linear || !(period.0 > 0.0 && period.is_finite())
+        }) {
+            return wrong("modulo", "a positive period of a rotary axis");
+        }
+        if !self.slope_mm.iter().all(|slope| slope.is_finite()) {
+            return wrong("slope", "finite numbers");
+        }
+        if !self.breakpoints.iter().flatten().all(|at| at.is_finite()) {
+            return wrong("breakpoints", "finite coordinates");
+        }
+        let known = |name: AxisName| chain.structure().index_of(name).is_some();
+        let ranges = self.ranges.iter();
+        for StatedRange {
+            looked_at, domain, ..
+        } in ranges
+        {
+            if !known(*looked_at) {
+                return Err(no_axis(chain, *looked_at));
+            }
+            if domain[0].is_nan() || domain[1].is_nan() || domain[0] > domain[1] {
+                return wrong("range", "two ends, the lower one first");
+            }
+        }
+        for patch in &self.patches {
+            for looked_at in patch.axes {
+                if !known(looked_at) {
+                    return Err(no_axis(chain, looked_at));
+                }
+            }
+            if let Err(expected) = patch.check() {
+                return wrong("error over two coordinates", expected);
+            }
+        }
+        Ok(())
+    }
+}
+
+pub(crate) fn no_axis(chain: &Chain, axis: AxisName) -> EvaluatorError {
+    EvaluatorError::Chain(volcomp_kinematics::ChainError::NoSuchAxis {
+        axis,
+        structure: chain.structure().clone(),
+    })
+}
+
+/// A machine to be compiled: every axis of the chain once, and its constant errors, each by name.
+pub struct MachineParts<'a> {
+    pub(crate) chain: Chain,
+    pub(crate) axes: [Option<AxisParts<'a>>; MAX_AXES],
+    pub(crate) location: PerAxis<ErrorMotion>,
+    pub(crate) assembly: PerAxis<ErrorMotion>,
+}
+
+impl<'a> MachineParts<'a> {
+    /// A machine whose axes are to be added; the chain with its tool is mm and rad.
+    pub fn new(chain: &Chain) -> Self {
+        Self {
+            chain: chain.clone(),
+            axes: Default::default(),
+            location: PerAxis::default(),
+            assembly: PerAxis::default(),
+        }
+    }
+
+    fn place(&self, axis: AxisName) -> Result<usize, EvaluatorError> {
+        let index = self.chain.structure().index_of(axis);
+        index.ok_or_else(|| no_axis(&self.chain, axis))
+    }
+
+    /// Adds one axis.
+    ///
+    /// # Errors
+    /// An axis that the chain does not have or that was added before, numbers that are not finite, a travel of the
+    /// wrong kind or the wrong way round, an error over two coordinates whose nodes do not rise or whose values are
+    /// not as many as its nodes.
+    pub fn axis(mut self, axis: AxisName, parts: AxisParts<'a>) -> Result<Self, EvaluatorError> {
+        let index = self.place(axis)?;
+        parts.check(&self.chain, axis)?;
+        // A place in the chain is below MAX_AXES.
+        if self.axes[index].replace(parts).is_some() {
+            return Err(EvaluatorError::Axis {
+                axis,
+                what: "axis",
+                expected: "each axis once",
+            });
+        }
+        Ok(self)
+    }
+
+    /// Sets a location error, for example the squareness `EC0Y`.
+    ///
+    /// # Errors
+    /// An axis that the chain does not have, the name of an error motion, a length for an angular error or an angle
+    /// for a linear one, a number that is not finite.
+    pub fn location(
+        mut self,
+        name: ErrorName,
+        value: Displacement,
+    ) -> Result<Self, EvaluatorError> {
+        let index = self.place(name.axis)?;
+        let angle = value.kind() == AxisKind::Rotary;
+        if !name.location || name.component.is_angular() != angle || !value.mm_or_rad().is_finite()
+        {
+            return Err(EvaluatorError::Location { name });
+        }
+        let motion = &mut self.location[index];
+        let vector = if angle {
+            &mut motion.angular_rad
+        } else {
+            &mut motion.linear_mm
+        };
+        vector[name.component.mcs_index()] = value.mm_or_rad();
+        Ok(self)
+    }
+
+    /// Sets the six assembly errors of an axis (mm, rad), about the MCS origin.
+    ///
+    /// # Errors
+    /// An axis that the chain does not have, numbers that are not finite.
+    pub fn assembly(mut self, axis: AxisName, motion: ErrorMotion) -> Result<Self, EvaluatorError> {
+        let index = self.place(axis)?;
+        let numbers = motion.linear_mm.iter().chain(motion.angular_rad.iter());
+        if !numbers.into_iter().all(|number| number.is_finite()) {
+            return Err(EvaluatorError::Axis {
+                axis,
+                what: "assembly errors",
+                expected: "finite numbers",
+            });
+        }
+        self.assembly[index] = motion;
+        Ok(self)
     }
 }

@@ -2,20 +2,29 @@
 
 use alloc::vec::Vec;
 
-use crate::index::{Cell, Uniform};
+use volcomp_vocabulary::{AxisName, Component};
+
+use volcomp_kinematics::Chain;
+
+use crate::{
+    EvaluatorError,
+    index::{Cell, Uniform},
+    parts::no_axis,
+};
 
 /// One component of an axis over two coordinates, bilinear between nodes, held outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
-    /// 0 to 5: which component.
-    pub component: usize,
-    /// How much of it counts forward, backward, and with unknown approach.
+    /// Which component of the axis it belongs to.
+    pub component: Component,
+    /// With which weight it counts after forward travel, after backward travel, and where the direction is not known.
     pub weights: [f64; 3],
-    /// The two axes looked at, by place in the chain.
-    pub axes: [usize; 2],
-    /// Nodes along each, rising, mm or deg; one at least.
+    /// The two axes whose coordinates it depends on.
+    pub axes: [AxisName; 2],
+    /// Nodes along each of them, rising, mm or deg; at least one.
     pub nodes: [Vec<f64>; 2],
-    /// Values of the first axis's first node, then of its second …, mm or rad.
+    /// The values at all nodes of the second axis for the first node of the first axis, then for its second, and so
+    /// on; mm or rad.
     pub values: Vec<f64>,
 }
 
@@ -23,6 +32,8 @@ pub struct Patch {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CompiledPatch {
     pub(crate) patch: Patch,
+    /// The places in the chain of the two axes.
+    pub(crate) looked_at: [usize; 2],
     places: [Places; 2],
 }
 
@@ -36,8 +47,10 @@ struct Places {
 }
 
 impl CompiledPatch {
-    pub(crate) fn new(patch: Patch) -> Self {
+    /// A patch that was checked, and the places in the chain of its axes.
+    pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
         Self {
+            looked_at,
             places: patch.nodes.each_ref().map(|nodes| Places::new(nodes)),
             patch,
         }
@@ -63,6 +76,18 @@ impl CompiledPatch {
         };
         let (upper, lower) = (row(from), row(from + down));
         upper + (lower - upper) * s
+    }
+}
+
+impl CompiledPatch {
+    /// A patch that was checked against the chain.
+    pub(crate) fn of(patch: Patch, chain: &Chain) -> Result<Self, EvaluatorError> {
+        let [first, second] = patch.axes;
+        let place = |axis: AxisName| {
+            let index = chain.structure().index_of(axis);
+            index.ok_or_else(|| no_axis(chain, axis))
+        };
+        Ok(Self::new(patch, [place(first)?, place(second)?]))
     }
 }
 
@@ -107,6 +132,28 @@ impl Places {
 }
 
 impl Patch {
+    /// What is expected of the first number that makes no sense.
+    pub(crate) fn check(&self) -> Result<(), &'static str> {
+        let rises = |nodes: &[f64]| {
+            nodes.iter().all(|node| node.is_finite())
+                && nodes.windows(2).all(|pair| pair[0] < pair[1])
+        };
+        if self.nodes.iter().any(Vec::is_empty) {
+            return Err("at least one node along each axis");
+        }
+        if !self.nodes.iter().all(|nodes| rises(nodes)) {
+            return Err("finite nodes that rise along each axis");
+        }
+        if self.values.len() != self.nodes[0].len() * self.nodes[1].len() {
+            return Err("one value for each pair of nodes");
+        }
+        let numbers = self.values.iter().chain(&self.weights);
+        if !numbers.into_iter().all(|number| number.is_finite()) {
+            return Err("finite values and weights");
+        }
+        Ok(())
+    }
+
     /// The largest slope along either axis.
     pub(crate) fn slope_bound(&self) -> f64 {
         let [first, second] = &self.nodes;

@@ -1,11 +1,11 @@
 //! From the tool to the workpiece: every axis adds its errors where the tip stands by then, and moves it.
 
-use crate::parts::branch_index;
 use volcomp_kinematics::{ErrorMotion, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::{
     machine::{CompiledAxis, CompiledMachine, Evaluation},
+    parts::branch_index,
     table::{Registers, WIDE},
     turn::Turn,
 };
@@ -96,6 +96,16 @@ fn as_lanes(motion: &ErrorMotion) -> [f64; WIDE] {
 }
 
 impl CompiledMachine {
+    /// The error of any chain, three slides on their own path.
+    #[inline(always)]
+    pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
+        if let (true, [a, b, c]) = (self.three_slides, &self.axes[..]) {
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
+            return self.three_slides([a, b, c], [k, l, m], [x, y, z], registers);
+        }
+        self.walk::<true>(state, registers, &mut ())
+    }
+
     /// The error of any chain; `PATCHED` where it has errors over two coordinates.
     #[inline(always)]
     pub(crate) fn walk<const PATCHED: bool>(

@@ -1,9 +1,9 @@
 //! From a machine to its compiled form.
 
 use volcomp_curve::{ErrorCurve, Field, Grid};
-use volcomp_evaluator::{AxisParts, Branches, CompiledMachine, MachineParts, Patch, Tolerance};
+use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Tolerance};
 use volcomp_kinematics::ErrorMotion;
-use volcomp_vocabulary::{Component, Direction, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Deg, Direction, Displacement, MAX_AXES};
 
 use crate::{error::ModelError, machine::Machine, source::branch, thermal::Temperatures};
 
@@ -26,31 +26,29 @@ impl Machine {
         tolerance: Tolerance,
         temperatures: &Temperatures,
     ) -> Result<CompiledMachine, ModelError> {
-        let thermal = |axis: usize| self.thermal_of(axis, temperatures);
-        let thermal: Vec<_> = (0..self.axes().len()).map(thermal).collect();
-        let raw: Vec<_> = thermal
-            .iter()
-            .enumerate()
-            .map(|(axis, six)| {
-                let offsets = six.map(|[offset, _]| offset);
-                move |x: f64, approach: Option<Direction>| {
-                    self.curve_errors(axis, x, approach, offsets)
-                }
-            })
-            .collect();
-        let axes = raw.iter().enumerate();
-        let parts = MachineParts {
-            chain: self.chain(),
-            axes: axes
-                .map(|(axis, errors)| self.axis_parts(axis, errors, &thermal[axis]))
-                .collect(),
-            location: core::array::from_fn(|axis| self.location_of(axis)),
-            assembly: core::array::from_fn(|axis| ErrorMotion::from_um_urad(self.assembly(axis))),
-        };
-        CompiledMachine::new(parts, tolerance).map_err(|error| ModelError::Compile {
+        let refused = |error| ModelError::Compile {
             machine: self.name.clone(),
             error,
-        })
+        };
+        let mut parts = MachineParts::new(self.chain());
+        for (index, axis) in self.axes().iter().enumerate() {
+            let thermal = self.thermal_of(index, temperatures);
+            parts = parts
+                .axis(axis.name, self.axis_parts(index, &thermal))
+                .map_err(refused)?;
+            let assembly = ErrorMotion::from_um_urad(self.assembly(index));
+            parts = parts.assembly(axis.name, assembly).map_err(refused)?;
+        }
+        for (&name, &value) in self.locations() {
+            let kind = if name.component.is_angular() {
+                AxisKind::Rotary
+            } else {
+                AxisKind::Linear
+            };
+            let value = Displacement::from_micro(kind, value);
+            parts = parts.location(name, value).map_err(refused)?;
+        }
+        CompiledMachine::new(parts, tolerance).map_err(refused)
     }
 
     /// What the curves over the axis's own coordinate (mm or deg) give, on top of offsets (um, urad).
@@ -72,44 +70,45 @@ impl Machine {
         ErrorMotion::from_um_urad(six)
     }
 
-    fn axis_parts<'a>(
-        &'a self,
-        axis: usize,
-        errors: &'a dyn Fn(f64, Option<Direction>) -> ErrorMotion,
-        thermal: &[[f64; 2]; 6],
-    ) -> AxisParts<'a> {
+    fn axis_parts(&self, axis: usize, thermal: &[[f64; 2]; 6]) -> AxisParts<'_> {
         let stated = &self.axes()[axis];
-        let mut parts = AxisParts {
-            errors,
-            branches: Branches::One,
-            breakpoints: Default::default(),
-            // Only linear error motions of linear axes expand.
-            slope_mm: core::array::from_fn(|component| thermal[component][1] * 1e-3),
-            travel: stated.travel,
-            modulo: stated.modulo,
-            patches: Vec::new(),
-            ranges: Vec::new(),
-        };
-        for component in 0..Component::ALL.len() {
-            let Some(curve) = self.curve(axis, component) else {
+        let kind = stated.name.kind();
+        let offsets = thermal.map(|[offset, _]| offset);
+        let travel = stated
+            .travel
+            .map(|end| Displacement::from_coordinate(kind, end));
+        let mut parts = AxisParts::new(travel, move |x, approach| {
+            self.curve_errors(axis, x, approach, offsets)
+        })
+        // Only linear error motions of linear axes expand.
+        .slope_mm(core::array::from_fn(|component| {
+            thermal[component][1] * 1e-3
+        }));
+        if let Some(period) = stated.modulo {
+            parts = parts.modulo(Deg(period));
+        }
+        let name = |index: usize| self.axes().get(index).map_or(stated.name, |axis| axis.name);
+        for component in Component::ALL {
+            let Some(curve) = self.curve(axis, component.index()) else {
                 continue;
             };
             if !matches!(curve, ErrorCurve::Single(_)) {
-                parts.branches = Branches::Three;
+                parts = parts.bidirectional();
             }
             for (field, weights) in weighted_fields(curve) {
                 match field {
                     Field::Curve(curve) => {
-                        parts.breakpoints[component].extend(curve.breakpoints());
-                        let range = curve.domain().map(|domain| (component, axis, domain));
-                        parts.ranges.extend(range);
+                        parts = parts.breakpoints(component, curve.breakpoints());
+                        if let Some(domain) = curve.domain() {
+                            parts = parts.range(component, stated.name, domain);
+                        }
                     }
                     Field::Grid(grid) => {
-                        let looked_at = grid.axes().into_iter().zip(grid.domain());
-                        parts
-                            .ranges
-                            .extend(looked_at.map(|(at, range)| (component, at, range)));
-                        parts.patches.push(patch(component, grid, weights));
+                        let axes = grid.axes().map(name);
+                        for (looked_at, domain) in axes.into_iter().zip(grid.domain()) {
+                            parts = parts.range(component, looked_at, domain);
+                        }
+                        parts = parts.patch(patch(component, grid, weights, axes));
                     }
                 }
             }
@@ -153,13 +152,13 @@ fn one_argument(
 }
 
 /// A grid in µm or µrad as a patch in mm or rad.
-fn patch(component: usize, grid: &Grid, weights: [f64; 3]) -> Patch {
-    let to_internal = if component < 3 { 1e-3 } else { 1e-6 };
+fn patch(component: Component, grid: &Grid, weights: [f64; 3], axes: [AxisName; 2]) -> Patch {
+    let to_internal = if component.is_angular() { 1e-6 } else { 1e-3 };
     let values = grid.values().iter().flatten();
     Patch {
         component,
         weights,
-        axes: grid.axes(),
+        axes,
         nodes: grid.nodes().clone(),
         values: values.map(|value| value * to_internal).collect(),
     }

@@ -145,7 +145,7 @@ impl ThermalState {
                 linear_mm: [x, y, z].into(),
                 angular_rad: [a, b, c].into(),
             };
-            machine.set_warmth(axis, &offset, slopes[axis]);
+            machine.set_thermal_offset(axis, &offset, slopes[axis]);
         }
     }
 }

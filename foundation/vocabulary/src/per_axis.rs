@@ -18,6 +18,18 @@ macro_rules! in_order {
                 Self(core::array::from_fn(value))
             }
 
+            /// Every value in order.
+            #[inline]
+            pub fn iter(&self) -> core::slice::Iter<'_, T> {
+                self.0.iter()
+            }
+
+            /// Every value in order, to be changed.
+            #[inline]
+            pub fn iter_mut(&mut self) -> core::slice::IterMut<'_, T> {
+                self.0.iter_mut()
+            }
+
             /// Another value for each place.
             #[inline]
             pub fn map<U>(self, value: impl FnMut(T) -> U) -> $name<U> {

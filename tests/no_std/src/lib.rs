@@ -205,7 +205,7 @@ pub unsafe extern "C" fn volcomp_compiled_correction(
     let Ok(machine) = CompiledMachine::from_blob(blob) else {
         return -1;
     };
-    delta.copy_from_slice(&machine.first_order(&State::from_coordinates(q)).delta);
+    delta.copy_from_slice(&machine.first_order(&State::from_coordinates(q)).delta.0);
     machine.chain().joints().len() as i32
 }
 

@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod compiled;
 mod evaluation;
-mod evaluator;
 mod fuzz_corpus;
 mod messages;
 mod round_trip;

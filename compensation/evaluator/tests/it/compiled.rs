@@ -53,7 +53,7 @@ fn the_slope_bound_holds_and_is_no_fantasy() {
         } else {
             1e3
         };
-        let bound = compiled.slope_bound(name.axis, name.component.index()) * per_unit;
+        let bound = compiled.slope_bound(name.axis, name.component) * per_unit;
         assert!(
             bound >= steepest * 0.999 - 1e-6,
             "{name}: {bound} under {steepest}"
@@ -78,7 +78,7 @@ fn a_tolerance_that_cannot_be_kept_is_refused() {
         .unwrap_err()
         .to_string();
     assert!(
-        message.contains("curve EXX needs more than 1 MiB for 0.001 nm"),
+        message.contains("curve EXX needs more than 1 MiB for a tolerance of 0.001 nm"),
         "{message}"
     );
 }

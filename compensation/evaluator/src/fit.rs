@@ -1,0 +1,203 @@
+//! Curves as piecewise cubics within a tolerance.
+
+use alloc::{format, string::ToString, vec, vec::Vec};
+
+use volcomp_kinematics::{ErrorMotion, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
+
+use crate::{
+    EvaluatorError, Tolerance,
+    table::{LANES, MAX_PIECES, Piece},
+};
+
+/// Degree of the Chebyshev interpolant that a piece is judged by, plus 1.
+const NODES: usize = 12;
+
+/// Why a function has no table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Unfit {
+    TooManyPieces,
+    /// At or about this coordinate it is no finite number.
+    NotFinite(f64),
+}
+
+/// A function of six components as piecewise cubics, the first and the last of them the held ends.
+fn fit(
+    function: &dyn Fn(f64) -> [f64; LANES],
+    mut points: Vec<f64>,
+    tolerance: Tolerance,
+) -> Result<Vec<Piece>, Unfit> {
+    points.sort_unstable_by(f64::total_cmp);
+    points.dedup();
+    let ends = [points.first(), points.last()].map(|end| end.copied().unwrap_or(0.0));
+    for end in ends {
+        if !function(end).iter().all(|value| value.is_finite()) {
+            return Err(Unfit::NotFinite(end));
+        }
+    }
+    let mut pieces = vec![Piece::held(ends[0], function(ends[0]))];
+    for ends in points.windows(2) {
+        let mut pending = vec![(ends[0], ends[1])];
+        while let Some((from, to)) = pending.pop() {
+            let middle = 0.5 * (from + to);
+            let piece = Sampled::over(function, from, to);
+            if !piece.is_finite() {
+                return Err(Unfit::NotFinite(middle));
+            }
+            // An interval that cannot be halved any more is taken as it is: one rounding wide.
+            if piece.keeps(tolerance) || middle <= from || middle >= to {
+                if pieces.len() + 1 >= MAX_PIECES {
+                    return Err(Unfit::TooManyPieces);
+                }
+                pieces.push(Piece::new(from, to, piece.powers()));
+            } else {
+                if pending.len() + pieces.len() + 1 >= MAX_PIECES {
+                    return Err(Unfit::TooManyPieces);
+                }
+                pending.push((middle, to));
+                pending.push((from, middle));
+            }
+        }
+    }
+    pieces.push(Piece::held(ends[1], function(ends[1])));
+    Ok(pieces)
+}
+
+/// The errors of an axis as its tables want them.
+pub(crate) struct ToTable<'a> {
+    pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
+    pub(crate) breakpoints: &'a [Vec<f64>; LANES],
+    /// From the axis's point to the tool tip, mm.
+    pub(crate) arm_mm: Vector3<f64>,
+    pub(crate) constant: ErrorMotion,
+    pub(crate) tolerance: Tolerance,
+    pub(crate) axis: AxisName,
+}
+
+impl ToTable<'_> {
+    /// The table, or which curve is too much for it.
+    pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
+        self.pieces(None, self.tolerance)
+            .map_err(|unfit| self.refused(unfit))
+    }
+
+    /// The pieces of all components or of one of them alone; displacements at the tool tip.
+    fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Result<Vec<Piece>, Unfit> {
+        let function = |x: f64| {
+            let mut error = (self.errors)(x);
+            if let Some(alone) = alone {
+                for k in 0..3 {
+                    error.linear_mm[k] *= f64::from(u8::from(alone == k));
+                    error.angular_rad[k] *= f64::from(u8::from(alone == k + 3));
+                }
+            }
+            let carried = error.angular_rad.cross(&self.arm_mm);
+            let linear = error.linear_mm + carried + self.constant.linear_mm;
+            let angular = error.angular_rad + self.constant.angular_rad;
+            [
+                linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+            ]
+        };
+        let counted = |lane: usize| alone.is_none_or(|alone| alone == lane);
+        let lanes = (0..LANES).filter(|lane| counted(*lane));
+        let breakpoints = lanes.flat_map(|lane| self.breakpoints[lane].iter().copied());
+        fit(&function, breakpoints.collect(), tolerance)
+    }
+
+    /// Which curve cannot be compiled and why: the first one that cannot by itself, else all of the axis.
+    fn refused(&self, unfit: Unfit) -> EvaluatorError {
+        let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_err());
+        let curve = match alone.and_then(|lane| Component::ALL.get(lane)) {
+            Some(&component) => ErrorName::motion(component, self.axis).to_string(),
+            None => format!("all of axis {}", self.axis),
+        };
+        if let Unfit::NotFinite(at) = unfit {
+            return EvaluatorError::NotFinite { curve, at };
+        }
+        let tolerance_nm = self.tolerance.linear_mm * 1e6;
+        let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));
+        let fits = |nm: &f64| self.pieces(None, Tolerance::from_nm(*nm)).is_ok();
+        EvaluatorError::TooLarge {
+            curve,
+            tolerance_nm,
+            fitting_nm: tried.into_iter().find(fits),
+        }
+    }
+}
+
+/// Six functions over one interval: values at Chebyshev–Lobatto points and their Chebyshev series.
+struct Sampled {
+    length: f64,
+    /// Values at −1, −½, ½, 1 of the interval.
+    corners: [[f64; LANES]; 4],
+    series: [[f64; LANES]; NODES],
+}
+
+impl Sampled {
+    fn over(function: &dyn Fn(f64) -> [f64; LANES], from: f64, to: f64) -> Self {
+        let length = to - from;
+        // From the ends inward, so that the ends are met to the last digit.
+        let at = |t: f64| {
+            if t <= -1.0 {
+                function(from)
+            } else if t >= 1.0 {
+                function(to)
+            } else {
+                function(from + 0.5 * (t + 1.0) * length)
+            }
+        };
+        let last = (NODES - 1) as f64;
+        let angle = |j: usize| core::f64::consts::PI * j as f64 / last;
+        let values: [[f64; LANES]; NODES] = core::array::from_fn(|j| at(libm::cos(angle(j))));
+        let mut series = [[0.0; LANES]; NODES];
+        for (k, row) in series.iter_mut().enumerate() {
+            for (j, value) in values.iter().enumerate() {
+                let end = |i: usize| if i == 0 || i == NODES - 1 { 0.5 } else { 1.0 };
+                let weight = 2.0 / last * end(j) * end(k) * libm::cos(angle(j) * k as f64);
+                for lane in 0..LANES {
+                    row[lane] += weight * value[lane];
+                }
+            }
+        }
+        Self {
+            length,
+            corners: [at(-1.0), at(-0.5), at(0.5), at(1.0)],
+            series,
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.series.iter().flatten().all(|value| value.is_finite())
+    }
+
+    /// The cubic through the corners differs from Σ c_k T_k by 2 Σ_{k ≥ 4} |c_k| at the most: at the
+    /// corners T_k coincides with a T of an order below 4. The series is the function itself where that
+    /// is a polynomial of an order below [`NODES`]; else its last two coefficients, which must have
+    /// died out, are counted ten times for the rest.
+    fn keeps(&self, tolerance: Tolerance) -> bool {
+        (0..LANES).all(|lane| {
+            let size = |k: usize| libm::fabs(self.series[k][lane]);
+            let beyond: f64 = (4..NODES).map(size).sum();
+            let rest = size(NODES - 1) + size(NODES - 2);
+            2.0 * beyond + 10.0 * rest <= tolerance.lane(lane)
+        })
+    }
+
+    /// In powers of the distance from the start.
+    fn powers(&self) -> [[f64; LANES]; 4] {
+        let mut powers = [[0.0; LANES]; 4];
+        let h = self.length;
+        for lane in 0..LANES {
+            let [v0, v1, v2, v3] = self.corners.map(|corner| corner[lane]);
+            // Through 0, ¼, ¾ and 1 of the length.
+            let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
+            let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;
+            let c3 = (-16.0 * v0 + 32.0 * v1 - 32.0 * v2 + 16.0 * v3) / 3.0;
+            powers[0][lane] = v0;
+            powers[1][lane] = c1 / h;
+            powers[2][lane] = c2 / (h * h);
+            powers[3][lane] = c3 / (h * h * h);
+        }
+        powers
+    }
+}

@@ -1,0 +1,90 @@
+//! One pose: in registers as wide as the processor has, or, without the standard library, as the compiler has them.
+
+#[cfg(feature = "std")]
+use pulp::{Arch, Simd, WithSimd};
+use volcomp_kinematics::{Correctors, State};
+
+#[cfg(not(feature = "std"))]
+use crate::table::Baseline;
+use crate::{
+    correction::FirstOrder,
+    machine::{CompiledMachine, Evaluation},
+};
+#[cfg(feature = "std")]
+use crate::{machine::CompiledAxis, table::Wide};
+
+impl CompiledMachine {
+    /// The volumetric error at a state (mm, rad), first order (the `twist` form).
+    pub fn evaluate(&self, state: &State) -> Evaluation {
+        #[cfg(feature = "std")]
+        return one_pose(self, state);
+        #[cfg(not(feature = "std"))]
+        self.evaluate_with(state, Baseline)
+    }
+
+    /// The correction of one step, of the axes that [`correctors`](Self::correctors) names: rotary axes on the tool
+    /// axis with the least norm, then linear axes on position.
+    pub fn first_order(&self, state: &State) -> FirstOrder {
+        self.first_order_of(state, &self.correctors)
+    }
+
+    /// The same for other axes: what a controller that writes only some axes of the machine is to be sent.
+    pub fn first_order_of(&self, state: &State, correctors: &Correctors) -> FirstOrder {
+        #[cfg(feature = "std")]
+        return one_correction(self, state, correctors);
+        #[cfg(not(feature = "std"))]
+        self.first_order_with::<true>(state, correctors, Baseline)
+    }
+}
+
+/// One pose in registers as wide as the processor has.
+#[cfg(feature = "std")]
+fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
+    struct Slides<'a>(&'a CompiledMachine, [&'a CompiledAxis; 3], &'a State);
+    impl WithSimd for Slides<'_> {
+        type Output = Evaluation;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
+            let Self(machine, axes, state) = self;
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
+            machine.three_slides(axes, [k, l, m], [x, y, z], Wide(simd))
+        }
+    }
+    struct Walk<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State);
+    impl<const PATCHED: bool> WithSimd for Walk<'_, PATCHED> {
+        type Output = Evaluation;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
+            self.0.walk::<PATCHED>(self.1, Wide(simd), &mut ())
+        }
+    }
+    if let (true, [a, b, c]) = (machine.three_slides, &machine.axes[..]) {
+        Arch::new().dispatch(Slides(machine, [a, b, c], state))
+    } else if machine.patched {
+        Arch::new().dispatch(Walk::<true>(machine, state))
+    } else {
+        Arch::new().dispatch(Walk::<false>(machine, state))
+    }
+}
+
+/// The correction of one pose, the same way.
+#[cfg(feature = "std")]
+fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correctors) -> FirstOrder {
+    struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State, &'a Correctors);
+    impl<const PATCHED: bool> WithSimd for One<'_, PATCHED> {
+        type Output = FirstOrder;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> FirstOrder {
+            let Self(machine, state, correctors) = self;
+            machine.first_order_with::<PATCHED>(state, correctors, Wide(simd))
+        }
+    }
+    if machine.patched {
+        Arch::new().dispatch(One::<true>(machine, state, correctors))
+    } else {
+        Arch::new().dispatch(One::<false>(machine, state, correctors))
+    }
+}

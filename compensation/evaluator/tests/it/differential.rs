@@ -1,0 +1,335 @@
+//! One rule which axes correct, and one solution: the exact correction, the compiled machine's and a plain singular
+//! value decomposition agree, over oblique directions, secondary axes U V W, any choice of axes and any pose.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
+use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Tolerance};
+use volcomp_kinematics::{
+    Chain, CorrectionOptions, Correctors, ErrorMotion, GivenErrors, State, Structure, actual_pose,
+    correct,
+};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
+
+/// Angles between axes that ought to be parallel, deg: on both sides of the 1.15° that count as a new direction.
+const SKEWS_DEG: [f64; 8] = [0.0, 0.01, 0.5, 1.0, 1.3, 3.0, 20.0, 60.0];
+
+fn random_vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| rng.random_range(-size..=size))
+}
+
+/// One to six linear axes and up to three rotary ones in any order, oblique.
+fn random_chain(rng: &mut ChaCha8Rng) -> Chain {
+    let mut axes = AxisName::ALL;
+    axes.shuffle(rng);
+    let (linear, rotary) = (rng.random_range(1..=6), rng.random_range(0..=3));
+    let mut left = [linear, rotary];
+    let chosen: Vec<AxisName> = axes
+        .into_iter()
+        .filter(|axis| {
+            let room = &mut left[usize::from(axis.is_rotary())];
+            *room -= 1;
+            *room >= 0
+        })
+        .collect();
+    let side = rng.random_range(0..=chosen.len());
+    let structure = Structure::new(&chosen[..side], &chosen[side..]).unwrap();
+    let mut chain = Chain::new(structure);
+    for axis in chosen {
+        let letter = volcomp_kinematics::letter_direction(axis);
+        let skew = SKEWS_DEG[rng.random_range(0..SKEWS_DEG.len())].to_radians();
+        let aside = letter.cross(&random_vector(rng, 1.0)).normalize();
+        let direction = letter * skew.cos() + aside * skew.sin();
+        chain.set_direction(axis, direction.into()).unwrap();
+        chain
+            .set_point(axis, random_vector(rng, 300.0).into())
+            .unwrap();
+    }
+    let (tip, axis) = (random_vector(rng, 200.0), random_vector(rng, 1.0));
+    chain.set_tool(tip.into(), axis.into()).unwrap();
+    chain
+}
+
+/// Errors so small that their squares vanish beside them.
+fn tiny_errors(chain: &Chain, rng: &mut ChaCha8Rng) -> (GivenErrors, CompiledMachine) {
+    let mut errors = GivenErrors::default();
+    let mut parts = MachineParts::new(chain);
+    for (index, &axis) in chain.structure().axes().iter().enumerate() {
+        let motion = ErrorMotion {
+            linear_mm: random_vector(rng, 1e-7),
+            angular_rad: random_vector(rng, 1e-10),
+        };
+        errors.motion[index] = motion;
+        let travel = [-1e3, 1e3].map(|end| Displacement::new(axis.kind(), end));
+        parts = parts
+            .axis(axis, AxisParts::new(travel, move |_, _| motion))
+            .unwrap();
+    }
+    (
+        errors,
+        CompiledMachine::new(parts, Tolerance::default()).unwrap(),
+    )
+}
+
+/// Which linear axes correct, told again in the plainest way: the least singular value says whether a column is new.
+fn linear_of(columns: &[(usize, Vector3<f64>)]) -> Vec<(usize, Vector3<f64>)> {
+    let mut chosen: Vec<(usize, Vector3<f64>)> = Vec::new();
+    for &(index, column) in columns {
+        let plane = DMatrix::from_fn(3, chosen.len(), |row, place| chosen[place].1[row]);
+        let along = if chosen.is_empty() {
+            DVector::zeros(3)
+        } else {
+            let target = DVector::from_column_slice(column.as_slice());
+            &plane * plane.clone().svd(true, true).solve(&target, 1e-12).unwrap()
+        };
+        let normal = DVector::from_column_slice(column.as_slice()) - along;
+        if chosen.len() < 3 && normal.norm() > 0.02 {
+            chosen.push((index, column));
+        }
+    }
+    chosen
+}
+
+/// The correction by numeric derivatives of the ideal chain and singular value decompositions.
+fn by_decomposition(
+    chain: &Chain,
+    errors: &GivenErrors,
+    state: &State,
+    names: &[AxisName],
+) -> (PerAxis<f64>, bool) {
+    let ideal = chain.ideal_pose(state);
+    let actual = actual_pose(chain, errors, state);
+    let (tip, axis) = (chain.tool_tip_mm(), chain.tool_axis());
+    let mut error_mm = actual.transform_point(&tip) - ideal.transform_point(&tip);
+    let error_axis = (actual.rotation - ideal.rotation) * axis;
+    let derivative = |index: usize| {
+        let step = if chain.joints()[index].kind == AxisKind::Linear {
+            1.0
+        } else {
+            1e-4
+        };
+        let at = |by: f64| {
+            let mut moved = *state;
+            moved.q[index] += by;
+            let pose = chain.ideal_pose(&moved);
+            (pose.transform_point(&tip), pose.rotation * axis)
+        };
+        let (up, down) = (at(step), at(-step));
+        (
+            (up.0 - down.0) / (2.0 * step),
+            (up.1 - down.1) / (2.0 * step),
+        )
+    };
+    let places: Vec<usize> = names
+        .iter()
+        .filter_map(|name| chain.structure().index_of(*name))
+        .collect();
+    let kind = |index: usize| chain.joints()[index].kind;
+    let rotary: Vec<usize> = places
+        .iter()
+        .copied()
+        .filter(|&index| kind(index) == AxisKind::Rotary)
+        .collect();
+    let mut delta = PerAxis::ZERO;
+    let mut rank = 0;
+    if !rotary.is_empty() {
+        let matrix = DMatrix::from_fn(3, rotary.len(), |row, place| {
+            derivative(rotary[place]).1[row]
+        });
+        let svd = matrix.svd(true, true);
+        rank = svd
+            .singular_values
+            .iter()
+            .filter(|value| **value >= 0.02)
+            .count();
+        let solved = svd
+            .solve(&DVector::from_column_slice(error_axis.as_slice()), 0.02)
+            .unwrap();
+        for (place, &index) in rotary.iter().enumerate() {
+            delta[index] = -solved[place];
+            error_mm += derivative(index).0 * delta[index];
+        }
+    }
+    let at_zero: Vec<(usize, Vector3<f64>)> = places
+        .iter()
+        .filter(|&&index| kind(index) == AxisKind::Linear)
+        .map(|&index| (index, chain.joints()[index].direction))
+        .collect();
+    let chosen: Vec<usize> = linear_of(&at_zero)
+        .into_iter()
+        .map(|(index, _)| index)
+        .collect();
+    if !chosen.is_empty() {
+        let matrix = DMatrix::from_fn(3, chosen.len(), |row, place| {
+            derivative(chosen[place]).0[row]
+        });
+        let solved = matrix
+            .svd(true, true)
+            .solve(&DVector::from_column_slice(error_mm.as_slice()), 1e-12)
+            .unwrap();
+        for (place, &index) in chosen.iter().enumerate() {
+            delta[index] = -solved[place];
+        }
+    }
+    (delta, rank < 2)
+}
+
+/// Whether a decision of the rules is so near its edge that rounding may decide it.
+fn is_at_an_edge(chain: &Chain, state: &State, correctors: &Correctors) -> bool {
+    let before = |last: usize| {
+        let joints = chain.joints().iter().zip(&state.q).take(last);
+        joints.fold(volcomp_kinematics::Pose::identity(), |pose, (joint, &q)| {
+            pose * joint.motion(q)
+        })
+    };
+    let axis = chain.ideal_pose(state).rotation * chain.tool_axis();
+    let column = |index: usize| before(index).rotation * chain.joints()[index].direction;
+    let rotary = correctors.rotary();
+    let rows = DMatrix::from_fn(3, rotary.len().max(1), |row, place| {
+        rotary
+            .get(place)
+            .map_or(0.0, |&index| column(index).cross(&axis)[row])
+    });
+    let near = |value: f64, edge: f64| (value - edge).abs() < 1e-6;
+    let values = rows.svd(false, false).singular_values;
+    // Linear axes that turned into one direction: the reference does not leave them out.
+    let linear = correctors.linear();
+    let columns = DMatrix::from_fn(3, linear.len().max(1), |row, place| {
+        linear.get(place).map_or(0.0, |&index| column(index)[row])
+    });
+    let least = columns.svd(false, false).singular_values.min();
+    values.iter().any(|value| near(*value, 0.02)) || (!linear.is_empty() && least < 0.012)
+}
+
+#[test]
+fn exact_first_order_and_decomposition_agree_over_random_machines() {
+    let mut rng = ChaCha8Rng::seed_from_u64(20);
+    let (mut compared, mut redundant, mut singular) = (0, 0, 0);
+    for _ in 0..4000 {
+        let chain = random_chain(&mut rng);
+        let (errors, mut compiled) = tiny_errors(&chain, &mut rng);
+        let mut names = chain.structure().axes().to_vec();
+        if rng.random_bool(0.5) {
+            names.shuffle(&mut rng);
+            names.truncate(rng.random_range(1..=names.len()));
+        }
+        let state = State {
+            q: PerAxis::from_fn(
+                |index| match chain.joints().get(index).map(|joint| joint.kind) {
+                    Some(AxisKind::Linear) => rng.random_range(-500.0..=500.0),
+                    Some(AxisKind::Rotary) => rng.random_range(-3.0..=3.0),
+                    None => 0.0,
+                },
+            ),
+            ..State::default()
+        };
+        let correctors = Correctors::named(&chain, &names).unwrap();
+        if is_at_an_edge(&chain, &state, &correctors) {
+            continue;
+        }
+        let options = CorrectionOptions {
+            correct: Some(names.iter().copied().collect()),
+            max_iterations: 1,
+            position_tolerance_mm: 0.0,
+            axis_tolerance_rad: 0.0,
+        };
+        let exact = correct(&chain, &errors, &state, &options);
+        let first = compiled.first_order_of(&state, &correctors);
+        compiled.set_correctors(&names).unwrap();
+        assert_eq!(compiled.first_order(&state).delta, first.delta);
+        let (plain, is_singular) = by_decomposition(&chain, &errors, &state, &names);
+        assert_eq!(
+            (exact.singular, first.singular),
+            (is_singular, is_singular),
+            "{chain:?} {state:?}"
+        );
+        for (index, joint) in chain.joints().iter().enumerate() {
+            // Levers of a metre, shares of fifty times the error: what is compared is of that size.
+            let size = if joint.kind == AxisKind::Linear {
+                1e-4
+            } else {
+                1e-8
+            };
+            let (e, f, p) = (exact.delta[index], first.delta[index], plain[index]);
+            let told = || {
+                format!(
+                    "{} of {} {names:?}: {e} {f} {p}",
+                    joint.name,
+                    chain.structure()
+                )
+            };
+            assert!(
+                (e - p).abs() < 1e-5 * size && (f - p).abs() < 1e-5 * size,
+                "{}",
+                told()
+            );
+            if !names.contains(&joint.name) {
+                assert_eq!((e, f), (0.0, 0.0), "an axis that is not named is held");
+            }
+        }
+        compared += 1;
+        let linear = names.iter().filter(|name| !name.is_rotary()).count();
+        redundant += usize::from(linear > correctors.linear().len());
+        singular += usize::from(is_singular && !correctors.rotary().is_empty());
+    }
+    assert!(
+        compared > 2500 && redundant > 500 && singular > 500,
+        "{compared} {redundant} {singular}"
+    );
+}
+
+/// U half a degree off X is X's direction: Y takes a straightness error of X, not X against U.
+#[test]
+fn a_second_axis_half_a_degree_off_takes_no_share() {
+    let mut chain = Chain::new("w X' b Y Z U t".parse().unwrap());
+    let skew = 0.5_f64.to_radians();
+    chain
+        .set_direction(AxisName::U, [skew.cos(), skew.sin(), 0.0])
+        .unwrap();
+    let straightness = ErrorMotion::from_um_urad([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]);
+    let mut errors = GivenErrors::default();
+    errors.motion[0] = straightness;
+    let mut parts = MachineParts::new(&chain);
+    for &axis in chain.structure().axes() {
+        let travel = [0.0, 1000.0].map(|end| Displacement::new(axis.kind(), end));
+        let motion = if axis == AxisName::X {
+            straightness
+        } else {
+            ErrorMotion::ZERO
+        };
+        parts = parts
+            .axis(axis, AxisParts::new(travel, move |_, _| motion))
+            .unwrap();
+    }
+    let compiled = CompiledMachine::new(parts, Tolerance::default()).unwrap();
+    let exact = correct(
+        &chain,
+        &errors,
+        &State::default(),
+        &CorrectionOptions::default(),
+    );
+    let first = compiled.first_order(&State::default());
+    for delta in [exact.delta, first.delta] {
+        for (index, expected_mm) in [0.0, -0.01, 0.0, 0.0].into_iter().enumerate() {
+            assert!((delta[index] - expected_mm).abs() < 1e-9, "{delta:?}");
+        }
+    }
+}
+
+/// X on the bed and Y on a rotary table between them turn into one direction at C = 90°: the second is left out there,
+/// in both programs, instead of a share without bounds.
+#[test]
+fn axes_that_turn_into_one_direction_do_not_take_shares_without_bounds() {
+    let chain = Chain::new("w Y' C' X' b Z t".parse().unwrap());
+    let (mut rng, options) = (ChaCha8Rng::seed_from_u64(21), CorrectionOptions::default());
+    let (errors, compiled) = tiny_errors(&chain, &mut rng);
+    for quarter in [0.0, 0.5, 0.99, 0.999, 0.999_999, 1.0] {
+        let angle = std::f64::consts::FRAC_PI_2 * quarter;
+        let state = State::from_coordinates(&[100.0, angle, 50.0, -20.0]);
+        let exact = correct(&chain, &errors, &state, &options);
+        let first = compiled.first_order(&state);
+        for (e, f) in exact.delta.iter().zip(&first.delta) {
+            assert!((e - f).abs() < 1e-9 && e.abs() < 1e-4, "{quarter}: {e} {f}");
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Which axes of a machine correct: one rule for the command line, the gateway and every other program.
+
+use arrayvec::ArrayVec;
+use nalgebra::Vector3;
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
+
+use crate::chain::{Chain, ChainError};
+
+/// A linear axis counts as a new direction when more than this part of its unit direction is normal to the linear
+/// axes chosen before it (0.02 is 1.15°).
+pub const INDEPENDENT_ABOVE: f64 = 0.02;
+
+/// The axes that a correction moves; all others are held where they are.
+///
+/// Of the linear axes that may move, the first of each direction corrects, three at the most: a second axis along
+/// the same direction (U beside X, also when it is a degree off) would take large shares against the first. All
+/// rotary axes that may move correct together with the least norm.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Correctors {
+    linear: ArrayVec<usize, 3>,
+    rotary: ArrayVec<usize, MAX_AXES>,
+}
+
+impl Correctors {
+    /// Every axis of the chain may move; linear axes are chosen in chain order.
+    pub fn all(chain: &Chain) -> Self {
+        Self::choose(chain, chain.structure().axes())
+    }
+
+    /// Only the axes named may move; linear axes are chosen in the order of the names.
+    ///
+    /// # Errors
+    /// [`ChainError::NoSuchAxis`] for a name that the chain does not have.
+    pub fn named(chain: &Chain, names: &[AxisName]) -> Result<Self, ChainError> {
+        for &axis in names {
+            if chain.structure().index_of(axis).is_none() {
+                return Err(ChainError::NoSuchAxis {
+                    axis,
+                    structure: chain.structure().clone(),
+                });
+            }
+        }
+        Ok(Self::choose(chain, names))
+    }
+
+    /// Names that the chain does not have are passed over.
+    pub(crate) fn choose(chain: &Chain, names: &[AxisName]) -> Self {
+        let (mut linear, mut rotary) = (ArrayVec::<usize, 3>::new(), ArrayVec::new());
+        let mut basis = ArrayVec::<Vector3<f64>, 3>::new();
+        for &name in names {
+            let Some(index) = chain.structure().index_of(name) else {
+                continue;
+            };
+            let joint = &chain.joints()[index];
+            if joint.kind == AxisKind::Rotary {
+                if !rotary.contains(&index) {
+                    rotary.push(index); // at most nine different places, so there is room
+                }
+                continue;
+            }
+            // Directions are compared at machine zero: rotary axes between two linear ones turn whole groups, and a
+            // group that is parallel there is one slide on another.
+            let mut normal = joint.direction;
+            for unit in &basis {
+                normal -= unit * unit.dot(&normal);
+            }
+            if basis.len() < 3 && normal.norm() > INDEPENDENT_ABOVE {
+                basis.push(normal.normalize());
+                linear.push(index);
+            }
+        }
+        rotary.sort_unstable();
+        Self { linear, rotary }
+    }
+
+    /// The places in the chain of the linear axes that correct, in the order in which they were chosen.
+    pub fn linear(&self) -> &[usize] {
+        &self.linear
+    }
+
+    /// The places in the chain of the rotary axes that correct, rising.
+    pub fn rotary(&self) -> &[usize] {
+        &self.rotary
+    }
+}

@@ -1,0 +1,216 @@
+//! The two small systems of a correction step, solved the same way by the exact correction and by the compiled
+//! machine: rotary axes on the direction of the tool axis with the least norm, linear axes on position.
+
+#![allow(
+    clippy::inline_always,
+    reason = "measured: the compiled machine's correction takes a few nanoseconds more with calls"
+)]
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::{correctors::INDEPENDENT_ABOVE, math::sqrt};
+
+/// A direction of the tool axis whose nominal singular value is below this is not corrected (about 1° from the
+/// singular pose); no rotary correction is then more than 1/0.02 = 50 times the tool-axis error.
+pub const SINGULAR_BELOW: f64 = 0.02;
+
+/// At a pose, a linear axis whose part normal to those before it fell below this is left out: rotary axes between
+/// linear ones may turn two of them into one direction. Half of [`INDEPENDENT_ABOVE`], so that axes which were
+/// chosen at machine zero and keep their angles are never at the edge.
+const DEGENERATE_BELOW: f64 = 0.5 * INDEPENDENT_ABOVE;
+
+/// Two unit vectors that make a right-handed frame with a unit vector as its third (Duff et al.,
+/// Building an Orthonormal Basis, Revisited, JCGT 6, 2017).
+#[inline(always)]
+pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let sign = 1.0_f64.copysign(unit.z);
+    let a = -1.0 / (sign + unit.z);
+    let b = unit.x * unit.y * a;
+    [
+        Vector3::new(1.0 + sign * unit.x * unit.x * a, sign * b, -sign * unit.x),
+        Vector3::new(b, sign + unit.y * unit.y * a, -unit.y),
+    ]
+}
+
+/// A·Aᵀ of the 2×n matrix A whose columns say how the tool axis moves, along two directions normal to it, with each
+/// rotary axis (rad for each rad). The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RotaryGram {
+    a: f64,
+    b: f64,
+    c: f64,
+}
+
+impl RotaryGram {
+    /// Adds the column of one rotary axis.
+    #[inline(always)]
+    pub fn add(&mut self, column: &Vector2<f64>) {
+        self.a += column.x * column.x;
+        self.b += column.x * column.y;
+        self.c += column.y * column.y;
+    }
+
+    /// Half the difference of the diagonal, the radius of the eigenvalues about their mean, and the eigenvalues, the
+    /// larger first.
+    #[inline(always)]
+    fn eigenvalues(&self) -> (f64, f64, [f64; 2]) {
+        let half_difference = 0.5 * (self.a - self.c);
+        let radius = sqrt(half_difference * half_difference + self.b * self.b);
+        let larger = 0.5 * (self.a + self.c) + radius;
+        // The determinant over the larger one instead of the difference: the smaller one keeps its digits.
+        let smaller = if larger > 0.0 {
+            (self.a * self.c - self.b * self.b) / larger
+        } else {
+            0.0
+        };
+        (half_difference, radius, [larger, smaller])
+    }
+
+    /// How many of the two directions of the tool axis can be corrected: those with a singular value of
+    /// [`SINGULAR_BELOW`] or more.
+    #[inline(always)]
+    pub fn rank(&self) -> usize {
+        let (_, _, squares) = self.eigenvalues();
+        let least = SINGULAR_BELOW * SINGULAR_BELOW;
+        usize::from(squares[0] >= least) + usize::from(squares[1] >= least)
+    }
+
+    /// (A·Aᵀ)⁺·miss on the first `rank` singular directions, and the length of the part of `miss` along them.
+    #[inline(always)]
+    pub fn solve(&self, rank: usize, miss: &Vector2<f64>) -> (Vector2<f64>, f64) {
+        let determinant = self.a * self.c - self.b * self.b;
+        if rank >= 2 && determinant > 0.0 {
+            let solved = Vector2::new(
+                self.c * miss.x - self.b * miss.y,
+                self.a * miss.y - self.b * miss.x,
+            );
+            return (solved / determinant, miss.norm());
+        }
+        let (half_difference, radius, [larger, _]) = self.eigenvalues();
+        if rank == 0 || larger <= 0.0 {
+            return (Vector2::zeros(), 0.0);
+        }
+        let candidate = if half_difference >= 0.0 {
+            Vector2::new(radius + half_difference, self.b)
+        } else {
+            Vector2::new(self.b, radius - half_difference)
+        };
+        let vector = candidate.try_normalize(0.0).unwrap_or_else(Vector2::x);
+        let along = vector.dot(miss);
+        (vector * (along / larger), along.abs())
+    }
+}
+
+/// How the tool tip moves with each correcting linear axis: up to three unit vectors in workpiece axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinearColumns {
+    columns: [Vector3<f64>; 3],
+    kept: [bool; 3],
+}
+
+impl LinearColumns {
+    /// The columns of a pose, the first `count` of them; a column that is (nearly) a combination of those before it
+    /// at this pose is left out.
+    #[inline(always)]
+    pub fn new(columns: [Vector3<f64>; 3], count: usize) -> Self {
+        let mut kept = [count > 0, count > 1, count > 2];
+        let cross = columns[0].cross(&columns[1]);
+        let area = cross.norm();
+        let volume = cross.dot(&columns[2]);
+        let independent =
+            kept[2] && area >= DEGENERATE_BELOW && volume.abs() >= DEGENERATE_BELOW * area;
+        if !independent {
+            kept = independent_of(&columns, kept);
+        }
+        Self { columns, kept }
+    }
+
+    /// The same choice of columns for another pose nearby: what a step moved must not change which axes correct.
+    #[must_use]
+    pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {
+        Self {
+            columns,
+            kept: self.kept,
+        }
+    }
+
+    /// The share of each column in `error_mm`: exact with three columns, least squares with fewer. Columns that
+    /// are left out have no share. The shares are NaN where the error is.
+    #[inline(always)]
+    pub fn shares(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
+        let columns = if self.kept == [true; 3] {
+            self.columns
+        } else {
+            filled(&self.columns, self.kept)
+        };
+        // Cramer's rule. Missing columns are filled with directions normal to those there are, so that the system
+        // stays regular; their shares are not applied.
+        let [first, second, third] = columns;
+        let normals = [
+            second.cross(&third),
+            third.cross(&first),
+            first.cross(&second),
+        ];
+        let per_volume = 1.0 / first.dot(&normals[0]);
+        core::array::from_fn(|place| {
+            if self.kept[place] {
+                normals[place].dot(error_mm) * per_volume
+            } else {
+                0.0
+            }
+        })
+    }
+
+    /// The length of the part of an error that these shares are, mm.
+    pub fn seen_mm(&self, shares: &[f64; 3]) -> f64 {
+        let [x, y, z] = shares;
+        let [first, second, third] = &self.columns;
+        (first * *x + second * *y + third * *z).norm()
+    }
+}
+
+/// Which of the wanted columns are a new direction.
+fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
+    let mut kept = [false; 3];
+    let mut basis = [Vector3::zeros(); 3];
+    for place in 0..3 {
+        let mut normal = columns[place];
+        for unit in &basis {
+            normal -= unit * unit.dot(&normal);
+        }
+        let norm = normal.norm();
+        if wanted[place] && norm >= DEGENERATE_BELOW {
+            kept[place] = true;
+            basis[place] = normal / norm;
+        }
+    }
+    kept
+}
+
+/// The kept columns, and in the other places unit vectors normal to them and to one another.
+fn filled(columns: &[Vector3<f64>; 3], kept: [bool; 3]) -> [Vector3<f64>; 3] {
+    match kept {
+        [true, true, true] => *columns,
+        [true, true, false] => [columns[0], columns[1], unit_cross(&columns[0], &columns[1])],
+        [true, false, true] => [columns[0], unit_cross(&columns[2], &columns[0]), columns[2]],
+        [false, true, true] => [unit_cross(&columns[1], &columns[2]), columns[1], columns[2]],
+        [true, false, false] => {
+            let [second, third] = normals(&columns[0]);
+            [columns[0], second, third]
+        }
+        [false, true, false] => {
+            let [third, first] = normals(&columns[1]);
+            [first, columns[1], third]
+        }
+        [false, false, true] => {
+            let [first, second] = normals(&columns[2]);
+            [first, second, columns[2]]
+        }
+        [false, false, false] => [Vector3::x(), Vector3::y(), Vector3::z()],
+    }
+}
+
+/// The unit vector normal to two that are not parallel.
+fn unit_cross(first: &Vector3<f64>, second: &Vector3<f64>) -> Vector3<f64> {
+    first.cross(second).normalize()
+}
