@@ -5,7 +5,7 @@ use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Toleran
 use volcomp_kinematics::ErrorMotion;
 use volcomp_vocabulary::{AxisKind, AxisName, Component, Deg, Direction, Displacement, MAX_AXES};
 
-use crate::{error::ModelError, machine::Machine, source::branch, thermal::Temperatures};
+use crate::{error::ModelError, machine::Machine, thermal::Temperatures};
 
 impl Machine {
     /// The machine with every curve as piecewise cubics within `tolerance` of it, for the tool that is
@@ -64,7 +64,7 @@ impl Machine {
         let mut six = offsets;
         for (component, value) in six.iter_mut().enumerate() {
             if let Some(curve) = self.curve(axis, component) {
-                *value += one_argument(curve, axis, &coordinates, branch(approach));
+                *value += one_argument(curve, axis, &coordinates, approach);
             }
         }
         ErrorMotion::from_um_urad(six)

@@ -42,22 +42,13 @@ impl Machine {
     }
 }
 
-/// The branch that a direction of approach selects.
-pub(crate) fn branch(approach: Option<Direction>) -> Option<Direction> {
-    match approach {
-        Some(Direction::Positive) => Some(Direction::Positive),
-        Some(Direction::Negative) => Some(Direction::Negative),
-        None => None,
-    }
-}
-
 impl ErrorSource for MachineErrors<'_> {
     fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
         if axis >= self.machine.axes().len() {
             return ErrorMotion::ZERO;
         }
         let coordinates = self.machine.curve_coordinates(state);
-        let branch = branch(state.approach[axis]);
+        let branch = state.approach[axis];
         let mut six = [0.0; 6];
         for (component, value) in six.iter_mut().enumerate() {
             let [offset, slope] = self.thermal[axis][component];
