@@ -1,7 +1,7 @@
 //! The errors of a machine as kinematics asks for them.
 
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
-use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{Component, ErrorName, MAX_AXES};
 
 use crate::{machine::Machine, thermal::Temperatures};
 
