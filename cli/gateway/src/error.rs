@@ -1,6 +1,6 @@
 //! Why a gateway does not start, or not do what it is asked.
 
-use volcomp_document::InputError;
+use volcomp_document::{InputError, ReadError};
 use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 
@@ -14,6 +14,9 @@ pub enum GatewayError {
     /// The machine file.
     #[error(transparent)]
     Model(ModelError),
+    /// The configuration cannot be read as text.
+    #[error(transparent)]
+    Unreadable(#[from] ReadError),
     /// A device.
     #[error(transparent)]
     Device(#[from] DeviceError),

@@ -9,8 +9,8 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     curve_choice::CurveChoice,
-    error::{CalibrateError, read_text},
-    setup::{SETUP_KEYS, Setup, decode_error, decode_motion, one_of, set_coordinates},
+    error::CalibrateError,
+    setup::{SETUP_KEYS, Setup, decode_error, decode_motion, set_coordinates},
     uncertainty::Uncertainty,
 };
 
@@ -72,9 +72,8 @@ impl CalibrationFile {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibrateError> {
-        let (file, text) = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Document::new(&file, &text).decode(|root| decode(&root, folder))
+        Document::read(path)?.decode(|root| decode(&root, folder))
     }
 }
 
@@ -212,12 +211,8 @@ fn unit_factor(
         ("arcsec", 1e6 * core::f64::consts::PI / 648_000.0),
         ("deg", 1e6 * core::f64::consts::PI / 180.0),
     ];
-    if section.get("unit").is_some() {
-        return one_of(
-            section,
-            "unit",
-            if angular { &ANGULAR[..] } else { &LINEAR[..] },
-        );
+    if let Some(unit) = section.get("unit") {
+        return unit.one_of(if angular { &ANGULAR[..] } else { &LINEAR });
     }
     match (readings.unit, angular) {
         (Some(DeviationUnit::Um), true) => Err(file.error(

@@ -7,8 +7,6 @@ use volcomp_fit::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::setup::one_of;
-
 /// The kind of curve that a measurement is fitted with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
@@ -113,7 +111,7 @@ impl CurveChoice {
             _ => {
                 options.allow(&["interpolation"])?;
                 let words = [("linear", Self::LinearTable), ("cubic", Self::CubicTable)];
-                one_of(options, "interpolation", &words)?
+                options.one_of("interpolation", &words, Self::LinearTable)?
             }
         })
     }

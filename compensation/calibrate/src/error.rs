@@ -1,8 +1,6 @@
 //! What can be wrong with a calibration.
 
-use std::{fs, path::Path};
-
-use volcomp_document::InputError;
+use volcomp_document::{InputError, ReadError};
 use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
 
@@ -12,14 +10,9 @@ use crate::track::Track;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CalibrateError {
-    /// The calibration file cannot be read.
-    #[error("{file}: cannot be read: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    /// The calibration or shop file cannot be read as text.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// Something in the calibration file is wrong.
     #[error(transparent)]
     Input(#[from] InputError),
@@ -39,15 +32,6 @@ pub enum CalibrateError {
         /// Why not.
         reason: String,
     },
-}
-
-/// The text of a calibration or shop file, and its name for messages.
-pub(crate) fn read_text(path: &Path) -> Result<(String, String), CalibrateError> {
-    let file = path.display().to_string();
-    match fs::read_to_string(path) {
-        Ok(text) => Ok((file, text)),
-        Err(source) => Err(CalibrateError::Read { file, source }),
-    }
 }
 
 impl CalibrateError {

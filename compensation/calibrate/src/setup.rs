@@ -74,10 +74,10 @@ impl Setup {
                 .get("point")
                 .map(|value| value.vector())
                 .transpose()?,
-            rides: one_of(
-                section,
+            rides: section.one_of(
                 "rides",
                 &[("carriage", Rides::Carriage), ("other", Rides::Other)],
+                Rides::Carriage,
             )?,
             method: decode_method(section)?,
             sign: decode_sign(section)?,
@@ -173,26 +173,6 @@ pub(crate) fn decode_motion(value: &Value<'_>, machine: &Machine) -> Result<Erro
     Ok(error)
 }
 
-/// The value that a word stands for; the first when the key is not there.
-pub(crate) fn one_of<T: Copy>(
-    section: &Section<'_>,
-    key: &str,
-    words: &[(&str, T)],
-) -> Result<T, InputError> {
-    let Some(value) = section.get(key) else {
-        return Ok(words[0].1);
-    };
-    let found = value.text()?;
-    let known = words.iter().find(|(word, _)| *word == found);
-    known.map(|(_, meaning)| *meaning).ok_or_else(|| {
-        let words: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
-        value.error(format!(
-            "found \"{found}\", expected one of: {}",
-            words.join(", ")
-        ))
-    })
-}
-
 fn decode_sign(section: &Section<'_>) -> Result<f64, InputError> {
     let Some(value) = section.get("sign") else {
         return Ok(1.0);
@@ -206,7 +186,7 @@ fn decode_sign(section: &Section<'_>) -> Result<f64, InputError> {
 }
 
 fn decode_method(section: &Section<'_>) -> Result<Method, InputError> {
-    if !one_of(section, "method", &[("direct", false), ("angular", true)])? {
+    if !section.one_of("method", &[("direct", false), ("angular", true)], false)? {
         for key in ["bridge_mm", "reading"] {
             if let Some(value) = section.get(key) {
                 return Err(value.error("expected only with method = \"angular\""));
@@ -225,6 +205,6 @@ fn decode_method(section: &Section<'_>) -> Result<Method, InputError> {
     ];
     Ok(Method::Angular {
         bridge_mm,
-        reading: one_of(section, "reading", &words)?,
+        reading: section.one_of("reading", &words, TiltReading::RightHand)?,
     })
 }

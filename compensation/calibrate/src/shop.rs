@@ -16,10 +16,10 @@ use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::{
     curve_choice::CurveChoice,
-    error::{CalibrateError, read_text},
+    error::CalibrateError,
     instrument::{INSTRUMENT_KEYS, Instrument, MAX_TARGETS},
     line_of_sight::LineOfSight,
-    setup::{Method, SETUP_KEYS, Setup, decode_error, decode_motion, one_of},
+    setup::{Method, SETUP_KEYS, Setup, decode_error, decode_motion},
     track::Kind,
 };
 
@@ -67,9 +67,8 @@ impl Shop {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibrateError> {
-        let (file, text) = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::parse(&text, &file, |machine| {
+        Self::decode(&Document::read(path)?, |machine| {
             Ok(Machine::read(&folder.join(machine))?)
         })
     }
@@ -84,7 +83,14 @@ impl Shop {
         file: &str,
         machine: impl FnOnce(&str) -> Result<Machine, CalibrateError>,
     ) -> Result<Self, CalibrateError> {
-        Document::new(file, text).decode(|root| {
+        Self::decode(&Document::new(file, text), machine)
+    }
+
+    fn decode(
+        document: &Document,
+        machine: impl FnOnce(&str) -> Result<Machine, CalibrateError>,
+    ) -> Result<Self, CalibrateError> {
+        document.decode(|root| {
             let truth = machine(root.require("machine")?.text()?)?;
             Ok(decode(&root, truth)?)
         })
@@ -288,10 +294,10 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         seed: root.get("seed").map_or(Ok(0), |v| v.count(usize::MAX))? as u64,
         lines,
         squareness,
-        format: one_of(
-            root,
+        format: root.one_of(
             "format",
             &[("renishaw", Format::Renishaw), ("csv", Format::Csv)],
+            Format::Renishaw,
         )?,
     })
 }

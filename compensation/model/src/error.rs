@@ -1,6 +1,6 @@
 //! What can be wrong with a machine file.
 
-use volcomp_document::InputError;
+use volcomp_document::{InputError, ReadError};
 use volcomp_kinematics::ChainError;
 use volcomp_vocabulary::AxisName;
 
@@ -8,22 +8,9 @@ use volcomp_vocabulary::AxisName;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// The file cannot be read.
-    #[error("{file}: cannot be read: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// The file is not UTF-8.
-    #[error("{file}: byte {offset} is not UTF-8, expected a TOML text")]
-    Encoding {
-        /// The file.
-        file: String,
-        /// Place of the first byte that is no UTF-8.
-        offset: usize,
-    },
+    /// The file cannot be read as text.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// Something in the file is wrong.
     #[error(transparent)]
     Input(#[from] InputError),

@@ -1,8 +1,9 @@
 //! A machine: its chain, its errors in the units of the file, its thermal terms.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 use volcomp_curve::{Curve, ErrorCurve, Field};
+use volcomp_document::Document;
 use volcomp_kinematics::{
     Chain, Correction, CorrectionOptions, ErrorMotion, Form, State, Structure, VolumetricError,
     correct, nalgebra::Vector3, volumetric_error,
@@ -122,16 +123,7 @@ impl Machine {
     /// # Errors
     /// A file that cannot be read, is no UTF-8 or no valid machine: with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let file = path.display().to_string();
-        let bytes = fs::read(path).map_err(|source| ModelError::Read {
-            file: file.clone(),
-            source,
-        })?;
-        let text = String::from_utf8(bytes).map_err(|e| ModelError::Encoding {
-            file: file.clone(),
-            offset: e.utf8_error().valid_up_to(),
-        })?;
-        Self::parse(&text, &file)
+        Self::decode(&Document::read(path)?)
     }
 
     /// A machine without errors.

@@ -35,7 +35,15 @@ impl Machine {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, ModelError> {
-        Document::new(file, text).decode(|root| decode_machine(&root))
+        Self::decode(&Document::new(file, text))
+    }
+
+    /// Decodes a document that is a machine file.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn decode(document: &Document) -> Result<Self, ModelError> {
+        document.decode(|root| decode_machine(&root))
     }
 
     /// The machine as a machine file, with its checksum.

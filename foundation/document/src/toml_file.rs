@@ -1,6 +1,9 @@
 //! A TOML file as tables and values that know their place.
 
-use core::ops::Range;
+use core::{
+    fmt::Display,
+    ops::{Range, RangeInclusive},
+};
 use std::sync::Arc;
 
 use toml::{
@@ -186,18 +189,33 @@ impl<'a> Value<'a> {
         matches!(self.node.get_ref(), DeValue::Float(_) | DeValue::Integer(_))
     }
 
+    /// A whole number within `range`, both ends included, in the type of the range.
+    ///
+    /// # Errors
+    /// Anything else, with the range that is expected.
+    pub fn whole<N>(&self, range: RangeInclusive<N>) -> Result<N, InputError>
+    where
+        N: TryFrom<i128> + PartialOrd + Display,
+    {
+        let found = match self.node.get_ref() {
+            DeValue::Integer(number) => i128::from_str_radix(number.as_str(), number.radix()).ok(),
+            _ => None,
+        };
+        found
+            .and_then(|found| N::try_from(found).ok())
+            .filter(|found| range.contains(found))
+            .ok_or_else(|| {
+                let (low, high) = (range.start(), range.end());
+                self.mismatch(&format!("a whole number from {low} to {high}"))
+            })
+    }
+
     /// A whole number from 0 to `most`.
     ///
     /// # Errors
     /// Anything else.
     pub fn count(&self, most: usize) -> Result<usize, InputError> {
-        let DeValue::Integer(number) = self.node.get_ref() else {
-            return Err(self.mismatch(&format!("a whole number from 0 to {most}")));
-        };
-        usize::from_str_radix(number.as_str(), number.radix())
-            .ok()
-            .filter(|&count| count <= most)
-            .ok_or_else(|| self.mismatch(&format!("a whole number from 0 to {most}")))
+        self.whole(0..=most)
     }
 
     /// A text.

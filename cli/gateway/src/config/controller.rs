@@ -6,9 +6,7 @@ use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
 
-use super::{
-    ControllerConfig, DigitalConfig, ThermometerConfig, number_in, number_or, one_of, truth_or,
-};
+use super::{ControllerConfig, DigitalConfig, ThermometerConfig};
 
 pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     section.allow(&[
@@ -62,7 +60,7 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         Some(value) => Some(Some(byte(value)?)),
     };
     let heartbeat = section.get("heartbeat").map(byte).transpose()?;
-    let unwatched = truth_or(section, "unwatched", false)?;
+    let unwatched = section.truth_or("unwatched", false)?;
     if heartbeat.is_some() && unwatched {
         return Err(
             section.error("found both heartbeat and unwatched = true, expected one of them")
@@ -76,20 +74,11 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
             .transpose()?,
         axes: axes(&section.require("axes")?)?,
         fixed,
-        resolution_um: section
-            .get("resolution_um")
-            .map(|v| number_in(&v, [1e-4, 1000.0]))
-            .transpose()?,
-        resolution_urad: section
-            .get("resolution_urad")
-            .map(|v| number_in(&v, [1e-4, 1e5]))
-            .transpose()?,
-        includes_correction: truth_or(section, "includes_correction", false)?,
+        resolution_um: section.optional("resolution_um", |v| v.number_in(1e-4..=1000.0))?,
+        resolution_urad: section.optional("resolution_urad", |v| v.number_in(1e-4..=1e5))?,
+        includes_correction: section.truth_or("includes_correction", false)?,
         unwatched,
-        proves: section
-            .get("test_shift")
-            .map(|value| value.truth())
-            .transpose()?,
+        proves: section.optional("test_shift", Value::truth)?,
         area: section.get("area").map(area).transpose()?,
         heartbeat,
         referenced,
@@ -134,18 +123,14 @@ fn letter(value: &Value<'_>, name: &str) -> Result<char, InputError> {
 
 fn pmc_address(section: &Section<'_>, key: &str) -> Result<PmcAddress, InputError> {
     let value = section.require("pmc")?;
-    let area = match value.text()? {
-        "G" => PmcArea::G,
-        "R" => PmcArea::R,
-        "D" => PmcArea::D,
-        "F" => PmcArea::F,
-        other => return Err(value.error(format!("found `{other}`, expected one of G, F, R, D"))),
-    };
-    let at = section.require(key)?.count(usize::from(u16::MAX))?;
-    Ok(PmcAddress {
-        area,
-        at: u16::try_from(at).unwrap_or(u16::MAX),
-    })
+    let area = value.one_of(&[
+        ("G", PmcArea::G),
+        ("F", PmcArea::F),
+        ("R", PmcArea::R),
+        ("D", PmcArea::D),
+    ])?;
+    let at = section.require(key)?.whole(0..=u16::MAX)?;
+    Ok(PmcAddress { area, at })
 }
 
 fn digital(section: &Section<'_>) -> Result<DigitalConfig, InputError> {
@@ -159,46 +144,39 @@ fn digital(section: &Section<'_>) -> Result<DigitalConfig, InputError> {
         "coherence",
     ])?;
     let published = DigitalConfig::default();
-    let bits = |key: &str, default: u32| match section.get(key) {
-        None => Ok(default),
-        Some(value) => Ok::<u32, InputError>(u32::try_from(value.count(32)?).unwrap_or(32)),
-    };
+    let bits = |key: &str, default: u32| section.whole_or(key, 0..=32, default);
     Ok(DigitalConfig {
         position_bits: bits("position_bits", published.position_bits)?,
-        position_mm_per_count: number_or(
-            section,
+        position_mm_per_count: section.number_or(
             "position_mm_per_count",
-            [1e-6, 100.0],
+            1e-6..=100.0,
             published.position_mm_per_count,
         )?,
-        position_zero_mm: number_or(section, "position_zero_mm", [-1e6, 1e6], 0.0)?,
-        position_code: one_of(
-            section,
+        position_zero_mm: section.number_or("position_zero_mm", -1e6..=1e6, 0.0)?,
+        position_code: section.one_of(
             "position_code",
-            published.position_code,
             &[
                 ("binary", PositionCode::Binary),
                 ("gray", PositionCode::Gray),
             ],
+            published.position_code,
         )?,
         correction_bits: bits("correction_bits", published.correction_bits)?,
-        correction_code: one_of(
-            section,
+        correction_code: section.one_of(
             "correction_code",
-            published.correction_code,
             &[
                 ("twos-complement", CorrectionCode::TwosComplement),
                 ("sign-magnitude", CorrectionCode::SignMagnitude),
             ],
+            published.correction_code,
         )?,
-        coherence: one_of(
-            section,
+        coherence: section.one_of(
             "coherence",
-            published.coherence,
             &[
                 ("two-agree", Coherence::TwoAgree),
                 ("latched", Coherence::Latched),
             ],
+            published.coherence,
         )?,
     })
 }

@@ -16,12 +16,8 @@ pub(super) fn dashboard(
         "tls_key",
         "hosts",
     ])?;
-    let path = |key: &str| {
-        section
-            .get(key)
-            .map(|value| Ok::<_, InputError>(folder.join(value.text()?)))
-            .transpose()
-    };
+    let path =
+        |key: &str| section.optional(key, |value| Ok::<_, InputError>(folder.join(value.text()?)));
     let listen = match section.get("listen") {
         None => DashboardConfig::default().listen,
         Some(value) => {
@@ -57,9 +53,8 @@ pub(super) fn dashboard(
 
 pub(super) fn realtime(section: &Section<'_>) -> Result<RealtimeConfig, InputError> {
     section.allow(&["priority", "cpu"])?;
-    let count = |key: &str, most| section.get(key).map(|value| value.count(most)).transpose();
     Ok(RealtimeConfig {
-        priority: u8::try_from(count("priority", 99)?.unwrap_or(60)).unwrap_or(99),
-        cpu: count("cpu", 1023)?,
+        priority: section.whole_or("priority", 0..=99, 60)?,
+        cpu: section.optional("cpu", |value| value.count(1023))?,
     })
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use volcomp_document::{InputError, Section};
 use volcomp_model::Fading;
 
-use super::{AxisGuard, GuardConfig, number_in, number_or};
+use super::{AxisGuard, GuardConfig};
 
 pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig, InputError> {
     section.allow(&[
@@ -32,10 +32,14 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig,
         "temperature_hold_s",
         "temperature_fade_s",
     ])?;
-    let hold_ms = number_in(&section.require("hold_ms")?, [cycle_ms, 60_000.0])?;
-    let zero_after_ms = number_in(&section.require("zero_after_ms")?, [hold_ms, 600_000.0])?;
+    let hold_ms = section.require("hold_ms")?.number_in(cycle_ms..=60_000.0)?;
+    let zero_after_ms = section
+        .require("zero_after_ms")?
+        .number_in(hold_ms..=600_000.0)?;
     let seconds = |key: &str, range, default| {
-        number_or(section, key, range, default).map(Duration::from_secs_f64)
+        section
+            .number_or(key, range, default)
+            .map(Duration::from_secs_f64)
     };
     let range_degc = match section.get("range_degc") {
         Some(value) => {
@@ -58,15 +62,15 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig,
             .transpose()?,
         hold: Duration::from_secs_f64(hold_ms * 1e-3),
         zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
-        ramp: seconds("ramp_s", [0.0, 600.0], 0.5)?,
-        stop: seconds("stop_s", [0.0, 600.0], 5.0)?,
-        hand_back: seconds("hand_back_s", [0.0, 3600.0], 2.0)?,
-        max_degc_per_min: number_or(section, "max_degc_per_min", [0.01, 1000.0], 5.0)?,
+        ramp: seconds("ramp_s", 0.0..=600.0, 0.5)?,
+        stop: seconds("stop_s", 0.0..=600.0, 5.0)?,
+        hand_back: seconds("hand_back_s", 0.0..=3600.0, 2.0)?,
+        max_degc_per_min: section.number_or("max_degc_per_min", 0.01..=1000.0, 5.0)?,
         range_degc,
-        temperature_stale: seconds("temperature_stale_s", [0.1, 3600.0], 30.0)?,
+        temperature_stale: seconds("temperature_stale_s", 0.1..=3600.0, 30.0)?,
         fading: Fading {
-            hold_s: number_or(section, "temperature_hold_s", [0.0, 1e6], fading.hold_s)?,
-            fade_s: number_or(section, "temperature_fade_s", [1.0, 1e6], fading.fade_s)?,
+            hold_s: section.number_or("temperature_hold_s", 0.0..=1e6, fading.hold_s)?,
+            fade_s: section.number_or("temperature_fade_s", 1.0..=1e6, fading.fade_s)?,
         },
     })
 }
@@ -77,18 +81,13 @@ fn axis_guard(section: &Section<'_>, unit: &str, test_shift: f64) -> Result<Axis
         Some((name, per)) => format!("{name}_{unit}_per{per}"),
         None => format!("{name}_{unit}"),
     };
-    let limit = number_in(&section.require(&key("limit"))?, [1e-3, 10_000.0])?;
+    let limit = section.require(&key("limit"))?.number_in(1e-3..=10_000.0)?;
     Ok(AxisGuard {
         limit,
-        warn: number_or(section, &key("warn"), [0.0, limit], limit)?,
-        slew_per_s: number_in(&section.require(&key("slew_per_s"))?, [1e-3, 1e7])?,
-        accel_per_s2: number_or(section, &key("accel_per_s2"), [1e-3, 1e12], f64::INFINITY)?,
-        confirm: number_or(section, &key("confirm"), [0.0, 1e6], limit)?,
-        test_shift: number_or(
-            section,
-            &key("test_shift"),
-            [0.0, limit],
-            test_shift.min(limit),
-        )?,
+        warn: section.number_or(&key("warn"), 0.0..=limit, limit)?,
+        slew_per_s: section.require(&key("slew_per_s"))?.number_in(1e-3..=1e7)?,
+        accel_per_s2: section.number_or(&key("accel_per_s2"), 1e-3..=1e12, f64::INFINITY)?,
+        confirm: section.number_or(&key("confirm"), 0.0..=1e6, limit)?,
+        test_shift: section.number_or(&key("test_shift"), 0.0..=limit, test_shift.min(limit))?,
     })
 }

@@ -8,7 +8,7 @@ use std::{
 };
 
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
-use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_document::{Document, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
 use volcomp_model::Fading;
 
@@ -202,13 +202,8 @@ impl Config {
     /// # Errors
     /// A file that cannot be read, or with file, line and key what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
-        let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| GatewayError::Read {
-            file: file.clone(),
-            source,
-        })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Ok(Self::parse(&text, &file, folder)?)
+        Ok(Document::read(path)?.decode(|root| Self::decode(&root, folder))?)
     }
 
     /// Takes the text of a configuration; paths in it are relative to `folder`.
@@ -231,7 +226,7 @@ impl Config {
             "audit",
             "realtime",
         ])?;
-        let controllers = tables(root, "controller", controller)?;
+        let controllers = root.tables("controller", controller)?;
         if controllers.is_empty() {
             return Err(root.error("found no [[controller]], expected at least one"));
         }
@@ -242,7 +237,7 @@ impl Config {
                 volcomp_guard::MAX_PATHS
             )));
         }
-        let cycle_ms = number_or(root, "cycle_ms", [0.1, 1000.0], 4.0)?;
+        let cycle_ms = root.number_or("cycle_ms", 0.1..=1000.0, 4.0)?;
         let audit = root.section("audit")?;
         let audit_dir = match &audit {
             Some(audit) => {
@@ -254,13 +249,13 @@ impl Config {
         Ok(Self {
             machine: folder.join(root.require("machine")?.text()?),
             cycle: Duration::from_secs_f64(cycle_ms * 1e-3),
-            auto_arm: truth_or(root, "auto_arm", false)?,
+            auto_arm: root.truth_or("auto_arm", false)?,
             guard: root
                 .section("guard")?
                 .map(|section| guard(&section, cycle_ms))
                 .transpose()?,
             controllers,
-            thermometers: tables(root, "thermometer", thermometer)?,
+            thermometers: root.tables("thermometer", thermometer)?,
             dashboard: root
                 .section("dashboard")?
                 .map(|section| dashboard(&section, folder))
@@ -277,68 +272,4 @@ impl Config {
                 }),
         })
     }
-}
-
-/// Every table of an array.
-fn tables<T>(
-    root: &Section<'_>,
-    key: &str,
-    decode: impl Fn(&Section<'_>) -> Result<T, InputError>,
-) -> Result<Vec<T>, InputError> {
-    let Some(value) = root.get(key) else {
-        return Ok(Vec::new());
-    };
-    value
-        .items()?
-        .iter()
-        .map(|item| decode(&item.section()?))
-        .collect()
-}
-
-fn number_in(value: &Value<'_>, [low, high]: [f64; 2]) -> Result<f64, InputError> {
-    let found = value.number()?;
-    if (low..=high).contains(&found) {
-        return Ok(found);
-    }
-    Err(value.error(format!(
-        "found {found}, expected a number from {low} to {high}"
-    )))
-}
-
-fn number_or(
-    section: &Section<'_>,
-    key: &str,
-    range: [f64; 2],
-    default: f64,
-) -> Result<f64, InputError> {
-    section
-        .get(key)
-        .map_or(Ok(default), |value| number_in(&value, range))
-}
-
-fn truth_or(section: &Section<'_>, key: &str, default: bool) -> Result<bool, InputError> {
-    section.get(key).map_or(Ok(default), |value| value.truth())
-}
-
-fn one_of<T: Copy>(
-    section: &Section<'_>,
-    key: &str,
-    default: T,
-    known: &[(&str, T)],
-) -> Result<T, InputError> {
-    let Some(value) = section.get(key) else {
-        return Ok(default);
-    };
-    let found = value.text()?;
-    known
-        .iter()
-        .find(|(name, _)| *name == found)
-        .map(|(_, known)| *known)
-        .ok_or_else(|| {
-            let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-            value.error(format!(
-                "found `{found}`, expected one of {}",
-                names.join(", ")
-            ))
-        })
 }

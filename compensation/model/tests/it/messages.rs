@@ -128,7 +128,7 @@ fn unreadable_files_have_their_message() {
     std::fs::write(&latin, b"name = \"Fr\xe4se\"").unwrap();
     let message = Machine::read(&latin).unwrap_err().to_string();
     assert!(
-        message.ends_with("latin.toml: byte 10 is not UTF-8, expected a TOML text"),
+        message.ends_with("latin.toml: byte 10 is not UTF-8, expected a text file in UTF-8"),
         "{message}"
     );
     for path in [dir.path().to_owned(), dir.path().join("missing.toml")] {

@@ -3,7 +3,7 @@
 mod csv_file;
 
 use proptest::prelude::*;
-use volcomp_document::{Document, InputError};
+use volcomp_document::{Document, InputError, ReadError, Section};
 
 fn first_number(text: &str) -> Result<f64, InputError> {
     Document::new("f.toml", text).decode(|root| {
@@ -42,6 +42,129 @@ proptest! {
         if let Err(error) = first_number(&text) {
             prop_assert!(error.line >= 1 && error.line <= text.matches('\n').count() + 1);
             prop_assert!(error.span.end <= text.len() || error.span.start == 0);
+        }
+    }
+}
+
+/// What `decode` says of one value under the key `a`.
+fn asked<T>(
+    text: &str,
+    decode: impl FnOnce(&Section<'_>) -> Result<T, InputError>,
+) -> Result<T, InputError> {
+    Document::new("f.toml", text).decode(|root| decode(&root))
+}
+
+#[test]
+fn lookups_name_what_they_expect() {
+    const WORDS: [(&str, u8); 2] = [("binary", 1), ("gray", 2)];
+    let number = |text, range| asked(text, |s| s.number_or("a", range, 7.0)).map_err(told);
+    let whole = |text| asked(text, |s| s.whole_or("a", 1..=60_u16, 9)).map_err(told);
+    let word = |text| asked(text, |s| s.one_of("a", &WORDS, 0)).map_err(told);
+    let truth = |text| asked(text, |s| s.truth_or("a", true)).map_err(told);
+    let positive = |text| asked(text, |s| s.require("a")?.positive()).map_err(told);
+    let tables = |text| asked(text, |s| s.tables("a", |t| t.require("n")?.number())).map_err(told);
+    insta::assert_snapshot!(
+        [
+            format!("{:?}", number("", 0.0..=1.0)),
+            format!("{:?}", number("a = 1", 0.0..=1.0)),
+            format!("{:?}", number("a = 1.5", 0.0..=1.0)),
+            format!("{:?}", number("a = -1", 0.0..=f64::INFINITY)),
+            format!("{:?}", number("a = 3", f64::NEG_INFINITY..=2.0)),
+            format!("{:?}", whole("")),
+            format!("{:?}", whole("a = 0x3c")),
+            format!("{:?}", whole("a = 61")),
+            format!("{:?}", whole("a = -1")),
+            format!(
+                "{:?}",
+                whole("a = 99999999999999999999999999999999999999999999")
+            ),
+            format!("{:?}", whole("a = 1.0")),
+            format!("{:?}", word("")),
+            format!("{:?}", word("a = \"gray\"")),
+            format!("{:?}", word("a = \"grey\"")),
+            format!("{:?}", truth("")),
+            format!("{:?}", truth("a = 1")),
+            format!("{:?}", positive("a = 0")),
+            format!("{:?}", tables("")),
+            format!("{:?}", tables("[[a]]\nn = 1\n[[a]]\nn = 2")),
+            format!("{:?}", tables("[[a]]\nn = 1\n[[a]]\nm = 2")),
+            format!("{:?}", tables("[a]\nn = 1")),
+        ]
+        .join("\n")
+    );
+}
+
+fn told(error: InputError) -> String {
+    error.to_string()
+}
+
+#[test]
+fn files_that_cannot_be_read_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let latin = folder.path().join("latin.toml");
+    std::fs::write(&latin, b"name = \"Fr\xe4se\"").unwrap();
+    assert!(matches!(
+        Document::read(&latin),
+        Err(ReadError::Encoding { offset: 10, .. })
+    ));
+    for path in [folder.path().to_owned(), folder.path().join("none.toml")] {
+        let error = Document::read(&path).expect_err("no file");
+        assert!(matches!(error, ReadError::System { .. }), "{error}");
+        assert!(error.to_string().starts_with(&path.display().to_string()));
+    }
+    let good = folder.path().join("good.toml");
+    std::fs::write(&good, "a = 3").unwrap();
+    let read = Document::read(&good)
+        .unwrap()
+        .decode(|root| root.require("a")?.number());
+    assert_eq!(read.ok(), Some(3.0));
+}
+
+proptest! {
+    /// A number is taken exactly when it lies within the range.
+    #[test]
+    fn ranges_hold(number in -1e9..1e9_f64, low in -1e9..1e9_f64, high in -1e9..1e9_f64) {
+        let text = format!("a = {number:?}");
+        let found = asked(&text, |s| s.require("a")?.number_in(low..=high));
+        prop_assert_eq!(found.ok(), (low <= number && number <= high).then_some(number));
+    }
+
+    #[test]
+    fn whole_numbers_hold_their_range(number in any::<i64>(), low in any::<i16>(), high in any::<i16>()) {
+        let text = format!("a = {number}");
+        let found = asked(&text, |s| s.require("a")?.whole(low..=high));
+        let within = i16::try_from(number).ok().filter(|n| (low..=high).contains(n));
+        prop_assert_eq!(found.ok(), within);
+    }
+
+    /// Whatever is asked of whatever text: an answer, or a message with the file's name.
+    #[test]
+    fn no_lookup_panics(
+        text in "(a( = |\\.b = |]\nb = )|\\[a\\]\n|\\[\\[a\\]\\]\n)?[-+a-f0-9.\"x_\\[\\]{}=, \n]{0,12}",
+        low in any::<f64>(), high in any::<f64>(), most in any::<usize>(), key in "[ab]|.{0,3}",
+    ) {
+        let answers = asked(&text, |s| {
+            let mut told = vec![
+                s.number_or(&key, low..=high, low).err(),
+                s.whole_or(&key, most..=usize::MAX, 0).err(),
+                s.truth_or(&key, true).err(),
+                s.one_of(&key, &[("a", 1)], 2).err(),
+                s.tables(&key, |t| t.require(&key)?.text().map(str::to_owned)).err(),
+            ];
+            if let Some(value) = s.get(&key) {
+                told.extend([
+                    value.positive().err(),
+                    value.count(most).err(),
+                    value.vector::<3>().err(),
+                    value.texts().err(),
+                    value.one_of::<u8>(&[]).err(),
+                ]);
+            }
+            Ok::<_, InputError>(told)
+        });
+        let told = answers.unwrap_or_else(|error| vec![Some(error)]);
+        for error in told.into_iter().flatten() {
+            prop_assert!(error.to_string().starts_with("f.toml:"));
         }
     }
 }

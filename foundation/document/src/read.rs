@@ -1,0 +1,48 @@
+//! A document from a file of the disk.
+
+use std::{fs, io, path::Path};
+
+use crate::toml_file::Document;
+
+/// A file that cannot be read as text.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReadError {
+    /// The system does not hand the file out: it is missing, a folder, or not readable for this user.
+    #[error("{file}: cannot be read: {source}")]
+    System {
+        /// The file.
+        file: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The file holds bytes that are no UTF-8.
+    #[error("{file}: byte {offset} is not UTF-8, expected a text file in UTF-8")]
+    Encoding {
+        /// The file.
+        file: String,
+        /// Place of the first byte that is not UTF-8, from 0.
+        offset: usize,
+    },
+}
+
+impl Document {
+    /// Reads a file. Its name in messages is its path as given.
+    ///
+    /// # Errors
+    /// [`ReadError`]: the file cannot be read, or is not UTF-8.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
+        let file = path.display().to_string();
+        let bytes = fs::read(path).map_err(|source| ReadError::System {
+            file: file.clone(),
+            source,
+        })?;
+        match core::str::from_utf8(&bytes) {
+            Ok(text) => Ok(Self::new(&file, text)),
+            Err(error) => Err(ReadError::Encoding {
+                file,
+                offset: error.valid_up_to(),
+            }),
+        }
+    }
+}
