@@ -4,7 +4,7 @@
 use libfuzzer_sys::fuzz_target;
 use sha2::{Digest, Sha256};
 use volcomp_evaluator::{BLOB_VERSION, CompiledMachine};
-use volcomp_kinematics::{State};
+use volcomp_kinematics::State;
 
 fuzz_target!(|body: &[u8]| {
     let mut blob = b"VOLCOMPM".to_vec();
