@@ -58,3 +58,8 @@ pub use grid::Grid;
 pub use mls::MovingLeastSquares;
 pub use polynomial::Polynomial;
 pub use table::{Interpolation, Table};
+
+/// Holds the README's example, so that it is run as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -50,3 +50,8 @@ pub use thermal::{
     fit_thermal, refit_thermal,
 };
 pub use volcomp_curve as curve;
+
+/// Holds the README's example, so that it is run as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

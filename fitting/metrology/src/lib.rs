@@ -62,3 +62,8 @@ pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
 pub use squareness::{squareness_parts, squareness_urad};
 pub use straightness::{ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use volcomp_vocabulary::Direction;
+
+/// Holds the README's example, so that it is run as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
