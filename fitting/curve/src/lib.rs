@@ -11,6 +11,7 @@
 //!
 //! ```
 //! use volcomp_curve::{Curve, ErrorCurve, Table};
+//! use volcomp_vocabulary::Direction;
 //!
 //! # fn main() -> Result<(), volcomp_curve::CurveError> {
 //! // Positioning deviation in µm over the coordinate in mm.
