@@ -15,11 +15,11 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 /// One axis of the chain, in MCS at machine zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
-    /// Its letter.
+    /// The letter of the axis.
     pub name: AxisName,
-    /// Sliding or turning.
+    /// Whether the axis slides or turns.
     pub kind: AxisKind,
-    /// What it carries.
+    /// Whether the axis carries the workpiece or the tool.
     pub side: Side,
     /// Unit direction u in MCS.
     pub direction: Vector3<f64>,
@@ -73,23 +73,23 @@ pub enum ChainError {
     NoSuchAxis {
         /// The axis asked for.
         axis: AxisName,
-        /// The structure.
+        /// The structure that was searched.
         structure: Structure,
     },
     /// A direction that is zero or not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers, not all zero", found[0], found[1], found[2])]
     Direction {
-        /// Which direction.
+        /// Which direction was set: of an axis or of the tool.
         what: &'static str,
-        /// The vector.
+        /// The vector that was given.
         found: [f64; 3],
     },
     /// A point that is not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers", found[0], found[1], found[2])]
     Point {
-        /// Which point.
+        /// Which point was set: of an axis, the tool tip or the workpiece origin.
         what: &'static str,
-        /// The vector.
+        /// The vector that was given, mm.
         found: [f64; 3],
     },
 }
@@ -168,7 +168,7 @@ impl Chain {
         }
     }
 
-    /// The structure.
+    /// The structure that the chain was made from.
     pub fn structure(&self) -> &Structure {
         &self.structure
     }

@@ -15,6 +15,7 @@ use crate::{
 
 /// How a correction is computed.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionOptions {
     /// The axes that may move, linear or rotary; all others are held, and what these cannot reach is residual.
     /// Linear axes are chosen in this order (see [`Correctors`]); names that the chain does not have are passed
@@ -41,7 +42,7 @@ impl Default for CorrectionOptions {
 }
 
 impl CorrectionOptions {
-    /// One Newton step.
+    /// Options for one Newton step.
     #[must_use]
     pub fn first_order() -> Self {
         Self {
@@ -53,6 +54,7 @@ impl CorrectionOptions {
 
 /// A correction and what it leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
     /// Δq in chain order: mm for linear axes, rad for rotary ones, to be added to the command.
     pub delta: PerAxis<f64>,
@@ -60,7 +62,7 @@ pub struct Correction {
     pub residual_mm: Vector3<f64>,
     /// actual − ideal unit tool axis, in workpiece axes, with the correction applied.
     pub residual_axis: Vector3<f64>,
-    /// Newton steps taken.
+    /// How many Newton steps were taken.
     pub iterations: usize,
     /// A direction of the tool axis is not corrected: the pose is within about 1° of a singular one, or fewer than
     /// two rotary axes may move.

@@ -18,14 +18,15 @@ const PARALLEL_BELOW_RAD: f64 = 1e-10;
 /// One row of a table at machine zero: A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`. A rotary
 /// coordinate adds to θ, a linear one to d.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DhRow {
-    /// θ, rad.
+    /// Joint angle θ, rad.
     pub theta_rad: f64,
-    /// d, mm.
+    /// Link offset d, mm.
     pub d_mm: f64,
-    /// a, mm.
+    /// Link length a, mm.
     pub a_mm: f64,
-    /// α, rad.
+    /// Link twist α, rad.
     pub alpha_rad: f64,
 }
 

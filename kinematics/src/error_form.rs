@@ -18,6 +18,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 /// Which form of the model computes the volumetric error; all agree to first order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Form {
     /// Products of exponentials (10.1177/0954405416663537).
     #[default]
@@ -58,6 +59,7 @@ impl fmt::Display for Form {
 
 /// The volumetric error at one state, in workpiece axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct VolumetricError {
     /// ΔP = tip_actual − tip_ideal, mm.
     pub position_mm: Vector3<f64>,
@@ -84,7 +86,7 @@ pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> 
     actual_product::<Exponential, S>(chain, source, state)
 }
 
-/// What sets the `exact` and the `htm` products apart.
+/// The differences between the `exact` and the `htm` products.
 trait SmallMotion {
     fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64>;
     fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: AxisKind) -> Vector3<f64>;

@@ -11,10 +11,11 @@ use crate::math::{atan2, sin_cos, sqrt};
 /// Orthonormal in the `exact` form; in the `htm` form `rotation` may be a small-angle matrix
 /// I + ε^, so nothing here takes the transpose for an inverse except [`Pose::inverse`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
-    /// 3×3 rotation.
+    /// The 3×3 rotation matrix.
     pub rotation: Matrix3<f64>,
-    /// Translation, mm.
+    /// The translation in mm.
     pub translation_mm: Vector3<f64>,
 }
 

@@ -2,10 +2,13 @@
 
 use nalgebra::Vector3;
 
-use volcomp_vocabulary::{Direction, MAX_AXES, PerAxis};
+use volcomp_vocabulary::{Direction, ErrorName, PerAxis};
+
+use crate::{chain::ChainError, structure::Structure};
 
 /// Where every axis of a chain stands, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
     /// Commanded coordinates: mm for linear axes, rad for rotary ones. Places beyond the chain are 0.
     pub q: PerAxis<f64>,
@@ -28,6 +31,7 @@ impl State {
 
 /// Three translations and three rotations along and about the axes of the MCS.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ErrorMotion {
     /// δ = (EXN, EYN, EZN), mm.
     pub linear_mm: Vector3<f64>,
@@ -36,7 +40,7 @@ pub struct ErrorMotion {
 }
 
 impl ErrorMotion {
-    /// No error.
+    /// The motion without any error.
     pub const ZERO: Self = Self {
         linear_mm: Vector3::new(0.0, 0.0, 0.0),
         angular_rad: Vector3::new(0.0, 0.0, 0.0),
@@ -75,13 +79,48 @@ pub trait ErrorSource {
 /// Given error values, one set for each axis in chain order: for tables of numbers, tests and
 /// controllers that evaluate their curves elsewhere. Axes beyond the given ones have none.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GivenErrors {
-    /// Error motions.
-    pub motion: [ErrorMotion; MAX_AXES],
-    /// Location errors.
-    pub location: [ErrorMotion; MAX_AXES],
-    /// Assembly errors.
-    pub assembly: [ErrorMotion; MAX_AXES],
+    /// The error motions `E?N` of each axis, in chain order.
+    pub motion: PerAxis<ErrorMotion>,
+    /// The location errors `E?0N` of each axis, in chain order.
+    pub location: PerAxis<ErrorMotion>,
+    /// The assembly errors of each axis, in chain order.
+    pub assembly: PerAxis<ErrorMotion>,
+}
+
+impl GivenErrors {
+    /// Sets one error by its name: µm for `EX EY EZ`, µrad for `EA EB EC`; an error motion `E?N` or a location error
+    /// `E?0N`. `structure` is that of the chain which the errors are for.
+    ///
+    /// # Errors
+    /// [`ChainError::NoSuchAxis`] for an axis that the structure does not have.
+    pub fn set(
+        &mut self,
+        structure: &Structure,
+        name: ErrorName,
+        um_or_urad: f64,
+    ) -> Result<(), ChainError> {
+        let index = structure
+            .index_of(name.axis)
+            .ok_or_else(|| ChainError::NoSuchAxis {
+                axis: name.axis,
+                structure: structure.clone(),
+            })?;
+        let motions = if name.location {
+            &mut self.location
+        } else {
+            &mut self.motion
+        };
+        let motion = &mut motions[index];
+        let place = name.component.mcs_index();
+        if name.component.is_angular() {
+            motion.angular_rad[place] = um_or_urad * 1e-6;
+        } else {
+            motion.linear_mm[place] = um_or_urad * 1e-3;
+        }
+        Ok(())
+    }
 }
 
 impl Default for ErrorMotion {

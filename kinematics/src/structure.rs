@@ -8,6 +8,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 /// On which side of the bed an axis stands: what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {
     /// Left of `b`: the axis carries the workpiece (written with a prime).
     Workpiece,
@@ -38,7 +39,7 @@ pub enum StructureError {
         "found `{found}` at character {position}, expected w, b, t, an axis X Y Z A B C U V W or a prime"
     )]
     UnknownCharacter {
-        /// The character.
+        /// The character that was found.
         found: char,
         /// Its place in the code, from 1.
         position: usize,
@@ -48,7 +49,7 @@ pub enum StructureError {
         "found `{found}` at character {position}, expected the order: w, axes with a prime, b, axes, t"
     )]
     OutOfPlace {
-        /// The character.
+        /// The character that was found.
         found: char,
         /// Its place in the code, from 1.
         position: usize,
@@ -62,7 +63,7 @@ pub enum StructureError {
     /// The same axis twice.
     #[error("axis {axis} stands twice in the structure, expected each letter once")]
     RepeatedAxis {
-        /// The axis.
+        /// The axis that is repeated.
         axis: AxisName,
     },
     /// A prime on an axis right of `b`.
@@ -70,7 +71,7 @@ pub enum StructureError {
         "axis {axis} has a prime right of b, expected primes on the workpiece side only: left of b"
     )]
     PrimeOnToolSide {
-        /// The axis.
+        /// The axis that has the prime.
         axis: AxisName,
     },
     /// A prime that follows no axis.
@@ -87,9 +88,9 @@ pub enum StructureError {
     /// A type number outside its range.
     #[error("{name} = {found}, expected 0, 1, 2 or 3")]
     TypeNumber {
-        /// `translational` or `rotary`.
+        /// Which number it is: `translational` or `rotary`.
         name: &'static str,
-        /// The number.
+        /// The number that was given.
         found: u8,
     },
     /// The wrong number or kind of rotary axes for the type.
@@ -97,7 +98,7 @@ pub enum StructureError {
         "rotary = {rotary} with {found} rotary axes, expected {expected} different letters of A B C"
     )]
     RotaryAxes {
-        /// The rotary type.
+        /// The rotary type that was given.
         rotary: u8,
         /// How many different rotary letters were given.
         found: usize,
@@ -109,6 +110,7 @@ pub enum StructureError {
 /// The type numbers of the generalised model (Xiang et al., 10.1177/0954405414564407):
 /// 4 three-axis and 12 five-axis types.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TypeNumbers {
     /// 0 to 3: how many of X, Y, Z, in that order, carry the workpiece.
     pub translational: u8,
@@ -293,5 +295,32 @@ impl FromStr for Structure {
             Stage::End => return Self::new(&sides[0], &sides[1]),
         };
         Err(StructureError::Missing { missing })
+    }
+}
+
+#[cfg(feature = "serde")]
+impl serde::Serialize for Structure {
+    /// The structural code.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> serde::Deserialize<'de> for Structure {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Code;
+        impl serde::de::Visitor<'_> for Code {
+            type Value = Structure;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a structural code such as w X' b Y Z t")
+            }
+
+            fn visit_str<E: serde::de::Error>(self, code: &str) -> Result<Structure, E> {
+                code.parse().map_err(E::custom)
+            }
+        }
+        deserializer.deserialize_str(Code)
     }
 }

@@ -18,7 +18,7 @@ use crate::{
 pub struct Twist {
     /// Motion of the point that coincides with the origin of the frame, mm.
     pub linear_mm: Vector3<f64>,
-    /// Rotation vector, rad.
+    /// Rotation vector of the twist, rad.
     pub angular_rad: Vector3<f64>,
 }
 
@@ -27,7 +27,7 @@ pub struct Twist {
 pub enum Screw {
     /// A motion along a unit direction, without rotation.
     Prismatic {
-        /// Unit direction.
+        /// Unit direction in which the joint slides, in MCS.
         direction: Vector3<f64>,
     },
     /// A turn about a line.
@@ -42,7 +42,7 @@ pub enum Screw {
 }
 
 impl Twist {
-    /// No motion.
+    /// The twist that moves nothing.
     pub fn zero() -> Self {
         Self {
             linear_mm: Vector3::zeros(),

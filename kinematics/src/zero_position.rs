@@ -22,7 +22,7 @@ pub enum ZeroPositionError {
     /// Not one screw for each axis.
     #[error("found {found} joints for the structure `{structure}`, expected {expected}")]
     Count {
-        /// The structure.
+        /// The structure that was asked for.
         structure: Structure,
         /// How many were given.
         found: usize,
@@ -32,11 +32,11 @@ pub enum ZeroPositionError {
     /// A turning joint for a sliding axis, or the other way round, or a pitch.
     #[error("axis {axis}: found a {found} joint, expected a {expected} one")]
     Kind {
-        /// The axis.
+        /// The axis whose screw does not fit.
         axis: AxisName,
-        /// What was given.
+        /// The kind of screw that was given.
         found: &'static str,
-        /// What its letter asks for.
+        /// The kind of axis that its letter stands for.
         expected: &'static str,
     },
     /// A direction or a point that makes no axis.

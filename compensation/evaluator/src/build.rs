@@ -16,7 +16,7 @@ use crate::{
     turn::Along,
 };
 
-/// What an axis has besides its joint and what follows from it.
+/// One axis before it is compiled: travel, modulo, tables and errors over two coordinates.
 pub(crate) struct AxisTables {
     pub(crate) travel: [f64; 2],
     pub(crate) modulo: Option<f64>,

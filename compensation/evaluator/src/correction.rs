@@ -33,7 +33,7 @@ struct Directions {
     tool_axis: Vector3<f64>,
 }
 
-/// A first-order correction.
+/// The correction of one step, and the error that it corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
     /// The error that is corrected.

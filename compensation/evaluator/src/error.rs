@@ -34,23 +34,23 @@ pub enum EvaluatorError {
     /// A tolerance that is not positive.
     #[error("found the tolerance {found}, expected a positive finite number")]
     Tolerance {
-        /// The number.
+        /// The number that was given.
         found: f64,
     },
     /// A part of an axis that makes no sense.
     #[error("axis {axis}: {what}: expected {expected}")]
     Axis {
-        /// The axis.
+        /// The axis with the wrong part.
         axis: AxisName,
-        /// Which part.
+        /// Which part of the axis is wrong.
         what: &'static str,
-        /// What was expected.
+        /// A description of the values that are accepted.
         expected: &'static str,
     },
     /// An axis of the chain that was not added.
     #[error("axis {axis} of the chain was not added, expected every axis once")]
     MissingAxis {
-        /// The axis.
+        /// The axis that is missing.
         axis: AxisName,
     },
     /// A location error that is none, or with a value of the wrong kind.
@@ -58,7 +58,7 @@ pub enum EvaluatorError {
         "{name}: expected a location error E?0N with a finite length (EX EY EZ) or angle (EA EB EC)"
     )]
     Location {
-        /// The name.
+        /// The name that was given.
         name: ErrorName,
     },
     /// An axis that the chain does not have.
@@ -67,7 +67,7 @@ pub enum EvaluatorError {
     /// Bytes that are no compiled machine.
     #[error("compiled machine: {reason}")]
     Blob {
-        /// Why not.
+        /// The reason why the bytes are refused.
         reason: String,
     },
 }

@@ -19,7 +19,7 @@ pub(crate) struct Folded {
     pub(crate) workpiece_end: ErrorMotion,
     /// Constants of each axis's table.
     pub(crate) constant: PerAxis<ErrorMotion>,
-    /// What the table of a linear axis gains for each mm of its coordinate.
+    /// The slope that the table of a linear axis gains: displacement for each mm of its coordinate.
     pub(crate) slide: PerAxis<Vector3<f64>>,
 }
 

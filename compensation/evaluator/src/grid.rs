@@ -144,7 +144,7 @@ impl LinearGrid {
             .for_each(|(chunk, errors)| self.fill_rows(chunk * rows, errors));
     }
 
-    /// What a row adds to the adds of its nodes: a constant, and for each mm of the row's coordinate.
+    /// The terms that a row adds to those of its nodes: a constant, and a slope for each mm of the row's coordinate.
     #[inline(always)]
     fn row_terms(&self, row: usize) -> ([f64; NODE], Vector3<f64>) {
         let mut sum = self.base;

@@ -17,9 +17,9 @@ use crate::{
 /// The volumetric error at one pose, first order, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
-    /// ΔP, mm.
+    /// Position error ΔP of the tool tip, mm.
     pub position_mm: [f64; 3],
-    /// ρ, rad.
+    /// Rotation error ρ of the tool, a rotation vector in rad.
     pub rotation_rad: [f64; 3],
 }
 
@@ -52,7 +52,7 @@ pub(crate) struct CompiledAxis {
     pub(crate) thermal: Thermal,
 }
 
-/// What temperature adds to the error motions of an axis for now.
+/// The thermal part of the error motions of an axis, as it is now.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Thermal {
     /// Carried to the tool tip at machine zero: mm, rad.
@@ -104,9 +104,9 @@ impl CompiledMachine {
         self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
     }
 
-    /// What temperature adds to the error motions of the axis at `index` from now on: `offset` (mm, rad) at
-    /// the axis's point, and `slope_mm` for each mm of a linear axis's coordinate; instead of what was added
-    /// before. Allocates nothing. Blobs do not hold it.
+    /// Sets the thermal part of the error motions of the axis at `index` (its place in the chain): `offset` (mm,
+    /// rad) at the axis's point, and `slope_mm` for each mm of a linear axis's coordinate. It replaces the thermal
+    /// part before; an index without an axis changes nothing. Allocates nothing. Blobs do not hold it.
     pub fn set_thermal_offset(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
         let Some(axis) = self.axes.get_mut(index) else {
             return;

@@ -1,4 +1,4 @@
-//! What a compiled machine is made from: a builder that checks every part as it is added, by name.
+//! The parts of a machine to be compiled: a builder that checks each part as it is added, by name.
 
 use alloc::{boxed::Box, vec::Vec};
 
@@ -12,9 +12,9 @@ use crate::{EvaluatorError, patch::Patch};
 /// How far a compiled curve may be from its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// Of displacements, mm.
+    /// Largest deviation of displacements, mm.
     pub linear_mm: f64,
-    /// Of rotations, rad.
+    /// Largest deviation of rotations, rad.
     pub angular_rad: f64,
 }
 
@@ -141,8 +141,8 @@ impl<'a> AxisParts<'a> {
         self
     }
 
-    /// What the displacements gain besides for each mm or deg of the coordinate, mm, outside the breakpoints too:
-    /// thermal expansion.
+    /// An additional slope of the displacements, mm for each mm or deg of the coordinate, also outside the
+    /// breakpoints: thermal expansion.
     #[must_use]
     pub fn slope_mm(mut self, slope_mm: [f64; 3]) -> Self {
         self.slope_mm = slope_mm;

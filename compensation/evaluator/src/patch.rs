@@ -132,7 +132,7 @@ impl Places {
 }
 
 impl Patch {
-    /// What is expected of the first number that makes no sense.
+    /// Checks all numbers; the error says what was expected of the first one that makes no sense.
     pub(crate) fn check(&self) -> Result<(), &'static str> {
         let rises = |nodes: &[f64]| {
             nodes.iter().all(|node| node.is_finite())

@@ -90,7 +90,7 @@ pub(crate) trait Registers: Copy {
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64;
 }
 
-/// Whatever the target has for certain.
+/// The instructions that every processor of the target has.
 #[derive(Clone, Copy)]
 pub(crate) struct Baseline;
 
@@ -203,7 +203,7 @@ impl Tables {
     }
 }
 
-/// What a table can do to an axis at the most.
+/// Bounds of the displacement and tilt that a table can give to an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Bounds {
     /// The largest |slope| of each component at the axis's point.

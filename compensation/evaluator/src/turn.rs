@@ -77,7 +77,7 @@ impl Turn {
         vectors
     }
 
-    /// Its matrix.
+    /// The turn as a rotation matrix.
     #[inline(always)]
     pub(crate) fn matrix(&self, registers: impl Registers) -> Matrix3<f64> {
         let unit = [Vector3::x(), Vector3::y(), Vector3::z()];

@@ -10,7 +10,7 @@ use crate::{
     turn::Turn,
 };
 
-/// What is told on the way: a rotary axis turned everything passed before, and where the tip stood, from
+/// Receives, for each rotary axis that is passed, its turn and the place of the tip from the axis's point.
 /// the axis's point.
 pub(crate) trait Turns {
     fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>);
@@ -49,7 +49,7 @@ impl<R: Registers> Tip<R> {
         self.carry(error);
     }
 
-    /// What the tilt of a motion does to the tip that is away from where it stands at machine zero.
+    /// The displacement that a tilt gives to the tip where that is away from its place at machine zero.
     #[inline(always)]
     fn carry(&mut self, &[_, _, _, a, b, c, ..]: &[f64; WIDE]) {
         let (p, linear, r) = (self.from_zero, &mut self.carried, self.registers);

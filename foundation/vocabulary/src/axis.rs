@@ -61,7 +61,7 @@ impl AxisName {
         Self::ALL.into_iter().find(|name| name.letter() == letter)
     }
 
-    /// The upper-case letter.
+    /// The upper-case letter of the axis.
     pub fn letter(self) -> char {
         match self {
             Self::X => 'X',
@@ -105,7 +105,7 @@ impl AxisName {
 }
 
 impl AxisKind {
-    /// `linear` or `rotary`.
+    /// The word for the kind: `linear` or `rotary`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",

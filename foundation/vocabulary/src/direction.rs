@@ -30,7 +30,7 @@ impl Direction {
         }
     }
 
-    /// +1 or −1.
+    /// The sign of travel: +1 or −1.
     pub fn sign(self) -> f64 {
         match self {
             Self::Positive => 1.0,

@@ -82,3 +82,27 @@ pub(crate) fn every_error(chain: &Chain, rng: &mut ChaCha8Rng) -> GivenErrors {
     }
     errors
 }
+
+#[cfg(feature = "serde")]
+#[test]
+fn plain_data_goes_to_json_and_back() {
+    use volcomp_kinematics::{Correction, CorrectionOptions};
+    let structure: Structure = "w C' X' b Y Z B t".parse().unwrap();
+    let json = serde_json::to_string(&structure).unwrap();
+    assert_eq!(json, "\"w C' X' b Y Z B t\"");
+    assert_eq!(serde_json::from_str::<Structure>(&json).unwrap(), structure);
+    assert!(serde_json::from_str::<Structure>("\"w X\"").is_err());
+    let chain = Chain::new(structure);
+    let mut errors = GivenErrors::default();
+    errors
+        .set(chain.structure(), "EZB".parse().unwrap(), 5.0)
+        .unwrap();
+    let state = State::from_coordinates(&[1.0, 2.0]);
+    let correction =
+        volcomp_kinematics::correct(&chain, &errors, &state, &CorrectionOptions::default());
+    let read: Correction =
+        serde_json::from_str(&serde_json::to_string(&correction).unwrap()).unwrap();
+    assert_eq!(read, correction);
+    let read: GivenErrors = serde_json::from_str(&serde_json::to_string(&errors).unwrap()).unwrap();
+    assert_eq!(read, errors);
+}

@@ -1,0 +1,54 @@
+//! The correction of a five-axis machine with both rotary axes on the table: what must be added to a command so that
+//! the tool stands where it should and points where it should.
+//!
+//!     cargo run -p volcomp-kinematics --example five_axis
+
+use volcomp_kinematics::{
+    Chain, CorrectionOptions, Form, GivenErrors, State, Structure, correct, volumetric_error,
+};
+use volcomp_vocabulary::AxisName;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    // A trunnion: C turns on A, both carry the workpiece; X, Y and Z carry the tool.
+    let structure: Structure = "w C' A' b X Y Z t".parse()?;
+    let mut chain = Chain::new(structure);
+    chain.set_point(AxisName::A, [0.0, 0.0, 50.0])?;
+    chain.set_tool([0.0, 0.0, 100.0], [0.0, 0.0, 1.0])?;
+
+    // The axis of C lies 15 µm off in X and is tilted by 30 µrad about Y; Y is 20 µrad out of square.
+    let mut errors = GivenErrors::default();
+    for (name, value) in [("EX0C", 15.0), ("EB0C", 30.0), ("EC0Y", 20.0)] {
+        errors.set(chain.structure(), name.parse()?, value)?;
+    }
+
+    // Chain order: C, A in rad, then X, Y, Z in mm.
+    let state = State::from_coordinates(&[
+        30_f64.to_radians(),
+        -40_f64.to_radians(),
+        100.0,
+        50.0,
+        -20.0,
+    ]);
+    let error = volumetric_error(&chain, &errors, &state, Form::Exact);
+    println!(
+        "position error, µm: {:.2}",
+        error.position_mm.transpose() * 1e3
+    );
+
+    let correction = correct(&chain, &errors, &state, &CorrectionOptions::default());
+    for (joint, delta) in chain.joints().iter().zip(&correction.delta) {
+        let unit = if joint.name.is_rotary() {
+            "µrad"
+        } else {
+            "µm"
+        };
+        let micro = if joint.name.is_rotary() {
+            delta * 1e6
+        } else {
+            delta * 1e3
+        };
+        println!("add to {}: {micro:8.2} {unit}", joint.name);
+    }
+    println!("left over, µm: {:.6}", correction.residual_mm.norm() * 1e3);
+    Ok(())
+}
