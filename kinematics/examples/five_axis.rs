@@ -30,10 +30,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         -20.0,
     ]);
     let error = volumetric_error(&chain, &errors, &state, Form::Exact);
-    println!(
-        "position error, µm: {:.2}",
-        error.position_mm.transpose() * 1e3
-    );
+    let [x, y, z]: [f64; 3] = (error.position_mm * 1e3).into();
+    println!("position error: {x:.2} {y:.2} {z:.2} µm in workpiece axes");
 
     let correction = correct(&chain, &errors, &state, &CorrectionOptions::default());
     for (joint, delta) in chain.joints().iter().zip(&correction.delta) {
