@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[path = "../../../../docs/options.rs"]
+mod options;
+
 use std::{
     io::{BufRead, BufReader},
     process::{Child, Command, Stdio},
@@ -65,4 +68,9 @@ fn wrong_calls_are_refused() {
         .output()
         .unwrap();
     assert!(version.status.success());
+}
+
+#[test]
+fn every_option_is_in_the_chapter_on_commands() {
+    options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
 }

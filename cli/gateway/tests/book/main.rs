@@ -1,6 +1,8 @@
 //! The book and the README files say what the gateway does: configurations are read, console blocks run, and
 //! the tables of keys are those of the decoder.
 
+#[path = "../../../../docs/options.rs"]
+mod options;
 #[path = "../../../../docs/reader.rs"]
 mod reader;
 
@@ -66,4 +68,9 @@ fn every_console_block_prints_what_it_says() {
         &[("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"))],
         &["volcomp", "focas-sim", "cargo"],
     );
+}
+
+#[test]
+fn every_option_is_in_the_chapter_on_commands() {
+    options::compare_options("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"));
 }

@@ -1,6 +1,8 @@
 //! The book and the README files say what the program does: their TOML blocks are read, their console blocks
 //! run, and their tables of keys are those of the decoders.
 
+#[path = "../../../../docs/options.rs"]
+mod options;
 #[path = "../../../../docs/reader.rs"]
 mod reader;
 
@@ -144,4 +146,44 @@ fn every_console_block_prints_what_it_says() {
         &[("volcomp", env!("CARGO_BIN_EXE_volcomp"))],
         &["volcomp-gateway", "focas-sim", "cargo"],
     );
+}
+
+#[test]
+fn every_option_is_in_the_chapter_on_commands() {
+    options::compare_options("volcomp", env!("CARGO_BIN_EXE_volcomp"));
+}
+
+#[test]
+fn every_crate_is_in_the_chapters_on_crates() {
+    let [architecture, integrators] = ["architecture.md", "integrators.md"]
+        .map(|name| fs::read_to_string(chapter(name)).expect("a chapter"));
+    let mut count = 0;
+    for group in [
+        "foundation",
+        "fitting",
+        "compensation",
+        "drivers",
+        "cli",
+        ".",
+    ] {
+        for entry in fs::read_dir(root().join(group)).expect("a folder of the repository") {
+            let manifest = entry.expect("an entry").path().join("Cargo.toml");
+            let Ok(text) = fs::read_to_string(manifest) else {
+                continue;
+            };
+            let manifest: toml::Table = text.parse().expect("a manifest");
+            let name = manifest["package"]["name"].as_str().expect("a name");
+            assert!(
+                architecture.contains(&format!("| `{name}` |")),
+                "architecture.md: {name}"
+            );
+            let is_library = group != "cli";
+            assert!(
+                !is_library || integrators.contains(&format!("## {name}\n")),
+                "integrators.md: {name}"
+            );
+            count += 1;
+        }
+    }
+    assert!(count > 15, "found {count} crates");
 }
