@@ -11,7 +11,8 @@ use volcomp_gateway::{
     simulate::{self, Simulation},
 };
 use volcomp_guard::Request;
-use volcomp_port::{Clock, Controller, MAX_AXES, Thermometer};
+use volcomp_port::{Clock, Controller, Thermometer};
+use volcomp_vocabulary::PerChannel;
 
 const PERIOD: Duration = Duration::from_millis(1);
 
@@ -66,7 +67,7 @@ fn cycles(criterion: &mut Criterion) {
             let read = controller
                 .read(clock.now())
                 .map(|snapshot| snapshot.positions);
-            let written = controller.apply(&[0.001; MAX_AXES], clock.now());
+            let written = controller.apply(&PerChannel::from_fn(|_| 0.001), clock.now());
             black_box((read, written, thermometer.latest().len()))
         });
     });

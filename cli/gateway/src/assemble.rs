@@ -8,8 +8,10 @@ use volcomp_devices::{
 };
 use volcomp_digital_io::{CorrectionWord, DigitalAxis, DigitalController, PositionWord, Wiring};
 use volcomp_focas::FocasController;
-use volcomp_guard::{AxisLimits, Guard, Limits, MAX_AXES, Reasons, SensorLimits};
+use volcomp_guard::{AxisLimits, Guard, Limits, Reasons, SensorLimits};
 use volcomp_port::{Axis, Controller, Description, DeviceError, DigitalIo, Heartbeat, Thermometer};
+
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis, PerChannel};
 
 use crate::{
     config::{AxisGuard, Config, ControllerConfig, GuardConfig, ThermometerConfig},
@@ -32,9 +34,6 @@ pub fn controller(config: &ControllerConfig) -> Result<Box<dyn Controller>, Gate
     match address.scheme {
         Scheme::Focas => {
             let mut focas = focas_config(&address, &config.axes)?;
-            for (name, rotary) in &mut focas.axes {
-                *rotary = is_rotary(*name);
-            }
             focas.channel = channel(&focas.channel.clone());
             if let Some((first, width)) = config.area {
                 (focas.shift.first, focas.shift.width) = (first, width);
@@ -86,7 +85,6 @@ fn digital<D: DigitalIo + 'static>(
     };
     let words = &config.digital;
     let axis = DigitalAxis {
-        rotary: is_rotary(name),
         position: PositionWord {
             bits: words.position_bits,
             code: words.position_code,
@@ -113,11 +111,6 @@ fn digital<D: DigitalIo + 'static>(
         words.coherence,
         vec![axis],
     )?))
-}
-
-/// Letters of rotary axes (ISO 841).
-fn is_rotary(name: char) -> bool {
-    matches!(name, 'A' | 'B' | 'C')
 }
 
 /// The thermometer of a `[[thermometer]]`.
@@ -156,9 +149,9 @@ pub fn limits(
     period: Duration,
 ) -> Result<Limits, GatewayError> {
     let mut axes = [AxisLimits::NONE; MAX_AXES];
-    let mut test_shift = [0.0; MAX_AXES];
+    let mut test_shift = PerChannel::ZERO;
     for ((into, shift), axis) in axes.iter_mut().zip(&mut test_shift).zip(&description.axes) {
-        let (of_kind, to_internal) = if axis.rotary {
+        let (of_kind, to_internal) = if axis.name.is_rotary() {
             let rotary = guard.rotary.as_ref().ok_or_else(|| {
                 GatewayError::Unfit(format!(
                     "[guard]: axis {} is rotary: limit_urad and slew_urad_per_s are missing",
@@ -171,7 +164,7 @@ pub fn limits(
         };
         *into = axis_limits(axis, of_kind, to_internal);
         let wanted = (of_kind.test_shift * to_internal)
-            .max(SHIFT_STEPS * axis.resolution.max(config.position_step));
+            .max(SHIFT_STEPS * axis.step().max(config.position_step));
         if config.proves && of_kind.test_shift > 0.0 && wanted <= into.limit {
             *shift = wanted;
         }
@@ -206,7 +199,7 @@ fn axis_limits(axis: &Axis, guard: &AxisGuard, to_internal: f64) -> AxisLimits {
         warn: guard.warn * to_internal,
         slew_per_s: guard.slew_per_s * to_internal,
         accel_per_s2: guard.accel_per_s2 * to_internal,
-        resolution: axis.resolution,
+        resolution: axis.step(),
         includes_correction: axis.includes_correction,
     }
 }
@@ -215,7 +208,7 @@ fn axis_limits(axis: &Axis, guard: &AxisGuard, to_internal: f64) -> AxisLimits {
 #[derive(Clone, Debug)]
 pub struct PathConfig {
     /// Machine axes that stand where they are told: mm, deg.
-    pub fixed: Vec<(char, f64)>,
+    pub fixed: Vec<(AxisName, f64)>,
     /// Nobody watches it, and that is known.
     pub unwatched: bool,
     /// Whether the test shift is made.
@@ -278,31 +271,22 @@ pub fn path(
     let description = controller.description().clone();
     let device = &description.device;
     let unfit = |what: String| Err(GatewayError::Unfit(format!("{device}: {what}")));
-    let mut machine_axis = [0; MAX_AXES];
+    let mut machine_axis = PerChannel([0; MAX_AXES]);
     for (place, axis) in machine_axis.iter_mut().zip(&description.axes) {
-        let letters: String = model.axes.iter().map(|(name, _)| *name).collect();
+        let letters: String = model.axes.iter().map(|name| name.letter()).collect();
         let Some(index) = model.index_of(axis.name) else {
             return unfit(format!(
                 "axis {}: the machine {} has the axes {letters}",
                 axis.name, model.name
             ));
         };
-        if model.axes[index].1 != axis.rotary {
-            return unfit(format!(
-                "axis {} is {} here and {} in the machine",
-                axis.name,
-                kind(axis.rotary),
-                kind(!axis.rotary)
-            ));
-        }
         *place = index;
     }
-    let mut fixed = [None; MAX_AXES];
+    let mut fixed = PerAxis([None; MAX_AXES]);
     for (name, at) in &config.fixed {
         match model.index_of(*name) {
             Some(index) => {
-                let rotary = model.axes[index].1;
-                fixed[index] = Some(if rotary { at.to_radians() } else { *at });
+                fixed[index] = Some(Displacement::from_coordinate(name.kind(), *at).mm_or_rad());
             }
             None => {
                 return unfit(format!(
@@ -342,10 +326,6 @@ pub fn path(
         u32::try_from(channel).unwrap_or(u32::MAX),
         notes,
     ))
-}
-
-fn kind(rotary: bool) -> &'static str {
-    if rotary { "rotary" } else { "linear" }
 }
 
 /// A cycle from a configuration.

@@ -3,11 +3,13 @@
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    AxisValues, DirectionMemory, MAX_AXES, MAX_PATHS, Output, PathHealth, Reasons, Request,
-    Selector, SensorCheck, SensorLimits, State as GuardState,
+    DirectionMemory, MAX_PATHS, Output, PathHealth, Reasons, Request, Selector, SensorCheck,
+    SensorLimits, State as GuardState,
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Quality, Thermometer};
+
+use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 
 use crate::{
     model::Model,
@@ -46,7 +48,7 @@ pub struct Cycle {
     selector: Selector,
     /// The active path was switched and is to be armed.
     taking_over: bool,
-    directions: [DirectionMemory; MAX_AXES],
+    directions: PerAxis<DirectionMemory>,
     thermometers: Vec<Box<dyn Thermometer>>,
     checks: Vec<SensorCheck>,
     sensor_limits: SensorLimits,
@@ -63,7 +65,7 @@ pub struct Cycle {
 /// Positions of the machine, mm and rad; which are known, as bits; when the oldest held.
 #[derive(Default)]
 struct Place {
-    positions: AxisValues,
+    positions: PerAxis<f64>,
     known: u16,
     oldest: Option<Duration>,
 }
@@ -106,7 +108,7 @@ impl Cycle {
             paths,
             selector: Selector::new(hand_back),
             taking_over: false,
-            directions: [DirectionMemory::default(); MAX_AXES],
+            directions: PerAxis::default(),
             thermometers: sensors.thermometers,
             sensor_limits: sensors.limits,
             degraded: false,
@@ -127,9 +129,9 @@ impl Cycle {
     }
 
     /// What was applied when the program ended, machine's order: for controllers that cannot be asked.
-    pub fn restore(&mut self, correction: &AxisValues) {
+    pub fn restore(&mut self, correction: &PerAxis<f64>) {
         for path in &mut self.paths {
-            let mut applied = [0.0; MAX_AXES];
+            let mut applied = PerChannel::ZERO;
             for (into, machine_axis) in applied
                 .iter_mut()
                 .zip(path.machine_axis)
@@ -320,14 +322,14 @@ impl Cycle {
     }
 
     /// What the model wants at a place, machine's order, mm and rad.
-    fn wanted(&mut self, place: &Place) -> (AxisValues, Reasons) {
+    fn wanted(&mut self, place: &Place) -> (PerAxis<f64>, Reasons) {
         let mut state = State::default();
-        state.q[..MAX_AXES].copy_from_slice(&place.positions);
+        state.q[..MAX_AXES].copy_from_slice(&place.positions[..]);
         self.approach(&mut state, place.known);
         (self.report.positions, self.report.known) = (place.positions, place.known);
         if !self.is_complete(place) {
             return (
-                [0.0; MAX_AXES],
+                PerAxis::ZERO,
                 Reasons::AXIS_UNKNOWN.when(place.oldest.is_some()),
             );
         }
@@ -355,7 +357,7 @@ impl Cycle {
                 let share = || self.share(index, &wanted);
                 (self.is_complete(&place).then(share), place.oldest)
             } else {
-                (Some([0.0; MAX_AXES]), None)
+                (Some(PerChannel::ZERO), None)
             };
             *output = self.paths[index].guarded(now, oldest, target, request, asked);
         }
@@ -366,21 +368,24 @@ impl Cycle {
 
     /// In which direction each axis came, from positions without correction.
     fn approach(&mut self, state: &mut State, known: u16) {
-        for (index, (memory, (_, rotary))) in
-            self.directions.iter_mut().zip(&self.model.axes).enumerate()
+        for (index, (memory, name)) in self.directions.iter_mut().zip(&self.model.axes).enumerate()
         {
             if known >> index & 1 == 0 {
                 continue;
             }
-            let threshold = if *rotary { REVERSAL_RAD } else { REVERSAL_MM };
+            let threshold = if name.is_rotary() {
+                REVERSAL_RAD
+            } else {
+                REVERSAL_MM
+            };
             state.approach[index] = memory.at(state.q[index], threshold);
         }
     }
 
     /// What a path shall hold of the wanted correction: less what the others on other channels hold.
-    fn share(&self, index: usize, wanted: &AxisValues) -> AxisValues {
+    fn share(&self, index: usize, wanted: &PerAxis<f64>) -> PerChannel<f64> {
         let path = &self.paths[index];
-        let mut share = [0.0; MAX_AXES];
+        let mut share = PerChannel::ZERO;
         for (i, share) in share.iter_mut().enumerate().take(path.count()) {
             let machine_axis = path.machine_axis[i];
             let others = self.paths.iter().enumerate();
@@ -428,7 +433,7 @@ impl Cycle {
     fn tell(&mut self, since_start: Duration, asked: &Asked, outputs: &[Output; MAX_PATHS]) {
         let active = self.selector.active();
         let output = &outputs[active];
-        self.report.correction = [0.0; MAX_AXES];
+        self.report.correction = PerAxis::ZERO;
         let channel = self.paths[active].channel;
         for (index, (path, output)) in self.paths.iter().zip(outputs).enumerate() {
             // Another path on the same channel is replaced by the active one.

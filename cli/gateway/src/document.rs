@@ -37,7 +37,7 @@ pub(crate) fn document(facts: &Facts<'_>, report: &Report, times: &Times) -> Val
         "armed": report.state.is_armed(),
         "auto_arm": facts.auto_arm,
         "simulated": facts.truth.is_some(),
-        "machine": { "name": model.name, "hash": model.hash, "axes": model.axes.iter().map(|(name, _)| name.to_string()).collect::<Vec<_>>() },
+        "machine": { "name": model.name, "hash": model.hash, "axes": model.axes.iter().map(ToString::to_string).collect::<Vec<_>>() },
         "controller": facts.controllers.get(report.active).map(|controller| json!({
             "device": controller.device,
             "channel": controller.channel,
@@ -56,7 +56,7 @@ pub(crate) fn document(facts: &Facts<'_>, report: &Report, times: &Times) -> Val
         &mut state,
         "positions",
         model,
-        &report.positions,
+        &report.positions[..],
         known,
         ["mm", "deg"],
         [1.0, 180.0 / std::f64::consts::PI],
@@ -65,7 +65,7 @@ pub(crate) fn document(facts: &Facts<'_>, report: &Report, times: &Times) -> Val
         &mut state,
         "correction",
         model,
-        &report.correction,
+        &report.correction[..],
         |_| true,
         ["um", "urad"],
         [1e3, 1e6],
@@ -74,7 +74,7 @@ pub(crate) fn document(facts: &Facts<'_>, report: &Report, times: &Times) -> Val
         &mut state,
         "wanted",
         model,
-        &report.wanted,
+        &report.wanted[..],
         known,
         ["um", "urad"],
         [1e3, 1e6],
@@ -114,9 +114,9 @@ fn put(
             .axes
             .iter()
             .enumerate()
-            .filter(|(index, (_, rotary))| usize::from(*rotary) == kind && known(*index));
+            .filter(|(index, name)| usize::from(name.is_rotary()) == kind && known(*index));
         let values: Map<String, Value> = of_kind
-            .map(|(index, (letter, _))| (letter.to_string(), json!(round(values[index] * factor))))
+            .map(|(index, name)| (name.to_string(), json!(round(values[index] * factor))))
             .collect();
         if kind == 0 || !values.is_empty() {
             state[format!("{name}_{unit}")] = Value::Object(values);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use volcomp_kinematics::State;
 use volcomp_model::{CompiledMachine, Fading, Machine, ThermalState, Tolerance};
-use volcomp_vocabulary::{AxisKind, MAX_AXES};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis};
 
 use crate::error::GatewayError;
 
@@ -17,8 +17,8 @@ pub struct Model {
     pub hash: String,
     /// The machine file's text as it is written again.
     pub text: String,
-    /// Its axes in chain order: letter, and whether it is rotary.
-    pub axes: Vec<(char, bool)>,
+    /// The axes in machine order.
+    pub axes: Vec<AxisName>,
     /// Travel of each, mm or deg.
     pub travel: Vec<[f64; 2]>,
     /// Whether the tool axis can be corrected at all.
@@ -41,39 +41,35 @@ impl Model {
     /// # Errors
     /// Curves that cannot be compiled.
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, GatewayError> {
-        let axes: Vec<(char, bool)> = machine
-            .chain()
-            .joints()
-            .iter()
-            .map(|joint| (joint.name.letter(), joint.kind == AxisKind::Rotary))
-            .collect();
+        let joints = machine.chain().joints().iter();
+        let axes: Vec<AxisName> = joints.map(|joint| joint.name).collect();
         Ok(Self {
             name: machine.name.clone(),
             hash: machine.checksum(),
             text: machine.to_toml(),
             travel: machine.axes().iter().map(|axis| axis.travel).collect(),
-            corrects_tool_axis: axes.iter().filter(|(_, rotary)| *rotary).count() >= 2,
+            corrects_tool_axis: axes.iter().filter(|name| name.is_rotary()).count() >= 2,
             axes,
             compiled: machine.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
         })
     }
 
-    /// The place of an axis.
-    pub fn index_of(&self, letter: char) -> Option<usize> {
-        self.axes.iter().position(|(name, _)| *name == letter)
+    /// The place of an axis in machine order.
+    pub fn index_of(&self, name: AxisName) -> Option<usize> {
+        self.axes.iter().position(|known| *known == name)
     }
 
     /// The correction (mm, rad) at a state: two first-order steps, the second with the errors where the
     /// first leads.
-    pub fn correction(&self, state: &State) -> ([f64; MAX_AXES], bool) {
+    pub fn correction(&self, state: &State) -> (PerAxis<f64>, bool) {
         let first = self.compiled.first_order(state);
         let mut there = *state;
         for (q, delta) in there.q.iter_mut().zip(&first.delta) {
             *q += delta;
         }
         let second = self.compiled.first_order(&there);
-        (second.delta.0, second.singular && self.corrects_tool_axis)
+        (second.delta, second.singular && self.corrects_tool_axis)
     }
 
     /// The corners of the work space, mm and rad.
@@ -81,14 +77,14 @@ impl Model {
         let count = self.axes.len().min(MAX_AXES);
         (0..1_usize << count).map(move |corner| {
             let mut state = State::default();
-            for (axis, (q, (travel, (_, rotary)))) in state
+            for (axis, (q, (travel, name))) in state
                 .q
                 .iter_mut()
                 .zip(self.travel.iter().zip(&self.axes))
                 .enumerate()
             {
                 let end = travel[corner >> axis & 1];
-                *q = if *rotary { end.to_radians() } else { end };
+                *q = Displacement::from_coordinate(name.kind(), end).mm_or_rad();
             }
             state
         })
@@ -117,9 +113,9 @@ impl Model {
         let mut worst = [0.0_f64; 2];
         for state in self.corners().chain(other.corners()) {
             let (before, after) = (self.correction(&state).0, other.correction(&state).0);
-            for (index, (_, rotary)) in self.axes.iter().enumerate() {
+            for (index, name) in self.axes.iter().enumerate() {
                 let moved = (after[index] - before[index]).abs();
-                let kind = usize::from(*rotary);
+                let kind = usize::from(name.is_rotary());
                 worst[kind] = worst[kind].max(if moved.is_nan() { f64::INFINITY } else { moved });
             }
         }

@@ -2,8 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_guard::{AxisValues, Guard, Inputs, MAX_AXES, Output, Reading, Reasons, Request};
+use volcomp_guard::{Guard, Inputs, Output, Reading, Reasons, Request};
 use volcomp_port::{Controller, Fault, Snapshot};
+
+use volcomp_vocabulary::{PerAxis, PerChannel};
 
 use crate::cycle::Asked;
 
@@ -17,16 +19,16 @@ pub struct ControlPath {
     /// Its guard.
     pub guard: Guard,
     /// For each of its axes the place in the machine.
-    pub machine_axis: [usize; MAX_AXES],
+    pub machine_axis: PerChannel<usize>,
     /// Machine axes that stand where the configuration says, mm and rad.
-    pub fixed: [Option<f64>; MAX_AXES],
+    pub fixed: PerAxis<Option<f64>>,
     /// Paths with the same number replace one another.
     pub channel: u32,
     /// What is always to be told of it: unwatched, blind to others.
     pub notes: Reasons,
     reading: Option<Snapshot>,
     /// Positions without correction, as they held.
-    positions: AxisValues,
+    positions: PerChannel<f64>,
     taken: Option<Duration>,
     other_gateway: Option<Duration>,
 }
@@ -36,8 +38,8 @@ impl ControlPath {
     pub fn new(
         controller: Box<dyn Controller>,
         guard: Guard,
-        machine_axis: [usize; MAX_AXES],
-        fixed: [Option<f64>; MAX_AXES],
+        machine_axis: PerChannel<usize>,
+        fixed: PerAxis<Option<f64>>,
         channel: u32,
         notes: Reasons,
     ) -> Self {
@@ -49,7 +51,7 @@ impl ControlPath {
             channel,
             notes,
             reading: None,
-            positions: [0.0; MAX_AXES],
+            positions: PerChannel::ZERO,
             taken: None,
             other_gateway: None,
         }
@@ -133,7 +135,7 @@ impl ControlPath {
         &mut self,
         now: Duration,
         oldest: Option<Duration>,
-        target: Option<AxisValues>,
+        target: Option<PerChannel<f64>>,
         request: Option<Request>,
         asked: &Asked,
     ) -> Output {

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisValues, MAX_AXES, Reasons, State};
+use volcomp_guard::{Reasons, State};
+use volcomp_vocabulary::PerAxis;
 
 /// Temperatures at the most.
 pub const MAX_SENSORS: usize = 64;
@@ -33,13 +34,13 @@ pub struct Report {
     /// Which path corrects.
     pub active: usize,
     /// Positions without correction in the machine's order, mm and rad; whether they are known.
-    pub positions: AxisValues,
+    pub positions: PerAxis<f64>,
     /// As bits.
     pub known: u16,
     /// What the model wants, machine's order, mm and rad.
-    pub wanted: AxisValues,
+    pub wanted: PerAxis<f64>,
     /// What is written, machine's order.
-    pub correction: AxisValues,
+    pub correction: PerAxis<f64>,
     /// The error of the model at the positions, um and urad.
     pub error: [f64; 6],
     /// Cycles in which slew or acceleration held the output back.
@@ -60,10 +61,10 @@ impl Default for Report {
             state: State::Disarmed,
             reasons: Reasons::NONE,
             active: 0,
-            positions: [0.0; MAX_AXES],
+            positions: PerAxis::ZERO,
             known: 0,
-            wanted: [0.0; MAX_AXES],
-            correction: [0.0; MAX_AXES],
+            wanted: PerAxis::ZERO,
+            correction: PerAxis::ZERO,
             error: [0.0; 6],
             held_back: 0,
             faults: 0,

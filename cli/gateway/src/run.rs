@@ -17,8 +17,10 @@ use signal_hook::{
     consts::{SIGHUP, SIGINT, SIGTERM},
     iterator::Signals,
 };
-use volcomp_guard::{AxisValues, MAX_AXES, Reasons};
+use volcomp_guard::Reasons;
 use volcomp_port::{Clock, Description};
+
+use volcomp_vocabulary::{AxisName, PerAxis};
 
 use crate::{
     assemble::{self, PathConfig},
@@ -311,7 +313,7 @@ fn assemble_simulated(config: &Config) -> Result<Assembled, GatewayError> {
 }
 
 /// What was written down of the last output, machine's order, mm and rad.
-fn last_output(path: &Path) -> Option<AxisValues> {
+fn last_output(path: &Path) -> Option<PerAxis<f64>> {
     let text = std::fs::read_to_string(path).ok()?;
     let document: serde_json::Value = serde_json::from_str(&text).ok()?;
     // After a reboot nobody knows what the lines carry: from zero then.
@@ -319,7 +321,7 @@ fn last_output(path: &Path) -> Option<AxisValues> {
         return None;
     }
     let values = document["correction"].as_array()?;
-    let mut output = [0.0; MAX_AXES];
+    let mut output = PerAxis::ZERO;
     for (into, value) in output.iter_mut().zip(values) {
         *into = value.as_f64().filter(|x| x.is_finite())?;
     }
@@ -358,7 +360,11 @@ pub fn check(path: &Path) -> Result<Vec<String>, GatewayError> {
         "machine {} ({}), axes {}",
         model.name,
         model.hash,
-        model.axes.iter().map(|(name, _)| *name).collect::<String>()
+        model
+            .axes
+            .iter()
+            .map(|name| name.letter())
+            .collect::<String>()
     )];
     if config.guard.is_none() {
         lines.push("[guard] is missing: it will not arm".to_owned());
@@ -387,15 +393,19 @@ pub fn check(path: &Path) -> Result<Vec<String>, GatewayError> {
         lines.push(format!(
             "controller {}: axes {}",
             controller.url,
-            controller.axes.iter().collect::<String>()
+            controller
+                .axes
+                .iter()
+                .map(|name| name.letter())
+                .collect::<String>()
         ));
     }
-    let shown = |letter: char| {
+    let shown = |name: &AxisName| {
         let mut controllers = config.controllers.iter();
-        controllers.any(|c| c.axes.contains(&letter) || c.fixed.contains_key(&letter))
+        controllers.any(|c| c.axes.contains(name) || c.fixed.contains_key(name))
     };
-    for (letter, _) in model.axes.iter().filter(|(letter, _)| !shown(*letter)) {
-        lines.push(format!("axis {letter}: no controller shows it and `fixed` does not say where it stands: it will not arm"));
+    for name in model.axes.iter().filter(|name| !shown(name)) {
+        lines.push(format!("axis {name}: no controller shows it and `fixed` does not say where it stands: it will not arm"));
     }
     let known: Vec<&String> = config
         .thermometers

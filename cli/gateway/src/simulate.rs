@@ -2,16 +2,17 @@
 
 use std::{sync::Arc, time::Duration};
 
-use volcomp_guard::AxisValues;
 use volcomp_kinematics::{
     Form, State,
     nalgebra::{Matrix6, Vector3, Vector6},
 };
 use volcomp_model::{Machine, Temperatures};
 use volcomp_port::{
-    Axis, Clock, MAX_AXES,
+    Axis, Clock,
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
+
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel};
 
 use crate::{
     config::{AxisGuard, Config, DashboardConfig, GuardConfig, RealtimeConfig},
@@ -21,8 +22,8 @@ use crate::{
 const MODEL: &str = include_str!("../demo/machine.toml");
 const TRUTH: &str = include_str!("../demo/truth.toml");
 
-/// Smallest step of its corrections, mm.
-const RESOLUTION_MM: f64 = 0.001;
+/// The smallest step of a correction of the simulated machine.
+const RESOLUTION: Mm = Mm(0.001);
 
 /// What the tool of the simulated machine really misses.
 #[derive(Clone)]
@@ -78,14 +79,14 @@ impl Truth {
     }
 
     /// What it misses (mm) at coordinates (mm) and temperatures of its sensors (degC).
-    pub fn error(&self, positions: &AxisValues, degc: &[f64]) -> Vector3<f64> {
+    pub fn error(&self, positions: &PerAxis<f64>, degc: &[f64]) -> Vector3<f64> {
         let temperatures: Temperatures = self
             .sensors
             .iter()
             .cloned()
             .zip(degc.iter().copied())
             .collect();
-        let state = State::from_coordinates(positions);
+        let state = State::from_coordinates(&positions[..]);
         let [tx, ty, tz, a, b, c] = self.datum.into();
         let p = Vector3::new(positions[0], positions[1], positions[2]);
         let rigid = Vector3::new(tx, ty, tz) + Vector3::new(a, b, c).cross(&p);
@@ -98,11 +99,11 @@ impl Truth {
     /// What is left of it (mm) when corrections (mm) are applied.
     pub fn residual(
         &self,
-        positions: &AxisValues,
-        correction: &AxisValues,
+        positions: &PerAxis<f64>,
+        correction: &PerAxis<f64>,
         degc: &[f64],
     ) -> Vector3<f64> {
-        let moved = std::array::from_fn(|i| positions[i] + correction[i]);
+        let moved = PerAxis::from_fn(|i| positions[i] + correction[i]);
         self.error(&moved, degc) + Vector3::new(correction[0], correction[1], correction[2])
     }
 }
@@ -135,18 +136,18 @@ impl Simulation {
         let function = truth.clone();
         let axis = |name| Axis {
             name,
-            rotary: false,
             includes_correction: false,
-            resolution: RESOLUTION_MM,
+            resolution: Displacement::Length(RESOLUTION),
         };
         let machine = simulated::Machine {
-            axes: ['X', 'Y', 'Z'].map(axis).to_vec(),
+            axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
             program: program(),
             acceleration_per_s2: 1000.0,
             sensors,
-            truth: Arc::new(move |q: &AxisValues, degc: &[f64]| {
-                let missed = function.error(q, degc);
-                let mut values = [0.0; MAX_AXES];
+            truth: Arc::new(move |q: &PerChannel<f64>, degc: &[f64]| {
+                // Channels and chain both begin with X, Y, Z.
+                let missed = function.error(&PerAxis(q.0), degc);
+                let mut values = PerChannel::ZERO;
                 values[..3].copy_from_slice(missed.as_slice());
                 values
             }),
@@ -194,7 +195,7 @@ fn program() -> Vec<Move> {
         [0.0, 0.0, 0.0],
     ];
     let to = |corner: [f64; 3]| {
-        let mut to = [0.0; MAX_AXES];
+        let mut to = PerChannel::ZERO;
         to[..3].copy_from_slice(&corner);
         Move {
             to,

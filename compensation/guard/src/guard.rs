@@ -2,8 +2,10 @@
 
 use core::time::Duration;
 
+use volcomp_vocabulary::PerChannel;
+
 use crate::{
-    AxisValues, Limits, LimitsError, MAX_AXES, Reasons,
+    Limits, LimitsError, Reasons,
     axis::Follower,
     limits::MOST_READ_BACK_CYCLES,
     proof::Proof,
@@ -22,9 +24,9 @@ pub struct Reading {
     /// When the positions held, on the clock of [`Inputs::now`].
     pub taken: Duration,
     /// As reported, mm and rad.
-    pub positions: AxisValues,
+    pub positions: PerChannel<f64>,
     /// The correction that is applied, where the controller can be asked.
-    pub applied: Option<AxisValues>,
+    pub applied: Option<PerChannel<f64>>,
     /// Every axis was sent to its reference.
     pub referenced: bool,
     /// An alarm is on.
@@ -41,7 +43,7 @@ pub struct Inputs {
     /// What the controller said; `None`: it did not.
     pub reading: Option<Reading>,
     /// The correction that the model wants, mm and rad; `None`: it has none.
-    pub target: Option<AxisValues>,
+    pub target: Option<PerChannel<f64>>,
     /// What somebody asked for since the last cycle.
     pub request: Option<Request>,
     /// Why arming is forbidden, if it is.
@@ -52,7 +54,7 @@ pub struct Inputs {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
-    pub correction: AxisValues,
+    pub correction: PerChannel<f64>,
     /// Whether it is to be written, and the heartbeat with it.
     pub write: bool,
     /// The state.
@@ -69,9 +71,9 @@ pub struct Output {
 pub struct Guard {
     limits: Limits,
     state: State,
-    axes: [Follower; MAX_AXES],
+    axes: PerChannel<Follower>,
     /// Where the ramp began, and how much of it has passed.
-    from: AxisValues,
+    from: PerChannel<f64>,
     ramp: f64,
     proof: Proof,
     written: Written,
@@ -96,11 +98,11 @@ impl Guard {
         Ok(Self {
             limits,
             state: State::Disarmed,
-            axes: [Follower::default(); MAX_AXES],
-            from: [0.0; MAX_AXES],
+            axes: PerChannel::default(),
+            from: PerChannel::ZERO,
             ramp: 1.0,
             proof: Proof::default(),
-            written: Written::fill(&[0.0; MAX_AXES]),
+            written: Written::fill(&PerChannel::ZERO),
             last_cycle: None,
             good: None,
             adopted: 0,
@@ -111,7 +113,7 @@ impl Guard {
     }
 
     /// What is applied as far as anybody remembers, for controllers that cannot be asked: before the first cycle.
-    pub fn restore(&mut self, applied: &AxisValues) {
+    pub fn restore(&mut self, applied: &PerChannel<f64>) {
         let finite = applied.map(|x| if x.is_finite() { x } else { 0.0 });
         self.stand_at(&finite);
     }
@@ -151,7 +153,7 @@ impl Guard {
     }
 
     /// The last output, mm and rad.
-    pub fn output(&self) -> AxisValues {
+    pub fn output(&self) -> PerChannel<f64> {
         self.axes.map(|axis| axis.output())
     }
 
@@ -210,7 +212,7 @@ impl Guard {
         passed.min(period * LONGEST_CYCLE_PERIODS).as_secs_f64()
     }
 
-    fn stand_at(&mut self, applied: &AxisValues) {
+    fn stand_at(&mut self, applied: &PerChannel<f64>) {
         self.axes = applied.map(Follower::at);
         self.from = *applied;
     }
@@ -228,7 +230,7 @@ impl Guard {
         let Some(applied) = reading.applied.filter(|a| self.all(|i| a[i].is_finite())) else {
             return false;
         };
-        let differs = |i: usize, from: &AxisValues| {
+        let differs = |i: usize, from: &PerChannel<f64>| {
             (applied[i] - from[i]).abs() > 0.51 * self.limits.axes[i].resolution
         };
         let last = self.limits.read_back_cycles;
@@ -285,7 +287,7 @@ impl Guard {
             _ => None,
         };
         let half_step = |i: usize| 0.5 * self.limits.axes[i].resolution;
-        let agrees = |applied: AxisValues| {
+        let agrees = |applied: PerChannel<f64>| {
             self.all(|i| (applied[i] - output[i]).abs() <= 1.02 * half_step(i))
         };
         Facts {
@@ -332,21 +334,21 @@ impl Guard {
     }
 
     /// Where the correction goes to, clamped.
-    fn goal(&mut self, target: Option<&AxisValues>, reasons: &mut Reasons) -> AxisValues {
+    fn goal(&mut self, target: Option<&PerChannel<f64>>, reasons: &mut Reasons) -> PerChannel<f64> {
         let target = self.clamped(target, reasons);
         let smooth = self.axes.map(|axis| axis.smooth());
         let share = self.ramp.min(1.0);
-        let ramp = |to: AxisValues| {
-            core::array::from_fn(|i| self.from[i] + (to[i] - self.from[i]) * share)
+        let ramp = |to: PerChannel<f64>| {
+            PerChannel::from_fn(|i| self.from[i] + (to[i] - self.from[i]) * share)
         };
         let goal = match self.state {
             State::Arming(Phase::Proving) => self.proof.goal(&self.from, &self.limits),
             State::Arming(Phase::Ramping) => target.map_or(smooth, ramp),
             State::Compensating => target.unwrap_or(smooth),
-            State::RampingOut(_) | State::Faulted(_) => ramp([0.0; MAX_AXES]),
+            State::RampingOut(_) | State::Faulted(_) => ramp(PerChannel::ZERO),
             State::Disarmed | State::Holding(_) => smooth,
         };
-        core::array::from_fn(|i| {
+        PerChannel::from_fn(|i| {
             let most = self.limits.axes[i].reachable();
             if i < self.limits.count {
                 goal[i].clamp(-most, most)
@@ -356,7 +358,11 @@ impl Guard {
         })
     }
 
-    fn clamped(&self, target: Option<&AxisValues>, reasons: &mut Reasons) -> Option<AxisValues> {
+    fn clamped(
+        &self,
+        target: Option<&PerChannel<f64>>,
+        reasons: &mut Reasons,
+    ) -> Option<PerChannel<f64>> {
         let mut target = *target?;
         for (wanted, limits) in target
             .iter_mut()
@@ -370,7 +376,7 @@ impl Guard {
         Some(target)
     }
 
-    fn follow(&mut self, goal: &AxisValues, dt: f64, reasons: &mut Reasons) {
+    fn follow(&mut self, goal: &PerChannel<f64>, dt: f64, reasons: &mut Reasons) {
         let mut held_back = false;
         let limits = self.limits.axes.iter().take(self.limits.count);
         for ((axis, goal), limits) in self.axes.iter_mut().zip(goal).zip(limits) {

@@ -21,8 +21,5 @@ pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{Rejected, SensorCheck, SensorLimits};
 
-/// Axes of one controller at the most.
-pub const MAX_AXES: usize = 9;
-
-/// A number for each axis: mm, rotary axes rad.
-pub type AxisValues = [f64; MAX_AXES];
+/// The vocabulary of the public interface: axis letters, values by axis.
+pub use volcomp_vocabulary as vocabulary;

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::MAX_AXES;
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 /// What is allowed to one axis: mm, rotary axes rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,7 +38,7 @@ pub struct Limits {
     pub ramp: Duration,
     /// Shift that proves at arming whether positions contain it, mm and rad; 0: not proven. At least four steps
     /// of correction and position.
-    pub test_shift: [f64; MAX_AXES],
+    pub test_shift: PerChannel<f64>,
     /// How many writes the read-back may be behind, 1 to [`MOST_READ_BACK_CYCLES`].
     pub read_back_cycles: usize,
 }

@@ -1,6 +1,8 @@
 //! At arming: do reported positions contain the correction, as the configuration says?
 
-use crate::{AxisValues, Limits, MAX_AXES};
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
+
+use crate::Limits;
 
 /// Readings in a row, and time, for which the axes must stand before and after the shift.
 const STILL_READINGS: f64 = 5.0;
@@ -9,20 +11,20 @@ const STILL_S: f64 = 0.1;
 /// The test shift: state of the guard.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Proof {
-    positions: AxisValues,
+    positions: PerChannel<f64>,
     still: u32,
     /// Positions before the shift, once it is on its way.
-    before: Option<AxisValues>,
+    before: Option<PerChannel<f64>>,
 }
 
 impl Proof {
     /// What the correction goes to meanwhile: where it was, then a shift away from it, towards zero where it
     /// is not zero.
-    pub(crate) fn goal(&self, from: &AxisValues, limits: &Limits) -> AxisValues {
+    pub(crate) fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         if self.before.is_none() {
             return *from;
         }
-        core::array::from_fn(|i| {
+        PerChannel::from_fn(|i| {
             let shift = shift(limits, i);
             if from[i] > 0.0 {
                 from[i] - shift
@@ -36,9 +38,9 @@ impl Proof {
     /// configured, once that is known.
     pub(crate) fn read(
         &mut self,
-        positions: &AxisValues,
-        output: &AxisValues,
-        from: &AxisValues,
+        positions: &PerChannel<f64>,
+        output: &PerChannel<f64>,
+        from: &PerChannel<f64>,
         limits: &Limits,
     ) -> Option<bool> {
         let same = (0..limits.count).all(|i| {
@@ -74,10 +76,10 @@ fn shift(limits: &Limits, axis: usize) -> f64 {
 
 /// Whether every axis moved by its shift or not at all, as configured; `None`: something between.
 fn judge(
-    positions: &AxisValues,
-    before: &AxisValues,
-    goal: &AxisValues,
-    from: &AxisValues,
+    positions: &PerChannel<f64>,
+    before: &PerChannel<f64>,
+    goal: &PerChannel<f64>,
+    from: &PerChannel<f64>,
     limits: &Limits,
 ) -> Option<bool> {
     let mut as_configured = true;

@@ -1,29 +1,31 @@
 //! What was written lately.
 
-use crate::{AxisValues, Limits, limits::MOST_READ_BACK_CYCLES};
+use volcomp_vocabulary::PerChannel;
+
+use crate::{Limits, limits::MOST_READ_BACK_CYCLES};
 
 /// The last outputs, for a read-back that is behind.
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
-    ring: [AxisValues; MOST_READ_BACK_CYCLES],
+    ring: [PerChannel<f64>; MOST_READ_BACK_CYCLES],
     next: usize,
 }
 
 impl Written {
-    pub(crate) fn fill(values: &AxisValues) -> Self {
+    pub(crate) fn fill(values: &PerChannel<f64>) -> Self {
         Self {
             ring: [*values; MOST_READ_BACK_CYCLES],
             next: 0,
         }
     }
 
-    pub(crate) fn push(&mut self, values: &AxisValues) {
+    pub(crate) fn push(&mut self, values: &PerChannel<f64>) {
         self.ring[self.next] = *values;
         self.next = (self.next + 1) % MOST_READ_BACK_CYCLES;
     }
 
     /// Whether one of the last so many writes is within half a step on every axis.
-    pub(crate) fn holds(&self, applied: &AxisValues, last: usize, limits: &Limits) -> bool {
+    pub(crate) fn holds(&self, applied: &PerChannel<f64>, last: usize, limits: &Limits) -> bool {
         (0..limits.count).all(|axis| {
             (1..=last.min(MOST_READ_BACK_CYCLES)).any(|back| {
                 let place = (self.next + MOST_READ_BACK_CYCLES - back) % MOST_READ_BACK_CYCLES;

@@ -4,9 +4,11 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Axis, AxisValues, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat,
-    MAX_AXES, Reason, Snapshot, Temperature, Thermometer,
+    Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, Reason,
+    Snapshot, Temperature, Thermometer,
 };
+
+use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
     frame::{CanPort, Frame, Received},
@@ -20,8 +22,8 @@ pub struct BridgeConfig {
     pub table: SignalTable,
     /// Name of the channel by which corrections get in.
     pub channel: String,
-    /// Letters of the axes; signals `X_POS`, `X_CORR` and, where there is one, `X_APPLIED`.
-    pub axes: Vec<char>,
+    /// The axes in channel order; signals `X_POS`, `X_CORR` and, where there is one, `X_APPLIED`.
+    pub axes: Vec<AxisName>,
     /// Whether positions contain the correction.
     pub includes_correction: bool,
     /// Positions older than this are stale: the control sends them by itself.
@@ -169,18 +171,11 @@ impl<P: CanPort> CanController<P> {
         let device = port.device().to_owned();
         let refused =
             |what: String| DeviceError::new(&*device, what, "correct the DBC file or the axes");
-        if config.axes.is_empty() || config.axes.len() > MAX_AXES {
-            let what = format!("found {} axes, expected 1 to {MAX_AXES}", config.axes.len());
-            return Err(refused(what));
-        }
         let table = &config.table;
         let (mut heard, mut sent) = (Vec::new(), Vec::new());
         let mut axes = Vec::new();
         let mut described = Vec::new();
-        for (index, name) in config.axes.iter().enumerate() {
-            if config.axes[..index].contains(name) {
-                return Err(refused(format!("axis {name} stands twice")));
-            }
+        for name in &config.axes {
             let needed = |suffix: &str| {
                 let signal = format!("{name}_{suffix}");
                 table
@@ -190,14 +185,13 @@ impl<P: CanPort> CanController<P> {
             let position = needed("POS")?;
             let (message, place) = needed("CORR")?;
             let correction = table.messages[message].signals[place].clone();
-            let (to_internal, rotary) = unit(&correction).map_err(refused)?;
+            let to_internal = unit(&correction).map_err(refused)?.0;
             let applied = table.find(&format!("{name}_APPLIED"));
             let applied = applied.map(|at| hear(table, &mut heard, at)).transpose();
             described.push(Axis {
                 name: *name,
-                rotary,
                 includes_correction: config.includes_correction,
-                resolution: correction.step() * to_internal,
+                resolution: Displacement::new(name.kind(), correction.step() * to_internal),
             });
             axes.push(BridgeAxis {
                 position: hear(table, &mut heard, position).map_err(refused)?,
@@ -227,8 +221,9 @@ impl<P: CanPort> CanController<P> {
             },
             sees_other_gateways: false,
             shortest_cycle: Duration::from_millis(1),
-            device,
+            device: device.clone(),
         };
+        description.check().map_err(|e| refused(e.to_string()))?;
         Ok(Self {
             ears: Ears {
                 port,
@@ -284,8 +279,8 @@ impl<P: CanPort> Controller for CanController<P> {
                 return Err(Fault::TimedOut);
             }
         }
-        let mut positions = [0.0; MAX_AXES];
-        let mut applied = [0.0; MAX_AXES];
+        let mut positions = PerChannel::ZERO;
+        let mut applied = PerChannel::ZERO;
         let mut taken = Instant::now();
         let mut newest = None;
         for (index, axis) in self.axes.iter().enumerate() {
@@ -317,7 +312,7 @@ impl<P: CanPort> Controller for CanController<P> {
         })
     }
 
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         for (axis, correction) in self.axes.iter().zip(corrections) {
             let (_, frame) = &mut self.sent[axis.sent];
             let within = axis

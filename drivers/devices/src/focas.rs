@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 use volcomp_focas::{Client, FocasConfig, PositionKind};
 use volcomp_port::{DeviceError, Fault};
 
+use volcomp_vocabulary::AxisName;
+
 use crate::{
     address::Address,
     probe::{Probe, ProbedPosition},
@@ -18,7 +20,7 @@ const TIMED: usize = 100;
 ///
 /// # Errors
 /// Keys that make no sense.
-pub fn focas_config(address: &Address, axes: &[char]) -> Result<FocasConfig, DeviceError> {
+pub fn focas_config(address: &Address, axes: &[AxisName]) -> Result<FocasConfig, DeviceError> {
     let mut config = FocasConfig::new(&*address.host, axes);
     config.port = address.port.unwrap_or(PORT);
     config.path = address.number("path", [1, 10], 1)?;

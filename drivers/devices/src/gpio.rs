@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 use volcomp_digital_io::{DigitalAxis, GpioPort, LineSet, Wiring};
 use volcomp_port::{DeviceError, DigitalIo};
 
+use volcomp_vocabulary::AxisName;
+
 use crate::{
     address::Address,
     probe::{Probe, ProbedPosition},
@@ -36,7 +38,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         .collect();
     if port.inputs() == 15 {
         // As the published scheme reads them.
-        let axis = DigitalAxis::published('?');
+        let axis = DigitalAxis::published(AxisName::X);
         let word = Wiring::published().position_word(levels);
         probe.positions = word
             .map(|word| ProbedPosition {

@@ -4,6 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use volcomp_digital_io::{DigitalAxis, PositionCode, Wiring};
+use volcomp_vocabulary::AxisName;
 
 fn codec(c: &mut Criterion) {
     let wiring = Wiring {
@@ -11,7 +12,7 @@ fn codec(c: &mut Criterion) {
         parity: Some(15),
         ..Wiring::published()
     };
-    let mut axis = DigitalAxis::published('X');
+    let mut axis = DigitalAxis::published(AxisName::X);
     axis.position.code = PositionCode::Gray;
     let levels = wiring.control_outputs(axis.position.encode(512.0).unwrap_or(0), 0, true);
     c.bench_function("decode and encode", |b| {

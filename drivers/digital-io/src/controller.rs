@@ -3,9 +3,11 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Axis, AxisValues, Controller, ControllerState, Description, DeviceError, DigitalIo, Fault,
-    Heartbeat, MAX_AXES, Snapshot,
+    Axis, Controller, ControllerState, Description, DeviceError, DigitalIo, Fault, Heartbeat,
+    Snapshot,
 };
+
+use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
     coherent::{Coherence, read_coherent},
@@ -16,10 +18,8 @@ use crate::{
 /// One axis and its words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DigitalAxis {
-    /// Its letter.
-    pub name: char,
-    /// Whether its numbers are angles, rad.
-    pub rotary: bool,
+    /// The letter of the axis, which also says whether it slides or turns.
+    pub name: AxisName,
     /// What the control shows of it.
     pub position: PositionWord,
     /// Only the low bits are shown: the position when the first word is read, mm or rad.
@@ -32,10 +32,9 @@ pub struct DigitalAxis {
 
 impl DigitalAxis {
     /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm.
-    pub fn published(name: char) -> Self {
+    pub fn published(name: AxisName) -> Self {
         Self {
             name,
-            rotary: false,
             position: PositionWord {
                 bits: 15,
                 code: crate::PositionCode::Binary,
@@ -67,8 +66,8 @@ pub struct DigitalController<D> {
     seen: Vec<Option<Seen>>,
     /// The axis that was shown last.
     shown: usize,
-    wanted: AxisValues,
-    applied: AxisValues,
+    wanted: PerChannel<f64>,
+    applied: PerChannel<f64>,
     has_applied: bool,
     saturated: u32,
 }
@@ -101,15 +100,10 @@ impl<D: DigitalIo> DigitalController<D> {
         if coherence == Coherence::Strobe && wiring.strobe.is_none() {
             return Err(refused("no strobe line is named".to_owned()));
         }
-        if axes.len() > MAX_AXES {
-            let what = format!("found {} axes, expected {MAX_AXES} at the most", axes.len());
-            return Err(refused(what));
-        }
         let axis = |axis: &DigitalAxis| Axis {
             name: axis.name,
-            rotary: axis.rotary,
             includes_correction: axis.includes_correction,
-            resolution: axis.correction.mm_per_count,
+            resolution: Displacement::new(axis.name.kind(), axis.correction.mm_per_count),
         };
         let readings = match coherence {
             Coherence::Latched => 1,
@@ -122,8 +116,9 @@ impl<D: DigitalIo> DigitalController<D> {
             sees_other_gateways: false,
             // The readings and one writing, for each axis in turn.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
-            device,
+            device: device.clone(),
         };
+        description.check().map_err(|e| refused(e.to_string()))?;
         Ok(Self {
             seen: vec![None; axes.len()],
             io,
@@ -132,15 +127,15 @@ impl<D: DigitalIo> DigitalController<D> {
             axes,
             description,
             shown: 0,
-            wanted: [0.0; MAX_AXES],
-            applied: [0.0; MAX_AXES],
+            wanted: PerChannel::ZERO,
+            applied: PerChannel::ZERO,
             has_applied: false,
             saturated: 0,
         })
     }
 
     /// The corrections that the lines carried last, axis by axis, once one was written.
-    pub fn sent(&self) -> Option<AxisValues> {
+    pub fn sent(&self) -> Option<PerChannel<f64>> {
         self.has_applied.then_some(self.applied)
     }
 
@@ -195,7 +190,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             }
             self.look(deadline)?;
         }
-        let mut positions = [0.0; MAX_AXES];
+        let mut positions = PerChannel::ZERO;
         let mut oldest = Instant::now();
         for (position, seen) in positions.iter_mut().zip(self.seen.iter().flatten()) {
             *position = seen.position;
@@ -215,7 +210,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
     }
 
     /// Writes the correction of the axis that is shown; the others follow when they are.
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         self.wanted = *corrections;
         let index = self.shown;
         let Some(axis) = self.axes.get(index) else {

@@ -12,6 +12,7 @@ use volcomp_focas::{
     simulator::{Options, Simulator, World},
 };
 use volcomp_port::Controller;
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 const CYCLES: usize = 20_000;
 /// Bytes out and in of a cycle's two exchanges: positions, status, shifts, heartbeat, referenced; shifts, heartbeat.
@@ -47,12 +48,12 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
     let mut echo = echo()?;
     let mut controller = FocasController::new(FocasConfig {
         port: simulator.address().port(),
-        ..FocasConfig::new("127.0.0.1", &['X', 'Y', 'Z'])
+        ..FocasConfig::new("127.0.0.1", &[AxisName::X, AxisName::Y, AxisName::Z])
     })?;
     controller.wait(Duration::from_secs(5))?;
     pin_to(0)?;
     let (mut cycles, mut bare) = (Vec::new(), Vec::new());
-    let mut corrections = [0.0; 9];
+    let mut corrections = PerChannel::ZERO;
     for cycle in 0..CYCLES + 1000 {
         let begun = Instant::now();
         let deadline = begun + Duration::from_millis(100);

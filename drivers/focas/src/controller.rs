@@ -3,9 +3,11 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Axis, AxisValues, Backoff, Controller, ControllerState, Description, DeviceError, Fault,
-    Heartbeat, MAX_AXES, Snapshot, Supply,
+    Axis, Backoff, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat,
+    Snapshot, Supply,
 };
+
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{
     client::{Client, PmcArea, PositionKind, Width, function, slot, status},
@@ -35,6 +37,17 @@ pub struct Shift {
     pub count_rad: f64,
 }
 
+impl Shift {
+    /// What one count moves an axis of this kind.
+    pub fn count(&self, kind: AxisKind) -> Displacement {
+        let mm_or_rad = match kind {
+            AxisKind::Linear => self.count_mm,
+            AxisKind::Rotary => self.count_rad,
+        };
+        Displacement::new(kind, mm_or_rad)
+    }
+}
+
 /// How a control is used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FocasConfig {
@@ -46,8 +59,8 @@ pub struct FocasConfig {
     pub path: u16,
     /// Name of the channel by which corrections get in.
     pub channel: String,
-    /// The axes to correct: letter, and whether it is rotary.
-    pub axes: Vec<(char, bool)>,
+    /// The axes to correct, in channel order.
+    pub axes: Vec<AxisName>,
     /// Where corrections are written.
     pub shift: Shift,
     /// A byte that every correction moves on, for the ladder to watch; `None`: nobody watches.
@@ -77,14 +90,14 @@ impl FocasConfig {
     ///
     /// The addresses are examples; that a shift from R memory is enabled (parameters 1203#0 and 1280) and
     /// that F120 tells the referenced axes is not proven: read the control's manual.
-    pub fn new(host: impl Into<String>, axes: &[char]) -> Self {
+    pub fn new(host: impl Into<String>, axes: &[AxisName]) -> Self {
         let address = |area, at| PmcAddress { area, at };
         Self {
             host: host.into(),
             port: 8193,
             path: 1,
             channel: "emzps".to_owned(),
-            axes: axes.iter().map(|name| (*name, false)).collect(),
+            axes: axes.to_vec(),
             shift: Shift {
                 first: address(PmcArea::R, 100),
                 width: Width::Word,
@@ -108,15 +121,10 @@ impl FocasConfig {
     }
 
     fn description(&self) -> Description {
-        let axis = |&(name, rotary): &(char, bool)| Axis {
+        let axis = |&name: &AxisName| Axis {
             name,
-            rotary,
             includes_correction: self.includes_correction,
-            resolution: if rotary {
-                self.shift.count_rad
-            } else {
-                self.shift.count_mm
-            },
+            resolution: self.shift.count(name.kind()),
         };
         Description {
             device: self.device(),
@@ -145,23 +153,11 @@ impl FocasController {
     /// A configuration that makes no sense.
     pub fn new(config: FocasConfig) -> Result<Self, DeviceError> {
         let device = config.device();
-        let refused = |what: String, remedy: &str| Err(DeviceError::new(&*device, what, remedy));
-        if config.axes.is_empty() || config.axes.len() > MAX_AXES {
-            let what = format!("found {} axes, expected 1 to {MAX_AXES}", config.axes.len());
-            return refused(what, "name the axes to correct");
-        }
-        for (index, (name, _)) in config.axes.iter().enumerate() {
-            if config.axes[..index].iter().any(|(other, _)| other == name) {
-                return refused(format!("axis {name} stands twice"), "name it once");
-            }
-        }
-        for count in [config.shift.count_mm, config.shift.count_rad] {
-            if !(count > 0.0 && count.is_finite()) {
-                let what = format!("found a resolution of {count}, expected a positive number");
-                return refused(what, "state what one count moves the axis");
-            }
-        }
         let (description, backoff) = (config.description(), config.backoff);
+        if let Err(unfit) = description.check() {
+            let remedy = "correct the axes, or what one count moves them";
+            return Err(DeviceError::new(&*device, unfit.to_string(), remedy));
+        }
         let supply = Supply::new(&device, backoff, move || Link::open(&config))?;
         Ok(Self {
             description,
@@ -206,7 +202,7 @@ impl Controller for FocasController {
         self.call(|link| link.read(deadline))
     }
 
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         self.call(|link| link.apply(corrections, deadline))
     }
 }
@@ -254,10 +250,10 @@ impl Link {
         let mut client = Client::open(&config.host, config.port, config.at_most)?;
         let names = client.axis_names().map_err(asked)?;
         let mut axes = Vec::new();
-        for (name, rotary) in &config.axes {
+        for name in &config.axes {
             let slot = names
                 .iter()
-                .position(|found| found == name)
+                .position(|found| *found == name.letter())
                 .ok_or_else(|| {
                     let found: String = names.iter().collect();
                     let what = format!("the control has no axis {name}, found {found}");
@@ -265,12 +261,8 @@ impl Link {
                 })?;
             axes.push(LinkAxis {
                 slot,
-                rotary: *rotary,
-                count: if *rotary {
-                    config.shift.count_rad
-                } else {
-                    config.shift.count_mm
-                },
+                rotary: name.is_rotary(),
+                count: config.shift.count(name.kind()).mm_or_rad(),
                 written_at: (0, 0),
             });
         }
@@ -293,14 +285,14 @@ impl Link {
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let begun = Instant::now();
         let mut snapshot = Snapshot {
-            positions: [0.0; MAX_AXES],
+            positions: PerChannel::ZERO,
             taken: begun,
             uncertainty: Duration::ZERO,
             state: ControllerState {
                 referenced: true,
                 ..ControllerState::default()
             },
-            applied: Some([0.0; MAX_AXES]),
+            applied: Some(PerChannel::ZERO),
         };
         let mut heartbeat = None;
         for (index, (request, reads)) in self.reads.iter().enumerate() {
@@ -311,7 +303,7 @@ impl Link {
                 match *read {
                     Read::Heartbeat => heartbeat = block.data.first().copied(),
                     Read::Shifts(from, count) => {
-                        let applied = snapshot.applied.get_or_insert([0.0; MAX_AXES]);
+                        let applied = snapshot.applied.get_or_insert(PerChannel::ZERO);
                         read_shifts(block.data, self.width, axes, from..from + count, applied)?;
                     }
                     other => read_state(other, block.data, axes, &mut snapshot)?,
@@ -337,7 +329,7 @@ impl Link {
         }
     }
 
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         for (axis, correction) in self.axes.iter().zip(corrections) {
             let (command, byte) = axis.written_at;
             let into = self.write.data_mut(command).get_mut(byte..);
@@ -420,7 +412,7 @@ fn read_shifts(
     width: Width,
     axes: &[LinkAxis],
     slots: std::ops::Range<usize>,
-    applied: &mut AxisValues,
+    applied: &mut PerChannel<f64>,
 ) -> Result<(), Broken> {
     let bytes = usize::from(width.bytes());
     for (applied, axis) in applied.iter_mut().zip(axes) {

@@ -3,7 +3,9 @@
 
 use std::time::{Duration, Instant};
 
-use crate::{Controller, DigitalIo, MAX_AXES, Quality, Thermometer};
+use volcomp_vocabulary::PerChannel;
+
+use crate::{Controller, DigitalIo, Quality, Thermometer};
 
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -27,14 +29,8 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
 pub fn controller(device: &mut impl Controller) {
     let description = device.description().clone();
     assert!(!description.device.is_empty() && !description.channel.is_empty());
-    assert!((1..=MAX_AXES).contains(&description.axes.len()));
-    for (index, axis) in description.axes.iter().enumerate() {
-        assert_eq!(
-            description.index_of(axis.name),
-            Some(index),
-            "an axis stands twice"
-        );
-        assert!(axis.resolution > 0.0 && axis.resolution.is_finite());
+    if let Err(unfit) = description.check() {
+        panic!("{}: {unfit}", description.device);
     }
     let before = Instant::now();
     let first = device.read(soon()).expect("a connected controller reads");
@@ -45,18 +41,18 @@ pub fn controller(device: &mut impl Controller) {
     let beyond = &first.positions[description.axes.len()..];
     assert!(beyond.iter().all(|p| *p == 0.0), "numbers beyond the axes");
 
-    let mut wanted = [0.0; MAX_AXES];
+    let mut wanted = PerChannel::ZERO;
     for (index, axis) in description.axes.iter().enumerate() {
         let steps = [7.0, -5.0, 3.0][index % 3];
-        wanted[index] = steps * axis.resolution;
+        wanted[index] = steps * axis.step();
     }
-    for corrections in [wanted, [0.0; MAX_AXES]] {
+    for corrections in [wanted, PerChannel::ZERO] {
         device
             .apply(&corrections, soon())
             .expect("it takes corrections");
-        let close = |applied: &[f64; MAX_AXES]| {
+        let close = |applied: &PerChannel<f64>| {
             description.axes.iter().enumerate().all(|(index, axis)| {
-                (applied[index] - corrections[index]).abs() <= 0.51 * axis.resolution
+                (applied[index] - corrections[index]).abs() <= 0.51 * axis.step()
             })
         };
         if first.applied.is_some() {

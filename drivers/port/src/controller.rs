@@ -2,25 +2,31 @@
 
 use std::time::{Duration, Instant};
 
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerChannel};
+
 use crate::Fault;
 
-/// Axes of one controller at the most.
-pub const MAX_AXES: usize = 9;
-
-/// A number for each axis of a controller in the order of its [`Description`]: mm, rotary axes rad; the rest 0.
-pub type AxisValues = [f64; MAX_AXES];
-
 /// One axis of a controller.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// Its letter.
-    pub name: char,
-    /// Whether its positions and corrections are angles.
-    pub rotary: bool,
+    /// The letter of the axis, which also says whether it slides or turns.
+    pub name: AxisName,
     /// Whether reported positions contain the applied correction.
     pub includes_correction: bool,
-    /// Smallest step of a correction, mm or rad.
-    pub resolution: f64,
+    /// The smallest step of a correction: a length for a linear, an angle for a rotary axis.
+    pub resolution: Displacement,
+}
+
+impl Axis {
+    /// Whether positions and corrections of this axis are lengths or angles.
+    pub fn kind(&self) -> AxisKind {
+        self.name.kind()
+    }
+
+    /// The smallest step of a correction as a number in mm or rad.
+    pub fn step(&self) -> f64 {
+        self.resolution.mm_or_rad()
+    }
 }
 
 /// Who ramps a correction out when the cycle stops.
@@ -39,7 +45,7 @@ pub struct Description {
     pub device: String,
     /// Paths with the same channel name replace one another, those with different names add.
     pub channel: String,
-    /// Its axes, at most [`MAX_AXES`].
+    /// The axes in channel order, at most [`MAX_AXES`].
     pub axes: Vec<Axis>,
     /// Who watches it.
     pub heartbeat: Heartbeat,
@@ -50,10 +56,67 @@ pub struct Description {
 }
 
 impl Description {
-    /// The place of an axis.
-    pub fn index_of(&self, name: char) -> Option<usize> {
+    /// The place of an axis in channel order.
+    pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|axis| axis.name == name)
     }
+
+    /// Checks what every driver promises: 1 to [`MAX_AXES`] axes, each once, each with a positive resolution of
+    /// its own kind. Drivers call it when they are set up, before any device is opened.
+    ///
+    /// # Errors
+    /// The first rule that is broken.
+    pub fn check(&self) -> Result<(), UnfitAxes> {
+        let count = self.axes.len();
+        if !(1..=MAX_AXES).contains(&count) {
+            return Err(UnfitAxes::Count(count));
+        }
+        for (index, axis) in self.axes.iter().enumerate() {
+            let (name, resolution) = (axis.name, axis.resolution);
+            if self.index_of(name) != Some(index) {
+                return Err(UnfitAxes::Twice(name));
+            }
+            if resolution.kind() != axis.kind() {
+                return Err(UnfitAxes::Kind { name, resolution });
+            }
+            let step = resolution.mm_or_rad();
+            if !(step > 0.0 && step.is_finite()) {
+                return Err(UnfitAxes::Resolution { name, resolution });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Why a [`Description`] cannot be one of a controller.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum UnfitAxes {
+    /// There is no axis, or more than [`MAX_AXES`].
+    #[error("found {0} axes, expected 1 to {MAX_AXES}")]
+    Count(usize),
+    /// An axis is named more than once.
+    #[error("axis {0}: found twice, expected once")]
+    Twice(AxisName),
+    /// The resolution is a length for a rotary axis, or an angle for a linear one.
+    #[error("axis {name}: found a resolution of {resolution}, expected {}", match name.kind() {
+        AxisKind::Linear => "a length, since the axis is linear",
+        AxisKind::Rotary => "an angle, since the axis is rotary",
+    })]
+    Kind {
+        /// The axis.
+        name: AxisName,
+        /// The resolution that was found.
+        resolution: Displacement,
+    },
+    /// The resolution is zero, negative or no finite number.
+    #[error("axis {name}: found a resolution of {resolution}, expected a positive one")]
+    Resolution {
+        /// The axis.
+        name: AxisName,
+        /// The resolution that was found.
+        resolution: Displacement,
+    },
 }
 
 /// What state a controller is in.
@@ -71,7 +134,7 @@ pub struct ControllerState {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
     /// Positions as reported, mm and rad.
-    pub positions: AxisValues,
+    pub positions: PerChannel<f64>,
     /// When they held, on the monotonic clock: the middle of the exchange, unless the device tells better.
     pub taken: Instant,
     /// How far from `taken` that may have been.
@@ -79,7 +142,7 @@ pub struct Snapshot {
     /// Its state.
     pub state: ControllerState,
     /// The correction that is applied, mm and rad, where the device can be asked.
-    pub applied: Option<AxisValues>,
+    pub applied: Option<PerChannel<f64>>,
 }
 
 /// A machine controller whose positions are read and that takes corrections.
@@ -104,7 +167,7 @@ pub trait Controller: Send {
     /// # Errors
     /// See [`Fault`]. Whether the device took the corrections is not known then: the next
     /// [`read`](Self::read) tells.
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault>;
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault>;
 }
 
 impl<C: Controller + ?Sized> Controller for Box<C> {
@@ -116,7 +179,7 @@ impl<C: Controller + ?Sized> Controller for Box<C> {
         (**self).read(deadline)
     }
 
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         (**self).apply(corrections, deadline)
     }
 }

@@ -4,10 +4,9 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use volcomp_vocabulary::PerChannel;
 
-use crate::{
-    AxisValues, Controller, Description, DigitalIo, Fault, Snapshot, Temperature, Thermometer,
-};
+use crate::{Controller, Description, DigitalIo, Fault, Snapshot, Temperature, Thermometer};
 
 /// How often what goes wrong: chances of a call, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -132,7 +131,7 @@ impl<C: Controller> Controller for Faulty<C> {
         Ok(snapshot)
     }
 
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         self.before(deadline)?;
         self.device.apply(corrections, deadline)
     }

@@ -13,12 +13,15 @@ mod thermometer;
 
 pub use clock::Clock;
 pub use controller::{
-    Axis, AxisValues, Controller, ControllerState, Description, Heartbeat, MAX_AXES, Snapshot,
+    Axis, Controller, ControllerState, Description, Heartbeat, Snapshot, UnfitAxes,
 };
 pub use digital::DigitalIo;
 pub use fault::{DeviceError, Fault};
 pub use supply::{Backoff, Supply};
 pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};
+
+/// The vocabulary of the public interface: axis letters, values by axis, units.
+pub use volcomp_vocabulary as vocabulary;
 
 #[cfg(feature = "mock")]
 pub use {controller::MockController, digital::MockDigitalIo, thermometer::MockThermometer};

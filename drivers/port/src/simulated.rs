@@ -9,20 +9,22 @@ use std::{
     time::{Duration, Instant},
 };
 
+use volcomp_vocabulary::PerChannel;
+
 use crate::{
-    Axis, AxisValues, Clock, Controller, ControllerState, Description, Fault, Heartbeat, MAX_AXES,
-    Snapshot, Temperature, Thermometer,
+    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, Snapshot, Temperature,
+    Thermometer,
 };
 
 /// The true error of the tool at a position (mm, rad) and the sensors' temperatures (°C): what the machine
 /// misses on each axis, mm and rad.
-pub type Truth = Arc<dyn Fn(&AxisValues, &[f64]) -> AxisValues + Send + Sync>;
+pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
 
 /// One move of a program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Move {
     /// Where to, mm and rad.
-    pub to: AxisValues,
+    pub to: PerChannel<f64>,
     /// Feed, mm/s (rad/s where no linear axis moves).
     pub feed_per_s: f64,
     /// How long to stand there.
@@ -91,8 +93,8 @@ pub struct SimulatedController {
     path: Path,
     machine: Machine,
     controls: Arc<Controls>,
-    applied: AxisValues,
-    frozen_at: Option<AxisValues>,
+    applied: PerChannel<f64>,
+    frozen_at: Option<PerChannel<f64>>,
 }
 
 /// The thermometer of a simulated machine.
@@ -128,7 +130,7 @@ impl Machine {
             path: Path::new(&self.program, self.acceleration_per_s2),
             machine: self,
             controls: Arc::clone(&controls),
-            applied: [0.0; MAX_AXES],
+            applied: PerChannel::ZERO,
             frozen_at: None,
         };
         (controller, thermometer, controls)
@@ -137,20 +139,20 @@ impl Machine {
 
 impl SimulatedController {
     /// Where the program is now, without correction.
-    pub fn commanded(&self) -> AxisValues {
+    pub fn commanded(&self) -> PerChannel<f64> {
         self.path.at(self.machine.clock.elapsed())
     }
 
     /// What the tool misses now with the applied correction, and without: mm and rad for each axis.
-    pub fn residual_and_error(&self) -> [AxisValues; 2] {
+    pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         let elapsed = self.machine.clock.elapsed();
         let sensors = self.machine.sensors.iter();
         let degc: Vec<f64> = sensors.map(|sensor| sensor.at(elapsed)).collect();
         let commanded = self.commanded();
-        let moved = std::array::from_fn(|i| commanded[i] + self.applied[i]);
+        let moved = PerChannel::from_fn(|i| commanded[i] + self.applied[i]);
         let error = (self.machine.truth)(&commanded, &degc);
         let missed = (self.machine.truth)(&moved, &degc);
-        [std::array::from_fn(|i| missed[i] + self.applied[i]), error]
+        [PerChannel::from_fn(|i| missed[i] + self.applied[i]), error]
     }
 }
 
@@ -164,7 +166,7 @@ impl Controller for SimulatedController {
             return Err(Fault::NotConnected);
         }
         if self.controls.clear_applied.swap(false, Ordering::Relaxed) {
-            self.applied = [0.0; MAX_AXES];
+            self.applied = PerChannel::ZERO;
         }
         let mut positions = self.commanded();
         for ((position, axis), applied) in positions
@@ -194,7 +196,7 @@ impl Controller for SimulatedController {
         })
     }
 
-    fn apply(&mut self, corrections: &AxisValues, _deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, _deadline: Instant) -> Result<(), Fault> {
         if self.controls.disconnected.load(Ordering::Relaxed) {
             return Err(Fault::NotConnected);
         }
@@ -204,7 +206,7 @@ impl Controller for SimulatedController {
             .zip(corrections)
             .zip(&self.description.axes)
         {
-            *applied = (wanted / axis.resolution).round() * axis.resolution;
+            *applied = (wanted / axis.step()).round() * axis.step();
         }
         self.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
         Ok(())
@@ -237,8 +239,8 @@ struct Path {
 }
 
 struct Segment {
-    from: AxisValues,
-    to: AxisValues,
+    from: PerChannel<f64>,
+    to: PerChannel<f64>,
     length: f64,
     /// Accelerating, then coasting, then decelerating as long as accelerating, s.
     accelerating_s: f64,
@@ -248,7 +250,7 @@ struct Segment {
 
 impl Path {
     fn new(program: &[Move], acceleration: f64) -> Self {
-        let mut from = program.last().map_or([0.0; MAX_AXES], |last| last.to);
+        let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
         let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
         for step in program {
             let segment = Segment::new(from, step, acceleration);
@@ -260,7 +262,7 @@ impl Path {
         Self { segments, starts_s }
     }
 
-    fn at(&self, elapsed: Duration) -> AxisValues {
+    fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];
         let time = if period > 0.0 {
             elapsed.as_secs_f64() % period
@@ -272,12 +274,12 @@ impl Path {
             .saturating_sub(1)
             .min(self.segments.len().saturating_sub(1));
         let segment = self.segments.get(place);
-        segment.map_or([0.0; MAX_AXES], |s| s.at(time - self.starts_s[place]))
+        segment.map_or(PerChannel::ZERO, |s| s.at(time - self.starts_s[place]))
     }
 }
 
 impl Segment {
-    fn new(from: AxisValues, step: &Move, acceleration: f64) -> Self {
+    fn new(from: PerChannel<f64>, step: &Move, acceleration: f64) -> Self {
         let squares = from.iter().zip(&step.to).map(|(a, b)| (b - a) * (b - a));
         let length = squares.sum::<f64>().sqrt();
         // A short move never reaches its feed.
@@ -302,7 +304,7 @@ impl Segment {
         2.0 * self.accelerating_s + self.coasting_s
     }
 
-    fn at(&self, time_s: f64) -> AxisValues {
+    fn at(&self, time_s: f64) -> PerChannel<f64> {
         let left_s = self.duration_s() - time_s;
         let passed = if self.length == 0.0 || left_s <= 0.0 {
             return self.to;
@@ -315,6 +317,6 @@ impl Segment {
             feed * (time_s - 0.5 * self.accelerating_s)
         };
         let share = passed / self.length;
-        std::array::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]))
+        PerChannel::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]))
     }
 }

@@ -30,6 +30,18 @@ macro_rules! in_order {
                 self.0.iter_mut()
             }
 
+            /// These values at the first places and the default at the others. More than [`MAX_AXES`] values do not
+            /// compile.
+            #[inline]
+            pub fn leading<const N: usize>(values: [T; N]) -> Self
+            where
+                T: Default,
+            {
+                const { assert!(N <= MAX_AXES, "more values than a machine has axes") };
+                let mut values = values.into_iter();
+                Self::from_fn(|_| values.next().unwrap_or_default())
+            }
+
             /// Another value for each place.
             #[inline]
             pub fn map<U>(self, value: impl FnMut(T) -> U) -> $name<U> {

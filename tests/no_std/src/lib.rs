@@ -15,7 +15,8 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
-use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, MAX_AXES, Reading};
+use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, Reading};
+use volcomp_guard::vocabulary::{MAX_AXES, PerChannel};
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error};
 
 const ARENA_BYTES: usize = 1 << 20;
@@ -241,23 +242,23 @@ pub unsafe extern "C" fn volcomp_guard_cycle(
         hold: Duration::from_millis(50),
         zero_after: Duration::from_millis(500),
         ramp: Duration::from_millis(500),
-        test_shift: [0.0; MAX_AXES],
+        test_shift: PerChannel::ZERO,
         read_back_cycles: 2,
     });
     let Ok(mut guard) = guard else { return -1 };
     let reading = Reading {
         taken: Duration::ZERO,
-        positions: [0.0; MAX_AXES],
-        applied: Some(core::array::from_fn(|i| applied[i])),
+        positions: PerChannel::ZERO,
+        applied: Some(PerChannel::from_fn(|i| applied[i])),
         referenced: true,
         alarm: false,
         emergency_stop: false,
     };
     let found = guard.cycle(&Inputs {
         reading: Some(reading),
-        target: Some(core::array::from_fn(|i| wanted[i])),
+        target: Some(PerChannel::from_fn(|i| wanted[i])),
         ..Inputs::default()
     });
-    output.copy_from_slice(&found.correction);
+    output.copy_from_slice(&found.correction[..]);
     i32::from(found.write)
 }

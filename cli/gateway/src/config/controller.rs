@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
+use volcomp_vocabulary::{AxisName, MAX_AXES};
 
 use super::{ControllerConfig, DigitalConfig, ThermometerConfig};
 
@@ -51,7 +52,7 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         None => BTreeMap::new(),
         Some(fixed) => fixed
             .values()
-            .map(|(name, value)| Ok((letter(&value, name)?, value.number()?)))
+            .map(|(name, value)| Ok((axis_name(&value, name)?, value.number()?)))
             .collect::<Result<_, InputError>>()?,
     };
     let referenced = match section.get("referenced") {
@@ -90,35 +91,30 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
     })
 }
 
-fn axes(value: &Value<'_>) -> Result<Vec<char>, InputError> {
+fn axes(value: &Value<'_>) -> Result<Vec<AxisName>, InputError> {
     let names = value.texts()?;
     let letters = names
         .iter()
-        .map(|name| letter(value, name))
-        .collect::<Result<Vec<char>, _>>()?;
+        .map(|name| axis_name(value, name))
+        .collect::<Result<Vec<AxisName>, _>>()?;
     for (index, name) in letters.iter().enumerate() {
         if letters[..index].contains(name) {
             return Err(value.error(format!("axis {name} stands twice")));
         }
     }
-    if letters.is_empty() || letters.len() > volcomp_guard::MAX_AXES {
+    if letters.is_empty() || letters.len() > MAX_AXES {
         return Err(value.error(format!(
             "found {} axes, expected 1 to {}",
             letters.len(),
-            volcomp_guard::MAX_AXES
+            MAX_AXES
         )));
     }
     Ok(letters)
 }
 
-fn letter(value: &Value<'_>, name: &str) -> Result<char, InputError> {
-    let mut letters = name.chars();
-    match (letters.next(), letters.next()) {
-        (Some(letter), None) if letter.is_ascii_uppercase() => Ok(letter),
-        _ => Err(value.error(format!(
-            "found the axis `{name}`, expected a letter such as X"
-        ))),
-    }
+fn axis_name(value: &Value<'_>, name: &str) -> Result<AxisName, InputError> {
+    name.parse()
+        .map_err(|e| value.error(format!("found the axis `{name}`, {e}")))
 }
 
 fn pmc_address(section: &Section<'_>, key: &str) -> Result<PmcAddress, InputError> {

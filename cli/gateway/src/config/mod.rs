@@ -11,6 +11,7 @@ use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{Document, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
 use volcomp_model::Fading;
+use volcomp_vocabulary::AxisName;
 
 use crate::error::GatewayError;
 
@@ -97,9 +98,9 @@ pub struct ControllerConfig {
     /// Its channel.
     pub channel: Option<String>,
     /// The axes it corrects.
-    pub axes: Vec<char>,
+    pub axes: Vec<AxisName>,
     /// Machine axes that stand where they are told: mm, deg.
-    pub fixed: BTreeMap<char, f64>,
+    pub fixed: BTreeMap<AxisName, f64>,
     /// Smallest step, um.
     pub resolution_um: Option<f64>,
     /// Smallest step of rotary axes, urad.

@@ -12,7 +12,7 @@ const NODES: usize = 25;
 /// the document of `GET /api/state`.
 pub(super) fn map(model: &Model, state: &Value) -> Value {
     let linear: Vec<usize> = (0..model.axes.len())
-        .filter(|&index| !model.axes[index].1)
+        .filter(|&index| !model.axes[index].is_rotary())
         .take(2)
         .collect();
     let [first, second] = linear[..] else {
@@ -24,13 +24,13 @@ pub(super) fn map(model: &Model, state: &Value) -> Value {
     };
     let model = model.warmed(temperature);
     let mut at = State::default();
-    for (index, (letter, rotary)) in model.axes.iter().enumerate() {
-        let (key, factor) = if *rotary {
+    for (index, name) in model.axes.iter().enumerate() {
+        let (key, factor) = if name.is_rotary() {
             ("positions_deg", std::f64::consts::PI / 180.0)
         } else {
             ("positions_mm", 1.0)
         };
-        at.q[index] = state[key][letter.to_string()].as_f64().unwrap_or(0.0) * factor;
+        at.q[index] = state[key][name.to_string()].as_f64().unwrap_or(0.0) * factor;
     }
     let nodes = |axis: usize| {
         let [low, high] = model.travel[axis];
@@ -48,6 +48,6 @@ pub(super) fn map(model: &Model, state: &Value) -> Value {
                 .collect()
         })
         .collect();
-    let axis = |index: usize| json!({ "name": model.axes[index].0.to_string(), "travel": model.travel[index] });
+    let axis = |index: usize| json!({ "name": model.axes[index].to_string(), "travel": model.travel[index] });
     json!({ "axes": [axis(first), axis(second)], "error_um": rows })
 }

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use tokio::sync::{oneshot, watch};
 use volcomp_guard::{Reasons, Request, State};
 use volcomp_port::Description;
+use volcomp_vocabulary::PerAxis;
 
 use crate::{
     audit::{AuditLog, boot_id, replace_file},
@@ -125,7 +126,7 @@ pub struct Service {
     /// It was armed once, or a person took over.
     auto_arm_done: bool,
     auto_arm_after: Instant,
-    output_written: (Instant, [f64; 9]),
+    output_written: (Instant, PerAxis<f64>),
     watchdog: Watchdog,
 }
 
@@ -148,7 +149,7 @@ impl Service {
             audit_fails: false,
             auto_arm_done: false,
             auto_arm_after: now,
-            output_written: (now, [0.0; 9]),
+            output_written: (now, PerAxis::ZERO),
             watchdog: Watchdog {
                 interval: sd_notify::watchdog_enabled().map(|time| time / 2),
                 fed: now,
@@ -202,7 +203,7 @@ impl Service {
             self.look();
             let report = self.parts.handle.report();
             let at_rest = report.state == State::Disarmed
-                || matches!(report.state, State::Faulted(_)) && report.correction == [0.0; 9];
+                || matches!(report.state, State::Faulted(_)) && report.correction == PerAxis::ZERO;
             if at_rest {
                 break;
             }
@@ -305,7 +306,7 @@ impl Service {
 
     /// The last output, for controllers that cannot be asked after a restart.
     fn write_output(&mut self, report: &Report) {
-        let text = json!({ "boot": boot_id(), "correction": report.correction }).to_string();
+        let text = json!({ "boot": boot_id(), "correction": report.correction.0 }).to_string();
         if let Err(e) = replace_file(&self.parts.config.audit_dir.join("output.json"), &text) {
             tracing::warn!("last output: {e}");
         }

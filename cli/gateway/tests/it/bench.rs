@@ -17,8 +17,10 @@ use volcomp_gateway::{
 };
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
-    AxisValues, Clock, Controller, Description, Fault, Snapshot, Thermometer, simulated::Controls,
+    Clock, Controller, Description, Fault, Snapshot, Thermometer, simulated::Controls,
 };
+
+use volcomp_vocabulary::PerChannel;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 
@@ -31,10 +33,10 @@ pub(crate) struct Watched<C> {
 /// What was written, and what a test wants to go wrong.
 #[derive(Default)]
 pub(crate) struct Seen {
-    pub(crate) applied: AxisValues,
+    pub(crate) applied: PerChannel<f64>,
     pub(crate) writes: u64,
     /// Added to what is read.
-    pub(crate) offset: AxisValues,
+    pub(crate) offset: PerChannel<f64>,
     pub(crate) fault: Option<Fault>,
     /// Writes go nowhere.
     pub(crate) deaf: bool,
@@ -57,7 +59,7 @@ impl<C: Controller> Controller for Watched<C> {
         Ok(snapshot)
     }
 
-    fn apply(&mut self, corrections: &AxisValues, deadline: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         let mut seen = self.seen.lock().expect("no test holds it in a panic");
         seen.writes += 1;
         if seen.deaf {
@@ -169,7 +171,7 @@ impl Bench {
         report
     }
 
-    pub(crate) fn applied(&self) -> AxisValues {
+    pub(crate) fn applied(&self) -> PerChannel<f64> {
         self.seen
             .lock()
             .expect("no test holds it in a panic")

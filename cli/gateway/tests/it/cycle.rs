@@ -12,7 +12,7 @@ use volcomp_gateway::{
 };
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{Clock, Controller, Fault};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
 
@@ -42,7 +42,7 @@ fn it_arms_follows_and_disarms_without_a_step() {
     bench.request(Request::Disarm);
     assert!(bench.largest_step(2 * SECOND) <= allowed);
     assert_eq!(bench.run(PERIOD).state.name(), "disarmed");
-    assert_eq!(bench.applied(), [0.0; 9]);
+    assert_eq!(bench.applied(), PerChannel::ZERO);
 }
 
 #[test]
@@ -127,7 +127,11 @@ fn the_fallback_takes_over_and_hands_back() {
     assert_eq!(bench.run(SECOND).active, 1, "not yet");
     let report = bench.run(5 * SECOND);
     assert_eq!((report.state.name(), report.active), ("compensating", 0));
-    assert_eq!(second.lock().unwrap().applied, [0.0; 9], "it lets go");
+    assert_eq!(
+        second.lock().unwrap().applied,
+        PerChannel::ZERO,
+        "it lets go"
+    );
 }
 
 /// Channels that add: while nobody knows what the silent one holds, the other must not add to it.
@@ -138,7 +142,7 @@ fn an_adding_channel_does_not_take_over_from_an_unknown_one() {
     let report = bench.run(200 * PERIOD);
     assert_eq!(report.active, 0);
     assert!(report.reasons.contains(Reasons::OTHER_CHANNEL_UNKNOWN));
-    assert_eq!(second.lock().unwrap().applied, [0.0; 9]);
+    assert_eq!(second.lock().unwrap().applied, PerChannel::ZERO);
 }
 
 /// Channels that add, the first one's positions without a fresh time: what it holds is known, so the second takes
@@ -172,13 +176,13 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             program: Vec::new(),
             acceleration_per_s2: 1.0,
             sensors: Vec::new(),
-            truth: Arc::new(|_, _| [0.0; 9]),
+            truth: Arc::new(|_, _| PerChannel::ZERO),
             clock: clock.clone(),
         };
         let (lines, _, _) = lines.start();
         let [seen, second] = [0, 1].map(|_| Arc::new(Mutex::new(Seen::default())));
         let mut channels = Vec::new();
-        let mut path = |controller: Box<dyn Controller>, fixed: Vec<(char, f64)>| {
+        let mut path = |controller: Box<dyn Controller>, fixed: Vec<(AxisName, f64)>| {
             let config = PathConfig {
                 proves: false,
                 fixed,
@@ -187,7 +191,9 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             assemble::path(controller, &model, &guard, &config, PERIOD, &mut channels)
                 .expect("built in")
         };
-        let others = fixed.map_or(Vec::new(), |at| vec![('Y', at), ('Z', 500.0)]);
+        let others = fixed.map_or(Vec::new(), |at| {
+            vec![(AxisName::Y, at), (AxisName::Z, 500.0)]
+        });
         let paths = vec![
             path(
                 Box::new(Watched {
@@ -230,7 +236,7 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
                 (applied[0] - report.wanted[0]).abs() < 0.002 && report.wanted[0].abs() > 0.002
             );
         } else {
-            assert_eq!(applied, [0.0; 9]);
+            assert_eq!(applied, PerChannel::ZERO);
         }
     }
 }
@@ -244,29 +250,29 @@ fn every_axis_gets_its_own_correction() {
     let file =
         std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
     let machine = Machine::read(&file).expect("shipped");
-    let letters = ['Z', 'B', 'X', 'C', 'Y'];
+    let letters = [
+        AxisName::Z,
+        AxisName::B,
+        AxisName::X,
+        AxisName::C,
+        AxisName::Y,
+    ];
     for place in [
         [-100.0, 40.0, 200.0, 50.0, 300.0],
         [-400.0, -75.0, 650.0, 300.0, 50.0],
         [0.0, 100.0, 10.0, 190.0, 590.0],
     ] {
-        let rotary = |name: char| matches!(name, 'B' | 'C');
-        let mut to = [0.0; 9];
+        let mut to = PerChannel::ZERO;
         for ((to, name), at) in to.iter_mut().zip(letters).zip(place) {
-            *to = if rotary(name) {
-                f64::to_radians(at)
-            } else {
-                at
-            };
+            *to = Displacement::from_coordinate(name.kind(), at).mm_or_rad();
         }
         let clock = Clock::manual();
         let control = volcomp_port::simulated::Machine {
             axes: letters
                 .map(|name| volcomp_port::Axis {
                     name,
-                    rotary: rotary(name),
                     includes_correction: false,
-                    resolution: 1e-6,
+                    resolution: Displacement::new(name.kind(), 1e-6),
                 })
                 .to_vec(),
             program: vec![volcomp_port::simulated::Move {
@@ -276,7 +282,7 @@ fn every_axis_gets_its_own_correction() {
             }],
             acceleration_per_s2: 1.0,
             sensors: Vec::new(),
-            truth: Arc::new(|_, _| [0.0; 9]),
+            truth: Arc::new(|_, _| PerChannel::ZERO),
             clock: clock.clone(),
         };
         let (control, thermometer, controls) = control.start();
@@ -305,16 +311,13 @@ fn every_axis_gets_its_own_correction() {
         bench.run(SECOND);
         bench.request(Request::Arm);
         assert_eq!(bench.run(3 * SECOND).state.name(), "compensating");
-        let named = |(name, at): (char, f64)| (AxisName::from_letter(name).expect("a letter"), at);
-        let coordinates: Vec<_> = letters.into_iter().zip(place).map(named).collect();
+        let coordinates: Vec<_> = letters.into_iter().zip(place).collect();
         let state = machine.state(&coordinates).expect("its axes");
         let exact =
             machine.correction_at(&state, &Temperatures::new(), &CorrectionOptions::default());
         let mut largest = 0.0_f64;
         for (name, applied) in letters.into_iter().zip(bench.applied()) {
-            let index = machine
-                .index_of(AxisName::from_letter(name).expect("a letter"))
-                .expect("its axis");
+            let index = machine.index_of(name).expect("its axis");
             let wanted = exact.delta[index];
             assert!(
                 (applied - wanted).abs() < 3e-6,

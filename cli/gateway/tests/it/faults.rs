@@ -15,6 +15,7 @@ use volcomp_port::{
     Clock, Fault, Reason, Temperature, Thermometer,
     inject::{Faults, Faulty},
 };
+use volcomp_vocabulary::PerChannel;
 
 use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
 
@@ -110,7 +111,7 @@ fn a_position_that_is_no_number_is_held_then_ramped_out() {
     assert_eq!(report.state.name(), "holding");
     assert!(report.reasons.contains(Reasons::NOT_A_NUMBER));
     assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
-    assert_eq!(bench.applied(), [0.0; 9]);
+    assert_eq!(bench.applied(), PerChannel::ZERO);
 }
 
 #[test]

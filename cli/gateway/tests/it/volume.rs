@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_port::AxisValues;
+use volcomp_vocabulary::PerAxis;
 
 use crate::bench::{Bench, PERIOD};
 
@@ -17,7 +17,8 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
     let mut above_floor = 0.0_f64;
     let (mut squares_before, mut squares_after) = (0.0, 0.0);
     for cycle in 0..(600_000 / 4) {
-        let applied = bench.applied();
+        // Channels and chain both begin with X, Y, Z.
+        let applied = PerAxis(bench.applied().0);
         let report = bench.step(PERIOD, None);
         assert_eq!(report.state.name(), "compensating");
         if cycle % 50 != 0 {
@@ -28,7 +29,7 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
             .iter()
             .map_while(|sensor| sensor.degc)
             .collect();
-        let positions: AxisValues = report.positions;
+        let positions = report.positions;
         // What was applied when the machine came here.
         let b = bench.truth.error(&positions, &degc).norm() * 1e3;
         let a = bench.truth.residual(&positions, &applied, &degc).norm() * 1e3;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Limits, MAX_AXES, Reasons, Request, State};
+use volcomp_guard::{Limits, Reasons, Request, State};
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::world::{STEP, World, axes, limits};
 
@@ -23,7 +24,7 @@ fn stale_positions_hold_then_ramp_out_then_back_in() {
     assert!(world.applied[0] < before[0] && world.applied[0] > 0.0);
     let lost = world.run(SECOND);
     assert_eq!(lost.state.name(), "holding");
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
     world.frozen_at = None;
     assert_eq!(world.run(Duration::from_millis(100)).state.name(), "arming");
     assert_eq!(world.run(SECOND).state, State::Compensating);
@@ -54,7 +55,7 @@ fn after_a_reboot_it_ramps_from_what_is_applied() {
     let silent = world.run(2 * SECOND);
     assert!(!silent.write);
     assert!(silent.reasons.contains(Reasons::NO_CONTROLLER));
-    world.applied = [0.0; MAX_AXES];
+    world.applied = PerChannel::ZERO;
     world.answers = true;
     let back = world.run(Duration::ZERO);
     assert_eq!(back.state.name(), "arming");
@@ -77,20 +78,20 @@ fn lines_that_cannot_be_asked_are_ramped_out_blindly() {
     world.run(SECOND);
     world.answers = false;
     world.run(2 * SECOND);
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
 }
 
 #[test]
 fn a_correction_that_is_cleared_comes_back_by_a_ramp() {
     let mut world = World::compensating(&limits());
-    world.applied = [0.0; MAX_AXES];
+    world.applied = PerChannel::ZERO;
     let output = world.run(Duration::ZERO);
     assert_eq!(output.state.name(), "arming");
     assert!(world.applied[0].abs() <= STEP);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
     // Once more, and again: each is an event of its own.
     for _ in 0..5 {
-        world.applied = [0.0; MAX_AXES];
+        world.applied = PerChannel::ZERO;
         assert_eq!(world.run(2 * SECOND).state, State::Compensating);
     }
 }
@@ -107,7 +108,7 @@ fn a_write_that_does_not_stick_is_a_fault() {
     assert_eq!(world.request(Request::Acknowledge).state.name(), "faulted");
     world.sticks = true;
     world.run(2 * SECOND);
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
     assert_eq!(world.request(Request::Arm).state.name(), "faulted");
     assert_eq!(world.request(Request::Acknowledge).state, State::Disarmed);
     assert_eq!(world.request(Request::Arm).state.name(), "arming");
@@ -121,7 +122,7 @@ fn a_read_back_may_be_behind() {
             read_back_cycles: allowed,
             ..limits()
         });
-        let mut history = vec![[0.0; MAX_AXES]; behind];
+        let mut history = vec![PerChannel::ZERO; behind];
         world.request(Request::Arm);
         for cycle in 0..500 {
             let truth = world.applied;
@@ -153,7 +154,7 @@ fn an_emergency_stop_freezes_and_comes_back_by_a_ramp() {
         let output = world.run(SECOND);
         assert_eq!((output.state.name(), output.write), ("holding", false));
         // It rebooted meanwhile.
-        world.applied = [0.0; MAX_AXES];
+        world.applied = PerChannel::ZERO;
         // A silence in between changes nothing.
         world.answers = false;
         assert!(!world.run(SECOND).write);
@@ -176,7 +177,7 @@ fn no_number_is_held_then_ramped_out() {
     assert!(output.reasons.contains(Reasons::NOT_A_NUMBER));
     assert_eq!(world.applied, before);
     world.run(2 * SECOND);
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
     // A read-back that is no number says nothing: nothing is written.
     world.positions[1] = 0.0;
     world.applied[0] = f64::NAN;
@@ -205,7 +206,7 @@ fn time_that_goes_back_moves_nothing() {
 
 fn proving(includes: bool, really: bool) -> World {
     let mut limits = limits();
-    limits.test_shift = [5.0 * STEP; MAX_AXES];
+    limits.test_shift = PerChannel([5.0 * STEP; MAX_AXES]);
     for axis in &mut limits.axes {
         axis.includes_correction = includes;
     }
@@ -230,7 +231,7 @@ fn a_test_shift_proves_what_positions_contain() {
         let output = world.run(2 * SECOND);
         assert_eq!(output.state.name(), "faulted");
         assert!(output.reasons.contains(Reasons::CONTRADICTION));
-        assert_eq!(world.applied, [0.0; MAX_AXES]);
+        assert_eq!(world.applied, PerChannel::ZERO);
     }
 }
 
@@ -242,7 +243,7 @@ fn the_proof_waits_for_standstill() {
         world.positions[0] += 0.01;
         let output = world.run(Duration::ZERO);
         assert!(output.reasons.contains(Reasons::WAITING_FOR_STANDSTILL));
-        assert_eq!(world.applied, [0.0; MAX_AXES]);
+        assert_eq!(world.applied, PerChannel::ZERO);
     }
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
 }
@@ -258,7 +259,7 @@ fn an_interrupted_proof_is_no_proof() {
         assert_eq!(output.state.name(), "arming");
         world.run(2 * SECOND);
         assert_eq!(world.guard.state(), State::Disarmed);
-        assert_eq!(world.applied, [0.0; MAX_AXES]);
+        assert_eq!(world.applied, PerChannel::ZERO);
         world.frozen_at = None;
         assert_eq!(world.run(SECOND).state, State::Disarmed, "not by itself");
         world.request(Request::Arm);
@@ -266,7 +267,7 @@ fn an_interrupted_proof_is_no_proof() {
         world.run(SECOND);
         world.emergency_stop = false;
         assert_eq!(world.run(SECOND).state, State::Disarmed);
-        assert_eq!(world.applied, [0.0; MAX_AXES]);
+        assert_eq!(world.applied, PerChannel::ZERO);
         world.request(Request::Arm);
         let last = world.run(2 * SECOND).state.name();
         assert_eq!(last, if really { "faulted" } else { "compensating" });
@@ -285,7 +286,7 @@ fn a_ramp_out_goes_on_after_an_emergency_stop() {
     assert_eq!(world.applied, held);
     world.emergency_stop = false;
     assert_eq!(world.run(SECOND).state, State::Disarmed);
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
 }
 
 /// Writes that fail and are not taken are no event, whether one or some in a row; the correction goes on from what is

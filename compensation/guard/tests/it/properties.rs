@@ -5,7 +5,8 @@ use std::time::Duration;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{AxisValues, Limits, MAX_AXES, Reasons, Request, State};
+use volcomp_guard::{Limits, Reasons, Request, State};
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::world::{STEP, World, axes, limits};
 
@@ -30,7 +31,7 @@ fn happens(world: &mut World, random: &mut ChaCha8Rng) -> (Option<Request>, bool
         8 => world.positions[0] = f64::INFINITY,
         9 => world.positions[0] = random.random_range(-1e3..1e3),
         10 => {
-            world.applied = [0.0; MAX_AXES];
+            world.applied = PerChannel::ZERO;
             cleared = true;
         }
         11 => {
@@ -66,7 +67,7 @@ fn happens(world: &mut World, random: &mut ChaCha8Rng) -> (Option<Request>, bool
 }
 
 /// What was on the axes, cycle by cycle: time, applied, whether the world changed it.
-fn trace(seed: u64, includes: bool, asked: bool) -> Vec<(f64, AxisValues, bool, State, u64)> {
+fn trace(seed: u64, includes: bool, asked: bool) -> Vec<(f64, PerChannel<f64>, bool, State, u64)> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     // One write that was lost is noticed before the next.
     let mut limits = Limits {
@@ -74,7 +75,7 @@ fn trace(seed: u64, includes: bool, asked: bool) -> Vec<(f64, AxisValues, bool, 
         ..limits()
     };
     if random.random() {
-        limits.test_shift = [5.0 * STEP; MAX_AXES];
+        limits.test_shift = PerChannel([5.0 * STEP; MAX_AXES]);
     }
     for axis in &mut limits.axes {
         axis.includes_correction = includes;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Guard, LimitsError, MAX_AXES, Reasons, Request, State};
+use volcomp_guard::{Guard, LimitsError, Reasons, Request, State};
+use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits};
 
@@ -12,7 +13,7 @@ const SECOND: Duration = Duration::from_secs(1);
 fn arming_ramps_in_and_disarming_ramps_out() {
     let mut world = World::new(&limits());
     assert_eq!(world.run(SECOND).state, State::Disarmed);
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
     assert_eq!(world.request(Request::Arm).state.name(), "arming");
     let half = world.run(Duration::from_millis(240));
     assert_eq!(half.state.name(), "arming");
@@ -33,7 +34,7 @@ fn arming_ramps_in_and_disarming_ramps_out() {
     );
     let output = world.run(SECOND);
     assert_eq!((output.state, output.write), (State::Disarmed, false));
-    assert_eq!(world.applied, [0.0; MAX_AXES]);
+    assert_eq!(world.applied, PerChannel::ZERO);
 }
 
 #[test]

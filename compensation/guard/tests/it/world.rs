@@ -2,10 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{
-    AxisLimits, AxisValues, Guard, Inputs, Limits, MAX_AXES, Output, Reading, Reasons, Request,
-    State,
-};
+use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, Output, Reading, Reasons, Request, State};
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const STEP: f64 = 0.001;
@@ -26,7 +24,7 @@ pub(crate) fn limits() -> Limits {
         hold: Duration::from_millis(50),
         zero_after: Duration::from_millis(500),
         ramp: Duration::from_millis(500),
-        test_shift: [0.0; MAX_AXES],
+        test_shift: PerChannel::ZERO,
         read_back_cycles: 2,
     }
 }
@@ -37,9 +35,9 @@ pub(crate) struct World {
     pub(crate) guard: Guard,
     pub(crate) now: Duration,
     /// What the axes have, written or cleared.
-    pub(crate) applied: AxisValues,
-    pub(crate) target: Option<AxisValues>,
-    pub(crate) positions: AxisValues,
+    pub(crate) applied: PerChannel<f64>,
+    pub(crate) target: Option<PerChannel<f64>>,
+    pub(crate) positions: PerChannel<f64>,
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
     pub(crate) emergency_stop: bool,
@@ -52,8 +50,8 @@ pub(crate) struct World {
     pub(crate) forbids: Reasons,
 }
 
-pub(crate) fn axes(x: f64, y: f64) -> AxisValues {
-    let mut values = [0.0; MAX_AXES];
+pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
+    let mut values = PerChannel::ZERO;
     (values[0], values[1]) = (x, y);
     values
 }
@@ -63,9 +61,9 @@ impl World {
         Self {
             guard: Guard::new(*limits).expect("the limits of the tests are good"),
             now: Duration::from_secs(1),
-            applied: [0.0; MAX_AXES],
+            applied: PerChannel::ZERO,
             target: Some(axes(0.040, -0.020)),
-            positions: [0.0; MAX_AXES],
+            positions: PerChannel::ZERO,
             referenced: true,
             alarm: false,
             emergency_stop: false,

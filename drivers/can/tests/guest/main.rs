@@ -16,6 +16,7 @@ use volcomp_can::{
     canopen::{CanopenThermometer, Channel, Number, SdoClient},
 };
 use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 /// There is one vcan0, so one test of it at a time.
 fn vcan0() -> MutexGuard<'static, ()> {
@@ -131,7 +132,7 @@ fn the_bridge_lives_through_an_interface_that_goes_down() {
         &BridgeConfig {
             table: table.clone(),
             channel: "bridge".to_owned(),
-            axes: vec!['X'],
+            axes: vec![AxisName::X],
             includes_correction: false,
             stale_after: Duration::from_millis(100),
         },
@@ -157,7 +158,9 @@ fn the_bridge_lives_through_an_interface_that_goes_down() {
             found = controller.read(soon()).unwrap();
         }
         assert!(found.state.referenced);
-        controller.apply(&[1e-5 * x; 9], soon()).unwrap();
+        controller
+            .apply(&PerChannel([1e-5 * x; 9]), soon())
+            .unwrap();
         let sent = loop {
             let frame = next_frame(&mut control);
             if frame.id == 0x110 {
@@ -172,7 +175,7 @@ fn the_bridge_lives_through_an_interface_that_goes_down() {
     assert_eq!(controller.health(), volcomp_can::Health::default());
     run("ip", &["link", "set", "vcan0", "down"]);
     assert_eq!(
-        controller.apply(&[0.0; 9], soon()),
+        controller.apply(&PerChannel::ZERO, soon()),
         Err(Fault::Disconnected)
     );
     std::thread::sleep(Duration::from_millis(150));
@@ -190,7 +193,7 @@ fn the_bridge_lives_through_an_interface_that_goes_down() {
         }
     };
     assert!((found.positions[0] - 7.0).abs() < 1e-9);
-    controller.apply(&[0.001; 9], soon()).unwrap();
+    controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
 }
 
 #[test]

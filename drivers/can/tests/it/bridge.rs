@@ -2,10 +2,11 @@ use std::time::Duration;
 
 use volcomp_can::{BridgeConfig, CanController, CanThermometer, Received, SignalTable};
 use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer, contract};
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{Bus, frame_of, shipped, soon};
 
-fn config(axes: &[char]) -> BridgeConfig {
+fn config(axes: &[AxisName]) -> BridgeConfig {
     BridgeConfig {
         table: shipped(),
         channel: "bridge".to_owned(),
@@ -58,7 +59,11 @@ impl Control {
 fn positions_come_and_corrections_go() {
     let bus = Bus::default();
     let mut control = Control::new(&bus);
-    let mut controller = CanController::new(bus.clone(), &config(&['X', 'Z', 'C'])).unwrap();
+    let mut controller = CanController::new(
+        bus.clone(),
+        &config(&[AxisName::X, AxisName::Z, AxisName::C]),
+    )
+    .unwrap();
     assert_eq!(
         controller.read(soon()),
         Err(Fault::TimedOut),
@@ -71,17 +76,14 @@ fn positions_come_and_corrections_go() {
     assert!((snapshot.positions[2] - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
     assert!(snapshot.state.referenced && !snapshot.state.alarm);
     controller
-        .apply(
-            &[0.0123, -0.005, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            soon(),
-        )
+        .apply(&PerChannel::leading([0.0123, -0.005, 2e-6]), soon())
         .unwrap();
     control.sends(101.0, &[("ALARM", 1.0), ("EMERGENCY_STOP", 1.0)]);
     let snapshot = controller.read(soon()).unwrap();
     assert!((snapshot.applied.unwrap()[0] - 0.012).abs() < 1e-12);
     assert!(snapshot.state.alarm && snapshot.state.emergency_stop);
     assert_eq!(controller.saturated(), 0);
-    controller.apply(&[5.0; 9], soon()).unwrap();
+    controller.apply(&PerChannel([5.0; 9]), soon()).unwrap();
     assert_eq!(controller.saturated(), 3);
 }
 
@@ -97,12 +99,16 @@ fn the_contract_of_controllers() {
             self.1.sends(5.0, &[]);
             self.0.read(deadline)
         }
-        fn apply(&mut self, c: &[f64; 9], deadline: std::time::Instant) -> Result<(), Fault> {
+        fn apply(
+            &mut self,
+            c: &PerChannel<f64>,
+            deadline: std::time::Instant,
+        ) -> Result<(), Fault> {
             self.0.apply(c, deadline)
         }
     }
     let bus = Bus::default();
-    let controller = CanController::new(bus.clone(), &config(&['X'])).unwrap();
+    let controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
     contract::controller(&mut Answering(controller, Control::new(&bus)));
 }
 
@@ -112,7 +118,7 @@ fn the_contract_of_controllers() {
 fn what_is_wrong_on_the_bus_is_a_state() {
     let bus = Bus::default();
     let table = shipped();
-    let mut controller = CanController::new(bus.clone(), &config(&['X'])).unwrap();
+    let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
     let xy = |x: f64, counter| frame_of(&table, "POSITION_XY", &[("X_POS", x)], counter);
     bus.comes(xy(1.0, 3));
     bus.comes(frame_of(&table, "STATE", &[], 3));
@@ -145,7 +151,7 @@ fn what_is_wrong_on_the_bus_is_a_state() {
     bus.inside().down = true;
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
     assert_eq!(
-        controller.apply(&[0.0; 9], soon()),
+        controller.apply(&PerChannel::ZERO, soon()),
         Err(Fault::Disconnected)
     );
 }
@@ -154,9 +160,10 @@ fn what_is_wrong_on_the_bus_is_a_state() {
 fn every_correction_has_a_new_counter_and_a_right_sum() {
     let bus = Bus::default();
     let table = shipped();
-    let mut controller = CanController::new(bus.clone(), &config(&['X', 'Y'])).unwrap();
+    let mut controller =
+        CanController::new(bus.clone(), &config(&[AxisName::X, AxisName::Y])).unwrap();
     for _ in 0..40 {
-        controller.apply(&[0.001; 9], soon()).unwrap();
+        controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
     }
     let sent = bus.sent();
     assert_eq!(sent.len(), 40, "one frame holds both axes");
@@ -170,7 +177,7 @@ fn every_correction_has_a_new_counter_and_a_right_sum() {
 
 #[test]
 fn configurations_that_make_no_sense_are_named() {
-    let message = |axes: &[char], change: fn(&mut BridgeConfig)| {
+    let message = |axes: &[AxisName], change: fn(&mut BridgeConfig)| {
         let mut config = config(axes);
         change(&mut config);
         CanController::new(Bus::default(), &config)
@@ -179,12 +186,12 @@ fn configurations_that_make_no_sense_are_named() {
             .to_string()
     };
     assert!(
-        message(&['X', 'B'], |_| {})
+        message(&[AxisName::X, AxisName::B], |_| {})
             .contains("can://memory: there is no signal B_POS; correct the DBC")
     );
     assert!(message(&[], |_| {}).contains("found 0 axes"));
-    assert!(message(&['X', 'X'], |_| {}).contains("axis X stands twice"));
-    let miles = message(&['X'], |config| {
+    assert!(message(&[AxisName::X, AxisName::X], |_| {}).contains("axis X: found twice"));
+    let miles = message(&[AxisName::X], |config| {
         let text = volcomp_can::SHIPPED_DBC.replace("\"um\"", "\"mile\"");
         config.table = SignalTable::parse(&text).unwrap();
     });
@@ -244,7 +251,7 @@ fn an_fd_frame_of_the_users_own() {
         bus.clone(),
         &BridgeConfig {
             table: table.clone(),
-            ..config(&['X', 'Y'])
+            ..config(&[AxisName::X, AxisName::Y])
         },
     )
     .unwrap();
@@ -263,10 +270,7 @@ fn an_fd_frame_of_the_users_own() {
     assert!((snapshot.positions[1] + 0.0001).abs() < 1e-12);
     assert_eq!(snapshot.applied, None, "it cannot be asked");
     controller
-        .apply(
-            &[0.0001, -0.0002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            soon(),
-        )
+        .apply(&PerChannel::leading([0.0001, -0.0002]), soon())
         .unwrap();
     let sent = bus.sent()[0];
     assert_eq!(

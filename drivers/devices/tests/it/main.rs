@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use volcomp_devices::{Address, Scheme, focas_config, probe, thermometer};
 use volcomp_focas::simulator::{Options, Simulator, World};
+use volcomp_vocabulary::AxisName;
 
 fn message(url: &str) -> String {
     match Address::parse(url) {
@@ -25,7 +26,7 @@ fn urls_are_taken_apart() {
     let address = Address::parse("can://vcan0").unwrap();
     assert_eq!((address.scheme, &*address.host), (Scheme::Can, "vcan0"));
     let address = Address::parse("focas://[::1]:9000?path=2").unwrap();
-    let config = focas_config(&address, &['X']).unwrap();
+    let config = focas_config(&address, &[AxisName::X]).unwrap();
     assert_eq!((config.port, config.path), (9000, 2));
 }
 

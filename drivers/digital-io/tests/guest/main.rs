@@ -14,6 +14,7 @@ use volcomp_digital_io::{
     Coherence, DigitalAxis, DigitalController, GpioPort, LineSet, PositionCode, Wiring,
 };
 use volcomp_port::{Controller, DigitalIo};
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 /// There is one panel, so one test at a time.
 fn panel() -> MutexGuard<'static, ()> {
@@ -99,7 +100,7 @@ fn every_line_is_where_it_belongs() {
 fn a_ramp_of_positions_is_corrected() {
     let _panel = panel();
     for (code, inverted) in [(PositionCode::Binary, 0), (PositionCode::Gray, 0x5a5a)] {
-        let mut axis = DigitalAxis::published('X');
+        let mut axis = DigitalAxis::published(AxisName::X);
         axis.position.code = code;
         let wiring = Wiring {
             inverted_inputs: inverted & 0x7fff,
@@ -119,7 +120,7 @@ fn a_ramp_of_positions_is_corrected() {
             control_shows(wiring.control_outputs(axis.position.encode(place).unwrap(), 0, true));
             let found = controller.read(soon()).unwrap().positions[0];
             assert!((found - place).abs() <= 1.0 / 64.0, "{found} at {place}");
-            let mut wanted = [0.0; 9];
+            let mut wanted = PerChannel::ZERO;
             wanted[0] = 0.1 * (place / 100.0).sin();
             controller.apply(&wanted, soon()).unwrap();
             let (word, _) = wiring.control_inputs(control_sees());
@@ -149,7 +150,7 @@ fn swapped_roles_are_refused() {
         "lines",
         Wiring::published(),
         Coherence::TwoAgree,
-        vec![DigitalAxis::published('X')],
+        vec![DigitalAxis::published(AxisName::X)],
     );
     let message = refused.err().unwrap().to_string();
     assert!(
@@ -188,13 +189,13 @@ fn a_thousand_cycles() {
         "lines",
         Wiring::published(),
         Coherence::TwoAgree,
-        vec![DigitalAxis::published('X')],
+        vec![DigitalAxis::published(AxisName::X)],
     )
     .unwrap();
     let begun = Instant::now();
     for _ in 0..1000 {
         controller.read(soon()).unwrap();
-        controller.apply(&[0.01; 9], soon()).unwrap();
+        controller.apply(&PerChannel([0.01; 9]), soon()).unwrap();
     }
     println!(
         "{:.0} us a cycle in the guest",

@@ -8,6 +8,7 @@ use volcomp_digital_io::{
     PositionWord, Wiring,
 };
 use volcomp_port::{Controller, DigitalIo, Fault, contract};
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_millis(200)
@@ -90,7 +91,7 @@ impl DigitalIo for Panel {
 
 #[test]
 fn the_published_scheme() {
-    let axis = DigitalAxis::published('X');
+    let axis = DigitalAxis::published(AxisName::X);
     let panel = Panel::new(Wiring::published(), vec![axis]);
     let mut controller = DigitalController::new(
         panel.clone(),
@@ -107,7 +108,7 @@ fn the_published_scheme() {
         panel.0.lock().unwrap().positions[0] = place;
         let snapshot = controller.read(soon()).unwrap();
         assert!((snapshot.positions[0] - place).abs() <= 1.0 / 64.0);
-        let mut wanted = [0.0; 9];
+        let mut wanted = PerChannel::ZERO;
         wanted[0] = -1e-4 * snapshot.positions[0];
         controller.apply(&wanted, soon()).unwrap();
         let sent = panel.0.lock().unwrap().corrections[0];
@@ -119,7 +120,7 @@ fn the_published_scheme() {
         assert_eq!(controller.sent().unwrap()[0], sent);
     }
     assert_eq!(controller.saturated(), 0);
-    controller.apply(&[0.2; 9], soon()).unwrap();
+    controller.apply(&PerChannel([0.2; 9]), soon()).unwrap();
     assert_eq!(controller.saturated(), 1);
     assert!((panel.0.lock().unwrap().corrections[0] - 0.127).abs() < 1e-12);
 }
@@ -145,12 +146,12 @@ fn several_axes_take_turns() {
         },
         ..DigitalAxis::published(name)
     };
-    let axes = vec![axis('X'), axis('Y'), axis('Z')];
+    let axes = vec![axis(AxisName::X), axis(AxisName::Y), axis(AxisName::Z)];
     let panel = Panel::new(wiring.clone(), axes.clone());
     panel.0.lock().unwrap().positions = vec![10.0, 20.0, 30.0];
     let mut controller =
         DigitalController::new(panel.clone(), "lines", wiring, Coherence::TwoAgree, axes).unwrap();
-    let wanted = [0.011, -0.022, 0.033, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let wanted = PerChannel::leading([0.011, -0.022, 0.033]);
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.positions[..4], [10.0, 20.0, 30.0, 0.0]);
     assert_eq!(snapshot.applied, None, "lines cannot be asked");
@@ -179,7 +180,7 @@ fn low_bits_follow_a_long_axis() {
             zero_mm: 0.0,
         },
         low_bits_from: Some(0.0),
-        ..DigitalAxis::published('X')
+        ..DigitalAxis::published(AxisName::X)
     };
     let wiring = Wiring {
         position: (0..8).collect(),
@@ -212,7 +213,7 @@ fn an_axis_that_is_not_configured_is_a_fault() {
         echo: vec![7, 8],
         ..Wiring::default()
     };
-    let mut axis = DigitalAxis::published('X');
+    let mut axis = DigitalAxis::published(AxisName::X);
     axis.correction.bits = 7;
     let panel = Panel::new(wiring.clone(), vec![axis; 3]);
     let mut controller = DigitalController::new(

@@ -3,13 +3,14 @@ use std::time::{Duration, Instant};
 use proptest::prelude::*;
 use volcomp_digital_io::{Coherence, DigitalAxis, Wiring, read_coherent};
 use volcomp_port::{Fault, MockDigitalIo};
+use volcomp_vocabulary::AxisName;
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_millis(50)
 }
 
 fn axis() -> DigitalAxis {
-    DigitalAxis::published('X')
+    DigitalAxis::published(AxisName::X)
 }
 
 fn checked(wiring: &Wiring, inputs: u32, outputs: u32, axes: usize) -> Result<(), String> {

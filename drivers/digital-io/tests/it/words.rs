@@ -2,6 +2,7 @@ use proptest::prelude::*;
 use volcomp_digital_io::{
     CorrectionCode, CorrectionWord, DigitalAxis, PositionCode, PositionWord, Unwrapper,
 };
+use volcomp_vocabulary::AxisName;
 
 fn position(bits: u32, code: PositionCode) -> PositionWord {
     PositionWord {
@@ -23,7 +24,7 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
 /// 1 um resolution, ±127 um, over 1024 mm.
 #[test]
 fn the_published_words() {
-    let axis = DigitalAxis::published('X');
+    let axis = DigitalAxis::published(AxisName::X);
     assert_eq!(axis.position.range_mm(), 1024.0);
     assert_eq!(axis.position.decode(0).mm, 0.0);
     assert_eq!(axis.position.decode(0x7fff).mm, 1_023.968_75);

@@ -8,6 +8,7 @@ use volcomp_focas::{
     simulator::{Options, Simulator},
 };
 use volcomp_port::{Controller, Fault, contract};
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{PATIENCE, config, simulator, until};
 
@@ -22,8 +23,8 @@ fn connected(config: FocasConfig) -> FocasController {
 }
 
 /// Corrections of the first three axes, um.
-fn um(x: f64, y: f64, z: f64) -> [f64; 9] {
-    [x * 1e-3, y * 1e-3, z * 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+fn um(x: f64, y: f64, z: f64) -> PerChannel<f64> {
+    PerChannel::leading([x * 1e-3, y * 1e-3, z * 1e-3])
 }
 
 /// Every way a control may be asked.
@@ -52,7 +53,7 @@ fn the_contract_of_controllers() {
     ] {
         let simulator = simulator(options);
         simulator.world().readback_delay = Duration::from_millis(3);
-        let mut config = config(&simulator, &['X', 'Y', 'Z']);
+        let mut config = config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]);
         // What is seen late cannot show who moved the heartbeat.
         config.heartbeat = None;
         change(&mut config);
@@ -66,7 +67,7 @@ fn shifts_reach_the_axes_of_their_names() {
     simulator.world().shift.in_positions = true;
     simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
     // Another order than the control's, and one axis left out.
-    let mut controller = connected(config(&simulator, &['Z', 'X']));
+    let mut controller = connected(config(&simulator, &[AxisName::Z, AxisName::X]));
     controller.apply(&um(5.0, -12.0, 0.0), soon()).unwrap();
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
     let snapshot = controller.read(soon()).unwrap();
@@ -81,8 +82,8 @@ fn shifts_reach_the_axes_of_their_names() {
 #[test]
 fn a_shift_is_held_within_its_word() {
     let simulator = simulator(Options::default());
-    let mut controller = connected(config(&simulator, &['X', 'Y', 'Z']));
-    let wild = [f64::INFINITY, -1e9, f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let mut controller = connected(config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]));
+    let wild = PerChannel::leading([f64::INFINITY, -1e9, f64::NAN]);
     controller.apply(&wild, soon()).unwrap();
     assert_eq!(simulator.world().shifts(), [32.767, -32.768, 0.0, 0.0]);
 }
@@ -91,13 +92,13 @@ fn a_shift_is_held_within_its_word() {
 fn rotary_axes_are_in_radians() {
     let simulator = simulator(Options::default());
     simulator.world().motion = Arc::new(|_| vec![1.0, 2.0, 3.0, 180.0]);
-    let mut config = config(&simulator, &['X']);
-    config.axes = vec![('C', true), ('X', false)];
+    let mut config = config(&simulator, &[AxisName::X]);
+    config.axes = vec![AxisName::C, AxisName::X];
     let mut controller = connected(config);
     let snapshot = controller.read(soon()).unwrap();
     assert!((snapshot.positions[0] - std::f64::consts::PI).abs() < 1e-12);
     assert!((snapshot.positions[1] - 1.0).abs() < 1e-12);
-    let mut corrections = [0.0; 9];
+    let mut corrections = PerChannel::ZERO;
     corrections[0] = 0.004_f64.to_radians();
     controller.apply(&corrections, soon()).unwrap();
     assert_eq!(simulator.world().shifts()[3], 0.004);
@@ -106,7 +107,7 @@ fn rotary_axes_are_in_radians() {
 #[test]
 fn states_are_told() {
     let simulator = simulator(Options::default());
-    let mut controller = connected(config(&simulator, &['X', 'Y', 'Z']));
+    let mut controller = connected(config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]));
     let state = |controller: &mut FocasController| controller.read(soon()).unwrap().state;
     assert!(state(&mut controller).referenced && !state(&mut controller).alarm);
     simulator.world().write(PmcArea::F, 120, &[0b1011]);
@@ -120,7 +121,7 @@ fn states_are_told() {
 #[test]
 fn the_heartbeat_moves_with_every_correction_and_shows_another_gateway() {
     let simulator = simulator(Options::default());
-    let mut controller = connected(config(&simulator, &['X']));
+    let mut controller = connected(config(&simulator, &[AxisName::X]));
     let beat = |simulator: &Simulator| simulator.world().read(PmcArea::R, 120, 1).unwrap()[0];
     for expected in 1..=3 {
         controller.read(soon()).unwrap();
@@ -136,7 +137,7 @@ fn the_heartbeat_moves_with_every_correction_and_shows_another_gateway() {
 #[test]
 fn the_sequence_counts_after_the_shifts() {
     let simulator = simulator(Options::default());
-    let mut config = config(&simulator, &['X', 'Z']);
+    let mut config = config(&simulator, &[AxisName::X, AxisName::Z]);
     config.sequence = Some(PmcAddress {
         area: PmcArea::D,
         at: 7,
@@ -163,7 +164,8 @@ fn the_sequence_counts_after_the_shifts() {
 #[test]
 fn what_the_control_lacks_is_named() {
     let simulator = simulator(Options::default());
-    let mut controller = FocasController::new(config(&simulator, &['X', 'B'])).unwrap();
+    let mut controller =
+        FocasController::new(config(&simulator, &[AxisName::X, AxisName::B])).unwrap();
     until("told", || controller.last_error().is_some());
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(
@@ -174,18 +176,18 @@ fn what_the_control_lacks_is_named() {
     );
     for (axes, expected) in [
         (&[][..], "found 0 axes"),
-        (&['X', 'X'][..], "axis X stands twice"),
+        (&[AxisName::X, AxisName::X][..], "axis X: found twice"),
     ] {
         let refused = FocasController::new(config(&simulator, axes))
             .err()
             .unwrap();
         assert!(refused.to_string().contains(expected), "{refused}");
     }
-    let mut senseless = config(&simulator, &['X']);
+    let mut senseless = config(&simulator, &[AxisName::X]);
     senseless.shift.count_mm = 0.0;
     let refused = FocasController::new(senseless).err().unwrap();
     assert!(
-        refused.to_string().contains("a resolution of 0"),
+        refused.to_string().contains("a resolution of 0 µm"),
         "{refused}"
     );
 }
@@ -199,7 +201,10 @@ fn it_comes_back_by_itself() {
         ..Options::default()
     };
     let mut simulator = Some(simulator(options.clone()));
-    let mut controller = connected(config(simulator.as_ref().unwrap(), &['X', 'Y', 'Z']));
+    let mut controller = connected(config(
+        simulator.as_ref().unwrap(),
+        &[AxisName::X, AxisName::Y, AxisName::Z],
+    ));
     let back = |controller: &mut FocasController| {
         let end = Instant::now() + PATIENCE;
         while controller.read(soon()).is_err() {
@@ -235,7 +240,7 @@ fn a_thousand_connections_leave_nothing() {
         ..Options::default()
     });
     let later = Duration::from_micros(300);
-    let mut config = config(&simulator, &['X']);
+    let mut config = config(&simulator, &[AxisName::X]);
     config.backoff.most = Duration::from_millis(1);
     let mut controller = connected(config);
     let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
@@ -268,7 +273,7 @@ fn places_in_memory_are_configured() {
         world.shift.width = volcomp_focas::Width::Long;
         world.shift.count = 0.0001;
     }
-    let mut config = config(&simulator, &['Y', 'Z']);
+    let mut config = config(&simulator, &[AxisName::Y, AxisName::Z]);
     config.shift.first = PmcAddress {
         area: PmcArea::D,
         at: 1000,

@@ -16,6 +16,7 @@ use volcomp_focas::{
     simulator::{Options, Simulator, World},
 };
 use volcomp_port::Backoff;
+use volcomp_vocabulary::AxisName;
 
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -23,7 +24,7 @@ fn simulator(options: Options) -> Simulator {
     Simulator::start("127.0.0.1:0", options, World::new(&['X', 'Y', 'Z', 'C'])).unwrap()
 }
 
-fn config(simulator: &Simulator, axes: &[char]) -> FocasConfig {
+fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
     FocasConfig {
         port: simulator.address().port(),
         backoff: Backoff {

@@ -5,6 +5,7 @@ use volcomp_port::{
     contract,
     inject::{Faults, Faulty},
 };
+use volcomp_vocabulary::PerChannel;
 
 use crate::machine;
 
@@ -33,7 +34,7 @@ fn faults_are_seeded() {
         let (controller, _, _) = machine(Clock::manual()).start();
         let mut faulty = Faulty::new(controller, faults, seed);
         let outcome = |_| match faulty.read(soon()) {
-            Ok(snapshot) if snapshot.positions == [0.0; 9] => 'o',
+            Ok(snapshot) if snapshot.positions == PerChannel::ZERO => 'o',
             Ok(_) => 'c',
             Err(Fault::TimedOut) => 't',
             Err(Fault::NotConnected) => 'd',
@@ -99,7 +100,7 @@ fn mocks_and_flipped_bits() {
         .expect_apply()
         .returning(|_, _| Err(Fault::Disconnected));
     assert_eq!(
-        controller.apply(&[0.0; 9], soon()),
+        controller.apply(&PerChannel::ZERO, soon()),
         Err(Fault::Disconnected)
     );
 }

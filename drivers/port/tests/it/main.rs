@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod description;
 mod faults;
 mod simulated;
 mod supply;
@@ -12,18 +13,18 @@ use volcomp_port::{
     Axis, Clock,
     simulated::{Machine, Move, Warming},
 };
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
-fn axis(name: char, includes_correction: bool) -> Axis {
+fn axis(name: AxisName, includes_correction: bool) -> Axis {
     Axis {
         name,
-        rotary: false,
         includes_correction,
-        resolution: 0.001,
+        resolution: Displacement::Length(Mm(0.001)),
     }
 }
 
-fn place(x: f64, y: f64) -> [f64; 9] {
-    [x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+fn place(x: f64, y: f64) -> PerChannel<f64> {
+    PerChannel::leading([x, y])
 }
 
 /// A square of 300 × 400 mm; X misses 2e-5 of itself and 1 µm for each kelvin.
@@ -34,7 +35,7 @@ fn machine(clock: Clock) -> Machine {
         dwell: Duration::from_millis(dwell_ms),
     };
     Machine {
-        axes: vec![axis('X', false), axis('Y', true)],
+        axes: vec![axis(AxisName::X, false), axis(AxisName::Y, true)],
         program: [(300.0, 0.0, 0), (300.0, 400.0, 100), (0.0, 0.0, 0)]
             .map(step)
             .to_vec(),

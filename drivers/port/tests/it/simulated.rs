@@ -4,6 +4,7 @@ use std::{
 };
 
 use volcomp_port::{Clock, Controller, Fault, Thermometer, contract};
+use volcomp_vocabulary::PerChannel;
 
 use crate::{machine, place};
 
@@ -76,7 +77,10 @@ fn reported_positions_contain_the_correction_where_they_say_so() {
     assert_eq!(snapshot.positions[..2], [0.0, 0.007]);
     assert_eq!(snapshot.applied.unwrap()[..2], [0.005, 0.007]);
     controls.clear_applied.store(true, Ordering::Relaxed);
-    assert_eq!(controller.read(soon()).unwrap().applied, Some([0.0; 9]));
+    assert_eq!(
+        controller.read(soon()).unwrap().applied,
+        Some(PerChannel::ZERO)
+    );
     assert_eq!(controls.heartbeat.load(Ordering::Relaxed), 1);
 }
 
@@ -99,7 +103,7 @@ fn what_a_test_does_is_seen() {
     controls.disconnected.store(true, Ordering::Relaxed);
     assert_eq!(controller.read(soon()), Err(Fault::NotConnected));
     assert_eq!(
-        controller.apply(&[0.0; 9], soon()),
+        controller.apply(&PerChannel::ZERO, soon()),
         Err(Fault::NotConnected)
     );
 }

@@ -149,3 +149,9 @@ fn places_that_are_not_named_hold_the_default() {
     assert_eq!(values.iter().sum::<f64>(), 2.0);
     assert_eq!(values.map(|x| x > 0.0), PerAxis::from_fn(|i| i == 3));
 }
+
+#[test]
+fn leading_values_are_followed_by_the_default() {
+    let values = volcomp_vocabulary::PerChannel::leading([1.0, -2.0]);
+    assert_eq!(values.0, [1.0, -2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+}

@@ -1,0 +1,49 @@
+use volcomp_port::{Axis, Description, Heartbeat, UnfitAxes};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad};
+
+fn of(axes: Vec<Axis>) -> Result<(), UnfitAxes> {
+    let description = Description {
+        device: "bench".to_owned(),
+        channel: "bench".to_owned(),
+        axes,
+        heartbeat: Heartbeat::Watched,
+        sees_other_gateways: true,
+        shortest_cycle: std::time::Duration::from_millis(1),
+    };
+    description.check()
+}
+
+fn axis(name: AxisName, resolution: Displacement) -> Axis {
+    Axis {
+        name,
+        includes_correction: false,
+        resolution,
+    }
+}
+
+#[test]
+fn every_rule_of_a_description_is_checked() {
+    let one = |name: AxisName| axis(name, Displacement::new(name.kind(), 1e-3));
+    assert_eq!(of(AxisName::ALL.map(one).to_vec()), Ok(()));
+    assert_eq!(of(Vec::new()), Err(UnfitAxes::Count(0)));
+    let ten = [AxisName::ALL.map(one).to_vec(), vec![one(AxisName::X)]].concat();
+    assert_eq!(of(ten), Err(UnfitAxes::Count(10)));
+    let twice = vec![one(AxisName::X), one(AxisName::C), one(AxisName::X)];
+    assert_eq!(of(twice), Err(UnfitAxes::Twice(AxisName::X)));
+    // A length for an axis that turns, and an angle for one that slides.
+    let length = Displacement::Length(Mm(0.001));
+    let found = of(vec![axis(AxisName::B, length)]);
+    let expected =
+        "axis B: found a resolution of 1 µm, expected an angle, since the axis is rotary";
+    assert_eq!(found.unwrap_err().to_string(), expected);
+    let angle = Displacement::Angle(Rad(5e-6));
+    let found = of(vec![axis(AxisName::Z, angle)]);
+    let expected =
+        "axis Z: found a resolution of 5 µrad, expected a length, since the axis is linear";
+    assert_eq!(found.unwrap_err().to_string(), expected);
+    for step in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
+        let resolution = Displacement::new(AxisKind::Linear, step);
+        let found = of(vec![axis(AxisName::X, resolution)]);
+        assert!(matches!(found, Err(UnfitAxes::Resolution { .. })), "{step}");
+    }
+}
