@@ -221,7 +221,9 @@ fn an_axis_that_is_not_configured_is_a_fault() {
         "lines",
         wiring.clone(),
         Coherence::TwoAgree,
-        vec![axis, axis],
+        [AxisName::X, AxisName::Y]
+            .map(|name| DigitalAxis { name, ..axis })
+            .to_vec(),
     )
     .unwrap();
     let mut faults = Vec::new();
