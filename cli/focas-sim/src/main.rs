@@ -1,109 +1,174 @@
-//! A simulated FANUC control on the wire, for gateways and programs that have no real one at hand.
+//! A simulated FANUC control on the wire, to rehearse a gateway or a program of one's own with.
 
-use std::{io::Write, process::ExitCode, sync::Arc, time::Duration};
+mod arguments;
+mod error;
+mod motion;
+mod operator;
+mod report;
+mod standard_input;
+mod truth;
 
-use clap::Parser;
-use volcomp_focas::simulator::{Options, Simulator, World};
+use std::{
+    io::Write,
+    process::ExitCode,
+    sync::{
+        Arc,
+        mpsc::{Receiver, RecvTimeoutError, Sender, channel},
+    },
+    thread,
+    time::{Duration, Instant},
+};
 
-/// A simulated FANUC control: axes that move to and fro, memory, and shifts that show in the positions
-#[derive(Parser)]
-#[command(version)]
-struct Arguments {
-    /// Address and port; port 0 takes a free one
-    #[arg(long, default_value = "127.0.0.1:8193")]
-    listen: String,
-    /// Letters of the axes
-    #[arg(long, value_delimiter = ',', default_value = "X,Y,Z")]
-    axes: Vec<char>,
-    /// Version in its answers: 2 (16i), 3 (0i), 4 (31i)
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(2..=4))]
-    version_of_answers: u16,
-    /// PMC memory is served one point at a time
-    #[arg(long)]
-    one_point: bool,
-    /// Commands for control and PMC in one frame are refused
-    #[arg(long)]
-    refuses_mix: bool,
-    /// Answers come in pieces of so many bytes
-    #[arg(long, default_value_t = 0)]
-    fragment: usize,
-    /// Answers take so many milliseconds
-    #[arg(long, default_value_t = 0.0)]
-    latency_ms: f64,
-    /// What is written is read back only so many milliseconds later
-    #[arg(long, default_value_t = 0.0)]
-    readback_ms: f64,
-    /// How far the axes move to and fro, mm
-    #[arg(long, default_value_t = 0.0)]
-    stroke_mm: f64,
-    /// How long to and fro takes, s
-    #[arg(long, default_value_t = 10.0)]
-    period_s: f64,
-}
+use volcomp_focas::simulator::{Simulator, World};
+use volcomp_vocabulary::AxisName;
+
+use crate::{
+    arguments::Arguments, error::SimError, operator::Command, report::Reporter, truth::Truth,
+};
+
+/// How often it is looked in which direction the axes move.
+const LOOK: Duration = Duration::from_millis(50);
 
 fn main() -> ExitCode {
-    let mut arguments: Vec<String> = std::env::args().collect();
-    // `--version 3` is the version of the answers; `--version` alone is the program's.
-    for i in 1..arguments.len().saturating_sub(1) {
-        if arguments[i] == "--version" && arguments[i + 1].parse::<u16>().is_ok() {
-            "--version-of-answers".clone_into(&mut arguments[i]);
-        }
-    }
-    match run(&Arguments::parse_from(arguments)) {
+    match run(&Arguments::read()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("error: {message}");
-            ExitCode::from(2)
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(error.status())
         }
     }
 }
 
-fn milliseconds(found: f64, what: &str) -> Result<Duration, String> {
-    Duration::try_from_secs_f64(found * 1e-3)
-        .map_err(|_| format!("{what}: found {found}, expected a number of milliseconds"))
+fn run(arguments: &Arguments) -> Result<(), SimError> {
+    let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
+    let default = match &truth {
+        Some(truth) => truth.axes(),
+        None => vec![AxisName::X, AxisName::Y, AxisName::Z],
+    };
+    let axes = arguments.axes(&default)?;
+    if let Some(truth) = &truth {
+        truth.check(&axes)?;
+    }
+    let world = world(arguments, &axes)?;
+    let options = arguments.options()?;
+    let (period, pauses) = (arguments.report_period()?, arguments.pauses()?);
+    // Before the line that says that it is ready: who reads it may end the program at once.
+    let (end, ended) = channel();
+    let interrupted = end.clone();
+    ctrlc::set_handler(move || {
+        // The other end is gone where it is ending already.
+        let _ = interrupted.send(());
+    })
+    .map_err(|e| SimError::System {
+        what: "signals",
+        source: std::io::Error::other(e),
+    })?;
+    let simulator =
+        Simulator::start(&arguments.listen, options, world).map_err(|source| SimError::Listen {
+            address: arguments.listen.clone(),
+            source,
+        })?;
+    let simulator = Arc::new(simulator);
+    // Whoever waits for this line may read it through a pipe, or may have gone away.
+    let mut output = std::io::stdout();
+    let _ = writeln!(output, "listening on {}", simulator.address());
+    let _ = output.flush();
+
+    let (now, asked) = channel();
+    start("focas-sim typed", {
+        let (simulator, now) = (Arc::clone(&simulator), now.clone());
+        move || typed(&simulator, &now, &end)
+    })?;
+    start("focas-sim report", {
+        let simulator = Arc::clone(&simulator);
+        let reporter = Reporter::new(axes, truth);
+        let json = arguments.json;
+        move || report(&simulator, reporter, period, &asked, json)
+    })?;
+    if let Some((pause, every)) = pauses {
+        start("focas-sim pause", move || {
+            loop {
+                thread::sleep(every.saturating_sub(pause));
+                simulator.world().pause(pause);
+                thread::sleep(pause);
+            }
+        })?;
+    }
+    // It goes on where standard input ends: the report must keep somebody who could ask for a line.
+    let _now = now;
+    // An error says that nobody is left who could end it: then it is the end, too.
+    let _ = ended.recv();
+    Ok(())
 }
 
-fn run(arguments: &Arguments) -> Result<(), String> {
-    let count = arguments.axes.len();
-    let mut world = World::new(&arguments.axes);
-    world.readback_delay = milliseconds(arguments.readback_ms, "--readback-ms")?;
+/// The machine and the memory of the control as they are at the start.
+fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<World, SimError> {
+    let letters: Vec<char> = axes.iter().map(|axis| axis.letter()).collect();
+    let mut world = World::new(&letters);
+    world.readback_delay = arguments.read_back_delay()?;
     world.shift.in_positions = true;
-    let (stroke_mm, period_s) = (arguments.stroke_mm, arguments.period_s);
-    if !(period_s > 0.0 && stroke_mm.is_finite()) {
-        return Err(format!(
-            "--period-s: found {period_s}, expected a positive number"
-        ));
-    }
-    world.motion = Arc::new(move |elapsed| {
-        let turn = std::f64::consts::TAU * elapsed.as_secs_f64() / period_s;
-        let place = |axis: usize| {
-            // Whole numbers of periods each, so that all are at 0 together.
-            let speed = f64::from(u8::try_from(axis + 1).unwrap_or(u8::MAX));
-            0.5 * stroke_mm * (1.0 - (turn * speed).cos())
-        };
-        (0..count).map(place).collect()
+    world.motion = motion::motion(arguments, axes)?;
+    Command::Alarm(arguments.alarm).change(&mut world);
+    Command::EmergencyStop(arguments.estop).change(&mut world);
+    Command::Unreferenced(arguments.unreferenced).change(&mut world);
+    Ok(world)
+}
+
+fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimError> {
+    let started = thread::Builder::new().name(name.to_owned()).spawn(work);
+    started.map(drop).map_err(|source| SimError::System {
+        what: "a thread",
+        source,
+    })
+}
+
+/// Does what is typed; `now` asks for a line of the report, `end` ends the program.
+fn typed(simulator: &Simulator, now: &Sender<()>, end: &Sender<()>) {
+    standard_input::lines(|line| {
+        match line.parse::<Command>() {
+            Err(message) => eprintln!("error: {message}"),
+            Ok(Command::Help) => eprintln!("{}", Arguments::typed_commands()),
+            Ok(Command::Report) => {
+                // Whoever listens is there until the end.
+                let _ = now.send(());
+            }
+            Ok(Command::Quit) => {
+                let _ = end.send(());
+                return false;
+            }
+            Ok(command) => command.act(simulator),
+        }
+        true
     });
-    let options = Options {
-        version: arguments.version_of_answers,
-        slots: if arguments.version_of_answers == 2 {
-            8
-        } else {
-            32
-        },
-        one_point: arguments.one_point,
-        refuses_mix: arguments.refuses_mix,
-        fragment: arguments.fragment,
-        latency: milliseconds(arguments.latency_ms, "--latency-ms")?,
-        ..Options::default()
-    };
-    let simulator = Simulator::start(&arguments.listen, options, world)
-        .map_err(|e| format!("--listen {}: {e}", arguments.listen))?;
-    println!("listening on {}", simulator.address());
-    // Whoever waits for the line may read it through a pipe.
-    std::io::stdout()
-        .flush()
-        .map_err(|e| format!("standard output: {e}"))?;
+}
+
+/// Prints a line every `period` and whenever one is asked for, until nobody can ask any more.
+fn report(
+    simulator: &Simulator,
+    mut reporter: Reporter,
+    period: Option<Duration>,
+    asked: &Receiver<()>,
+    json: bool,
+) {
+    let mut due = period.map(|period| Instant::now() + period);
     loop {
-        std::thread::park();
+        let wanted = match asked.recv_timeout(LOOK) {
+            Ok(()) => true,
+            Err(RecvTimeoutError::Timeout) => false,
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        reporter.watch(simulator);
+        let is_due = due.is_some_and(|due| Instant::now() >= due);
+        if !wanted && !is_due {
+            continue;
+        }
+        if let (true, Some(period)) = (is_due, period) {
+            due = Some(Instant::now() + period);
+        }
+        let report = reporter.report(simulator);
+        let line = if json { report.json() } else { report.text() };
+        // A reader that has gone away is no reason to end.
+        let mut output = std::io::stdout();
+        let _ = writeln!(output, "{line}").and_then(|()| output.flush());
     }
 }

@@ -231,13 +231,16 @@ impl Thermometer for SimulatedThermometer {
     }
 }
 
-/// A program as places over time.
-struct Path {
+/// A program as places over time: every move with the same acceleration and deceleration, the first one from where the
+/// last one ends.
+#[derive(Clone, Debug)]
+pub struct Path {
     segments: Vec<Segment>,
     /// When each segment begins, s; then when the last one ends.
     starts_s: Vec<f64>,
 }
 
+#[derive(Clone, Copy, Debug)]
 struct Segment {
     from: PerChannel<f64>,
     to: PerChannel<f64>,
@@ -249,7 +252,9 @@ struct Segment {
 }
 
 impl Path {
-    fn new(program: &[Move], acceleration: f64) -> Self {
+    /// The moves of a program, gone through again and again, with this acceleration (mm/s², or rad/s² where no linear
+    /// axis moves).
+    pub fn new(program: &[Move], acceleration: f64) -> Self {
         let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
         let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
         for step in program {
@@ -262,7 +267,8 @@ impl Path {
         Self { segments, starts_s }
     }
 
-    fn at(&self, elapsed: Duration) -> PerChannel<f64> {
+    /// Where the axes are at a time since the start, mm and rad.
+    pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];
         let time = if period > 0.0 {
             elapsed.as_secs_f64() % period

@@ -1,4 +1,4 @@
-//! The program as it is called by scripts.
+//! The program as scripts and people call it.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -6,40 +6,98 @@
 mod options;
 
 use std::{
-    io::{BufRead, BufReader},
-    process::{Child, Command, Stdio},
-    time::Duration,
+    io::{BufRead, BufReader, Write},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdout, Command, Stdio},
+    time::{Duration, Instant},
 };
 
-use volcomp_focas::{Client, PositionKind};
+use serde_json::Value;
+use volcomp_focas::{Client, PmcArea, PositionKind};
 
-struct Running(Child);
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// A running simulator; ended when it is dropped.
+struct Running {
+    child: Child,
+    port: u16,
+    output: BufReader<ChildStdout>,
+}
 
 impl Drop for Running {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
-fn start(arguments: &[&str]) -> (Running, u16) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
-        .args(["--listen", "127.0.0.1:0"])
-        .args(arguments)
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    let stdout = child.stdout.take().unwrap();
-    BufReader::new(stdout).read_line(&mut line).unwrap();
-    let port = line.trim().strip_prefix("listening on 127.0.0.1:").unwrap();
-    (Running(child), port.parse().unwrap())
+impl Running {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
+            .args(["--listen", "127.0.0.1:0"])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut output = BufReader::new(child.stdout.take().unwrap());
+        let mut line = String::new();
+        output.read_line(&mut line).unwrap();
+        let port = line.trim().strip_prefix("listening on 127.0.0.1:").unwrap();
+        Self {
+            port: port.parse().unwrap(),
+            child,
+            output,
+        }
+    }
+
+    fn client(&self) -> Client {
+        Client::open("127.0.0.1", self.port, PATIENCE).unwrap()
+    }
+
+    fn type_line(&mut self, line: &str) {
+        writeln!(self.child.stdin.as_mut().unwrap(), "{line}").unwrap();
+    }
+
+    /// The next line of the report.
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.output.read_line(&mut line).unwrap();
+        line
+    }
+
+    fn json(&mut self) -> Value {
+        serde_json::from_str(&self.line()).unwrap()
+    }
+
+    fn end(&mut self) -> Option<i32> {
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status.code();
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("it does not end");
+    }
+}
+
+fn examples() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
+}
+
+fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    let end = Instant::now() + PATIENCE;
+    while !holds() {
+        assert!(Instant::now() < end, "{what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 #[test]
 fn it_listens_and_moves() {
-    let (_running, port) = start(&["--axes", "X,Y,C", "--version", "4", "--stroke-mm", "100"]);
-    let mut client = Client::open("127.0.0.1", port, Duration::from_secs(5)).unwrap();
+    let running = Running::start(&["--axes", "X,Y,C", "--version", "4", "--stroke-mm", "100"]);
+    let mut client = running.client();
     assert_eq!(client.version(), 4);
     assert_eq!(client.axis_names().unwrap(), ['X', 'Y', 'C']);
     let first = client.positions(PositionKind::Machine, 3).unwrap();
@@ -48,21 +106,219 @@ fn it_listens_and_moves() {
 }
 
 #[test]
+fn axes_stand_where_they_are_told() {
+    let running = Running::start(&["--axes", "X,Y,Z,C", "--at", "C=-30.5, X=100"]);
+    let positions = running.client().positions(PositionKind::Machine, 4);
+    assert_eq!(positions.unwrap(), [100.0, 0.0, 0.0, -30.5]);
+}
+
+#[test]
+fn a_program_is_gone_through_again_and_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("moves.csv");
+    std::fs::write(&file, "X,C,feed,dwell_s\n0,0,6000,0.2\n10,90,60000,0.2\n").unwrap();
+    let file = file.to_str().unwrap();
+    let running = Running::start(&["--axes", "X,Y,C", "--program", file, "--at", "Y=7"]);
+    let mut client = running.client();
+    let mut seen = Vec::new();
+    let end = Instant::now() + Duration::from_secs(2);
+    while Instant::now() < end {
+        let positions = client.positions(PositionKind::Machine, 3).unwrap();
+        let on_the_way = (0.0..=10.0).contains(&positions[0]) && positions[1] == 7.0;
+        // Both axes move in proportion.
+        let together = (positions[2] - 9.0 * positions[0]).abs() < 0.01;
+        assert!(on_the_way && together, "{positions:?}");
+        let ends = [0.0, 10.0].map(|x| positions[0] == x);
+        if ends.contains(&true) && seen.last() != Some(&ends) {
+            seen.push(ends);
+        }
+    }
+    assert!(seen.len() >= 4, "{seen:?}");
+}
+
+#[test]
+fn states_are_set_at_the_start_and_while_it_runs() {
+    let mut running = Running::start(&["--alarm", "--estop", "--unreferenced"]);
+    let mut client = running.client();
+    let mut states = move || {
+        let status = client.status().unwrap();
+        let bits = client.read_pmc(PmcArea::F, 120, 1).unwrap()[0];
+        [
+            status.alarm != 0,
+            status.emergency != 0,
+            bits & 0b111 != 0b111,
+        ]
+    };
+    assert_eq!(states(), [true; 3]);
+    for (line, expected) in [
+        ("alarm off", [false, true, true]),
+        ("estop off", [false, false, true]),
+        ("nonsense", [false, false, true]),
+        ("unreferenced off", [false, false, false]),
+        ("alarm on", [true, false, false]),
+    ] {
+        running.type_line(line);
+        until(line, || states() == expected);
+    }
+    running.type_line("quit");
+    assert_eq!(running.end(), Some(0));
+}
+
+#[test]
+fn it_pauses_and_answers_afterwards() {
+    let mut running = Running::start(&[]);
+    let mut client = running.client();
+    let longest = |client: &mut Client, time: Duration| {
+        let (begun, mut longest) = (Instant::now(), Duration::ZERO);
+        while begun.elapsed() < time {
+            let asked = Instant::now();
+            client.status().unwrap();
+            longest = longest.max(asked.elapsed());
+        }
+        longest
+    };
+    running.type_line("pause 0.4");
+    let found = longest(&mut client, Duration::from_millis(900));
+    assert!(found > Duration::from_millis(300), "{found:?}");
+    let running = Running::start(&["--pause-s", "0.3", "--pause-every-s", "0.6"]);
+    let found = longest(&mut running.client(), Duration::from_millis(1300));
+    assert!(found > Duration::from_millis(200), "{found:?}");
+}
+
+#[test]
+fn it_tells_what_the_tool_misses() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("machine.toml");
+    let machine = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0, 200]\n[axes.Y]\ntravel = [0, 200]\n[axes.Z]\ntravel = [0, 200]\n[errors]\nEXX = 5.0\nEYX = { poly = [0.0, 0.1] }\n";
+    std::fs::write(&file, machine).unwrap();
+    let truth = ["--truth", file.to_str().unwrap()];
+    let mut running = Running::start(&[
+        truth[0],
+        truth[1],
+        "--at",
+        "X=100",
+        "--json",
+        "--report-s",
+        "0.1",
+    ]);
+    let report = running.json();
+    assert_eq!(
+        report["positions_mm"],
+        serde_json::json!({"X": 100.0, "Y": 0.0, "Z": 0.0})
+    );
+    let miss = |report: &Value, name: &str| {
+        let of = |k: usize| report[name]["position_um"][k].as_f64().unwrap();
+        [of(0), of(1), of(2)]
+    };
+    assert_eq!(miss(&report, "error"), [5.0, 10.0, 0.0]);
+    assert_eq!(miss(&report, "residual"), [5.0, 10.0, 0.0]);
+    // -4 µm on X and -10 µm on Y, as a gateway writes them.
+    let words = [0xfc, 0xff, 0xf6, 0xff];
+    running.client().write_pmc(PmcArea::R, 100, &words).unwrap();
+    until("the shift acts", || {
+        let report = running.json();
+        assert_eq!(miss(&report, "error"), [5.0, 10.0, 0.0]);
+        let [x, y, _] = miss(&report, "residual");
+        (x - 1.0).abs() < 0.01 && y.abs() < 0.01
+    });
+    // For people, and only when asked.
+    let mut running = Running::start(&[truth[0], truth[1], "--report-s", "0"]);
+    running.type_line("report");
+    let line = running.line();
+    assert!(
+        line.contains("X 0.000 mm +0.0 µm") && line.contains("tool misses by 5.0 µm"),
+        "{line}"
+    );
+}
+
+#[test]
+fn five_axes_come_from_the_machine_file() {
+    let file = examples().join("table-tilting.toml");
+    let mut running = Running::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
+    let names = running.client().axis_names().unwrap();
+    assert_eq!(names, ['X', 'Y', 'Z', 'A', 'C']);
+    assert!(running.line().contains("  C 0.000 deg +0.0 µrad"));
+}
+
+#[test]
+fn it_ends_cleanly() {
+    for signal in ["INT", "TERM"] {
+        let mut running = Running::start(&[]);
+        let sent = Command::new("kill")
+            .args([&format!("-{signal}"), &running.child.id().to_string()])
+            .status();
+        assert!(sent.is_ok_and(|status| status.success()));
+        assert_eq!(running.end(), Some(0), "SIG{signal}");
+    }
+    // The end of the input is not the end of the simulator.
+    let mut running = Running::start(&[]);
+    drop(running.child.stdin.take());
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(running.client().status().is_ok());
+}
+
+#[test]
 fn wrong_calls_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = |name: &str, text: &str| {
+        let file = dir.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        file.to_str().unwrap().to_owned()
+    };
+    let empty = program("empty.csv", "X,Y\n");
+    let column = program("column.csv", "X,Q\n1,2\n");
+    let number = program("number.csv", "X,feed\n1,600\nx,600\n");
+    let feed = program("feed.csv", "X,feed\n1,0\n");
+    let dwell = program("dwell.csv", "X,dwell_s\n1,-1\n");
+    let short = program("short.csv", "X,Y\n1\n");
+    let truth = examples().join("table-tilting.toml");
+    let truth = truth.to_str().unwrap();
     for (arguments, expected) in [
         (&["--listen", "nonsense"][..], "--listen nonsense"),
         (&["--version", "9"], "9 is not in 2..=4"),
         (&["--latency-ms=-1"], "--latency-ms"),
         (&["--period-s", "0"], "--period-s"),
+        (&["--stroke-mm", "inf"], "--stroke-mm"),
+        (&["--axes", "X,Q"], "expected one of the axis letters"),
+        (&["--axes", "X,X"], "--axes: found the axis X twice"),
+        (
+            &["--at", "X:1"],
+            "--at: found `X:1`, expected an axis letter",
+        ),
+        (&["--at", "C=1"], "expected an axis of X,Y,Z"),
+        (&["--at", "X=1,X=2"], "every axis once"),
+        (&["--at", "X=nan"], "--at: found `X=nan`"),
+        (&["--at", "X=1", "--stroke-mm", "1"], "cannot be used with"),
+        (&["--pause-s", "60"], "less than --pause-every-s 30"),
+        (&["--program", "none.csv"], "none.csv: cannot be read"),
+        (&["--program", &empty], "no rows"),
+        (
+            &["--program", &column],
+            "column.csv:1: header: found the column `Q`",
+        ),
+        (&["--program", &number], "number.csv:3: X: found `x`"),
+        (&["--program", &feed], "feed.csv:2: feed: found 0"),
+        (&["--program", &dwell], "dwell.csv:2: dwell_s: found -1"),
+        (&["--program", &short], "short.csv:2: "),
+        (&["--truth", "none.toml"], "none.toml"),
+        (&["--truth", truth, "--axes", "X,Y,Z"], "the axis A too"),
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
             .args(arguments)
+            .stdin(Stdio::null())
             .output()
             .unwrap();
         let message = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{message}");
-        assert!(message.contains(expected), "{message}");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        assert!(message.contains(expected), "{arguments:?}: {message}");
     }
+    // A port that is taken is no mistake of the call.
+    let taken = Running::start(&[]);
+    let output = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
+        .args(["--listen", &format!("127.0.0.1:{}", taken.port)])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
     let version = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
         .arg("--version")
         .output()

@@ -36,7 +36,8 @@ pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (K
     let mixed = commands
         .windows(2)
         .any(|pair| pair[0].target != pair[1].target);
-    if options.refuses_mix && mixed {
+    let packed = commands.len() > 1;
+    if (options.refuses_mix && mixed) || (options.one_command && packed) {
         return negative(-17);
     }
     let mut answer = Vec::new();
@@ -133,6 +134,7 @@ fn slots(values: impl Iterator<Item = f64>, options: &Options) -> Vec<u8> {
 fn positions(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
     let positions = world.positions();
     match command.args {
+        [1 | 4 | 0, -1, ..] if options.one_axis => Err(Refusal::Command(NUMBER)),
         [1 | 4 | 0, -1, ..] => Ok(slots(positions.into_iter(), options)),
         [1 | 4 | 0, axis, ..] => {
             let index = usize::try_from(axis - 1).map_err(|_| Refusal::Command(NUMBER))?;

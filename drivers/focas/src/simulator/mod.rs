@@ -25,17 +25,21 @@ pub struct Options {
     pub version: u16,
     /// Slots in answers about all axes: 8 or 32.
     pub slots: usize,
-    /// Slots behind the axes hold garbage.
+    /// Whether slots behind the axes hold garbage.
     pub garbage: bool,
-    /// PMC memory is served one point at a time.
+    /// Whether a command may name one point of PMC memory only, a range being refused with EW_NUMBER.
     pub one_point: bool,
-    /// Commands for control and PMC in one frame are refused.
+    /// Whether positions are told for one axis a command only, all axes at once being refused with EW_NUMBER.
+    pub one_axis: bool,
+    /// Whether a request with commands for the control and for the PMC is refused as a whole.
     pub refuses_mix: bool,
-    /// How many sessions are served.
+    /// Whether a request with more than one command is refused as a whole.
+    pub one_command: bool,
+    /// The largest number of sessions that are served at the same time.
     pub sessions: usize,
-    /// Answers are sent in pieces of so many bytes; 0: whole.
+    /// The bytes of the pieces in which answers are sent; 0: whole.
     pub fragment: usize,
-    /// Answers take so long.
+    /// The time that an answer takes.
     pub latency: Duration,
 }
 
@@ -47,7 +51,9 @@ impl Default for Options {
             slots: 32,
             garbage: true,
             one_point: false,
+            one_axis: false,
             refuses_mix: false,
+            one_command: false,
             sessions: 4,
             fragment: 0,
             latency: Duration::ZERO,
@@ -168,6 +174,7 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
     if head.kind != Kind::Open {
         return Ok(());
     }
+    wait_out_silence(shared);
     {
         let mut sessions = shared.sessions();
         if sessions.len() >= shared.options.sessions {
@@ -191,6 +198,7 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
             Kind::Close => return send(stream, shared, options.version, Kind::Closed, &[]),
             Kind::Command => {
                 thread::sleep(options.latency);
+                wait_out_silence(shared);
                 let (kind, answer) = {
                     let mut world = shared.world();
                     answer::answer(&payload, options, &mut world)
@@ -200,6 +208,16 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
             // Anything else drops the connection.
             _ => return Ok(()),
         }
+    }
+}
+
+/// Waits while the control answers nothing.
+fn wait_out_silence(shared: &Shared) {
+    while !shared.stop.load(Ordering::SeqCst) {
+        let Some(left) = shared.world().silence() else {
+            return;
+        };
+        thread::sleep(left.min(Duration::from_millis(10)));
     }
 }
 

@@ -39,9 +39,9 @@ pub struct World {
     pub shift: ShiftArea,
     /// What is written to PMC memory is seen only so much later.
     pub readback_delay: Duration,
-    /// The emergency stop is pressed.
+    /// Whether the emergency stop is pressed.
     pub emergency_stop: bool,
-    /// Alarms that are on: number and text.
+    /// The alarms that are on: number and text.
     pub alarms: Vec<(i32, String)>,
     /// Macro variables.
     pub macros: BTreeMap<i32, f64>,
@@ -50,6 +50,7 @@ pub struct World {
     /// Work offsets by number and slot, mm or deg.
     pub offsets: BTreeMap<(i32, usize), f64>,
     started: Instant,
+    silent_until: Option<Instant>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
 }
@@ -75,16 +76,51 @@ impl World {
             parameters: BTreeMap::new(),
             offsets: BTreeMap::new(),
             started: Instant::now(),
+            silent_until: None,
             memory: vec![vec![0; AREA]; PmcArea::ALL.len()],
             pending: Vec::new(),
         };
-        world.memory[PmcArea::F as usize][120] = 0xff;
+        world.set_referenced(true);
         world
+    }
+
+    /// Says by the bits of F120 whether the axes are referenced: all of them, or none.
+    pub fn set_referenced(&mut self, referenced: bool) {
+        self.store(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
+    }
+
+    /// Sets the shifts of all axes to zero, as a control does that is switched off and on.
+    pub fn clear_shifts(&mut self) {
+        let bytes = vec![0; self.axes.len() * usize::from(self.shift.width.bytes())];
+        self.pending.clear();
+        self.store(self.shift.area, self.shift.first, &bytes);
+    }
+
+    /// Lets the control answer nothing for this time from now on, new sessions included. What was asked meanwhile
+    /// is answered afterwards.
+    pub fn pause(&mut self, time: Duration) {
+        self.silent_until = Instant::now().checked_add(time);
+    }
+
+    /// For how long the control still answers nothing; `None` where it answers.
+    pub(super) fn silence(&self) -> Option<Duration> {
+        let left = self.silent_until?.checked_duration_since(Instant::now())?;
+        (!left.is_zero()).then_some(left)
+    }
+
+    /// Time since the machine was made.
+    pub fn elapsed(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    /// Where the axes are commanded to be, without shifts, mm or deg.
+    pub fn commanded(&self) -> Vec<f64> {
+        (self.motion)(self.started.elapsed())
     }
 
     /// Where the axes are, as reported, mm or deg.
     pub fn positions(&mut self) -> Vec<f64> {
-        let mut positions = (self.motion)(self.started.elapsed());
+        let mut positions = self.commanded();
         if self.shift.in_positions {
             let shifts = self.shifts();
             for (position, shift) in positions.iter_mut().zip(shifts) {

@@ -1,0 +1,193 @@
+//! The call: options, and what they mean for the simulated control.
+
+use std::{path::PathBuf, time::Duration};
+
+use clap::Parser;
+use volcomp_focas::simulator::Options;
+use volcomp_vocabulary::AxisName;
+
+use crate::error::SimError;
+
+const EXAMPLES: &str = "\
+Typed commands, one a line on standard input, while it runs:
+  alarm on|off          an alarm is on or off
+  estop on|off          the emergency stop is pressed or released
+  unreferenced on|off   the axes have lost their reference, or have it again
+  pause SECONDS         the control answers nothing for this time
+  disconnect            cut all connections
+  clear                 set all shifts to zero, as a control does that is switched off and on
+  report                print the state now
+  help                  print these commands
+  quit                  end the simulator
+
+Examples:
+  focas-sim --axes X,Y,Z --at X=100,Y=50
+      A control whose axes stand still, on 127.0.0.1:8193.
+  focas-sim --truth examples/table-tilting.toml --program examples/table-tilting-moves.csv
+      Five axes that move, on a machine that has the errors of the machine file: each second a line tells how far the
+      tool misses without and with the correction that is applied.";
+
+/// A simulated FANUC control: axes that move, PMC memory, and machine zero point shifts that move the axes
+///
+/// It prints `listening on ADDRESS` when it is ready and runs until SIGINT (Ctrl-C), SIGTERM or the typed command
+/// `quit`. Exit status: 0 it was ended, 1 the work failed, 2 the call or a file is wrong.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES)]
+pub(crate) struct Arguments {
+    /// Address and port to listen on; port 0 takes a free one
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8193")]
+    pub(crate) listen: String,
+    /// Letters of the axes in the control's order [default: X,Y,Z, or the axes of --truth]
+    #[arg(long, value_name = "LETTERS", value_delimiter = ',')]
+    axes: Vec<AxisName>,
+    /// Where the axes stand, mm and deg: X=100,C=30; axes that are not named stand at 0
+    #[arg(long, value_name = "POSITION", conflicts_with = "stroke_mm")]
+    pub(crate) at: Option<String>,
+    /// Moves to go through again and again, CSV: axis letters (mm, deg), optionally feed (mm/min, or deg/min where only
+    /// rotary axes move; default 2000) and dwell_s (time to stand there; default 0)
+    #[arg(long, value_name = "FILE", conflicts_with = "stroke_mm")]
+    pub(crate) program: Option<PathBuf>,
+    /// Move every axis to and fro by so much, mm or deg
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    pub(crate) stroke_mm: f64,
+    /// Time of one such movement to and fro, s
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub(crate) period_s: f64,
+    /// Machine file with the errors that the simulated machine really has; each second a line tells how far its tool
+    /// misses without and with the correction, at the reference temperature
+    #[arg(long, value_name = "MACHINE")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Seconds between two such lines; 0 prints none [default: 1 with --truth, else 0]
+    #[arg(long, value_name = "S")]
+    report_s: Option<f64>,
+    /// Print the lines as JSON documents, one a line
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Start with an alarm on
+    #[arg(long)]
+    pub(crate) alarm: bool,
+    /// Start with the emergency stop pressed
+    #[arg(long)]
+    pub(crate) estop: bool,
+    /// Start with axes that are not referenced (the bits of F120)
+    #[arg(long)]
+    pub(crate) unreferenced: bool,
+    /// Answer nothing for so many seconds, at the end of every --pause-every-s
+    #[arg(long, value_name = "S")]
+    pause_s: Option<f64>,
+    /// Seconds from one such pause to the next
+    #[arg(long, value_name = "S", default_value_t = 30.0, requires = "pause_s")]
+    pause_every_s: f64,
+    /// Answer one point of PMC memory and the position of one axis for each command, and refuse more (EW_NUMBER)
+    #[arg(long)]
+    one_point: bool,
+    /// Refuse requests that combine commands for the control and for the PMC
+    #[arg(long)]
+    refuses_mix: bool,
+    /// Refuse requests that combine commands at all
+    #[arg(long)]
+    one_command: bool,
+    /// Version in its answers: 2 (16i), 3 (0i), 4 (31i); also as --version 3
+    #[arg(long, value_name = "VERSION", default_value_t = 3, value_parser = clap::value_parser!(u16).range(2..=4))]
+    version_of_answers: u16,
+    /// Send answers in pieces of so many bytes; 0 sends them whole
+    #[arg(long, value_name = "BYTES", default_value_t = 0)]
+    fragment: usize,
+    /// Time until an answer is sent, ms
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    latency_ms: f64,
+    /// Time until what is written to PMC memory can be read back, ms
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    readback_ms: f64,
+}
+
+impl Arguments {
+    /// The arguments of the process.
+    pub(crate) fn read() -> Self {
+        let mut arguments: Vec<String> = std::env::args().collect();
+        // `--version 3` is the version of the answers; `--version` alone is the program's.
+        for i in 1..arguments.len().saturating_sub(1) {
+            if arguments[i] == "--version" && arguments[i + 1].parse::<u16>().is_ok() {
+                "--version-of-answers".clone_into(&mut arguments[i]);
+            }
+        }
+        Self::parse_from(arguments)
+    }
+
+    /// The typed commands, as `--help` shows them.
+    pub(crate) fn typed_commands() -> &'static str {
+        EXAMPLES.split("\n\n").next().unwrap_or(EXAMPLES)
+    }
+
+    /// The axes of the control, `default` where none are named.
+    pub(crate) fn axes(&self, default: &[AxisName]) -> Result<Vec<AxisName>, SimError> {
+        let axes = if self.axes.is_empty() {
+            default.to_vec()
+        } else {
+            self.axes.clone()
+        };
+        for (index, name) in axes.iter().enumerate() {
+            if axes[..index].contains(name) {
+                return Err(SimError::input(
+                    "--axes",
+                    format!("the axis {name} twice"),
+                    "every axis once",
+                ));
+            }
+        }
+        Ok(axes)
+    }
+
+    /// How the control behaves on the wire.
+    pub(crate) fn options(&self) -> Result<Options, SimError> {
+        Ok(Options {
+            version: self.version_of_answers,
+            slots: if self.version_of_answers == 2 { 8 } else { 32 },
+            one_point: self.one_point,
+            one_axis: self.one_point,
+            refuses_mix: self.refuses_mix,
+            one_command: self.one_command,
+            fragment: self.fragment,
+            latency: duration("--latency-ms", self.latency_ms, 1e-3)?,
+            ..Options::default()
+        })
+    }
+
+    /// Time until what is written can be read back.
+    pub(crate) fn read_back_delay(&self) -> Result<Duration, SimError> {
+        duration("--readback-ms", self.readback_ms, 1e-3)
+    }
+
+    /// Time between two lines of report; `None`: none is printed.
+    pub(crate) fn report_period(&self) -> Result<Option<Duration>, SimError> {
+        let default = if self.truth.is_some() { 1.0 } else { 0.0 };
+        let period = duration("--report-s", self.report_s.unwrap_or(default), 1.0)?;
+        Ok((!period.is_zero()).then_some(period))
+    }
+
+    /// How long the control is silent, and the time from one silence to the next.
+    pub(crate) fn pauses(&self) -> Result<Option<(Duration, Duration)>, SimError> {
+        let Some(pause_s) = self.pause_s else {
+            return Ok(None);
+        };
+        let pause = duration("--pause-s", pause_s, 1.0)?;
+        let every = duration("--pause-every-s", self.pause_every_s, 1.0)?;
+        if pause.is_zero() || pause >= every {
+            return Err(SimError::input(
+                "--pause-s",
+                pause_s.to_string(),
+                format!(
+                    "more than 0 and less than --pause-every-s {}",
+                    self.pause_every_s
+                ),
+            ));
+        }
+        Ok(Some((pause, every)))
+    }
+}
+
+/// A time from a number of units of `unit_s` seconds.
+fn duration(place: &str, found: f64, unit_s: f64) -> Result<Duration, SimError> {
+    Duration::try_from_secs_f64(found * unit_s)
+        .map_err(|_| SimError::input(place, found.to_string(), "a time that is not negative"))
+}

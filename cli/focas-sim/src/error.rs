@@ -1,0 +1,73 @@
+//! Why the simulator does not start, or refuses a typed command.
+
+use volcomp_document::InputError;
+use volcomp_model::ModelError;
+
+/// Why the simulator does not start.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum SimError {
+    /// An option is wrong.
+    #[error("{place}: found {found}, expected {expected}")]
+    Input {
+        /// The option.
+        place: String,
+        /// What stands there.
+        found: String,
+        /// What should stand there.
+        expected: String,
+    },
+    /// A file cannot be read.
+    #[error("{file}: cannot be read: {source}")]
+    Read {
+        /// The file as it was named.
+        file: String,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// A place in the program file is wrong.
+    #[error(transparent)]
+    Place(#[from] InputError),
+    /// The machine file of `--truth` is wrong.
+    #[error("--truth: {0}")]
+    Model(#[from] ModelError),
+    /// The simulator cannot listen on the address.
+    #[error("--listen {address}: {source}")]
+    Listen {
+        /// The address as it was given.
+        address: String,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The operating system refuses something else.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+}
+
+impl SimError {
+    /// An input that is wrong at a place.
+    pub(crate) fn input(
+        place: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Input {
+            place: place.into(),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    /// The exit status: 2 where the call or a file is wrong, 1 where the work failed.
+    pub(crate) fn status(&self) -> u8 {
+        match self {
+            Self::Listen { source, .. } if source.kind() != std::io::ErrorKind::InvalidInput => 1,
+            Self::System { .. } => 1,
+            _ => 2,
+        }
+    }
+}

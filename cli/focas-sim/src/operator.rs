@@ -1,0 +1,104 @@
+//! Commands that a person types while the simulator runs.
+
+use std::{str::FromStr, time::Duration};
+
+use volcomp_focas::simulator::{Simulator, World};
+
+/// The alarm that `alarm on` and `--alarm` set: number and text.
+const ALARM: (i32, &str) = (1000, "SIMULATED ALARM");
+
+/// What can be typed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Command {
+    Alarm(bool),
+    EmergencyStop(bool),
+    Unreferenced(bool),
+    Pause(Duration),
+    Disconnect,
+    Clear,
+    Report,
+    Help,
+    Quit,
+}
+
+impl FromStr for Command {
+    type Err = String;
+
+    fn from_str(line: &str) -> Result<Self, String> {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let switch = |word: &str| match word {
+            "on" => Ok(true),
+            "off" => Ok(false),
+            other => Err(format!("found `{other}`, expected on or off")),
+        };
+        match words[..] {
+            ["alarm", word] => Ok(Self::Alarm(switch(word)?)),
+            ["estop", word] => Ok(Self::EmergencyStop(switch(word)?)),
+            ["unreferenced", word] => Ok(Self::Unreferenced(switch(word)?)),
+            ["pause", seconds] => seconds
+                .parse()
+                .ok()
+                .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+                .map(Self::Pause)
+                .ok_or_else(|| format!("found `{seconds}`, expected a number of seconds")),
+            ["disconnect"] => Ok(Self::Disconnect),
+            ["clear"] => Ok(Self::Clear),
+            ["report"] => Ok(Self::Report),
+            ["help"] => Ok(Self::Help),
+            ["quit"] => Ok(Self::Quit),
+            _ => Err(format!(
+                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, report, help, quit",
+                line.trim()
+            )),
+        }
+    }
+}
+
+impl Command {
+    /// Does what concerns the simulated control; the other commands do nothing here.
+    pub(crate) fn act(self, simulator: &Simulator) {
+        match self {
+            Self::Disconnect => simulator.disconnect_all(),
+            Self::Report | Self::Help | Self::Quit => {}
+            other => other.change(&mut simulator.world()),
+        }
+    }
+
+    /// Does what concerns the machine and the memory of the control.
+    pub(crate) fn change(self, world: &mut World) {
+        match self {
+            Self::Alarm(on) => {
+                let alarm = on.then(|| (ALARM.0, ALARM.1.to_owned()));
+                world.alarms = alarm.into_iter().collect();
+            }
+            Self::EmergencyStop(on) => world.emergency_stop = on,
+            Self::Unreferenced(on) => world.set_referenced(!on),
+            Self::Pause(time) => world.pause(time),
+            Self::Clear => world.clear_shifts(),
+            Self::Disconnect | Self::Report | Self::Help | Self::Quit => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_are_understood_or_refused_in_words() {
+        let parsed = |line: &str| line.parse::<Command>();
+        assert_eq!(parsed(" alarm  on "), Ok(Command::Alarm(true)));
+        assert_eq!(parsed("estop off"), Ok(Command::EmergencyStop(false)));
+        let pause = Command::Pause(Duration::from_millis(1500));
+        assert_eq!(parsed("pause 1.5"), Ok(pause));
+        for (line, expected) in [
+            ("alarm maybe", "found `maybe`, expected on or off"),
+            ("pause -1", "found `-1`, expected a number of seconds"),
+            ("pause 1e300", "found `1e300`"),
+            ("stop", "found `stop`, expected one of alarm"),
+        ] {
+            let refused = parsed(line).err().unwrap_or_default();
+            assert!(refused.contains(expected), "{line}: {refused}");
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! The lines of the report: where the axes stand, which shifts are applied, how far the tool misses.
+
+use std::{collections::BTreeMap, fmt::Write};
+
+use serde::Serialize;
+use volcomp_focas::simulator::Simulator;
+use volcomp_vocabulary::{AxisName, Direction, Displacement};
+
+use crate::truth::{Miss, Place, Truth};
+
+/// Values of linear axes under one key, values of rotary axes under another.
+type ByLetter = BTreeMap<AxisName, f64>;
+
+/// One line of the report.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Report {
+    /// Time since the start, s.
+    time_s: f64,
+    /// Where linear axes are commanded to be, mm.
+    positions_mm: ByLetter,
+    /// Where rotary axes are commanded to be, deg.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    positions_deg: ByLetter,
+    /// Applied shifts of linear axes, µm.
+    correction_um: ByLetter,
+    /// Applied shifts of rotary axes, µrad.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    correction_urad: ByLetter,
+    /// How far the tool misses without shifts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Miss>,
+    /// How far the tool misses with the shifts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    residual: Option<Miss>,
+}
+
+/// What makes the lines: looked at often enough to know in which direction each axis moved last.
+pub(crate) struct Reporter {
+    axes: Vec<AxisName>,
+    truth: Option<Truth>,
+    last: Vec<f64>,
+    approach: Vec<Option<Direction>>,
+}
+
+impl Reporter {
+    pub(crate) fn new(axes: Vec<AxisName>, truth: Option<Truth>) -> Self {
+        Self {
+            last: Vec::new(),
+            approach: vec![None; axes.len()],
+            axes,
+            truth,
+        }
+    }
+
+    /// Where the axes are commanded to be and which shifts are applied, mm and deg.
+    fn look(&mut self, simulator: &Simulator) -> [Vec<f64>; 2] {
+        let (commanded, shifts) = {
+            let mut world = simulator.world();
+            (world.commanded(), world.shifts())
+        };
+        for (approach, (now, before)) in self
+            .approach
+            .iter_mut()
+            .zip(commanded.iter().zip(&self.last))
+        {
+            if now > before {
+                *approach = Some(Direction::Positive);
+            } else if now < before {
+                *approach = Some(Direction::Negative);
+            }
+        }
+        self.last.clone_from(&commanded);
+        [commanded, shifts]
+    }
+
+    /// Notes in which direction the axes move.
+    pub(crate) fn watch(&mut self, simulator: &Simulator) {
+        self.look(simulator);
+    }
+
+    /// The line of this moment.
+    pub(crate) fn report(&mut self, simulator: &Simulator) -> Report {
+        let time_s = simulator.world().elapsed().as_secs_f64();
+        let [commanded, shifts] = self.look(simulator);
+        let misses = self.truth.as_ref().map(|truth| {
+            truth.misses(&Place {
+                axes: &self.axes,
+                commanded: &commanded,
+                shifts: &shifts,
+                approach: &self.approach,
+            })
+        });
+        let by_letter = |rotary: bool, values: &[f64], number: &dyn Fn(Displacement) -> f64| {
+            let pairs = self.axes.iter().zip(values);
+            pairs
+                .filter(|(axis, _)| axis.is_rotary() == rotary)
+                .map(|(axis, value)| {
+                    let value = Displacement::from_coordinate(axis.kind(), *value);
+                    (*axis, rounded(number(value)))
+                })
+                .collect::<ByLetter>()
+        };
+        let positions = |rotary| by_letter(rotary, &commanded, &Displacement::mm_or_deg);
+        let corrections = |rotary| by_letter(rotary, &shifts, &Displacement::um_or_urad);
+        Report {
+            time_s: rounded(time_s),
+            positions_mm: positions(false),
+            positions_deg: positions(true),
+            correction_um: corrections(false),
+            correction_urad: corrections(true),
+            error: misses.map(|[error, _]| rounded_miss(error)),
+            residual: misses.map(|[_, residual]| rounded_miss(residual)),
+        }
+    }
+}
+
+impl Report {
+    /// The line for people.
+    pub(crate) fn text(&self) -> String {
+        let mut text = format!("{:8.1} s", self.time_s);
+        let kinds = [
+            (&self.positions_mm, "mm", &self.correction_um, "µm"),
+            (&self.positions_deg, "deg", &self.correction_urad, "µrad"),
+        ];
+        for (positions, unit, corrections, small_unit) in kinds {
+            for ((letter, position), correction) in positions.iter().zip(corrections.values()) {
+                // Writing into a text cannot fail.
+                let _ = write!(
+                    text,
+                    "  {letter} {position:.3} {unit} {correction:+.1} {small_unit}"
+                );
+            }
+        }
+        if let (Some(error), Some(residual)) = (self.error, self.residual) {
+            let _ = write!(
+                text,
+                "  tool misses by {:.1} µm, {:.1} µrad; without correction {:.1} µm, {:.1} µrad",
+                residual.distance_um(),
+                residual.tool_axis_urad,
+                error.distance_um(),
+                error.tool_axis_urad,
+            );
+        }
+        text
+    }
+
+    /// The line for programs.
+    pub(crate) fn json(&self) -> String {
+        // Keys are letters and names, numbers are numbers: this cannot fail.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+/// Three digits behind the point.
+fn rounded(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
+}
+
+fn rounded_miss(miss: Miss) -> Miss {
+    Miss {
+        position_um: miss.position_um.map(rounded),
+        tool_axis_urad: rounded(miss.tool_axis_urad),
+    }
+}

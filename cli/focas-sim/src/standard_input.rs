@@ -1,0 +1,56 @@
+//! Lines from standard input, without ever stopping a program that was put into the background.
+
+use std::{
+    io::{BufRead, BufReader, IsTerminal},
+    time::Duration,
+};
+
+use rustix::{process::getpgrp, termios::tcgetpgrp};
+
+/// How often a program in the background looks whether it is in the foreground again.
+const LOOK: Duration = Duration::from_millis(300);
+
+/// Calls `line` with every line until the input ends or it answers `false`.
+///
+/// A program in the background of a terminal is stopped by the kernel when it reads; so it waits until it is in the
+/// foreground.
+pub(crate) fn lines(mut line: impl FnMut(&str) -> bool) {
+    let stdin = std::io::stdin();
+    let is_terminal = stdin.is_terminal();
+    let mut reader = BufReader::new(stdin.lock());
+    let mut text = String::new();
+    loop {
+        while is_terminal && !in_foreground() {
+            std::thread::sleep(LOOK);
+        }
+        if is_terminal && !readable() {
+            continue;
+        }
+        text.clear();
+        match reader.read_line(&mut text) {
+            Ok(count) if count > 0 => {
+                if !text.trim().is_empty() && !line(&text) {
+                    return;
+                }
+            }
+            // The end, or bytes that are no text.
+            _ => return,
+        }
+    }
+}
+
+fn in_foreground() -> bool {
+    tcgetpgrp(rustix::stdio::stdin()).is_ok_and(|group| group == getpgrp())
+}
+
+/// Waits for a line for a short time, so that the terminal is looked at again.
+fn readable() -> bool {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    let stdin = rustix::stdio::stdin();
+    let time = Timespec {
+        tv_sec: 0,
+        tv_nsec: 300_000_000,
+    };
+    let mut asked = [PollFd::new(&stdin, PollFlags::IN)];
+    poll(&mut asked, Some(&time)).is_ok_and(|ready| ready > 0)
+}
