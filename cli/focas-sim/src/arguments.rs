@@ -24,8 +24,8 @@ Examples:
   focas-sim --axes X,Y,Z --at X=100,Y=50
       A control whose axes stand still, on 127.0.0.1:8193.
   focas-sim --truth examples/table-tilting.toml --program examples/table-tilting-moves.csv
-      Five axes that move, on a machine that has the errors of the machine file: each second a line tells how far the
-      tool misses without and with the correction that is applied.";
+      Five axes that move, on a machine that has the errors of the machine file. Each second a line tells where they
+      are (mm, deg) and how far the tool misses without → with the correction: its tip (µm) and its axis (µrad).";
 
 /// A simulated FANUC control: axes that move, PMC memory, and machine zero point shifts that move the axes
 ///

@@ -115,30 +115,31 @@ impl Reporter {
 }
 
 impl Report {
-    /// The line for people.
+    /// The line for people: where the axes stand, and how far the tool misses without and with the correction, or
+    /// where that is not known the correction.
     pub(crate) fn text(&self) -> String {
-        let mut text = format!("{:8.1} s", self.time_s);
+        let mut text = format!("{:7.1} s ", self.time_s);
         let kinds = [
-            (&self.positions_mm, "mm", &self.correction_um, "µm"),
-            (&self.positions_deg, "deg", &self.correction_urad, "µrad"),
+            (&self.positions_mm, &self.correction_um, "µm"),
+            (&self.positions_deg, &self.correction_urad, "µrad"),
         ];
-        for (positions, unit, corrections, small_unit) in kinds {
+        for (positions, corrections, unit) in kinds {
             for ((letter, position), correction) in positions.iter().zip(corrections.values()) {
                 // Writing into a text cannot fail.
-                let _ = write!(
-                    text,
-                    "  {letter} {position:.3} {unit} {correction:+.1} {small_unit}"
-                );
+                let _ = write!(text, " {letter} {position:.1}");
+                if self.error.is_none() {
+                    let _ = write!(text, " ({correction:+.1} {unit})");
+                }
             }
         }
         if let (Some(error), Some(residual)) = (self.error, self.residual) {
             let _ = write!(
                 text,
-                "  tool misses by {:.1} µm, {:.1} µrad; without correction {:.1} µm, {:.1} µrad",
-                residual.distance_um(),
-                residual.tool_axis_urad,
+                "  tool misses {:.1} → {:.1} µm, {:.1} → {:.1} µrad",
                 error.distance_um(),
+                residual.distance_um(),
                 error.tool_axis_urad,
+                residual.tool_axis_urad,
             );
         }
         text

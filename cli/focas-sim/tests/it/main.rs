@@ -226,9 +226,17 @@ fn it_tells_what_the_tool_misses() {
     running.type_line("report");
     let line = running.line();
     assert!(
-        line.contains("X 0.000 mm +0.0 µm") && line.contains("tool misses by 5.0 µm"),
+        line.contains("X 0.0 Y 0.0 Z 0.0  tool misses 5.0 → 5.0 µm, 0.0 → 0.0 µrad"),
         "{line}"
     );
+    let mut running = Running::start(&["--at", "Y=7.25"]);
+    running
+        .client()
+        .write_pmc(PmcArea::R, 102, &[3, 0])
+        .unwrap();
+    running.type_line("report");
+    let line = running.line();
+    assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
 }
 
 #[test]
@@ -237,7 +245,7 @@ fn five_axes_come_from_the_machine_file() {
     let mut running = Running::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
     let names = running.client().axis_names().unwrap();
     assert_eq!(names, ['X', 'Y', 'Z', 'A', 'C']);
-    assert!(running.line().contains("  C 0.000 deg +0.0 µrad"));
+    assert!(running.line().contains(" A 0.0 C 0.0  tool misses "));
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod http;
 mod process;
 mod program;
 mod reload;
+mod shipped;
 mod texts;
 mod volume;
 
