@@ -5,7 +5,7 @@ use std::{path::Path as FilePath, sync::Arc, time::Duration};
 use volcomp_document::CsvTable;
 use volcomp_focas::simulator::Motion;
 use volcomp_port::simulated::{Move, Path};
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{arguments::Arguments, error::SimError};
 
@@ -136,8 +136,8 @@ fn program(file: &FilePath, axes: &[AxisName], stands: &[f64]) -> Result<Vec<Mov
 }
 
 /// Coordinates in mm and deg as a path has them: mm and rad.
-fn inside(axes: &[AxisName], coordinates: &[f64]) -> [f64; volcomp_port::MAX_AXES] {
-    let mut values = [0.0; volcomp_port::MAX_AXES];
+fn inside(axes: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
+    let mut values = PerChannel::ZERO;
     for ((value, axis), coordinate) in values.iter_mut().zip(axes).zip(coordinates) {
         *value = Displacement::from_coordinate(axis.kind(), *coordinate).mm_or_rad();
     }
