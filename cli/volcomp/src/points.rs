@@ -82,7 +82,7 @@ impl MachineArguments {
     }
 
     fn temperatures(&self, machine: &Machine) -> Result<Temperatures, Failure> {
-        let sensors = machine.thermal.sensors();
+        let sensors = machine.thermal().sensors();
         let mut temperatures = Temperatures::new();
         for item in &self.temperature {
             let (name, value) = assignment("--temperature", item, "NAME=DEGC")?;

@@ -26,9 +26,9 @@ impl Machine {
         tolerance: Tolerance,
         temperatures: &Temperatures,
     ) -> Result<CompiledMachine, ModelError> {
-        let refused = |error| ModelError::Compile {
+        let refused = |source| ModelError::Compile {
             machine: self.name.clone(),
-            error,
+            source,
         };
         let mut parts = MachineParts::new(self.chain());
         for (index, axis) in self.axes().iter().enumerate() {
@@ -48,7 +48,11 @@ impl Machine {
             let value = Displacement::from_micro(kind, value);
             parts = parts.location(name, value).map_err(refused)?;
         }
-        CompiledMachine::new(parts, tolerance).map_err(refused)
+        let mut compiled = CompiledMachine::new(parts, tolerance).map_err(refused)?;
+        if let Some(axes) = self.correct() {
+            compiled.set_correctors(axes).map_err(refused)?;
+        }
+        Ok(compiled)
     }
 
     /// What the curves over the axis's own coordinate (mm or deg) give, on top of offsets (um, urad).

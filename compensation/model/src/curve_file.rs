@@ -9,7 +9,7 @@ use volcomp_curve::{
 use volcomp_document::{InputError, Section, Value};
 use volcomp_vocabulary::AxisName;
 
-use crate::machine::Axis;
+use crate::axis::Axis;
 
 /// The kinds of curve, by the key that names each.
 const KINDS: [&str; 7] = [

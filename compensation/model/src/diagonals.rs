@@ -3,7 +3,10 @@
 use volcomp_kinematics::{ErrorSource, State, actual_pose};
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
-use crate::machine::Machine;
+use crate::{error::ModelError, machine::Machine};
+
+/// The most targets on a diagonal.
+const MOST_TARGETS: usize = 1_000_000;
 
 /// One body diagonal.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,17 +30,27 @@ const DIRECTIONS: [(&str, [bool; 3]); 4] = [
 /// (actual − ideal) along the ideal diagonal, minus its value at the first target.
 ///
 /// `errors` are the machine's own or another's; `command` gives the state that is commanded for a
-/// target: the target itself, or the target with a correction added. `None` when one of X, Y, Z is
-/// missing. At least 2 `points`, both ends included.
+/// target: the target itself, or the target with a correction added. `points` targets, both ends included; fewer than
+/// 2 count as 2.
+///
+/// # Errors
+/// [`ModelError::NoSuchAxis`] when one of X, Y, Z is missing, [`ModelError::TooMany`] for more than 1 000 000 targets.
 pub fn diagonals<S: ErrorSource>(
     machine: &Machine,
     errors: &S,
     points: usize,
     command: impl Fn(&State) -> State,
-) -> Option<Vec<Diagonal>> {
+) -> Result<Vec<Diagonal>, ModelError> {
     let linear = [AxisName::X, AxisName::Y, AxisName::Z];
-    if linear.iter().any(|&name| machine.axis(name).is_none()) {
-        return None;
+    for axis in linear {
+        machine.index_of(axis)?;
+    }
+    if points > MOST_TARGETS {
+        return Err(ModelError::TooMany {
+            what: "targets on a diagonal",
+            found: points,
+            most: MOST_TARGETS,
+        });
     }
     let points = points.max(2);
     let diagonal = |(name, positive): (&'static str, [bool; 3])| {
@@ -74,7 +87,7 @@ pub fn diagonals<S: ErrorSource>(
             range_um,
         }
     };
-    Some(DIRECTIONS.into_iter().map(diagonal).collect())
+    Ok(DIRECTIONS.into_iter().map(diagonal).collect())
 }
 
 fn range(values: &[f64]) -> f64 {
@@ -91,7 +104,8 @@ pub fn corrected(state: &State, delta: &[f64; MAX_AXES]) -> State {
     }
 }
 
-/// A correction rounded to a controller's resolution, mm on linear and rad on rotary axes.
+/// A correction rounded to a controller's resolution: `mm` on linear and `rad` on rotary axes. A resolution that is not
+/// positive rounds nothing.
 pub fn quantised(machine: &Machine, delta: &[f64; MAX_AXES], mm: f64, rad: f64) -> [f64; MAX_AXES] {
     let mut rounded = *delta;
     for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {
@@ -99,7 +113,9 @@ pub fn quantised(machine: &Machine, delta: &[f64; MAX_AXES], mm: f64, rad: f64) 
             AxisKind::Linear => mm,
             AxisKind::Rotary => rad,
         };
-        *place = (*place / step).round() * step;
+        if step > 0.0 {
+            *place = (*place / step).round() * step;
+        }
     }
     rounded
 }

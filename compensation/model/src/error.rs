@@ -1,8 +1,8 @@
-//! What can be wrong with a machine file.
+//! What can be wrong with a machine file or with what is asked of a machine.
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_kinematics::ChainError;
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Why a machine file is refused or a machine cannot answer.
 #[derive(Debug, thiserror::Error)]
@@ -19,7 +19,7 @@ pub enum ModelError {
     NoSuchAxis {
         /// Name of the machine.
         machine: String,
-        /// Its structure.
+        /// Structure of the machine.
         structure: String,
         /// The axis asked for.
         axis: AxisName,
@@ -34,31 +34,176 @@ pub enum ModelError {
         /// The tools there are.
         known: String,
     },
-    /// A coordinate that is no number.
+    /// A coordinate that is no finite number.
     #[error("axis {axis}: coordinate is {found}, expected a finite number")]
     Coordinate {
         /// The axis.
         axis: AxisName,
-        /// The value.
+        /// The value found.
         found: f64,
     },
-    /// An error that a chain cannot have.
+    /// An error motion or a location error that the machine cannot have.
     #[error("{error}: {reason}")]
-    Error {
+    Refused {
         /// Name of the error.
-        error: String,
+        error: ErrorName,
         /// Why it is refused.
-        reason: String,
+        #[source]
+        reason: ErrorRefusal,
     },
+    /// An assembly error that is no finite number.
+    #[error("assembly error of axis {axis} is {found}, expected a finite number of µm or µrad")]
+    Assembly {
+        /// The axis.
+        axis: AxisName,
+        /// The value found.
+        found: f64,
+    },
+    /// Thermal terms that the machine cannot have.
+    #[error(transparent)]
+    Thermal(#[from] ThermalRefusal),
+    /// Axes that corrections cannot be restricted to.
+    #[error(transparent)]
+    Correct(#[from] CorrectRefusal),
     /// Geometry that a chain cannot have.
     #[error(transparent)]
     Chain(#[from] ChainError),
     /// The compiled form cannot be made.
-    #[error("{machine}: {error}")]
+    #[error("{machine}: {source}")]
     Compile {
         /// Name of the machine.
         machine: String,
         /// Why not.
-        error: volcomp_evaluator::EvaluatorError,
+        source: volcomp_evaluator::EvaluatorError,
+    },
+    /// More of something than is computed at once.
+    #[error("found {found} {what}, expected {most} at the most")]
+    TooMany {
+        /// What there is too much of, in the plural.
+        what: &'static str,
+        /// How many were asked for.
+        found: usize,
+        /// The most allowed.
+        most: usize,
+    },
+}
+
+/// Why a machine cannot have an error motion or a location error.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ErrorRefusal {
+    /// A curve is given for a location error.
+    #[error("a location error is one number, never a curve")]
+    CurveOfLocation,
+    /// One number is given as the location error of a name that stands for an error motion.
+    #[error("is an error motion, expected a location error E?0N")]
+    ErrorMotion,
+    /// A number of the curve, or the location error, is NaN or infinite.
+    #[error("expected finite numbers")]
+    NotFinite,
+    /// A location offset of a linear axis moves nothing.
+    #[error("has no effect; put a zero offset into the constant of {constant}")]
+    OffsetOfLinearAxis {
+        /// The error motion whose constant means the same.
+        constant: ErrorName,
+    },
+    /// A location error along a rotary axis, or about it, moves nothing.
+    #[error(
+        "lies along the axis itself and has no effect; put a zero offset into the constant of {constant}"
+    )]
+    AlongRotaryAxis {
+        /// The error motion whose constant means the same.
+        constant: ErrorName,
+    },
+    /// A tilt of a linear axis about itself moves nothing.
+    #[error(
+        "turns the axis about itself and has no effect; put a zero offset into the constant of {constant}"
+    )]
+    AboutLinearAxis {
+        /// The error motion whose constant means the same.
+        constant: ErrorName,
+    },
+    /// On an axis with a modulo the curve does not close.
+    #[error(
+        "first value {first} and last value {last} differ, expected the same: the axis has a modulo"
+    )]
+    NotClosed {
+        /// Value at the first node, µm or µrad.
+        first: f64,
+        /// Value at the last node, µm or µrad.
+        last: f64,
+    },
+    /// A grid looks at an axis that the machine does not have.
+    #[error("the grid looks at axis number {axis} of the chain, expected one below {axes}")]
+    GridAxis {
+        /// The place in the chain that the grid names, from 0.
+        axis: usize,
+        /// How many axes the machine has.
+        axes: usize,
+    },
+}
+
+/// Why thermal terms are refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ThermalRefusal {
+    /// A term of an error that is no error motion of the machine.
+    #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]
+    Motion {
+        /// The name found.
+        found: String,
+        /// Structure of the machine.
+        structure: String,
+    },
+    /// An expansion of an error that is no length of a linear axis.
+    #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
+    NotLength {
+        /// The error.
+        error: ErrorName,
+    },
+    /// A drift without a sensor.
+    #[error("found a drift of {error} without a sensor, expected at least one")]
+    NoSensor {
+        /// The error.
+        error: ErrorName,
+    },
+    /// A time constant that is negative or no number.
+    #[error("found a lag_s of {found} s for {error}, expected 0 s or more")]
+    Lag {
+        /// The error.
+        error: ErrorName,
+        /// The time constant found, s.
+        found: f64,
+    },
+    /// A number that is NaN or infinite.
+    #[error("{what} is {found}, expected a finite number")]
+    NotFinite {
+        /// Which number.
+        what: &'static str,
+        /// The value found.
+        found: f64,
+    },
+    /// Times of holding and fading that are negative or no numbers.
+    #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
+    Fading {
+        /// Time that a term is held without its sensor, s.
+        hold_s: f64,
+        /// Time within which it then fades to zero, s.
+        fade_s: f64,
+    },
+}
+
+/// Why corrections cannot be restricted to a list of axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CorrectRefusal {
+    /// No axis is named.
+    #[error("found no axis, expected at least one that corrections may move")]
+    Empty,
+    /// An axis is named more than once.
+    #[error("axis {axis} stands twice, expected each axis once")]
+    Twice {
+        /// The axis.
+        axis: AxisName,
     },
 }

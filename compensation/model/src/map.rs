@@ -3,10 +3,12 @@
 use volcomp_kinematics::State;
 use volcomp_vocabulary::AxisName;
 
-use crate::machine::Machine;
+use crate::{error::ModelError, machine::Machine};
 
-/// A grid over the travels of the first linear axes named X, Y, Z that the machine has; all other
-/// axes stand at 0.
+/// The most nodes along one axis.
+const MOST_NODES: usize = 1_000_000;
+
+/// A grid over the travels of those of the linear axes X, Y, Z that the machine has; all other axes stand at 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapGrid {
     /// The axes of the grid, in the order X, Y, Z.
@@ -18,38 +20,50 @@ pub struct MapGrid {
 impl MapGrid {
     /// `counts` nodes over the travels of X, Y and Z, both ends included; an axis the machine lacks
     /// takes no part. A count of 1 stands at the middle.
-    pub fn over_travels(machine: &Machine, counts: [usize; 3]) -> Self {
+    ///
+    /// # Errors
+    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis.
+    pub fn over_travels(machine: &Machine, counts: [usize; 3]) -> Result<Self, ModelError> {
         let (mut axes, mut nodes_mm) = (Vec::new(), Vec::new());
         for (name, count) in [AxisName::X, AxisName::Y, AxisName::Z]
             .into_iter()
             .zip(counts)
         {
+            if count > MOST_NODES {
+                return Err(ModelError::TooMany {
+                    what: "nodes along an axis",
+                    found: count,
+                    most: MOST_NODES,
+                });
+            }
             if let Some(axis) = machine.axis(name) {
                 axes.push(name);
                 nodes_mm.push(spread(axis.travel, count));
             }
         }
-        Self { axes, nodes_mm }
+        Ok(Self { axes, nodes_mm })
     }
 
-    /// How many nodes there are.
+    /// The number of nodes of the whole grid.
     pub fn len(&self) -> usize {
-        self.nodes_mm.iter().map(Vec::len).product()
+        let lengths = self.nodes_mm.iter().map(Vec::len);
+        lengths.fold(1, usize::saturating_mul)
     }
 
-    /// Whether there is no node.
+    /// Whether an axis of the grid has no node, so that the grid has none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// A node by its number, X fastest: its coordinates along the axes of the grid (mm; 0 for an axis that
-    /// is not there) and its state.
+    /// is not there) and its state. Numbers from [`len`](Self::len) on begin again at the first node.
     pub fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
         let mut at_mm = [0.0; 3];
         let mut state = State::default();
         for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {
-            *place = nodes[index % nodes.len()];
-            index /= nodes.len();
+            let count = nodes.len().max(1);
+            *place = nodes.get(index % count).copied().unwrap_or_default();
+            index /= count;
             if let Some(axis) = machine.chain().structure().index_of(*name) {
                 state.q[axis] = *place;
             }

@@ -37,7 +37,7 @@ impl Machine {
         let name = self.axes()[axis].name;
         Component::ALL.map(|component| {
             let error = ErrorName::motion(component, name);
-            self.thermal.offset_and_slope(error, temperatures)
+            self.thermal().offset_and_slope(error, temperatures)
         })
     }
 }

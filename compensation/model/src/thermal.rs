@@ -2,9 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_vocabulary::ErrorName;
+use volcomp_kinematics::Structure;
+use volcomp_vocabulary::{AxisKind, ErrorName};
 
-/// Temperatures by sensor name, °C. Sensors that are not named are not known.
+use crate::error::ThermalRefusal;
+
+/// Temperatures by sensor name, °C. The temperature of a sensor that is not named is unknown.
 pub type Temperatures = BTreeMap<String, f64>;
 
 /// The `[thermal]` table of a machine file.
@@ -55,6 +58,18 @@ impl Default for Thermal {
 }
 
 impl Thermal {
+    /// Whether a machine of this structure can have these terms.
+    ///
+    /// # Errors
+    /// What cannot be, for the first term that cannot.
+    pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
+        finite("reference temperature, °C,", self.reference_degc)?;
+        for term in &self.expansion {
+            term.check(structure)?;
+        }
+        self.drift.iter().try_for_each(|term| term.check(structure))
+    }
+
     /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error` at steady temperatures:
     /// a lag starts at its first input. A term whose sensors are not all known is left out.
     pub fn offset_and_slope(&self, error: ErrorName, temperatures: &Temperatures) -> [f64; 2] {
@@ -86,5 +101,60 @@ impl Thermal {
         names.sort_unstable();
         names.dedup();
         names
+    }
+}
+
+impl Expansion {
+    /// Whether a machine of this structure can have this term.
+    ///
+    /// # Errors
+    /// An error motion that is not there or is not a length of a linear axis, numbers that are not finite.
+    pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
+        motion_of(self.error, structure)?;
+        if self.error.axis.kind() == AxisKind::Rotary || self.error.component.is_angular() {
+            return Err(ThermalRefusal::NotLength { error: self.error });
+        }
+        finite("expansion, µm/(m·K),", self.um_per_m_k)?;
+        finite("fixed point, mm,", self.fixed_mm)
+    }
+}
+
+impl Drift {
+    /// Whether a machine of this structure can have this term.
+    ///
+    /// # Errors
+    /// An error motion that is not there, no sensor, a negative lag, numbers that are not finite.
+    pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
+        let error = self.error;
+        motion_of(error, structure)?;
+        if self.sensors.is_empty() {
+            return Err(ThermalRefusal::NoSensor { error });
+        }
+        if !(self.lag_s >= 0.0 && self.lag_s.is_finite()) {
+            let found = self.lag_s;
+            return Err(ThermalRefusal::Lag { error, found });
+        }
+        for &weight in self.sensors.values() {
+            finite("weight of a sensor", weight)?;
+        }
+        finite("drift per kelvin", self.per_k)
+    }
+}
+
+fn motion_of(error: ErrorName, structure: &Structure) -> Result<(), ThermalRefusal> {
+    if !error.location && structure.index_of(error.axis).is_some() {
+        return Ok(());
+    }
+    Err(ThermalRefusal::Motion {
+        found: error.to_string(),
+        structure: structure.to_string(),
+    })
+}
+
+fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
+    if found.is_finite() {
+        Ok(())
+    } else {
+        Err(ThermalRefusal::NotFinite { what, found })
     }
 }

@@ -1,26 +1,27 @@
 //! Thermal terms over time: state are the lags, and how long sensors are missing.
 
+use volcomp_curve::first_order_lag;
 use volcomp_evaluator::CompiledMachine;
 use volcomp_kinematics::ErrorMotion;
 use volcomp_vocabulary::{ErrorName, MAX_AXES};
 
 use crate::{
-    error::ModelError,
+    error::{ModelError, ThermalRefusal},
     machine::Machine,
     thermal::{Drift, Expansion, Thermal},
 };
 
-/// What becomes of a term whose sensor is missing.
+/// What becomes of a thermal term while one of its sensors is missing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fading {
-    /// So long it holds its last value, s.
+    /// Time for which the term holds its last value, s.
     pub hold_s: f64,
-    /// Then it goes to zero within so long, s.
+    /// Time within which it then goes to zero in a straight line, s.
     pub fade_s: f64,
 }
 
 impl Default for Fading {
-    /// Five minutes, then ten.
+    /// Five minutes of holding, then ten minutes of fading.
     fn default() -> Self {
         Self {
             hold_s: 300.0,
@@ -29,10 +30,11 @@ impl Default for Fading {
     }
 }
 
-/// The thermal terms of a machine, stepped with its temperatures. No call but [`new`](Self::new) allocates.
+/// The thermal terms of a machine over time. State: the lagged temperature of each term, and how long its sensors have
+/// been missing. No call but [`new`](Self::new) allocates.
 ///
-/// A lag follows L ← u + (L − u)·exp(−dt/τ), which is exact for a temperature that holds for the
-/// step, and starts at its first input. A term of which a sensor is missing holds, then fades.
+/// A lag steps by [`first_order_lag`], which is exact for a temperature that holds for the step, and starts at its
+/// first input. A term of which a sensor is missing holds, then fades ([`Fading`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -46,17 +48,17 @@ struct Term {
     axis: usize,
     component: usize,
     effect: Effect,
-    /// Σ w·(T − T_ref), which sensor and weight.
+    /// Place of each sensor among the sensors, and its weight in Σ w·(T − T_ref).
     weights: Vec<(usize, f64)>,
     lag_s: f64,
-    /// The lagged input, K; `None` until every sensor was heard.
+    /// The lagged input, K; `None` until every sensor has given a temperature once.
     lagged_k: Option<f64>,
     missing_s: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Effect {
-    /// mm for each mm and K, from the fixed point (mm) on.
+    /// mm for each mm of distance from the fixed point (mm) and each K.
     Expansion { per_k: f64, fixed_mm: f64 },
     /// mm or rad for each K.
     Drift { per_k: f64 },
@@ -66,9 +68,16 @@ impl ThermalState {
     /// The terms of a machine before any temperature is known.
     ///
     /// # Errors
-    /// A term of an axis that is not there: none for machines that were read from a file.
+    /// [`ThermalRefusal::Fading`]: times that are negative or not finite.
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
-        let thermal = &machine.thermal;
+        let Fading { hold_s, fade_s } = fading;
+        if [hold_s, fade_s]
+            .iter()
+            .any(|s| !(*s >= 0.0 && s.is_finite()))
+        {
+            return Err(ThermalRefusal::Fading { hold_s, fade_s }.into());
+        }
+        let thermal = machine.thermal();
         let sensors: Vec<String> = thermal.sensors().into_iter().map(str::to_owned).collect();
         let mut terms = Vec::new();
         for term in &thermal.expansion {
@@ -90,7 +99,8 @@ impl ThermalState {
         &self.sensors
     }
 
-    /// Goes on by `dt_s` with the temperature (degC) of each sensor; `None`, or no number: it is missing.
+    /// Steps by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor
+    /// whose temperature is `None`, not finite or not there is missing. A `dt_s` that is negative or NaN counts as 0.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
         let over = |sensor: usize| {
             let degc = degc
@@ -104,27 +114,23 @@ impl ThermalState {
             let weighted = |&(sensor, weight): &(usize, f64)| over(sensor).map(|k| weight * k);
             match term.weights.iter().map(weighted).sum::<Option<f64>>() {
                 Some(input_k) => {
-                    let kept = if term.lag_s > 0.0 {
-                        (-dt_s / term.lag_s).exp()
-                    } else {
-                        0.0
-                    };
                     let before = term.lagged_k.unwrap_or(input_k);
-                    term.lagged_k = Some(input_k + (before - input_k) * kept);
+                    term.lagged_k = Some(first_order_lag(before, input_k, dt_s, term.lag_s));
                     term.missing_s = 0.0;
                 }
-                None => term.missing_s += dt_s,
+                None => term.missing_s += dt_s.max(0.0),
             }
         }
     }
 
-    /// Whether a term holds or fades for want of a sensor.
+    /// Whether a term holds, fades or has not started because one of its sensors is missing.
     pub fn is_degraded(&self) -> bool {
         let missing = |term: &Term| term.missing_s > 0.0 || term.lagged_k.is_none();
         self.terms.iter().any(missing)
     }
 
-    /// Puts the terms as they are into a compiled machine, which was compiled without temperatures.
+    /// Puts the terms as they stand now into a compiled machine of the same structure, which was compiled without
+    /// temperatures.
     pub fn apply(&self, machine: &mut CompiledMachine) {
         let mut offsets = [[0.0; 6]; MAX_AXES];
         let mut slopes = [[0.0; 3]; MAX_AXES];
@@ -151,7 +157,7 @@ impl ThermalState {
 }
 
 impl Fading {
-    /// How much of a term is left when a sensor is missing for so long.
+    /// The share of a term that is left when a sensor has been missing for so long, 0 to 1.
     fn share(&self, missing_s: f64) -> f64 {
         let faded_s = (missing_s - self.hold_s).max(0.0);
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)

@@ -126,6 +126,21 @@ impl ErrorCurve {
         core::iter::once(first).chain(second)
     }
 
+    /// Whether every number is finite, which constructors check; [`Curve::Constant`] and
+    /// [`ErrorCurve::Reversal`] can be made without one.
+    pub fn is_finite(&self) -> bool {
+        let reversal = match self {
+            Self::Reversal { reversal, .. } => *reversal,
+            Self::Single(_) | Self::Pair { .. } => 0.0,
+        };
+        let constant = |field: &Field| match field {
+            Field::Curve(Curve::Constant(value)) => value.is_finite(),
+            // These are made by constructors that refuse numbers that are not finite.
+            Field::Curve(_) | Field::Grid(_) => true,
+        };
+        reversal.is_finite() && self.fields().all(constant)
+    }
+
     fn blend(&self, branch: Option<Direction>, of: impl Fn(&Field) -> f64) -> f64 {
         match self {
             Self::Single(field) | Self::Reversal { mean: field, .. } => of(field),

@@ -20,7 +20,7 @@ pub(crate) struct Arguments {
     points: PointArguments,
     #[command(flatten)]
     approach: ApproachArguments,
-    /// The linear axes that may correct, where there are more than three: X,Y,Z
+    /// The axes that the correction may move, instead of those that the machine file names: X,Y,Z
     #[arg(long, value_delimiter = ',')]
     correct: Vec<char>,
 }
@@ -57,7 +57,7 @@ fn options(machine: &Machine, letters: &[char]) -> Result<CorrectionOptions, Fai
             .filter(|name| names.len() < 9 && !names.contains(name))
             .ok_or_else(|| {
                 Failure::Input(format!(
-                    "--correct: found `{letter}`, expected linear axes, each once: X,Y,Z"
+                    "--correct: found `{letter}`, expected axis letters, each once: X,Y,Z"
                 ))
             })?;
         machine.index_of(name)?;

@@ -35,7 +35,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         }
     };
     let points = arguments.points as usize;
-    let found = diagonals(&machine, &source, points, command).ok_or_else(|| {
+    let found = diagonals(&machine, &source, points, command).map_err(|_| {
         Failure::Input(format!(
             "{}: structure `{}`, expected the axes X, Y and Z for body diagonals",
             arguments.machine.machine.display(),

@@ -76,7 +76,7 @@ fn micro(kind: AxisKind, value: f64) -> f64 {
 
 /// Names the sensors whose thermal terms are left out.
 fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
-    let mut missing = machine.thermal.sensors();
+    let mut missing = machine.thermal().sensors();
     missing.retain(|name| !temperatures.contains_key(*name));
     (!missing.is_empty()).then(|| {
         let names = missing.join(", ");

@@ -296,8 +296,8 @@ fn thermal_terms_are_those_of_the_source() {
         "{EXAMPLE}\n[[thermal.drift]]\nerror = \"EAY\"\nsensors = {{ bed = 1.0 }}\nurad_per_k = 1.5\n"
     );
     let machine = Machine::parse(&text, "m").unwrap();
-    let sensors = machine.thermal.sensors();
-    assert!(sensors.len() > 1 && !machine.thermal.expansion.is_empty());
+    let sensors = machine.thermal().sensors();
+    assert!(sensors.len() > 1 && !machine.thermal().expansion.is_empty());
     let temperatures: Temperatures = sensors
         .iter()
         .zip([26.5, 31.0, 18.0])

@@ -205,7 +205,7 @@ fn correction_leaves_the_diagonals_straight() {
 #[test]
 fn the_map_visits_every_node_x_fastest() {
     let machine = plain("EXX = { poly = [0, 0.01] }");
-    let grid = MapGrid::over_travels(&machine, [3, 2, 1]);
+    let grid = MapGrid::over_travels(&machine, [3, 2, 1]).unwrap();
     assert_eq!(grid.len(), 6);
     for (index, at_mm) in [(1, [500.0, 0.0, -200.0]), (3, [0.0, 500.0, -200.0])] {
         let (found, state) = grid.node(&machine, index);

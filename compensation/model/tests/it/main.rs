@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod absurd;
+mod correct;
 mod evaluation;
 mod fuzz_corpus;
 mod messages;

@@ -54,6 +54,28 @@ const CHANGES: &[(&str, &str)] = &[
         "tip = [0.0, 0.0, -150.0]",
         "tip = [0.0, 0.0, -150.0]\nlength = 5",
     ),
+    (
+        "name = \"gantry-8000\"",
+        "name = \"gantry-8000\"\ncorrect = [\"X\",\n\"A\"]",
+    ),
+    (
+        "name = \"gantry-8000\"",
+        "name = \"gantry-8000\"\ncorrect = [\"X\", \"C\", \"X\"]",
+    ),
+    (
+        "name = \"gantry-8000\"",
+        "name = \"gantry-8000\"\ncorrect = []",
+    ),
+    (
+        "name = \"gantry-8000\"",
+        "name = \"gantry-8000\"\ncorrect = [\"Q\"]",
+    ),
+    (
+        "name = \"gantry-8000\"",
+        "name = \"gantry-8000\"\ncorrect = \"X\"",
+    ),
+    ("lag_s = 600.0", "lag_s = -1"),
+    ("sensors = { spindle = 1.0, bed = -1.0 }", "sensors = {}"),
     ("EC0Y = 12.0", "EC0Y = nan"),
     ("EC0Y = 12.0", "EC0Y = \"nan\""),
     ("EC0Y = 12.0", "EC0Y = { poly = [1] }"),

@@ -123,7 +123,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Some(path) => Some(read_calibration(path, &machine, &mut notes)?),
         None => None,
     };
-    let grid = MapGrid::over_travels(&machine, counts);
+    let grid = MapGrid::over_travels(&machine, counts)?;
     let mut field = Field::open(arguments.output.as_deref(), &grid, calibration.is_some())?;
     let ensemble = match &calibration {
         Some(file) => Some(ensemble(file, arguments, &machine)?),

@@ -1,0 +1,44 @@
+//! An axis as a machine file states it.
+
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+/// One axis as the machine file states it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// The letter of the axis.
+    pub name: AxisName,
+    /// Lower and upper end of travel, mm (linear) or deg (rotary).
+    pub travel: [f64; 2],
+    /// Period that brings a rotary coordinate into travel before curves are looked up, deg.
+    pub modulo: Option<f64>,
+    /// Direction of positive motion of the tool relative to the workpiece, in the machine coordinate system at machine
+    /// zero, of any length; `None`: the direction of the letter.
+    pub direction: Option<[f64; 3]>,
+    /// A point on the axis line (rotary), or the point of the carriage at which its errors are stated (linear), mm in the
+    /// machine coordinate system at machine zero; `None`: the origin.
+    pub point_mm: Option<[f64; 3]>,
+}
+
+impl Axis {
+    /// The coordinate at which curves are looked up: brought into travel by `modulo`.
+    pub(crate) fn looked_up(&self, coordinate: f64) -> f64 {
+        match self.modulo {
+            Some(period) if !self.contains(coordinate) => {
+                self.travel[0] + (coordinate - self.travel[0]).rem_euclid(period)
+            }
+            _ => coordinate,
+        }
+    }
+
+    pub(crate) fn contains(&self, coordinate: f64) -> bool {
+        (self.travel[0]..=self.travel[1]).contains(&coordinate)
+    }
+}
+
+/// A coordinate of the chain (mm, rad) in the units of the file (mm, deg).
+pub(crate) fn file_units(axis: AxisName, q: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => q,
+        AxisKind::Rotary => q.to_degrees(),
+    }
+}

@@ -1,0 +1,103 @@
+//! What a machine answers at a state: its error, its correction, and what lies outside its ranges.
+
+use volcomp_kinematics::{
+    Correction, CorrectionOptions, Form, State, VolumetricError, correct, volumetric_error,
+};
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, MAX_AXES};
+
+use crate::{
+    axis::{Axis, file_units},
+    error::ModelError,
+    machine::Machine,
+    source::MachineErrors,
+    thermal::Temperatures,
+};
+
+impl Machine {
+    /// A state from coordinates in mm and deg; axes not named stand at 0, approach unknown.
+    ///
+    /// # Errors
+    /// An axis that is not there, a coordinate that is not finite.
+    pub fn state(&self, coordinates: &[(AxisName, f64)]) -> Result<State, ModelError> {
+        let mut state = State::default();
+        for &(axis, found) in coordinates {
+            let index = self.index_of(axis)?;
+            if !found.is_finite() {
+                return Err(ModelError::Coordinate { axis, found });
+            }
+            state.q[index] = match axis.kind() {
+                AxisKind::Linear => found,
+                AxisKind::Rotary => found.to_radians(),
+            };
+        }
+        Ok(state)
+    }
+
+    /// The errors as kinematics asks for them, at steady temperatures.
+    pub fn source(&self, temperatures: &Temperatures) -> MachineErrors<'_> {
+        MachineErrors::new(self, temperatures)
+    }
+
+    /// The volumetric error (mm, rad, workpiece axes) at a state.
+    pub fn error_at(
+        &self,
+        state: &State,
+        form: Form,
+        temperatures: &Temperatures,
+    ) -> VolumetricError {
+        volumetric_error(self.chain(), &self.source(temperatures), state, form)
+    }
+
+    /// The options of a correction as the machine file states them: its key `correct`, else the defaults.
+    pub fn correction_options(&self) -> CorrectionOptions {
+        CorrectionOptions {
+            // A machine has no more axes than there are letters, and none stands twice.
+            correct: self
+                .correct()
+                .map(|axes| axes.iter().copied().take(MAX_AXES).collect()),
+            ..CorrectionOptions::default()
+        }
+    }
+
+    /// The correction at a command: what must be added to it. Where `options` name no axes, those of the machine
+    /// file's key `correct` move.
+    pub fn correction_at(
+        &self,
+        state: &State,
+        temperatures: &Temperatures,
+        options: &CorrectionOptions,
+    ) -> Correction {
+        let source = self.source(temperatures);
+        if options.correct.is_some() || self.correct().is_none() {
+            return correct(self.chain(), &source, state, options);
+        }
+        let options = CorrectionOptions {
+            correct: self.correction_options().correct,
+            ..options.clone()
+        };
+        correct(self.chain(), &source, state, &options)
+    }
+
+    /// The error motions whose curves are evaluated outside their range at a state, sorted by name.
+    pub fn outside_range(&self, state: &State) -> Vec<ErrorName> {
+        let coordinates = self.curve_coordinates(state);
+        let mut outside: Vec<ErrorName> = self
+            .errors()
+            .filter(|(name, curve)| {
+                let own = self.chain().structure().index_of(name.axis).unwrap_or(0);
+                !curve.contains(own, &coordinates)
+            })
+            .map(|(name, _)| name)
+            .collect();
+        outside.sort_unstable_by_key(ErrorName::to_string);
+        outside
+    }
+
+    /// The axes that stand outside their travel at a state, in chain order.
+    pub fn outside_travel(&self, state: &State) -> Vec<AxisName> {
+        let outside =
+            |&(axis, &q): &(&Axis, &f64)| !axis.contains(axis.looked_up(file_units(axis.name, q)));
+        let stands = self.axes().iter().zip(&state.q);
+        stands.filter(outside).map(|(axis, _)| axis.name).collect()
+    }
+}

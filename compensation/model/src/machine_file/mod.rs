@@ -1,0 +1,145 @@
+//! The machine file: decoded with precise errors, written back with its checksum.
+
+use core::fmt::Write;
+use std::{collections::BTreeMap, path::Path};
+
+use sha2::{Digest, Sha256};
+use volcomp_document::{Document, InputError, Section, Value};
+
+use crate::{
+    error::ModelError,
+    machine::{Machine, Parts},
+    tool::Tool,
+};
+
+mod axes;
+mod errors;
+mod thermal;
+mod tool;
+mod write;
+
+use axes::{decode_axes, decode_correct, decode_structure};
+use errors::{decode_assembly, decode_errors};
+use thermal::decode_thermal;
+use tool::{check_gauge_keys, decode_tool};
+use write::canonical;
+
+const TOP_KEYS: [&str; 12] = [
+    "name",
+    "checksum",
+    "structure",
+    "type",
+    "correct",
+    "axes",
+    "tool",
+    "tools",
+    "workpiece",
+    "errors",
+    "assembly",
+    "thermal",
+];
+
+impl Machine {
+    /// Reads a machine file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is not UTF-8 or no valid machine: with file, line and key.
+    pub fn read(path: &Path) -> Result<Self, ModelError> {
+        Self::decode(&Document::read(path)?)
+    }
+
+    /// Decodes the text of a machine file; `file` names it in messages.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn parse(text: &str, file: &str) -> Result<Self, ModelError> {
+        Self::decode(&Document::new(file, text))
+    }
+
+    /// Decodes a document that is a machine file.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn decode(document: &Document) -> Result<Self, ModelError> {
+        document.decode(|root| decode_machine(&root))
+    }
+
+    /// The machine as a machine file, with its checksum.
+    pub fn to_toml(&self) -> String {
+        let text = canonical(self);
+        let (head, rest) = text.split_once('\n').unwrap_or((&text, ""));
+        format!("{head}\nchecksum = \"{}\"\n{rest}", checksum_of(&text))
+    }
+
+    /// `sha256:` and 64 hexadecimal digits over everything that the machine file states: comments,
+    /// blanks and the order of keys do not count.
+    pub fn checksum(&self) -> String {
+        checksum_of(&canonical(self))
+    }
+}
+
+fn checksum_of(canonical: &str) -> String {
+    let mut text = String::from("sha256:");
+    for byte in Sha256::digest(canonical.as_bytes()) {
+        let _ = write!(text, "{byte:02x}"); // writing to a String cannot fail
+    }
+    text
+}
+
+fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
+    root.allow(&TOP_KEYS)?;
+    let structure = decode_structure(root)?;
+    let axes = decode_axes(root, &structure)?;
+    let tool = root
+        .section("tool")?
+        .map_or_else(|| Ok(Tool::default()), |s| decode_tool(&s))?;
+    let mut tools = BTreeMap::new();
+    if let Some(section) = root.section("tools")? {
+        for (name, value) in section.values() {
+            tools.insert(name.to_owned(), decode_tool(&value.section()?)?);
+        }
+    }
+    check_gauge_keys(root, &tool, &tools)?;
+    let origin = match root.section("workpiece")? {
+        Some(section) => {
+            section.allow(&["origin"])?;
+            section
+                .optional("origin", Value::vector)?
+                .unwrap_or_default()
+        }
+        None => [0.0; 3],
+    };
+    let mut machine = Machine::from_parts(Parts {
+        name: root.get("name").map_or(Ok(""), |v| v.text())?.to_owned(),
+        structure,
+        axes,
+        tool,
+        tools,
+        workpiece_origin_mm: origin,
+    })
+    .map_err(|e| root.error(e.to_string()))?;
+    decode_errors(root, &mut machine)?;
+    decode_assembly(root, &mut machine)?;
+    if let Some(section) = root.section("thermal")? {
+        let thermal = decode_thermal(&section, machine.chain().structure())?;
+        machine
+            .set_thermal(thermal)
+            .map_err(|e| section.error(e.to_string()))?;
+    }
+    decode_correct(root, &mut machine)?;
+    check_checksum(root, &machine)?;
+    Ok(machine)
+}
+
+fn check_checksum(root: &Section<'_>, machine: &Machine) -> Result<(), InputError> {
+    let Some(value) = root.get("checksum") else {
+        return Ok(());
+    };
+    let (found, expected) = (value.text()?, machine.checksum());
+    if found == expected {
+        return Ok(());
+    }
+    Err(value.error(format!(
+        "found {found}, expected {expected}: the file was changed after it was written; if that was meant, remove this line"
+    )))
+}
