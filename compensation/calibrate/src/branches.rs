@@ -2,14 +2,14 @@
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::Fit;
-use volcomp_metrology::ReferenceLine;
-use volcomp_vocabulary::{Direction, ErrorName};
+use volcomp_metrology::{MotionKind, ReferenceLine};
+use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use crate::{
-    calibrate::FittedCurve,
     curve_choice::CurveChoice,
     error::CalibrateError,
-    track::{Kind, Points, Track, line_through},
+    fitted_curve::{FitQuality, FittedCurve, Quality},
+    profile::{Points, Profile, files_of},
 };
 
 /// Lines are moved to agree until they move less than this.
@@ -21,8 +21,8 @@ const ROUNDS: usize = 40;
 const WITHIN_SIGMAS: f64 = 3.0;
 
 /// How far a curve may pass by the mean readings, µm or µrad, for what the runs scatter.
-fn within_noise(tracks: &[Track<'_>]) -> Option<f64> {
-    let noise = tracks.iter().filter_map(Track::noise_of_mean);
+fn within_noise(profiles: &[Profile<'_>]) -> Option<f64> {
+    let noise = profiles.iter().filter_map(Profile::noise_of_mean);
     noise.reduce(f64::max).map(|noise| WITHIN_SIGMAS * noise)
 }
 
@@ -34,54 +34,67 @@ pub(crate) struct Branches {
 }
 
 impl Branches {
-    /// Fits all lines of an error, each direction by itself.
+    /// Fits all lines of an error, each direction by itself; the lines come back as they were moved.
     ///
     /// An instrument is set to zero anew for every line, and a straightness reference is aligned
     /// anew: constants (of straightness also slopes) between lines carry nothing, so lines are moved
     /// onto the first one by what they differ from the common curve in the mean.
-    pub(crate) fn fit(
+    pub(crate) fn fit<'a>(
+        error: ErrorName,
         choice: CurveChoice,
-        tracks: &mut [Track<'_>],
-    ) -> Result<Self, CalibrateError> {
-        let mut branches = Self::fit_once(choice, tracks)?;
+        mut profiles: Vec<Profile<'a>>,
+    ) -> Result<(Self, Vec<Profile<'a>>), CalibrateError> {
+        let mut branches = Self::fit_once(error, choice, &profiles)?;
         for _ in 1..ROUNDS {
-            let Some((first, others)) = tracks.split_first_mut() else {
+            let Some((first, others)) = profiles.split_first() else {
                 break;
             };
             let stays = branches.offset_of(first)?;
             let mut largest = 0.0_f64;
-            for track in others {
-                let line = branches.offset_of(track)?;
+            let mut moved = vec![first.clone()];
+            for profile in others {
+                let line = branches.offset_of(profile)?;
                 let line = ReferenceLine {
                     slope_um_per_mm: line.slope_um_per_mm - stays.slope_um_per_mm,
                     intercept_um: line.intercept_um - stays.intercept_um,
                 };
-                let moved = track.all().map(|(target, _)| line.value_um(*target).abs());
-                largest = moved.fold(largest, f64::max);
-                track.remove_line(&line);
+                let by = profile
+                    .all()
+                    .map(|(target, _)| line.value_um(*target).abs());
+                largest = by.fold(largest, f64::max);
+                moved.push(profile.clone().without_line(&line));
             }
+            profiles = moved;
             if largest < LINES_AGREE_UM {
                 break;
             }
-            branches = Self::fit_once(choice, tracks)?;
+            branches = Self::fit_once(error, choice, &profiles)?;
         }
-        Ok(branches)
+        Ok((branches, profiles))
     }
 
-    fn fit_once(choice: CurveChoice, tracks: &[Track<'_>]) -> Result<Self, CalibrateError> {
+    fn fit_once(
+        error: ErrorName,
+        choice: CurveChoice,
+        profiles: &[Profile<'_>],
+    ) -> Result<Self, CalibrateError> {
+        let files = || files_of(profiles);
         let mut fits = Vec::new();
         for (index, direction) in Direction::BOTH.into_iter().enumerate() {
-            let points = tracks.iter().flat_map(|track| &track.points[index]);
+            let points = profiles.iter().flat_map(|profile| &profile.points[index]);
             let (x, u): (Vec<f64>, Vec<f64>) = points.copied().unzip();
             if x.is_empty() {
                 continue;
             }
             let fit = choice
-                .fit(&x, &u, within_noise(tracks))
-                .map_err(|error| CalibrateError::readings(tracks, &error))?;
+                .fit(&x, &u, within_noise(profiles))
+                .map_err(|source| CalibrateError::Fit {
+                    error,
+                    files: files(),
+                    source,
+                })?;
             tracing::debug!(
-                "{} {}: {} leaves {:.3}, left out {:.3}",
-                tracks[0].line.setup.error,
+                "{error} {}: residual of {} is {:.3} rms, leave-one-out error {:.3}",
                 direction.name(),
                 fit.curve.kind(),
                 fit.rms(),
@@ -90,9 +103,11 @@ impl Branches {
             fits.push((direction, fit));
         }
         if fits.is_empty() {
-            return Err(CalibrateError::readings(tracks, &"no readings"));
+            let files = files();
+            return Err(CalibrateError::NoReadings { error, files });
         }
-        let mut targets: Vec<f64> = tracks.iter().flat_map(Track::all).map(|p| p.0).collect();
+        let all = profiles.iter().flat_map(Profile::all);
+        let mut targets: Vec<f64> = all.map(|point| point.0).collect();
         targets.sort_by(f64::total_cmp);
         targets.dedup();
         Ok(Self { fits, targets })
@@ -100,17 +115,17 @@ impl Branches {
 
     /// What readings minus curve are in the mean over one measured line: of straightness a line, else
     /// a constant.
-    fn offset_of(&self, track: &Track<'_>) -> Result<ReferenceLine, CalibrateError> {
+    fn offset_of(&self, profile: &Profile<'_>) -> Result<ReferenceLine, CalibrateError> {
         let residuals: Points = self
             .fits
             .iter()
             .flat_map(|(direction, fit)| {
-                let points = track.points[*direction as usize].iter();
+                let points = profile.points[*direction as usize].iter();
                 points.map(|(target, value)| (*target, value - fit.curve.value(*target)))
             })
             .collect();
-        if Kind::of(track.line.setup.error) == Kind::Straightness {
-            return Ok(line_through(residuals)?);
+        if MotionKind::of(profile.line.setup.error) == MotionKind::Straightness {
+            return profile.line_through(residuals);
         }
         let sum: f64 = residuals.iter().map(|(_, residual)| residual).sum();
         Ok(ReferenceLine {
@@ -138,7 +153,7 @@ impl Branches {
         scaled
     }
 
-    /// How well each branch follows its readings.
+    /// How well each branch follows its readings, for the error that the curves are set as.
     pub(crate) fn fitted(&self, error: ErrorName) -> Vec<FittedCurve> {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
@@ -147,10 +162,11 @@ impl Branches {
             direction: both.then_some(*direction),
             kind: fit.curve.kind(),
             readings: fit.residuals.len(),
-            residual: [fit.min(), fit.max()],
-            rms: fit.rms(),
-            leave_one_out: fit.leave_one_out_rms,
-            reversal,
+            quality: if error.component.is_angular() {
+                Quality::Angle(quality(fit, reversal, Urad))
+            } else {
+                Quality::Length(quality(fit, reversal, Um))
+            },
         };
         self.fits.iter().map(row).collect()
     }
@@ -166,7 +182,7 @@ impl Branches {
             .max_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
-    /// One curve, or a pair.
+    /// One curve for both directions, or a pair.
     pub(crate) fn into_curve(self) -> ErrorCurve {
         let mut fields = self
             .fits
@@ -178,5 +194,15 @@ impl Branches {
             // `fit_once` makes one fit at least.
             (None, _) => ErrorCurve::Single(Field::Curve(volcomp_curve::Curve::Constant(0.0))),
         }
+    }
+}
+
+fn quality<U>(fit: &Fit, reversal: Option<f64>, unit: fn(f64) -> U) -> FitQuality<U> {
+    FitQuality {
+        residual_min: unit(fit.min()),
+        residual_max: unit(fit.max()),
+        residual_rms: unit(fit.rms()),
+        leave_one_out: unit(fit.leave_one_out_rms),
+        reversal: reversal.map(unit),
     }
 }

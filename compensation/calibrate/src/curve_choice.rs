@@ -14,43 +14,46 @@ pub enum CurveChoice {
     /// repeatability where there are several runs.
     #[default]
     Auto,
-    /// A polynomial.
+    /// A polynomial by least squares.
     Polynomial {
-        /// Its order.
+        /// The highest power.
         order: usize,
     },
-    /// A Chebyshev series.
+    /// A Chebyshev series by least squares.
     Chebyshev {
-        /// Its order.
+        /// The order of its last term.
         order: usize,
     },
-    /// Moving least squares.
+    /// Moving least squares: a polynomial at each place, from the readings near it.
     MovingLeastSquares {
         /// Order of the local polynomials.
         order: usize,
         /// Half width of the weight as a share of the range.
         support: f64,
-        /// Shape of the weight.
+        /// How steeply the weight falls off, α of the Gaussian.
         shape: f64,
     },
-    /// A smoothing B-spline.
+    /// A cubic smoothing B-spline, smoothed by generalised cross-validation.
     BSpline,
-    /// A linear table.
+    /// A table of the mean readings, straight between them.
     LinearTable,
-    /// A monotone cubic table.
+    /// A table of the mean readings with a monotone cubic between them.
     CubicTable,
-    /// A Fourier series.
+    /// A Fourier series, for rotary axes.
     Fourier {
         /// Number of harmonics.
         order: usize,
-        /// Its period, deg.
+        /// The period of the first harmonic, deg.
         period: f64,
     },
 }
 
 impl CurveChoice {
-    /// The value of the key `curve`.
-    pub(crate) fn decode(value: &Value<'_>, axis: AxisName) -> Result<Self, InputError> {
+    /// The choice that the key `curve` of a `[[measurement]]` states, for an error of `axis`.
+    ///
+    /// # Errors
+    /// A kind or option that has no meaning here.
+    pub fn decode(value: &Value<'_>, axis: AxisName) -> Result<Self, InputError> {
         if let Ok(word) = value.text() {
             return match word {
                 "auto" => Ok(Self::Auto),
@@ -117,7 +120,7 @@ impl CurveChoice {
     }
 
     /// The value of the key `curve` that is read back as this choice.
-    pub(crate) fn to_toml(self) -> String {
+    pub fn to_toml(self) -> String {
         match self {
             Self::Auto => "\"auto\"".to_owned(),
             Self::Polynomial { order } => format!("{{ poly = {{ order = {order} }} }}"),

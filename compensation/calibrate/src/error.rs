@@ -1,16 +1,18 @@
 //! What can be wrong with a calibration.
 
+use std::path::PathBuf;
+
 use volcomp_document::{InputError, ReadError};
+use volcomp_fit::FitError;
 use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
-
-use crate::track::Track;
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Why measurement files do not make a machine file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CalibrateError {
-    /// The calibration or shop file cannot be read as text.
+    /// The calibration file cannot be read as text.
     #[error(transparent)]
     Read(#[from] ReadError),
     /// Something in the calibration file is wrong.
@@ -19,35 +21,66 @@ pub enum CalibrateError {
     /// Something in the machine file is wrong.
     #[error(transparent)]
     Machine(#[from] ModelError),
-    /// Something in a measurement file is wrong.
+    /// A measurement file cannot be read, or what it holds is broken.
     #[error(transparent)]
     Measurement(#[from] MetrologyError),
-    /// The readings of an error cannot be used.
-    #[error("{error} from {file}: {reason}")]
-    Readings {
-        /// The error measured.
-        error: String,
-        /// The measurement files.
-        file: String,
+    /// The readings of a file cannot become the profile or the slope of the error that they measure.
+    #[error("{error} from {}: {source}", .file.display())]
+    Profile {
+        /// The error that is measured.
+        error: ErrorName,
+        /// The measurement file.
+        file: PathBuf,
+        /// What is wrong with its readings.
+        source: MetrologyError,
+    },
+    /// No line of an error has a reading.
+    #[error("{error} from {}: found no readings, expected at least one", named(.files))]
+    NoReadings {
+        /// The error that is measured.
+        error: ErrorName,
+        /// Its measurement files.
+        files: Vec<PathBuf>,
+    },
+    /// No curve can be fitted to the readings of an error.
+    #[error("{error} from {}: {source}", named(.files))]
+    Fit {
+        /// The error that is measured.
+        error: ErrorName,
+        /// Its measurement files.
+        files: Vec<PathBuf>,
         /// Why not.
-        reason: String,
+        source: FitError,
+    },
+    /// The positioning deviation of an oblique axis fills a second error, and that one was measured too.
+    #[error(
+        "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured by itself",
+        named(.files)
+    )]
+    Oblique {
+        /// The positioning deviation that is measured.
+        error: ErrorName,
+        /// Its measurement files.
+        files: Vec<PathBuf>,
+        /// The oblique axis.
+        axis: AxisName,
+        /// The other error that the deviation fills.
+        other: ErrorName,
+    },
+    /// A squareness is to come from slopes, and one of its straightness errors has no line.
+    #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
+    NoSlope {
+        /// The squareness error.
+        squareness: ErrorName,
+        /// The straightness error without a line.
+        straightness: ErrorName,
     },
 }
 
-impl CalibrateError {
-    /// Why the lines of an error cannot be used.
-    pub(crate) fn readings(tracks: &[Track<'_>], reason: &dyn std::fmt::Display) -> Self {
-        let error = tracks
-            .first()
-            .map(|track| track.line.setup.error.to_string());
-        let files: Vec<String> = tracks
-            .iter()
-            .map(|track| track.line.file.display().to_string())
-            .collect();
-        Self::Readings {
-            error: error.unwrap_or_default(),
-            file: files.join(", "),
-            reason: reason.to_string(),
-        }
-    }
+fn named(files: &[PathBuf]) -> String {
+    let names: Vec<String> = files
+        .iter()
+        .map(|file| file.display().to_string())
+        .collect();
+    names.join(", ")
 }

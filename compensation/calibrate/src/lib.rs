@@ -1,23 +1,30 @@
 #![doc = include_str!("../README.md")]
 
+mod abbe;
+mod angular;
 mod branches;
-mod calibrate;
+mod calibration;
 mod calibration_file;
 mod curve_choice;
 mod error;
-mod instrument;
-mod line_of_sight;
+mod fitted;
+mod fitted_curve;
+mod linear;
+mod not_measured;
+mod profile;
+mod read;
 mod setup;
-mod shop;
-mod track;
-mod uncertainty;
+mod setup_file;
+mod slopes;
+mod squares;
+#[cfg(test)]
+mod testing;
+mod varied;
 
-pub use calibrate::{Calibration, FittedCurve, calibrate};
-pub use calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource};
+pub use calibration::{Calibration, calibrate};
+pub use calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource, Uncertainty};
 pub use curve_choice::CurveChoice;
 pub use error::CalibrateError;
-pub use instrument::Instrument;
-pub use line_of_sight::LineOfSight;
+pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use setup::{Method, Setup};
-pub use shop::{Format, Shop, ShopLine};
-pub use uncertainty::Uncertainty;
+pub use setup_file::{decode_error, decode_motion};

@@ -5,7 +5,7 @@
 //! - **ISO 230-2**: [`evaluate`] gives A, R, E, M and B with the per-target table, and [`OutlierHint`]s that point at
 //!   runs and readings unlike the others.
 //! - **Geometry**: straightness from bridge readings ([`angular_method_um`]), reference lines ([`ReferenceLine`]),
-//!   squareness from two slopes ([`squareness_urad`]), and what angular errors add to a
+//!   squareness from two slopes ([`squareness()`]), and what angular errors add to a
 //!   linear one measured off its point ([`lever_mm`], [`abbe_um`]).
 //!
 //! Targets are mm or deg, deviations µm or µrad and measured minus target, vectors `[f64; 3]` along the axes of the
@@ -44,6 +44,7 @@ mod encoding;
 mod error;
 mod iso230_2;
 mod measurement;
+mod motion_kind;
 mod number;
 mod outliers;
 mod read;
@@ -56,10 +57,11 @@ pub use csv_file::{parse_csv, write_csv};
 pub use error::{Finding, MetrologyError};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
 pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
+pub use motion_kind::MotionKind;
 pub use outliers::{OutlierHint, outlier_hints};
 pub use read::{READ_EXTENSIONS, read_file};
 pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
-pub use squareness::{squareness_parts, squareness_urad};
+pub use squareness::{squareness, squareness_parts};
 pub use straightness::{ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use volcomp_vocabulary::Direction;
 

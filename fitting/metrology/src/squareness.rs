@@ -1,75 +1,68 @@
 //! Squareness of two linear axes, from the slopes of their straightness curves.
 
+use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
+
 use crate::MetrologyError;
 
-/// Which straightness curves make a squareness error, and its sign.
-struct Definition {
-    error: &'static str,
-    from: [&'static str; 2],
-    sign: f64,
-}
+/// The names that [`squareness`] knows, for messages.
+const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
 
-const DEFINITIONS: [Definition; 3] = [
-    Definition {
-        error: "EC0Y",
-        from: ["EXY", "EYX"],
-        sign: 1.0,
-    },
-    Definition {
-        error: "EA0Z",
-        from: ["EYZ", "EZY"],
-        sign: 1.0,
-    },
-    Definition {
-        error: "EB0Z",
-        from: ["EXZ", "EZX"],
-        sign: -1.0,
-    },
-];
-
-/// The two straightness errors whose slopes make this squareness error.
+/// The two straightness errors whose slopes make a squareness error: EXY and EYX for EC0Y.
 ///
 /// # Errors
 /// `error` is none of EC0Y, EA0Z, EB0Z.
-pub fn squareness_parts(error: &str) -> Result<[&'static str; 2], MetrologyError> {
-    Ok(definition(error)?.from)
+pub fn squareness_parts(error: ErrorName) -> Result<[ErrorName; 2], MetrologyError> {
+    use {AxisName as Axis, Component as C};
+    if !error.location {
+        return Err(unknown(error));
+    }
+    match (error.component, error.axis) {
+        (C::EC, Axis::Y) => Ok([(C::EX, Axis::Y), (C::EY, Axis::X)]),
+        (C::EA, Axis::Z) => Ok([(C::EY, Axis::Z), (C::EZ, Axis::Y)]),
+        (C::EB, Axis::Z) => Ok([(C::EX, Axis::Z), (C::EZ, Axis::X)]),
+        _ => Err(unknown(error)),
+    }
+    .map(|parts| parts.map(|(component, axis)| ErrorName::motion(component, axis)))
 }
 
-/// Squareness in µrad, positive by the right-hand rule (positive EC0Y opens the angle from X to Y).
+/// Squareness of two linear axes, positive by the right-hand rule (a positive EC0Y opens the angle from X to Y).
 ///
 /// EC0Y = (φ − π/2) − slope(EXY) − slope(EYX), EA0Z = (φ − π/2) − slope(EYZ) − slope(EZY),
 /// EB0Z = slope(EXZ) + slope(EZX) − (φ − π/2).
 ///
-/// `reference_angle_urad` is φ − π/2, φ the angle between the + directions of the two reference beams (0 with a perfect
-/// optical square). `slopes_urad` are the two straightness errors by name, in either order, with their least-squares
-/// slopes in µrad, which is µm/m ([`ReferenceLine::slope_urad`](crate::ReferenceLine::slope_urad)).
+/// `reference_angle` is φ − π/2, φ the angle between the + directions of the two reference beams (0 with a perfect
+/// optical square). `slopes` are the two straightness errors by name, in either order, with the slopes of their
+/// least-squares lines ([`ReferenceLine::slope`](crate::ReferenceLine::slope)).
 ///
 /// # Errors
-/// `error` is no squareness error, or the slopes are not those it is made of.
-pub fn squareness_urad(
-    error: &str,
-    reference_angle_urad: f64,
-    slopes_urad: [(&str, f64); 2],
-) -> Result<f64, MetrologyError> {
-    let Definition { from, sign, .. } = definition(error)?;
-    let [(first, slope_1), (second, slope_2)] = slopes_urad;
-    if *from != [first, second] && *from != [second, first] {
+/// `error` is no squareness error, or the slopes are not those of [`squareness_parts`].
+pub fn squareness(
+    error: ErrorName,
+    reference_angle: Urad,
+    slopes: [(ErrorName, Urad); 2],
+) -> Result<Urad, MetrologyError> {
+    let parts = squareness_parts(error)?;
+    let [(first, slope_1), (second, slope_2)] = slopes;
+    if parts != [first, second] && parts != [second, first] {
         return Err(MetrologyError::ErrorName {
             what: format!("slopes for the squareness {error}"),
             found: format!("{first}, {second}"),
-            expected: format!("{} and {}", from[0], from[1]),
+            expected: format!("{} and {}", parts[0], parts[1]),
         });
     }
-    Ok(sign * (reference_angle_urad - slope_1 - slope_2))
+    let opens = reference_angle - slope_1 - slope_2;
+    // About Y the right-hand rule turns from Z to X.
+    Ok(if error.component == Component::EB {
+        -opens
+    } else {
+        opens
+    })
 }
 
-fn definition(error: &str) -> Result<&'static Definition, MetrologyError> {
-    DEFINITIONS
-        .iter()
-        .find(|d| d.error == error)
-        .ok_or_else(|| MetrologyError::ErrorName {
-            what: "squareness from two slopes".into(),
-            found: error.into(),
-            expected: "EC0Y, EA0Z or EB0Z".into(),
-        })
+fn unknown(error: ErrorName) -> MetrologyError {
+    MetrologyError::ErrorName {
+        what: "squareness from two slopes".into(),
+        found: error.to_string(),
+        expected: KNOWN.into(),
+    }
 }

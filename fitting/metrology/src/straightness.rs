@@ -1,9 +1,12 @@
 //! Straightness: bridge readings to a profile, and the reference lines that are removed from a profile.
 
-use crate::MetrologyError;
+use volcomp_vocabulary::{AxisName, ErrorName, Urad};
+
+use crate::{MetrologyError, MotionKind};
 
 /// How the sign of a bridge's tilt reading is meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TiltReading {
     /// In the right-hand sign of the angular error `E?N` about its axis.
     RightHand,
@@ -11,31 +14,26 @@ pub enum TiltReading {
     Slope,
 }
 
-/// The sign σ that turns a tilt reading into the slope of a straightness error: the rotation about a coordinate axis
-/// that lifts the profile along its direction.
-const RIGHT_HAND_SIGNS: [(&str, f64); 6] = [
-    ("EYX", 1.0),
-    ("EZY", 1.0),
-    ("EXZ", 1.0),
-    ("EZX", -1.0),
-    ("EXY", -1.0),
-    ("EYZ", -1.0),
-];
-
-/// σ of a straightness error: +1 for EYX, EZY, EXZ and −1 for EZX, EXY, EYZ with right-hand readings, +1 with slopes.
+/// The sign σ that turns a tilt reading into the slope of a straightness error: +1 for EYX, EZY, EXZ and −1 for EZX,
+/// EXY, EYZ with right-hand readings, +1 with slopes.
 ///
 /// # Errors
 /// `error` is none of these six.
-pub fn tilt_sign(error: &str, reading: TiltReading) -> Result<f64, MetrologyError> {
-    let known = RIGHT_HAND_SIGNS.iter().find(|(name, _)| *name == error);
-    let (_, sign) = known.ok_or_else(|| MetrologyError::ErrorName {
-        what: "straightness by the angular method".into(),
-        found: error.into(),
-        expected: "EYX, EZX, EXY, EZY, EXZ or EYZ".into(),
-    })?;
+pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, MetrologyError> {
+    let primary = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
+    if error.location || !primary || MotionKind::of(error) != MotionKind::Straightness {
+        return Err(MetrologyError::ErrorName {
+            what: "straightness by the angular method".into(),
+            found: error.to_string(),
+            expected: "EYX, EZX, EXY, EZY, EXZ or EYZ".into(),
+        });
+    }
+    // The rotation about the third axis lifts the profile where axis, deviation and third axis follow each other as
+    // X, Y, Z do.
+    let follows = (error.axis.mcs_index() + 1) % 3 == error.component.mcs_index();
     Ok(match reading {
-        TiltReading::RightHand => *sign,
-        TiltReading::Slope => 1.0,
+        TiltReading::RightHand if !follows => -1.0,
+        _ => 1.0,
     })
 }
 
@@ -49,7 +47,7 @@ pub fn tilt_sign(error: &str, reading: TiltReading) -> Result<f64, MetrologyErro
 /// Not a straightness error, fewer than two targets, numbers that are not finite, or a target spacing that differs
 /// from `bridge_mm` by more than 1 %.
 pub fn angular_method_um(
-    error: &str,
+    error: ErrorName,
     reading: TiltReading,
     tilts: &[(f64, f64)],
     bridge_mm: f64,
@@ -80,8 +78,9 @@ pub fn angular_method_um(
 
 /// A straight line through a profile: what is removed before straightness is stated, and what squareness is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceLine {
-    /// Slope in µm/mm; [`slope_urad`](Self::slope_urad) gives it in µrad (= µm/m).
+    /// Slope in µm/mm; [`slope`](Self::slope) gives it as an angle in µrad (= µm/m).
     pub slope_um_per_mm: f64,
     /// Value at coordinate 0, µm.
     pub intercept_um: f64,
@@ -136,10 +135,10 @@ impl ReferenceLine {
         }
     }
 
-    /// The slope in µrad, the unit of squareness: 1 µm/mm = 1000 µrad.
-    pub fn slope_urad(&self) -> f64 {
+    /// The slope as an angle, the unit of squareness: 1 µm/mm = 1000 µrad.
+    pub fn slope(&self) -> Urad {
         const URAD_PER_UM_PER_MM: f64 = 1000.0;
-        self.slope_um_per_mm * URAD_PER_UM_PER_MM
+        Urad(self.slope_um_per_mm * URAD_PER_UM_PER_MM)
     }
 
     /// The line's value at a coordinate in mm, µm.

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use volcomp_calibrate::{CalibrationFile, Shop};
+use volcomp_calibrate::CalibrationFile;
 use volcomp_kinematics::CorrectionOptions;
 use volcomp_model::{Diagonal, Machine, Temperatures, corrected, diagonals, quantised};
+use volcomp_shop::Shop;
 
 use super::{Answer, calibrate, simulate, table, table_text};
 use crate::{
@@ -153,7 +154,7 @@ fn json(comparison: &Comparison) -> Value {
     let squareness: Vec<Value> = comparison
         .squareness
         .iter()
-        .map(|s| json!({ "error": s.error.to_string(), "before_urad": s.before_urad, "after_urad": s.after_urad }))
+        .map(|s| json!({ "error": s.error.to_string(), "before_urad": s.before.0, "after_urad": s.after.0 }))
         .collect();
     let diagonals: Vec<Value> = comparison
         .diagonals
@@ -204,8 +205,8 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
     for s in &comparison.squareness {
         others.add_row([
             format!("squareness {}, urad", s.error),
-            format!("{:.1}", s.before_urad),
-            format!("{:.1}", s.after_urad),
+            format!("{:.1}", s.before.0),
+            format!("{:.1}", s.after.0),
             String::new(),
         ]);
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use volcomp_calibrate::Shop;
+use volcomp_shop::{Shop, ShopError};
 
 use super::Answer;
 use crate::{failure::Failure, output::OutputFile, progress};
@@ -36,6 +36,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         ),
         notes: Vec::new(),
     })
+}
+
+impl From<ShopError> for Failure {
+    fn from(error: ShopError) -> Self {
+        match error {
+            ShopError::Input(place) => Self::Place(Box::new(place)),
+            ShopError::Machine(error) => error.into(),
+            other => Self::input(other),
+        }
+    }
 }
 
 /// Writes every file of a shop into a folder; their names.

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use volcomp_calibrate::{LineOfSight, Shop};
 use volcomp_fit::{Fit, FitError, fit_bspline, fit_mls, fit_polynomial};
 use volcomp_metrology::read_file;
 use volcomp_model::Temperatures;
+use volcomp_shop::{LineOfSight, Shop};
 use volcomp_vocabulary::Direction;
 
 use crate::failure::Failure;

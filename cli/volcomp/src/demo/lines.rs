@@ -3,11 +3,11 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_calibrate::{LineOfSight, Shop, ShopLine};
 use volcomp_kinematics::State;
-use volcomp_metrology::{ReferenceLine, squareness_parts, squareness_urad};
+use volcomp_metrology::{self as metrology, MotionKind, ReferenceLine, squareness_parts};
 use volcomp_model::Temperatures;
-use volcomp_vocabulary::{Direction, ErrorName};
+use volcomp_shop::{LineOfSight, Shop, ShopLine};
+use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
 use crate::failure::Failure;
 
@@ -27,7 +27,7 @@ pub(crate) struct LineResult {
     pub(crate) after_um: f64,
     pub(crate) floor_um: f64,
     /// Slopes of the least-squares lines before and after.
-    slopes_urad: [f64; 2],
+    slopes: [Urad; 2],
 }
 
 impl LineResult {
@@ -39,8 +39,8 @@ impl LineResult {
 /// A squareness as the slopes of the straightness lines show it.
 pub(crate) struct Squareness {
     pub(crate) error: ErrorName,
-    pub(crate) before_urad: f64,
-    pub(crate) after_urad: f64,
+    pub(crate) before: Urad,
+    pub(crate) after: Urad,
 }
 
 /// Every linear line of the shop on the truth machine: as it is, and with `command` in place of the
@@ -68,11 +68,11 @@ pub(crate) fn compare_lines(
             targets.iter().map(reading).collect()
         };
         let name = line.setup.error;
-        let is_straightness = name.component.mcs_index() != name.axis.mcs_index();
+        let is_straightness = MotionKind::of(name) == MotionKind::Straightness;
         let before = profile(&|state| *state);
         let after = profile(command);
         let slope = |profile: &[(f64, f64)]| {
-            ReferenceLine::least_squares(profile).map_or(0.0, |line| line.slope_urad())
+            ReferenceLine::least_squares(profile).map_or(Urad(0.0), |line| line.slope())
         };
         results.push(LineResult {
             error: name,
@@ -81,7 +81,7 @@ pub(crate) fn compare_lines(
             before_um: peak_to_peak(&before, is_straightness),
             after_um: peak_to_peak(&after, is_straightness),
             floor_um: floor(shop.seed, line, &before, is_straightness),
-            slopes_urad: [slope(&before), slope(&after)],
+            slopes: [slope(&before), slope(&after)],
         });
     }
     Ok(results)
@@ -122,7 +122,7 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
 /// the runs at the targets, straight between them, and the rounding of the output.
 fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool) -> f64 {
     let instrument = &line.instrument;
-    let noise = instrument.noise[0] / f64::from(instrument.runs).sqrt();
+    let noise = instrument.length.noise.0 / f64::from(instrument.runs).sqrt();
     let step = OUTPUT_STEP_MM * 1e3;
     let mut sum = 0.0;
     for trial in 0..TRIALS {
@@ -162,20 +162,18 @@ fn between(values: &[f64], share: f64) -> f64 {
 /// The squareness errors of the shop from the slopes of its lines.
 pub(crate) fn squareness(shop: &Shop, lines: &[LineResult]) -> Vec<Squareness> {
     let value = |error: ErrorName, which: usize| {
-        let name = error.to_string();
-        let parts = squareness_parts(&name).ok()?;
-        let slope = |part: &str| {
-            let line = lines.iter().find(|line| line.error.to_string() == part)?;
-            Some(line.slopes_urad[which])
+        let slope = |part: ErrorName| {
+            let line = lines.iter().find(|line| line.error == part)?;
+            Some((part, line.slopes[which]))
         };
-        let slopes = [(parts[0], slope(parts[0])?), (parts[1], slope(parts[1])?)];
-        squareness_urad(&name, 0.0, slopes).ok()
+        let [first, second] = squareness_parts(error).ok()?;
+        metrology::squareness(error, Urad(0.0), [slope(first)?, slope(second)?]).ok()
     };
-    let both = |&(error, _): &(ErrorName, f64)| {
+    let both = |&(error, _): &(ErrorName, Urad)| {
         Some(Squareness {
             error,
-            before_urad: value(error, 0)?,
-            after_urad: value(error, 1)?,
+            before: value(error, 0)?,
+            after: value(error, 1)?,
         })
     };
     shop.squareness.iter().filter_map(both).collect()

@@ -9,8 +9,9 @@ mod reader;
 use std::{collections::BTreeSet, fs, path::Path};
 
 use reader::{Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, root, used_keys};
-use volcomp_calibrate::{CalibrationFile, Shop};
+use volcomp_calibrate::CalibrationFile;
 use volcomp_model::Machine;
+use volcomp_shop::Shop;
 
 /// What a part of a machine file is put into.
 const SMALL_MACHINE: &str = r#"

@@ -2,10 +2,10 @@
 
 use std::{fmt::Write, fs, path::Path};
 
-use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_calibrate::{CalibrationFile, Quality, calibrate};
 use volcomp_kinematics::{ErrorSource, Form};
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::{AxisName, ErrorName};
+use volcomp_vocabulary::{AxisName, ErrorName, Um, Urad};
 
 const STRUCTURE: &str = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 2000]\nY.travel = [0, 1000]\nZ.travel = [0, 800]\n";
 
@@ -103,7 +103,10 @@ fn the_volumetric_error_comes_back() {
     assert_eq!(steps.last(), Some(&(12, 12)));
     assert_eq!(found.squareness.len(), 1);
     assert!(
-        found.curves.iter().all(|curve| curve.rms < 1e-6),
+        found.curves.iter().all(|curve| match curve.quality {
+            Quality::Length(quality) => quality.residual_rms < Um(1e-6),
+            Quality::Angle(quality) => quality.residual_rms < Urad(1e-6),
+        }),
         "{:?}",
         found.curves
     );
@@ -195,7 +198,7 @@ reference_angle_urad = -3.0
         calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated");
     // (φ − π/2) − slope(EXY) − slope(EYX) = −3 − (−10) − 4.
     assert!(
-        (found.squareness[0].1 - 3.0).abs() < 1e-6,
+        (found.squareness[0].1.0 - 3.0).abs() < 1e-6,
         "{:?}",
         found.squareness
     );

@@ -2,5 +2,4 @@
 
 mod gantry;
 mod messages;
-mod round_trip;
 mod uncertainty;

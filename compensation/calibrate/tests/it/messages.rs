@@ -2,8 +2,7 @@
 
 use std::fs;
 
-use volcomp_calibrate::{CalibrationFile, Shop, calibrate};
-use volcomp_model::Machine;
+use volcomp_calibrate::{CalibrationFile, calibrate};
 
 const GOOD: &str =
     "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
@@ -77,31 +76,4 @@ fn every_wrong_key_is_named() {
         .expect_err("no lines")
         .to_string();
     assert!(message.contains("was not measured"), "{message}");
-}
-
-const SHOP: &str = "machine = \"truth.toml\"\nseed = 1\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\ntargets = 5\nruns = 2\n\
-    [[measurement]]\nerrors = [\"EXX\", \"EAX\"]\nat = { Y = 10 }\npoint = [0, 1, 2]\nrides = \"other\"\ncurve = { mls = { order = 2 } }\n\
-    [[measurement]]\nerror = \"EYX\"\nmethod = \"angular\"\nbridge_mm = 25\nsign = -1\n\
-    [[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2.0\n";
-
-proptest::proptest! {
-    /// Whatever is cut out of or put into a shop file, it measures or says what is wrong.
-    #[test]
-    fn damaged_shops_do_not_panic(
-        place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
-    ) {
-        let end = (place + cut).min(SHOP.len());
-        let damaged = format!("{}{put}{}", &SHOP[..place], &SHOP[end..]);
-        let truth = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
-        let shop = Shop::parse(&damaged, "shop.toml", |_| Ok(Machine::parse(truth, "truth.toml")?));
-        match shop {
-            // A damaged number can ask for a hundred thousand readings of each line.
-            Ok(shop) if shop.lines.iter().all(|l| l.instrument.targets * (l.instrument.runs as usize) < 5000) => {
-                let files = shop.files(|_, _| {}).expect("a shop that was read can measure");
-                proptest::prop_assert_eq!(files.len(), shop.lines.len() + 2);
-            }
-            Ok(_) => {}
-            Err(error) => proptest::prop_assert!(error.to_string().starts_with("shop.toml"), "{}", error),
-        }
-    }
 }

@@ -2,10 +2,15 @@
 
 use volcomp_metrology::{
     CarriedSide, ReferenceLine, Rides, TiltReading, Travel, abbe_um, angular_method_um, lever_mm,
-    squareness_parts, squareness_urad, tilt_sign,
+    squareness, squareness_parts, tilt_sign,
 };
+use volcomp_vocabulary::{ErrorName, Urad};
 
 type Vector = [f64; 3];
+
+fn named(error: &str) -> ErrorName {
+    error.parse().unwrap()
+}
 
 fn add(a: Vector, b: Vector) -> Vector {
     std::array::from_fn(|i| a[i] + b[i])
@@ -159,7 +164,7 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
             .enumerate()
         {
             let tilts: Vec<_> = all.iter().map(|(q, r)| (*q, r[which])).collect();
-            let found = angular_method_um(error, reading, &tilts, bridge_mm).unwrap();
+            let found = angular_method_um(named(error), reading, &tilts, bridge_mm).unwrap();
             for ((_, h), expected) in found.iter().zip(profile_um) {
                 assert!(
                     (h - expected).abs() < 1e-9,
@@ -173,8 +178,14 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
 #[test]
 fn bridge_and_targets_must_fit() {
     let tilts = |spacing: f64| [(0.0, 0.0), (100.0, 1.0), (100.0 + spacing, 2.0)];
-    let method =
-        |spacing, bridge| angular_method_um("EYX", TiltReading::RightHand, &tilts(spacing), bridge);
+    let method = |spacing, bridge| {
+        angular_method_um(
+            named("EYX"),
+            TiltReading::RightHand,
+            &tilts(spacing),
+            bridge,
+        )
+    };
     assert!(method(100.9, 100.0).is_ok());
     assert!(method(99.1, 100.0).is_ok());
     for (spacing, bridge) in [
@@ -188,10 +199,10 @@ fn bridge_and_targets_must_fit() {
     }
     insta::assert_snapshot!(method(101.1, 100.0).unwrap_err(), @"straightness by the angular method, targets 100 and 201.1: found a spacing of 101.1 mm, expected the bridge length 100 mm within 1 %");
     insta::assert_snapshot!(method(100.0, f64::NAN).unwrap_err(), @"straightness by the angular method: bridge length: found NaN mm, expected a positive length");
-    insta::assert_snapshot!(tilt_sign("EXX", TiltReading::Slope).unwrap_err(), @"straightness by the angular method: found `EXX`, expected EYX, EZX, EXY, EZY, EXZ or EYZ");
+    insta::assert_snapshot!(tilt_sign(named("EXX"), TiltReading::Slope).unwrap_err(), @"straightness by the angular method: found `EXX`, expected EYX, EZX, EXY, EZY, EXZ or EYZ");
     assert!(
         angular_method_um(
-            "EYX",
+            named("EYX"),
             TiltReading::Slope,
             &[(0.0, f64::NAN), (1.0, 0.0)],
             1.0
@@ -207,7 +218,7 @@ fn reference_lines_by_hand() {
     let line = ReferenceLine::least_squares(&points).unwrap();
     assert!((line.slope_um_per_mm - 0.05).abs() < 1e-15);
     assert!((line.intercept_um - 1.5).abs() < 1e-15);
-    assert!((line.slope_urad() - 50.0).abs() < 1e-12);
+    assert!((line.slope().0 - 50.0).abs() < 1e-12);
     let rest: f64 = line.removed_from(&points).iter().map(|(_, x)| x).sum();
     assert!(rest.abs() < 1e-12);
     let ends = ReferenceLine::end_points(&[points[2], points[0], points[1]]).unwrap();
@@ -257,14 +268,19 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
         let across_s = scaled(turned((beam_urad + reference_urad) * 1e-6), 1.0);
         let slope_first = dot(unit(p), across_p) / dot(unit(p), beam_p) * 1e6;
         let slope_second = dot(second_line, across_s) / dot(second_line, beam_s) * 1e6;
-        let slopes = [(first, slope_first), (second, slope_second)];
-        let found = squareness_urad(error, reference_urad, slopes).unwrap();
-        assert!((found - out_urad).abs() < 1e-3, "{error}: {found}");
-        let swapped = squareness_urad(error, reference_urad, [slopes[1], slopes[0]]).unwrap();
+        let slopes = [
+            (named(first), Urad(slope_first)),
+            (named(second), Urad(slope_second)),
+        ];
+        let error = named(error);
+        let reference = Urad(reference_urad);
+        let found = squareness(error, reference, slopes).unwrap();
+        assert!((found - Urad(out_urad)).abs().0 < 1e-3, "{error}: {found}");
+        let swapped = squareness(error, reference, [slopes[1], slopes[0]]).unwrap();
         assert_eq!(found, swapped);
         let mut parts = squareness_parts(error).unwrap();
         parts.sort_unstable();
-        let mut expected = [first, second];
+        let mut expected = [named(first), named(second)];
         expected.sort_unstable();
         assert_eq!(parts, expected);
     }
@@ -272,8 +288,8 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
 
 #[test]
 fn squareness_of_other_names_is_refused() {
-    let slopes = [("EXY", 0.0), ("EYX", 0.0)];
-    insta::assert_snapshot!(squareness_urad("EC0X", 0.0, slopes).unwrap_err(), @"squareness from two slopes: found `EC0X`, expected EC0Y, EA0Z or EB0Z");
-    insta::assert_snapshot!(squareness_urad("EA0Z", 0.0, slopes).unwrap_err(), @"slopes for the squareness EA0Z: found `EXY, EYX`, expected EYZ and EZY");
-    assert!(squareness_urad("EC0Y", 0.0, [("EXY", 0.0), ("EXY", 0.0)]).is_err());
+    let slopes = [(named("EXY"), Urad(0.0)), (named("EYX"), Urad(0.0))];
+    insta::assert_snapshot!(squareness(named("EC0X"), Urad(0.0), slopes).unwrap_err(), @"squareness from two slopes: found `EC0X`, expected EC0Y, EA0Z or EB0Z");
+    insta::assert_snapshot!(squareness(named("EA0Z"), Urad(0.0), slopes).unwrap_err(), @"slopes for the squareness EA0Z: found `EXY, EYX`, expected EYZ and EZY");
+    assert!(squareness(named("EC0Y"), Urad(0.0), [slopes[0]; 2]).is_err());
 }

@@ -1,15 +1,14 @@
 //! What a perfect instrument reads along a line on a machine with errors.
 
+use volcomp_calibrate::Setup;
 use volcomp_kinematics::{
     Chain, ErrorSource, Pose, Side, State, actual_pose,
     nalgebra::{Matrix3, Vector3},
     vector_from_rotation,
 };
-use volcomp_metrology::Rides;
+use volcomp_metrology::{MotionKind, Rides};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisKind, Direction};
-
-use crate::{setup::Setup, track::Kind};
 
 /// A measured line laid through a machine: the tool side relative to the workpiece side at the
 /// measured point, from the whole chain with every error in it.
@@ -53,10 +52,7 @@ impl<'a> LineOfSight<'a> {
             AxisKind::Linear => coordinate,
             AxisKind::Rotary => coordinate.to_radians(),
         };
-        state.approach[self.axis] = match direction {
-            Direction::Positive => Some(Direction::Positive),
-            Direction::Negative => Some(Direction::Negative),
-        };
+        state.approach[self.axis] = Some(direction);
         state
     }
 
@@ -78,8 +74,8 @@ impl<'a> LineOfSight<'a> {
             (to_mcs * moved, 1e3)
         };
         micro
-            * match Kind::of(name) {
-                Kind::Positioning => motion.dot(&self.chain.joints()[self.axis].direction),
+            * match MotionKind::of(name) {
+                MotionKind::Positioning => motion.dot(&self.chain.joints()[self.axis].direction),
                 _ => motion[name.component.mcs_index()],
             }
     }

@@ -6,57 +6,10 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_document::{InputError, Section};
-use volcomp_metrology::{Measurement, Reading};
-use volcomp_vocabulary::Direction;
+use volcomp_metrology::{Measurement, MotionKind, Reading};
+use volcomp_vocabulary::{Direction, Urad};
 
-use crate::{
-    calibration_file::{CalibrationFile, Line, SquarenessSource},
-    track::Kind,
-};
-
-/// Standard uncertainties (k = 1) that the scatter of the readings does not show: the table
-/// `[uncertainty]` of a calibration file. All 0 by default.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Uncertainty {
-    /// Of the laser's scale, its material temperature included, µm/m: the same for every positioning line.
-    pub laser_um_per_m: f64,
-    /// Of the reference angle of each squareness, µrad.
-    pub square_urad: f64,
-    /// Of the mean at each target of a linear reading, µm, independent between targets.
-    pub reading_um: f64,
-    /// Of the mean at each target of an angular reading, µrad, independent between targets.
-    pub reading_urad: f64,
-}
-
-impl Uncertainty {
-    pub(crate) fn decode(section: &Section<'_>) -> Result<Self, InputError> {
-        section.allow(&[
-            "laser_um_per_m",
-            "square_urad",
-            "reading_um",
-            "reading_urad",
-        ])?;
-        let number = |key: &str| {
-            let Some(value) = section.get(key) else {
-                return Ok(0.0);
-            };
-            let found = value.number()?;
-            if found < 0.0 {
-                return Err(value.error(format!(
-                    "found {found}, expected a standard uncertainty of 0 or more"
-                )));
-            }
-            Ok(found)
-        };
-        Ok(Self {
-            laser_um_per_m: number("laser_um_per_m")?,
-            square_urad: number("square_urad")?,
-            reading_um: number("reading_um")?,
-            reading_urad: number("reading_urad")?,
-        })
-    }
-}
+use crate::calibration_file::{CalibrationFile, Line, SquarenessSource, Uncertainty};
 
 impl CalibrationFile {
     /// The same calibration with readings drawn from their covariance (JCGM 101, propagation of
@@ -72,9 +25,9 @@ impl CalibrationFile {
             vary(line, &self.uncertainty, laser, &mut rng);
         }
         for squareness in &mut varied.squareness {
-            let (SquarenessSource::Value(angle)
+            let (SquarenessSource::Value(Urad(angle))
             | SquarenessSource::Slopes {
-                reference_angle_urad: angle,
+                reference_angle: Urad(angle),
             }) = &mut squareness.source;
             *angle += self.uncertainty.square_urad * normal(&mut rng);
         }
@@ -107,7 +60,8 @@ fn place(reading: &Reading) -> (Direction, u64) {
 /// means: the covariance of the shifts is that of the runs by their count, between targets and
 /// directions too.
 fn vary(line: &mut Line, uncertainty: &Uncertainty, laser_um_per_m: f64, rng: &mut ChaCha8Rng) {
-    let positioning = Kind::of(line.setup.error) == Kind::Positioning && !line.setup.reads_angles();
+    let positioning =
+        MotionKind::of(line.setup.error) == MotionKind::Positioning && !line.setup.reads_angles();
     let independent = if line.setup.reads_angles() {
         uncertainty.reading_urad
     } else {

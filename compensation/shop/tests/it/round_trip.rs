@@ -1,15 +1,16 @@
 //! The virtual shop and its inverse: readings come from the whole chain with every error in it, the
-//! calibration works by MODEL.md's rules for single lines.
+//! calibration works by the rules for single lines.
 
 use std::{fmt::Write, fs, path::Path};
 
-use volcomp_calibrate::{Calibration, CalibrationFile, Shop, calibrate};
+use volcomp_calibrate::{Calibration, CalibrationFile, Quality, calibrate};
 use volcomp_kinematics::{
     Form,
     nalgebra::{DMatrix, DVector, Vector3},
 };
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::AxisName;
+use volcomp_shop::Shop;
+use volcomp_vocabulary::{AxisName, Um};
 
 /// Every error of three axes: polynomials of order 3 with constants and slopes.
 fn truth(structure: &str, axes: &str, more: &str) -> String {
@@ -203,8 +204,11 @@ fn laser_files_with_reversal_and_noise_come_back() {
     }
     // The set-up's own lost motion cannot be told from the machine's.
     let exx = found.curves.iter().find(|c| c.error.to_string() == "EXX");
-    let reversal = exx.and_then(|curve| curve.reversal).expect("two branches");
-    assert!((reversal - 7.5).abs() < 0.3, "{reversal}");
+    let Some(Quality::Length(quality)) = exx.map(|curve| curve.quality) else {
+        panic!("EXX is a length");
+    };
+    let reversal = quality.reversal.expect("two branches");
+    assert!((reversal - Um(7.5)).abs() < Um(0.3), "{reversal}");
     let left = largest_difference_um(&truth, &found.machine);
     assert!(left < 0.2, "{left}");
 }

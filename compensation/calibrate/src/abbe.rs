@@ -1,0 +1,130 @@
+//! Abbe's principle on a measured line: what the tilts of its axis add to its readings.
+
+use volcomp_kinematics::{ErrorSource, Joint, Side, State, nalgebra::Vector3};
+use volcomp_metrology::{CarriedSide, MotionKind, Rides, Travel, abbe_um, lever_mm};
+use volcomp_model::{Machine, ModelError, Temperatures};
+use volcomp_vocabulary::{AxisKind, Direction};
+
+use crate::{calibration_file::Line, profile::Profile};
+
+/// δ = δ_measured − ε × lever, with the tilts ε of the axis that `tilted` has.
+pub(crate) fn without_abbe<'a>(
+    mut profile: Profile<'a>,
+    tilted: &Machine,
+) -> Result<Profile<'a>, ModelError> {
+    let lever = Lever::new(profile.line, tilted)?;
+    for (branch, direction) in profile.points.iter_mut().zip(Direction::BOTH) {
+        for (target, value) in branch {
+            let tilts = tilts_urad(profile.line, tilted, *target, direction)?;
+            *value -= lever.abbe_um(tilts, *target);
+        }
+    }
+    Ok(profile)
+}
+
+/// The lever of a measured line of a linear axis.
+pub(crate) struct Lever {
+    point_mcs: [f64; 3],
+    carriage_mcs: [f64; 3],
+    rides: Rides,
+    joint: Joint,
+    /// What a reading takes of a displacement: the part along the axis, or one component in MCS.
+    sense: Vector3<f64>,
+}
+
+impl Lever {
+    pub(crate) fn new(line: &Line, machine: &Machine) -> Result<Self, ModelError> {
+        let setup = &line.setup;
+        let index = machine.index_of(setup.error.axis)?;
+        let joint = machine.chain().joints()[index];
+        let carriage_mcs = carried_point(index, line, machine);
+        let mut component = Vector3::zeros();
+        component[setup.error.component.mcs_index()] = 1.0;
+        Ok(Self {
+            // Measured at the axis's own point unless stated; on the other side of the joint the
+            // travel is a lever still.
+            point_mcs: setup.point_mcs.unwrap_or(carriage_mcs),
+            carriage_mcs,
+            rides: setup.rides,
+            joint,
+            sense: match MotionKind::of(setup.error) {
+                MotionKind::Positioning => joint.direction,
+                _ => component,
+            },
+        })
+    }
+
+    /// m − c̃ with the travel on the other side of the joint, mm along the MCS axes.
+    fn at_mm(&self, position_mm: f64) -> [f64; 3] {
+        let travel = Travel {
+            side: match self.joint.side {
+                Side::Tool => CarriedSide::Tool,
+                Side::Workpiece => CarriedSide::Workpiece,
+            },
+            direction_mcs: self.joint.direction.into(),
+            position_mm,
+        };
+        lever_mm(self.point_mcs, self.carriage_mcs, self.rides, travel)
+    }
+
+    /// What tilts (µrad) add to a reading, µm.
+    fn abbe_um(&self, tilts_urad: [f64; 3], position_mm: f64) -> f64 {
+        let added = abbe_um(tilts_urad, self.at_mm(position_mm));
+        self.sense.dot(&Vector3::from(added))
+    }
+
+    /// The largest reading that 1 mrad of each tilt would add at any of the positions, µm: A, B, C.
+    pub(crate) fn um_by_mrad(&self, positions_mm: impl Iterator<Item = f64>) -> [f64; 3] {
+        positions_mm.fold([0.0; 3], |largest, position_mm| {
+            std::array::from_fn(|about| {
+                let mut tilt = [0.0; 3];
+                tilt[about] = 1e3;
+                self.abbe_um(tilt, position_mm).abs().max(largest[about])
+            })
+        })
+    }
+}
+
+/// c̃ = c + Σ u_h q_h over the held axes between `b` and the axis, whose motion carries it.
+fn carried_point(index: usize, line: &Line, machine: &Machine) -> [f64; 3] {
+    let joints = machine.chain().joints();
+    let joint = joints[index];
+    let carries = |other: usize| match joint.side {
+        Side::Tool => joints[other].side == Side::Tool && other < index,
+        Side::Workpiece => joints[other].side == Side::Workpiece && other > index,
+    };
+    let linear = |other: &usize| carries(*other) && joints[*other].kind == AxisKind::Linear;
+    (0..joints.len())
+        .filter(linear)
+        .fold(joint.point_mm, |point, other| {
+            // A workpiece-side axis moves its carriage the other way: coordinates are of the tool
+            // relative to the workpiece.
+            let sense = if joint.side == Side::Tool { 1.0 } else { -1.0 };
+            point + joints[other].direction * (sense * line.setup.held_at(other))
+        })
+        .into()
+}
+
+/// ε of the measured axis at a target, µrad, on the branch of the direction.
+fn tilts_urad(
+    line: &Line,
+    machine: &Machine,
+    target: f64,
+    direction: Direction,
+) -> Result<[f64; 3], ModelError> {
+    let index = machine.index_of(line.setup.error.axis)?;
+    let mut state = held_state(line, machine)?;
+    // A linear axis: mm in the chain as in the file.
+    state.q[index] = target;
+    state.approach[index] = Some(direction);
+    let none = Temperatures::new();
+    let error = machine.source(&none).error_motion(index, &state);
+    Ok((error.angular_rad * 1e6).into())
+}
+
+/// The held axes where they stood, the measured one at 0.
+pub(crate) fn held_state(line: &Line, machine: &Machine) -> Result<State, ModelError> {
+    let names = machine.axes().iter().map(|axis| axis.name);
+    let coordinates: Vec<_> = names.zip(line.setup.at.iter().copied()).collect();
+    machine.state(&coordinates)
+}

@@ -1,0 +1,72 @@
+//! First stage: the angular errors, from their readings alone.
+
+use volcomp_model::Machine;
+
+use crate::{
+    calibration_file::CalibrationFile,
+    error::CalibrateError,
+    fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
+    profile::Profile,
+};
+
+/// The fitted angular errors, and the machine with them.
+pub(crate) struct Angular {
+    pub(crate) fitted: Vec<Fitted>,
+    /// The machine of the file with its fitted tilts: what Abbe's principle and held tilts are taken from.
+    pub(crate) tilted: Machine,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Fits every angular error; `step` is called after each.
+pub(crate) fn angular(
+    file: &CalibrationFile,
+    mut step: impl FnMut(),
+) -> Result<Angular, CalibrateError> {
+    let mut result = Angular {
+        fitted: Vec::new(),
+        tilted: file.machine.clone(),
+        notes: Vec::new(),
+    };
+    let names = measured(file).into_iter();
+    for error in names.filter(|error| error.component.is_angular()) {
+        let joint = joint_of(&file.machine, error)?;
+        let mut profiles = Vec::new();
+        for line in lines_of(file, error) {
+            result.notes.extend(notes_of(line));
+            profiles.push(Profile::new(line, &joint)?);
+        }
+        let (fitted, _) = fit(file, error, profiles)?;
+        for one in &fitted {
+            one.set_in(&mut result.tilted)?;
+        }
+        result.fitted.extend(fitted);
+        step();
+    }
+    Ok(result)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{file, line, name};
+
+    /// ECX = 3 + 0.02 q is zero at the reference q = 200: 0.02 (q − 200).
+    #[test]
+    fn a_curve_is_zero_at_the_reference() {
+        let mut file = file(vec![line("ECX", |q| 3.0 + 0.02 * q), line("EXX", |q| q)]);
+        file.reference[0] = 200.0;
+        let mut steps = 0;
+        let found = angular(&file, || steps += 1).unwrap();
+        assert_eq!(
+            (steps, found.fitted.len()),
+            (1, 1),
+            "the linear error is left alone"
+        );
+        for q in [0.0, 200.0, 730.0] {
+            let value = found.fitted[0].branches.mean_at(q);
+            assert!((value - 0.02 * (q - 200.0)).abs() < 1e-9, "{value} at {q}");
+        }
+        assert!(found.tilted.error(name("ECX")).is_some());
+        assert!(found.tilted.error(name("EXX")).is_none());
+    }
+}

@@ -1,0 +1,130 @@
+//! Second stage: the linear errors, cleared of what the tilts of their axis add to the readings, straightness without
+//! its line.
+
+use volcomp_metrology::MotionKind;
+use volcomp_model::{Machine, ModelError};
+use volcomp_vocabulary::{AxisKind, Component, ErrorName, Urad};
+
+use crate::{
+    abbe::{Lever, without_abbe},
+    calibration_file::{CalibrationFile, Line},
+    error::CalibrateError,
+    fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
+    profile::Profile,
+};
+
+/// A tilt that was not measured is named from this effect of 1 mrad on: a lever of 1 mm.
+const NAMED_ABOVE_UM_BY_MRAD: f64 = 1.0;
+
+/// The fitted linear errors, and the slopes of the straightness lines that were removed.
+pub(crate) struct Linear<'a> {
+    pub(crate) fitted: Vec<Fitted>,
+    /// Each measured straightness line with the slope of all that was removed from it along its own coordinate.
+    pub(crate) removed: Vec<(&'a Line, Urad)>,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Fits every linear error, with the tilts that `tilted` has; `step` is called after each.
+pub(crate) fn linear<'a>(
+    file: &'a CalibrationFile,
+    tilted: &Machine,
+    mut step: impl FnMut(),
+) -> Result<Linear<'a>, CalibrateError> {
+    let mut result = Linear {
+        fitted: Vec::new(),
+        removed: Vec::new(),
+        notes: Vec::new(),
+    };
+    let names = measured(file).into_iter();
+    for error in names.filter(|error| !error.component.is_angular()) {
+        let joint = joint_of(tilted, error)?;
+        let straightness = MotionKind::of(error) == MotionKind::Straightness;
+        let mut profiles = Vec::new();
+        for line in lines_of(file, error) {
+            result.notes.extend(notes_of(line));
+            let mut profile = Profile::new(line, &joint)?;
+            if error.axis.kind() == AxisKind::Linear {
+                profile = without_abbe(profile, tilted)?;
+                result.notes.extend(levers_left_in(&profile, tilted)?);
+            }
+            profiles.push(profile);
+        }
+        if straightness {
+            let straight = |profile: Profile<'a>| {
+                let line = profile.reference_line()?;
+                Ok(profile.without_line(&line))
+            };
+            let profiles_of = profiles.into_iter().map(straight);
+            profiles = profiles_of.collect::<Result<_, CalibrateError>>()?;
+        }
+        let (fitted, profiles) = fit(file, error, profiles)?;
+        result.fitted.extend(fitted);
+        if straightness {
+            let slopes = profiles
+                .iter()
+                .map(|profile| (profile.line, profile.removed));
+            result.removed.extend(slopes);
+        }
+        step();
+    }
+    Ok(result)
+}
+
+/// Notes on the tilts of the axis that would act on a line and are not known.
+fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>, ModelError> {
+    let line = profile.line;
+    let targets = profile.all().map(|point| point.0);
+    let effects = Lever::new(line, tilted)?.um_by_mrad(targets);
+    let components = Component::ALL.into_iter().filter(|c| c.is_angular());
+    let note = |(component, effect): (Component, f64)| {
+        let tilt = ErrorName::motion(component, line.setup.error.axis);
+        let is_left = effect >= NAMED_ABOVE_UM_BY_MRAD && tilted.error(tilt).is_none();
+        is_left.then(|| {
+            format!(
+                "{tilt} was not measured: {} from {} keeps its part, over a lever of up to {effect:.0} mm",
+                line.setup.error,
+                line.file.display()
+            )
+        })
+    };
+    Ok(components.zip(effects).filter_map(note).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{file, line, machine};
+
+    /// EXX read 400 mm beside the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds
+    /// −ECX · y = 0.05 q · 0.4 µm, which the stage takes off.
+    #[test]
+    fn what_a_yaw_adds_over_its_lever_is_removed() {
+        let mut positioning = line("EXX", |q| 0.01 * q + 0.05 * q * 0.4);
+        positioning.setup.point_mcs = Some([0.0, -400.0, 0.0]);
+        let file = file(vec![positioning]);
+        let tilted = machine("ECX = { poly = [0, 0.05] }");
+        let found = linear(&file, &tilted, || ()).unwrap();
+        for q in [0.0, 500.0, 1000.0] {
+            let value = found.fitted[0].branches.mean_at(q);
+            assert!((value - 0.01 * q).abs() < 1e-9, "{value} at {q}");
+        }
+        assert!(found.notes.is_empty(), "{:?}", found.notes);
+        let left_in = linear(&file, &machine(""), || ()).unwrap().notes;
+        assert_eq!(
+            left_in,
+            ["ECX was not measured: EXX from EXX.csv keeps its part, over a lever of up to 400 mm"]
+        );
+    }
+
+    /// A straightness of 7 + 0.03 q µm is all line: nothing is left, and the slope is 30 µrad.
+    #[test]
+    fn a_straightness_loses_its_line_and_the_slope_is_kept() {
+        let file = file(vec![line("EYX", |q| 7.0 + 0.03 * q)]);
+        let found = linear(&file, &machine(""), || ()).unwrap();
+        assert!(found.fitted[0].branches.mean_at(640.0).abs() < 1e-9);
+        let [(_, slope)] = found.removed[..] else {
+            panic!("one line");
+        };
+        assert!((slope - Urad(30.0)).abs() < Urad(1e-9), "{slope}");
+    }
+}

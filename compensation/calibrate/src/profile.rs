@@ -1,0 +1,160 @@
+//! The mean readings of one line on their way to a curve.
+
+use std::path::PathBuf;
+
+use volcomp_kinematics::Joint;
+use volcomp_metrology::{MetrologyError, ReferenceLine, TiltReading, angular_method_um};
+use volcomp_vocabulary::{Direction, Urad};
+
+use crate::{calibration_file::Line, error::CalibrateError, setup::Method};
+
+/// (target in mm or deg, mean reading in µm or µrad), targets ascending.
+pub(crate) type Points = Vec<(f64, f64)>;
+
+/// The mean readings of one line, forward and backward; empty in a direction that was not run.
+#[derive(Clone)]
+pub(crate) struct Profile<'a> {
+    pub(crate) line: &'a Line,
+    pub(crate) points: [Points; 2],
+    /// Slope of all lines removed so far.
+    pub(crate) removed: Urad,
+}
+
+impl<'a> Profile<'a> {
+    /// The mean readings of a line along `joint`; of a bridge, the profile that its tilts add up to.
+    pub(crate) fn new(line: &'a Line, joint: &Joint) -> Result<Self, CalibrateError> {
+        let mut points = Direction::BOTH.map(|direction| line.readings.mean_curve_in(direction));
+        if let Method::Angular { bridge_mm, reading } = line.setup.method {
+            let name = line.setup.error;
+            for branch in points.iter_mut().filter(|branch| !branch.is_empty()) {
+                *branch = angular_method_um(name, reading, branch, bridge_mm)
+                    .map_err(|source| wrong(line, source))?;
+                // On a reversed axis the same tilt lifts the bridge the other way along the coordinate.
+                let own = joint.direction[name.axis.mcs_index()];
+                if reading == TiltReading::RightHand && own < 0.0 {
+                    for (_, h) in branch.iter_mut() {
+                        *h = -*h;
+                    }
+                }
+            }
+        }
+        Ok(Self {
+            line,
+            points,
+            removed: Urad(0.0),
+        })
+    }
+
+    /// Standard deviation of a mean reading, pooled over targets and directions; none without
+    /// repeated runs, without scatter, or where readings are summed up.
+    pub(crate) fn noise_of_mean(&self) -> Option<f64> {
+        if self.line.setup.method != Method::Direct {
+            return None;
+        }
+        let readings = &self.line.readings;
+        let (mut squares, mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0, 0.0_f64);
+        for target in readings.targets() {
+            for direction in Direction::BOTH {
+                let deviations = readings.deviations_at(target, direction);
+                let n = deviations.len() as f64;
+                let mean = deviations.iter().sum::<f64>() / n.max(1.0);
+                squares += deviations.iter().map(|d| (d - mean).powi(2)).sum::<f64>();
+                freedom += (n - 1.0).max(0.0);
+                count += n;
+                groups += f64::from(u8::from(n > 0.0));
+            }
+        }
+        let variance = squares / freedom / (count / groups);
+        (variance > 0.0 && variance.is_finite()).then(|| variance.sqrt())
+    }
+
+    /// The points of both directions, forward first.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &(f64, f64)> {
+        self.points.iter().flatten()
+    }
+
+    /// The least-squares line through the mean of all runs of each target.
+    pub(crate) fn reference_line(&self) -> Result<ReferenceLine, CalibrateError> {
+        self.line_through(self.all().copied().collect())
+    }
+
+    /// The least-squares line through points of this profile, the mean of those of the same target counted once.
+    pub(crate) fn line_through(&self, points: Points) -> Result<ReferenceLine, CalibrateError> {
+        ReferenceLine::least_squares(&means(points)).map_err(|source| wrong(self.line, source))
+    }
+
+    /// The profile without a line, intercept included.
+    pub(crate) fn without_line(mut self, line: &ReferenceLine) -> Self {
+        for branch in &mut self.points {
+            *branch = line.removed_from(branch);
+        }
+        self.removed = self.removed + line.slope();
+        self
+    }
+}
+
+/// The measurement files of profiles, for messages.
+pub(crate) fn files_of(profiles: &[Profile<'_>]) -> Vec<PathBuf> {
+    let files = profiles.iter().map(|profile| profile.line.file.clone());
+    files.collect()
+}
+
+fn means(mut points: Points) -> Points {
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let runs = points.chunk_by(|a, b| a.0 == b.0);
+    runs.filter_map(|runs| {
+        let sum: f64 = runs.iter().map(|(_, value)| value).sum();
+        Some((runs.first()?.0, sum / runs.len() as f64))
+    })
+    .collect()
+}
+
+fn wrong(line: &Line, source: MetrologyError) -> CalibrateError {
+    CalibrateError::Profile {
+        error: line.setup.error,
+        file: line.file.clone(),
+        source,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{line, machine};
+
+    /// Tilts of 2 µrad of a bridge of 100 mm: 0.2 µm up at each step.
+    #[test]
+    fn tilts_of_a_bridge_add_up() {
+        let mut level = line("EYX", |_| 2.0);
+        level.setup.method = Method::Angular {
+            bridge_mm: 100.0,
+            reading: TiltReading::RightHand,
+        };
+        let joint = machine("").chain().joints()[0];
+        let profile = Profile::new(&level, &joint).unwrap();
+        for (target, height) in profile.all() {
+            assert!(
+                (height - 0.002 * target).abs() < 1e-12,
+                "{height} at {target}"
+            );
+        }
+        let line = profile.reference_line().unwrap();
+        let flat = profile.without_line(&line);
+        assert!(flat.all().all(|(_, height)| height.abs() < 1e-12));
+        assert!((flat.removed - Urad(2.0)).abs() < Urad(1e-9));
+    }
+
+    /// Two runs of ±1 about the mean at each of 11 targets: s² = 2, of the mean of two 1.
+    #[test]
+    fn the_noise_of_a_mean_is_pooled_over_targets() {
+        let mut two_runs = line("EYX", |_| 1.0);
+        let mut second = two_runs.readings.readings.clone();
+        for reading in &mut second {
+            reading.run = 2;
+            reading.deviation = -1.0;
+        }
+        two_runs.readings.readings.extend(second);
+        let profile = Profile::new(&two_runs, &machine("").chain().joints()[0]).unwrap();
+        assert!((profile.noise_of_mean().unwrap() - 1.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,240 @@
+//! Reads a calibration file, its machine file and its measurement files.
+
+use std::path::Path;
+
+use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_metrology::{DeviationUnit, Measurement, read_file, squareness_parts};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisName, Urad};
+
+use crate::{
+    calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource, Uncertainty},
+    curve_choice::CurveChoice,
+    error::CalibrateError,
+    setup::Setup,
+    setup_file::{decode_error, decode_motion, set_coordinates},
+};
+
+impl CalibrationFile {
+    /// Reads a calibration file, its machine file and its measurement files.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn read(path: &Path) -> Result<Self, CalibrateError> {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Document::read(path)?.decode(|root| decode(&root, folder))
+    }
+}
+
+fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, CalibrateError> {
+    root.allow(&[
+        "machine",
+        "reference",
+        "reference_axes",
+        "measurement",
+        "squareness",
+        "uncertainty",
+    ])?;
+    let machine = Machine::read(&folder.join(root.require("machine")?.text()?))?;
+    let mut reference: Vec<f64> = machine
+        .axes()
+        .iter()
+        .map(|axis| nearest_zero(axis.travel))
+        .collect();
+    if let Some(section) = root.section("reference")? {
+        set_coordinates(&mut reference, &section, &machine)?;
+    }
+    let items = |key: &str| {
+        root.get(key)
+            .map_or_else(|| Ok(Vec::new()), |value| value.items())
+    };
+    let mut measurements: Vec<Line> = Vec::new();
+    for item in items("measurement")? {
+        let section = item.section()?;
+        let line = decode_line(&section, &machine, folder)?;
+        check_same_curve(&measurements, &line, &section)?;
+        measurements.push(line);
+    }
+    let mut squareness: Vec<Squareness> = Vec::new();
+    for item in items("squareness")? {
+        let found = decode_squareness(&item.section()?, &machine)?;
+        if squareness.iter().any(|other| other.error == found.error) {
+            return Err(item.error(format!("{} stands twice", found.error)).into());
+        }
+        squareness.push(found);
+    }
+    Ok(CalibrationFile {
+        reference_axes: decode_reference_axes(root)?,
+        machine,
+        reference,
+        measurements,
+        squareness,
+        uncertainty: match root.section("uncertainty")? {
+            Some(section) => decode_uncertainty(&section)?,
+            None => Uncertainty::default(),
+        },
+    })
+}
+
+/// 0, or the travel end nearest to it.
+fn nearest_zero([low, high]: [f64; 2]) -> f64 {
+    0.0_f64.clamp(low, high)
+}
+
+fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError> {
+    const LINEAR: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+    let Some(value) = root.get("reference_axes") else {
+        return Ok([AxisName::X, AxisName::Y]);
+    };
+    let letters = value.texts()?;
+    let axes: Vec<AxisName> = letters
+        .iter()
+        .filter_map(|letter| LINEAR.into_iter().find(|axis| axis.to_string() == *letter))
+        .collect();
+    match axes[..] {
+        [primary, secondary] if letters.len() == 2 && primary != secondary => {
+            Ok([primary, secondary])
+        }
+        _ => Err(value.error(format!("found {letters:?}, expected two of X, Y, Z"))),
+    }
+}
+
+fn decode_line(
+    section: &Section<'_>,
+    machine: &Machine,
+    folder: &Path,
+) -> Result<Line, CalibrateError> {
+    let keys = [&["error", "file", "unit", "curve"][..], &Setup::KEYS].concat();
+    section.allow(&keys)?;
+    let error = decode_motion(&section.require("error")?, machine)?;
+    let setup = Setup::decode(section, error, machine)?;
+    let file_value = section.require("file")?;
+    let file = folder.join(file_value.text()?);
+    let mut readings = read_file(&file)?;
+    tracing::debug!(
+        "{error}: {} readings from {}",
+        readings.readings.len(),
+        file.display()
+    );
+    let factor = setup.sign * unit_factor(section, &file_value, &readings, setup.reads_angles())?;
+    for reading in &mut readings.readings {
+        reading.deviation *= factor;
+    }
+    Ok(Line {
+        setup,
+        file,
+        readings,
+        curve: section
+            .get("curve")
+            .map(|value| CurveChoice::decode(&value, error.axis))
+            .transpose()?,
+    })
+}
+
+/// Several lines of one error make one curve, so they cannot ask for different kinds of it.
+fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Result<(), InputError> {
+    let error = line.setup.error;
+    let earlier = before
+        .iter()
+        .find(|other| other.setup.error == error && other.curve.is_some());
+    match (earlier, section.get("curve")) {
+        (Some(earlier), Some(value)) if earlier.curve != line.curve => Err(value.error(format!(
+            "another kind of curve for {error} than with {}, expected the same for all lines of an error",
+            earlier.file.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// µm or µrad for one unit of the readings as `read_file` gives them.
+fn unit_factor(
+    section: &Section<'_>,
+    file: &Value<'_>,
+    readings: &Measurement,
+    angular: bool,
+) -> Result<f64, InputError> {
+    const LENGTHS: [(&str, f64); 2] = [("um", 1.0), ("mm", 1e3)];
+    const ANGLES: [(&str, f64); 4] = [
+        ("urad", 1.0),
+        ("mrad", 1e3),
+        ("arcsec", 1e6 * core::f64::consts::PI / 648_000.0),
+        ("deg", 1e6 * core::f64::consts::PI / 180.0),
+    ];
+    let units = if angular { &ANGLES[..] } else { &LENGTHS[..] };
+    if let Some(unit) = section.get("unit") {
+        return unit.one_of(units);
+    }
+    match (readings.unit, angular) {
+        (Some(DeviationUnit::Um), true) => Err(file.error(
+            "the file holds lengths, expected angles: check `error`, or state `unit`",
+        )),
+        (Some(DeviationUnit::Urad), false) => Err(file.error(
+            "the file holds angles, expected lengths: check `error`, or state `method = \"angular\"`",
+        )),
+        _ => Ok(1.0),
+    }
+}
+
+fn decode_squareness(
+    section: &Section<'_>,
+    machine: &Machine,
+) -> Result<Squareness, CalibrateError> {
+    section.allow(&["error", "from", "reference_angle_urad", "value_urad"])?;
+    let error_value = section.require("error")?;
+    let error = decode_error(&error_value, machine)?;
+    let parts = squareness_parts(error).map_err(|e| error_value.error(e.to_string()))?;
+    if let Some(from) = section.get("from") {
+        let mut found = from.texts()?;
+        let parts = parts.map(|part| part.to_string());
+        let mut expected: Vec<&str> = parts.iter().map(String::as_str).collect();
+        found.sort_unstable();
+        expected.sort_unstable();
+        if found != expected {
+            return Err(from
+                .error(format!("found {found:?}, expected {parts:?} for {error}"))
+                .into());
+        }
+    }
+    let source = match (
+        section.get("value_urad"),
+        section.get("reference_angle_urad"),
+    ) {
+        (Some(value), None) => SquarenessSource::Value(Urad(value.number()?)),
+        (Some(value), Some(_)) => {
+            let message =
+                "found value_urad and reference_angle_urad together, expected one of them";
+            return Err(value.error(message).into());
+        }
+        (None, angle) => SquarenessSource::Slopes {
+            reference_angle: Urad(angle.map_or(Ok(0.0), |value| value.number())?),
+        },
+    };
+    Ok(Squareness { error, source })
+}
+
+fn decode_uncertainty(section: &Section<'_>) -> Result<Uncertainty, InputError> {
+    section.allow(&[
+        "laser_um_per_m",
+        "square_urad",
+        "reading_um",
+        "reading_urad",
+    ])?;
+    let number = |key: &str| {
+        let Some(value) = section.get(key) else {
+            return Ok(0.0);
+        };
+        let found = value.number()?;
+        if found < 0.0 {
+            return Err(value.error(format!(
+                "found {found}, expected a standard uncertainty of 0 or more"
+            )));
+        }
+        Ok(found)
+    };
+    Ok(Uncertainty {
+        laser_um_per_m: number("laser_um_per_m")?,
+        square_urad: number("square_urad")?,
+        reading_um: number("reading_um")?,
+        reading_urad: number("reading_urad")?,
+    })
+}

@@ -1,0 +1,197 @@
+//! An instrument that is not perfect: noise, resolution, drift, lost motion, targets and runs.
+
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+use volcomp_metrology::{DeviationUnit, Measurement, Reading};
+use volcomp_vocabulary::{Direction, Um, Urad};
+
+use crate::error::InstrumentError;
+
+/// How an instrument reads and how a line is run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Instrument {
+    /// How it reads lengths.
+    pub length: Imperfections<Um>,
+    /// How it reads angles.
+    pub angle: Imperfections<Urad>,
+    /// Standard deviation of the slope at which a straightness reference is aligned.
+    pub alignment: Urad,
+    /// Number of targets over the travel, both ends included.
+    pub targets: usize,
+    /// Number of runs in each direction.
+    pub runs: u32,
+    /// Whether targets are approached in both directions.
+    pub both_directions: bool,
+}
+
+/// What makes the readings of an instrument differ from what is there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Imperfections<U> {
+    /// Standard deviation of a reading.
+    pub noise: U,
+    /// Step of a reading, 0 for none.
+    pub resolution: U,
+    /// Growth of the readings from the first to the last of a line.
+    pub drift: U,
+    /// Lost motion of the set-up: forward minus backward.
+    pub reversal: U,
+}
+
+impl Default for Instrument {
+    /// A perfect instrument, 21 targets, five bidirectional runs.
+    fn default() -> Self {
+        Self {
+            length: Imperfections::default(),
+            angle: Imperfections::default(),
+            alignment: Urad(0.0),
+            targets: 21,
+            runs: 5,
+            both_directions: true,
+        }
+    }
+}
+
+/// Targets of one line, and runs, at the most.
+pub(crate) const MAX_TARGETS: usize = 100_000;
+
+/// Readings of one line in one direction at the most.
+pub(crate) const MAX_READINGS: usize = 1_000_000;
+
+impl Instrument {
+    /// Whether the instrument can be: counts within limits, numbers finite and, but for drift and reversal, not
+    /// negative.
+    ///
+    /// # Errors
+    /// The first quantity that cannot be.
+    pub fn check(&self) -> Result<(), InstrumentError> {
+        let (targets, runs) = (self.targets, self.runs);
+        if !(2..=MAX_TARGETS).contains(&targets) {
+            let most = MAX_TARGETS;
+            return Err(InstrumentError::Targets {
+                found: targets,
+                most,
+            });
+        }
+        if runs == 0 {
+            return Err(InstrumentError::NoRuns);
+        }
+        self.check_count(targets)?;
+        let (length, angle) = (&self.length, &self.angle);
+        for (what, found) in [
+            ("noise", length.noise.0),
+            ("noise", angle.noise.0),
+            ("resolution", length.resolution.0),
+            ("resolution", angle.resolution.0),
+            ("alignment", self.alignment.0),
+        ] {
+            let expected = "0 or more";
+            if !(found.is_finite() && found >= 0.0) {
+                return Err(InstrumentError::Number {
+                    what,
+                    found,
+                    expected,
+                });
+            }
+        }
+        for (what, found) in [
+            ("drift", length.drift.0),
+            ("drift", angle.drift.0),
+            ("reversal", length.reversal.0),
+            ("reversal", angle.reversal.0),
+        ] {
+            let expected = "a finite number";
+            if !found.is_finite() {
+                return Err(InstrumentError::Number {
+                    what,
+                    found,
+                    expected,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the runs over a number of targets are not too many readings.
+    pub(crate) fn check_count(&self, targets: usize) -> Result<(), InstrumentError> {
+        let (runs, most) = (self.runs, MAX_READINGS);
+        if targets.saturating_mul(runs as usize) > most {
+            return Err(InstrumentError::Readings {
+                targets,
+                runs,
+                most,
+            });
+        }
+        Ok(())
+    }
+
+    /// The targets over a travel, both ends included.
+    pub fn targets_over(&self, [low, high]: [f64; 2]) -> Vec<f64> {
+        let last = self.targets.saturating_sub(1).max(1) as f64;
+        (0..self.targets)
+            .map(|index| low + (high - low) * index as f64 / last)
+            .collect()
+    }
+
+    /// Runs a line: `perfect` is what a perfect instrument reads at a target in a direction, and 0 at
+    /// the first target.
+    pub(crate) fn run(
+        &self,
+        targets: &[f64],
+        unit: DeviationUnit,
+        perfect: impl Fn(f64, Direction) -> f64,
+        random: &mut impl Rng,
+    ) -> Measurement {
+        let imperfections = match unit {
+            DeviationUnit::Um => plain(&self.length, |length| length.0),
+            DeviationUnit::Urad => plain(&self.angle, |angle| angle.0),
+        };
+        let directions = &Direction::BOTH[..if self.both_directions { 2 } else { 1 }];
+        let count = targets.len() * self.runs as usize * directions.len();
+        let mut readings = Vec::with_capacity(count);
+        for run in 1..=self.runs {
+            for &direction in directions {
+                for place in 0..targets.len() {
+                    let (target, lost) = match direction {
+                        Direction::Positive => (targets[place], 0.5),
+                        Direction::Negative => (targets[targets.len() - 1 - place], -0.5),
+                    };
+                    let elapsed = readings.len() as f64 / (count - 1).max(1) as f64;
+                    let noise: f64 = StandardNormal.sample(random);
+                    let value = perfect(target, direction)
+                        + lost * imperfections.reversal
+                        + imperfections.drift * elapsed
+                        + imperfections.noise * noise;
+                    readings.push(Reading {
+                        target,
+                        run,
+                        direction,
+                        deviation: rounded(value, imperfections.resolution),
+                    });
+                }
+            }
+        }
+        Measurement {
+            unit: Some(unit),
+            readings,
+            ..Measurement::default()
+        }
+    }
+}
+
+/// The same imperfections as numbers in the unit of the readings.
+fn plain<U: Copy>(of: &Imperfections<U>, number: fn(U) -> f64) -> Imperfections<f64> {
+    Imperfections {
+        noise: number(of.noise),
+        resolution: number(of.resolution),
+        drift: number(of.drift),
+        reversal: number(of.reversal),
+    }
+}
+
+fn rounded(value: f64, step: f64) -> f64 {
+    if step > 0.0 {
+        (value / step).round() * step
+    } else {
+        value
+    }
+}

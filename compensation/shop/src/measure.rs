@@ -1,0 +1,207 @@
+//! Measures the lines of a shop and writes their files.
+
+use std::{collections::BTreeMap, fmt::Write};
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use volcomp_calibrate::Method;
+use volcomp_kinematics::{Form, Joint, State};
+use volcomp_metrology::{
+    DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
+    write_renishaw,
+};
+use volcomp_model::Temperatures;
+use volcomp_vocabulary::{Direction, ErrorName, Urad};
+
+use crate::{
+    error::{InstrumentError, ShopError},
+    instrument::MAX_TARGETS,
+    line_of_sight::LineOfSight,
+    shop::{Format, Shop, ShopLine},
+};
+
+impl Shop {
+    /// Every file by name: the machine without errors, the measurements and `calibration.toml`.
+    /// `progress` is told how many of how many lines are done.
+    ///
+    /// # Errors
+    /// A line that cannot be laid through the machine.
+    pub fn files(
+        &self,
+        mut progress: impl FnMut(usize, usize),
+    ) -> Result<Vec<(String, String)>, ShopError> {
+        for line in &self.lines {
+            line.instrument
+                .check()
+                .map_err(|source| ShopError::Instrument {
+                    error: line.setup.error,
+                    source,
+                })?;
+        }
+        let alignments = self.alignments();
+        let mut machine = self.truth.clone();
+        machine.clear_errors();
+        let mut files = vec![("machine.toml".to_owned(), machine.to_toml())];
+        let mut calibration = String::from("machine = \"machine.toml\"\n");
+        for (index, line) in self.lines.iter().enumerate() {
+            let alignment = alignments.get(&line.setup.error).copied();
+            let measurement = self.measure(index, line, alignment.unwrap_or_default())?;
+            let (name, text) = self.measurement_file(line, &measurement);
+            let setup = line.setup.to_toml(&self.truth);
+            // Writing to a String cannot fail.
+            let _ = write!(calibration, "\n[[measurement]]\n{setup}file = \"{name}\"\n");
+            if let Some(curve) = line.curve {
+                let _ = writeln!(calibration, "curve = {}", curve.to_toml());
+            }
+            files.push((name, text));
+            progress(index + 1, self.lines.len());
+        }
+        for (error, angle) in &self.squareness {
+            let _ = write!(
+                calibration,
+                "\n[[squareness]]\nerror = \"{error}\"\nreference_angle_urad = {:?}\n",
+                angle.0
+            );
+        }
+        files.push(("calibration.toml".to_owned(), calibration));
+        Ok(files)
+    }
+
+    /// Slopes at which the straightness references stand. The two beams of a squareness enclose the
+    /// angle of its reference, so their slopes add up to φ − π/2.
+    fn alignments(&self) -> BTreeMap<ErrorName, Urad> {
+        let mut alignments = BTreeMap::new();
+        for (index, line) in self.lines.iter().enumerate() {
+            if MotionKind::of(line.setup.error) == MotionKind::Straightness {
+                let mut random = self.random(2 * index + 1);
+                let share: f64 = StandardNormal.sample(&mut random);
+                alignments
+                    .entry(line.setup.error)
+                    .or_insert(line.instrument.alignment * share);
+            }
+        }
+        for (error, angle) in &self.squareness {
+            if let Ok([first, second]) = squareness_parts(*error)
+                && let Some(slope) = alignments.get(&first).copied()
+            {
+                alignments.insert(second, *angle - slope);
+            }
+        }
+        alignments
+    }
+
+    /// A generator of its own for each line, so that a further line does not change the others.
+    fn random(&self, stream: usize) -> ChaCha8Rng {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream(stream as u64);
+        random
+    }
+
+    /// What the instrument reads along a line whose straightness reference stands at a slope; `index` chooses the
+    /// random numbers.
+    fn measure(
+        &self,
+        index: usize,
+        line: &ShopLine,
+        alignment: Urad,
+    ) -> Result<Measurement, ShopError> {
+        let error = line.setup.error;
+        let sight = LineOfSight::new(&self.truth, &line.setup)?;
+        let none = Temperatures::new();
+        let errors = self.truth.source(&none);
+        let travel = self.truth.axis(error.axis).map(|a| a.travel);
+        let travel = travel.unwrap_or_default();
+        let joint = self.truth.chain().joints()[self.truth.index_of(error.axis)?];
+        let along_mcs = joint.direction[error.axis.mcs_index()].signum();
+        let slope_urad = alignment.0 * along_mcs + self.reference_slope_urad(line, &joint);
+        let perfect = |target: f64, direction: Direction| {
+            let state = sight.state(target, direction);
+            sight.reading(&errors, &state, &state) + slope_urad * 1e-3 * (target - travel[0])
+        };
+        let mut random = self.random(2 * index);
+        let sign = line.setup.sign;
+        Ok(match line.setup.method {
+            Method::Direct => {
+                let unit = if line.setup.reads_angles() {
+                    DeviationUnit::Urad
+                } else {
+                    DeviationUnit::Um
+                };
+                let targets = line.instrument.targets_over(travel);
+                let zero = perfect(travel[0], Direction::Positive);
+                let reading = |target, direction| sign * (perfect(target, direction) - zero);
+                line.instrument.run(&targets, unit, reading, &mut random)
+            }
+            Method::Angular { bridge_mm, reading } => {
+                let mut sigma = tilt_sign(error, reading)
+                    .map_err(|source| ShopError::Method { error, source })?;
+                if reading == TiltReading::RightHand {
+                    sigma *= along_mcs;
+                }
+                let tilt = |target: f64, direction| {
+                    if target - bridge_mm < travel[0] - 1e-9 {
+                        return 0.0;
+                    }
+                    let rise = perfect(target, direction) - perfect(target - bridge_mm, direction);
+                    sign * sigma * rise / bridge_mm * 1e3
+                };
+                let refused = |source| ShopError::Instrument { error, source };
+                if !(bridge_mm.is_finite() && bridge_mm > 0.0) {
+                    return Err(refused(InstrumentError::Number {
+                        what: "bridge",
+                        found: bridge_mm,
+                        expected: "a positive length in mm",
+                    }));
+                }
+                // Targets one bridge apart, as many as the travel holds.
+                let targets: Vec<f64> = (0..=MAX_TARGETS)
+                    .map(|step| travel[0] + bridge_mm * step as f64)
+                    .take_while(|target| *target <= travel[1] + 1e-9)
+                    .collect();
+                line.instrument
+                    .check_count(targets.len())
+                    .map_err(refused)?;
+                line.instrument
+                    .run(&targets, DeviationUnit::Urad, tilt, &mut random)
+            }
+        })
+    }
+
+    /// A straightness reference is aligned to the axes of the workpiece with all axes at zero: where
+    /// it stands on the tool side, the tool's rotation there is part of its alignment.
+    fn reference_slope_urad(&self, line: &ShopLine, joint: &Joint) -> f64 {
+        let name = line.setup.error;
+        if MotionKind::of(name) != MotionKind::Straightness
+            || line.setup.point_is_on_tool_side(joint.side)
+        {
+            return 0.0;
+        }
+        let none = Temperatures::new();
+        let at_zero = self
+            .truth
+            .error_at(&State::default(), Form::Exact, &none)
+            .rotation_rad;
+        at_zero.cross(&joint.direction)[name.component.mcs_index()] * 1e6
+    }
+
+    /// The name and text of a line's measurement file.
+    fn measurement_file(&self, line: &ShopLine, measurement: &Measurement) -> (String, String) {
+        let ending = match (self.format, measurement.unit) {
+            (Format::Csv, _) => "csv",
+            (Format::Renishaw, Some(DeviationUnit::Urad)) => "rta",
+            (Format::Renishaw, _) => "rtl",
+        };
+        let text = match self.format {
+            Format::Csv => write_csv(measurement),
+            Format::Renishaw => {
+                let mut described = measurement.clone();
+                described.metadata.machine = Some(self.truth.name.clone());
+                described.metadata.axis = Some(line.setup.error.axis.to_string());
+                described.metadata.title = Some(line.setup.error.to_string());
+                write_renishaw(&described)
+            }
+        };
+        (format!("{}.{ending}", line.name), text)
+    }
+}

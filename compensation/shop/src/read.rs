@@ -1,0 +1,254 @@
+//! Reads a shop file and its truth machine.
+
+use std::path::Path;
+
+use volcomp_calibrate::{CurveChoice, Method, Setup, decode_error, decode_motion};
+use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_metrology::{TiltReading, squareness_parts, tilt_sign};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{ErrorName, Um, Urad};
+
+use crate::{
+    error::ShopError,
+    instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS},
+    shop::{Format, Shop, ShopLine},
+};
+
+impl Shop {
+    /// Reads a shop file and its truth machine.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn read(path: &Path) -> Result<Self, ShopError> {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::decode(&Document::read(path)?, |machine| {
+            Ok(Machine::read(&folder.join(machine))?)
+        })
+    }
+
+    /// Decodes the text of a shop file; `file` names it in messages, `machine` gives the machine of
+    /// the name that stands in it.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn parse(
+        text: &str,
+        file: &str,
+        machine: impl FnOnce(&str) -> Result<Machine, ShopError>,
+    ) -> Result<Self, ShopError> {
+        Self::decode(&Document::new(file, text), machine)
+    }
+
+    fn decode(
+        document: &Document,
+        machine: impl FnOnce(&str) -> Result<Machine, ShopError>,
+    ) -> Result<Self, ShopError> {
+        document.decode(|root| {
+            let truth = machine(root.require("machine")?.text()?)?;
+            Ok(decode(&root, truth)?)
+        })
+    }
+}
+
+fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
+    root.allow(&[
+        "machine",
+        "seed",
+        "format",
+        "instrument",
+        "measurement",
+        "squareness",
+    ])?;
+    let default = Instrument::default();
+    let instrument = match root.section("instrument")? {
+        Some(section) => {
+            section.allow(&INSTRUMENT_KEYS)?;
+            decode_instrument(&section, &default)?
+        }
+        None => default,
+    };
+    let items = |key: &str| {
+        root.get(key)
+            .map_or_else(|| Ok(Vec::new()), |value| value.items())
+    };
+    let mut lines: Vec<ShopLine> = Vec::new();
+    for item in items("measurement")? {
+        decode_measurement(&item.section()?, &truth, &instrument, &mut lines)?;
+    }
+    let mut squareness: Vec<(ErrorName, Urad)> = Vec::new();
+    for item in items("squareness")? {
+        let section = item.section()?;
+        section.allow(&["error", "reference_angle_urad"])?;
+        let value = section.require("error")?;
+        let error = decode_error(&value, &truth)?;
+        squareness_parts(error).map_err(|e| value.error(e.to_string()))?;
+        if squareness.iter().any(|(other, _)| *other == error) {
+            return Err(value.error(format!("{error} stands twice")));
+        }
+        let angle = section.get("reference_angle_urad");
+        let angle = angle.map_or(Ok(0.0), |value| value.number())?;
+        squareness.push((error, Urad(angle)));
+    }
+    Ok(Shop {
+        truth,
+        seed: root.get("seed").map_or(Ok(0), |v| v.count(usize::MAX))? as u64,
+        lines,
+        squareness,
+        format: root.one_of(
+            "format",
+            &[("renishaw", Format::Renishaw), ("csv", Format::Csv)],
+            Format::Renishaw,
+        )?,
+    })
+}
+
+/// One `[[measurement]]`: a line for each error it names.
+fn decode_measurement(
+    section: &Section<'_>,
+    truth: &Machine,
+    instrument: &Instrument,
+    lines: &mut Vec<ShopLine>,
+) -> Result<(), InputError> {
+    let keys = [
+        &["error", "errors", "file", "curve"][..],
+        &Setup::KEYS,
+        &INSTRUMENT_KEYS,
+    ];
+    section.allow(&keys.concat())?;
+    let named = match (section.get("error"), section.get("errors")) {
+        (Some(one), None) => vec![one],
+        (None, Some(several)) => several.items()?,
+        (Some(_), Some(several)) => {
+            return Err(several.error("found error and errors together, expected one of them"));
+        }
+        (None, None) => return Err(section.error("key `error` (or `errors`) is missing")),
+    };
+    for value in &named {
+        let error = decode_motion(value, truth)?;
+        let name = match section.get("file") {
+            Some(file) if named.len() > 1 => {
+                return Err(file.error("one file for several errors, expected `error` with it"));
+            }
+            Some(file) => {
+                let name = file.text()?;
+                if name.is_empty() || name.contains(['/', '\\']) {
+                    let expected = "expected a name without a folder";
+                    return Err(file.error(format!("found {name:?}, {expected}")));
+                }
+                name.to_owned()
+            }
+            None => free_name(error, lines),
+        };
+        if lines.iter().any(|line| line.name == name) || name == "machine" || name == "calibration"
+        {
+            return Err(value.error(format!("the file {name} is written already")));
+        }
+        let setup = Setup::decode(section, error, truth)?;
+        let instrument = decode_instrument(section, instrument)?;
+        if let Method::Angular { bridge_mm, .. } = setup.method {
+            // Known to be a straightness by this.
+            tilt_sign(error, TiltReading::Slope).map_err(|e| value.error(e.to_string()))?;
+            let travel = truth.axis(error.axis).map_or([0.0; 2], |axis| axis.travel);
+            let steps = (travel[1] - travel[0]) / bridge_mm;
+            if !(1.0..=MAX_TARGETS as f64).contains(&steps) {
+                return Err(value.error(format!(
+                    "the travel holds {steps:.1} bridges, expected 1 to {MAX_TARGETS}"
+                )));
+            }
+            // As many targets as steps, rounded down, and one.
+            instrument
+                .check_count(steps as usize + 1)
+                .map_err(|e| value.error(e.to_string()))?;
+        }
+        let curve = section.get("curve");
+        lines.push(ShopLine {
+            setup,
+            instrument,
+            curve: curve
+                .map(|value| CurveChoice::decode(&value, error.axis))
+                .transpose()?,
+            name,
+        });
+    }
+    Ok(())
+}
+
+/// `eyy`, then `eyy-2`, …
+fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
+    let base = error.to_string().to_lowercase();
+    let before = lines.iter().filter(|line| line.setup.error == error);
+    match before.count() {
+        0 => base,
+        count => format!("{base}-{}", count + 1),
+    }
+}
+
+/// The keys of an instrument, in its own table and over it in a `[[measurement]]`.
+const INSTRUMENT_KEYS: [&str; 12] = [
+    "noise_um",
+    "noise_urad",
+    "resolution_um",
+    "resolution_urad",
+    "drift_um",
+    "drift_urad",
+    "reversal_um",
+    "reversal_urad",
+    "alignment_urad",
+    "targets",
+    "runs",
+    "both_directions",
+];
+
+/// The instrument of a section, whose keys stand over those of `base`.
+fn decode_instrument(section: &Section<'_>, base: &Instrument) -> Result<Instrument, InputError> {
+    let number =
+        |key: &str, default: f64| section.get(key).map_or(Ok(default), |value| value.number());
+    let positive = |key: &str, default: f64| {
+        section
+            .get(key)
+            .map_or(Ok(default), |value| not_negative(&value))
+    };
+    let count = |key: &str, least: usize, default: usize| {
+        section
+            .get(key)
+            .map_or(Ok(default), |value| match value.count(MAX_TARGETS)? {
+                count if count >= least => Ok(count),
+                count => Err(value.error(format!("found {count}, expected at least {least}"))),
+            })
+    };
+    let runs = count("runs", 1, base.runs as usize)?;
+    let targets = count("targets", 2, base.targets)?;
+    if targets * runs > MAX_READINGS {
+        return Err(section.error(format!(
+            "found {targets} targets in {runs} runs, expected at most {MAX_READINGS} readings"
+        )));
+    }
+    let (length, angle) = (&base.length, &base.angle);
+    Ok(Instrument {
+        length: Imperfections {
+            noise: Um(positive("noise_um", length.noise.0)?),
+            resolution: Um(positive("resolution_um", length.resolution.0)?),
+            drift: Um(number("drift_um", length.drift.0)?),
+            reversal: Um(number("reversal_um", length.reversal.0)?),
+        },
+        angle: Imperfections {
+            noise: Urad(positive("noise_urad", angle.noise.0)?),
+            resolution: Urad(positive("resolution_urad", angle.resolution.0)?),
+            drift: Urad(number("drift_urad", angle.drift.0)?),
+            reversal: Urad(number("reversal_urad", angle.reversal.0)?),
+        },
+        alignment: Urad(positive("alignment_urad", base.alignment.0)?),
+        targets,
+        runs: u32::try_from(runs).unwrap_or(base.runs),
+        both_directions: section
+            .get("both_directions")
+            .map_or(Ok(base.both_directions), |value| value.truth())?,
+    })
+}
+
+fn not_negative(value: &Value<'_>) -> Result<f64, InputError> {
+    match value.number()? {
+        number if number >= 0.0 => Ok(number),
+        number => Err(value.error(format!("found {number}, expected 0 or more"))),
+    }
+}

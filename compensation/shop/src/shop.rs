@@ -1,0 +1,45 @@
+//! A truth machine with the measurements to be made on it: plain data.
+
+use volcomp_calibrate::{CurveChoice, Setup};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{ErrorName, Urad};
+
+use crate::instrument::Instrument;
+
+/// A truth machine with the measurements to be made on it.
+#[derive(Clone, Debug)]
+pub struct Shop {
+    /// The machine as it really is.
+    pub truth: Machine,
+    /// Seed of all that is random.
+    pub seed: u64,
+    /// The lines to be measured.
+    pub lines: Vec<ShopLine>,
+    /// Squareness errors, each with φ − π/2 of its reference: φ is the angle between the + directions of the two beams.
+    pub squareness: Vec<(ErrorName, Urad)>,
+    /// The kind of the measurement files.
+    pub format: Format,
+}
+
+/// A line to be measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShopLine {
+    /// The error and how it is measured.
+    pub setup: Setup,
+    /// With which instrument, over which targets, in how many runs.
+    pub instrument: Instrument,
+    /// The kind of curve that the calibration file asks for.
+    pub curve: Option<CurveChoice>,
+    /// Name of the measurement file without its ending.
+    pub name: String,
+}
+
+/// The kind of the measurement files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Format {
+    /// `.rtl` for lengths, `.rta` for angles.
+    #[default]
+    Renishaw,
+    /// Tables `target,run,direction,deviation`.
+    Csv,
+}

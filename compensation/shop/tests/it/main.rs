@@ -1,0 +1,4 @@
+//! The virtual shop: what it makes, what it refuses, and against calibration, which reads what it makes.
+
+mod messages;
+mod round_trip;

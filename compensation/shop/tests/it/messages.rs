@@ -1,0 +1,74 @@
+//! Whatever is wrong with a shop file or with a shop built in code is said, never a panic.
+
+use proptest::prelude::*;
+use volcomp_model::Machine;
+use volcomp_shop::{InstrumentError, Shop, ShopError};
+use volcomp_vocabulary::{Um, Urad};
+
+const TRUTH: &str =
+    "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
+
+fn shop(text: &str) -> Result<Shop, ShopError> {
+    Shop::parse(text, "shop.toml", |name| Ok(Machine::parse(TRUTH, name)?))
+}
+
+const SHOP: &str = "machine = \"truth.toml\"\nseed = 1\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\ntargets = 5\nruns = 2\n\
+    [[measurement]]\nerrors = [\"EXX\", \"EAX\"]\nat = { Y = 10 }\npoint = [0, 1, 2]\nrides = \"other\"\ncurve = { mls = { order = 2 } }\n\
+    [[measurement]]\nerror = \"EYX\"\nmethod = \"angular\"\nbridge_mm = 25\nsign = -1\n\
+    [[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2.0\n";
+
+proptest! {
+    /// Whatever is cut out of or put into a shop file, it measures or says what is wrong.
+    #[test]
+    fn damaged_shops_do_not_panic(
+        place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
+    ) {
+        let end = (place + cut).min(SHOP.len());
+        let damaged = format!("{}{put}{}", &SHOP[..place], &SHOP[end..]);
+        match shop(&damaged) {
+            // A damaged number can ask for a hundred thousand readings of each line.
+            Ok(shop) if shop.lines.iter().all(|l| l.instrument.targets * (l.instrument.runs as usize) < 5000) => {
+                let files = shop.files(|_, _| {}).expect("a shop that was read can measure");
+                prop_assert_eq!(files.len(), shop.lines.len() + 2);
+            }
+            Ok(_) => {}
+            Err(error) => prop_assert!(error.to_string().starts_with("shop.toml"), "{}", error),
+        }
+    }
+
+    /// Every number of a shop built in code may be odd: it measures or says what is wrong.
+    #[test]
+    fn odd_shops_built_in_code_do_not_panic(
+        noise in any::<f64>(), step in any::<f64>(), alignment in any::<f64>(), targets in 0..40_usize,
+        runs in 0..4_u32, at in prop::collection::vec(any::<f64>(), 0..5), sign in any::<f64>(),
+        angle in any::<f64>(),
+    ) {
+        let mut shop = shop(SHOP).expect("a valid shop");
+        for line in &mut shop.lines {
+            line.instrument.length.noise = Um(noise);
+            line.instrument.angle.resolution = Urad(step);
+            line.instrument.alignment = Urad(alignment);
+            (line.instrument.targets, line.instrument.runs) = (targets, runs);
+            line.setup.at.clone_from(&at);
+            line.setup.sign = sign;
+        }
+        shop.squareness[0].1 = Urad(angle);
+        let _ = shop.files(|_, _| {});
+        let _ = shop.lines[0].instrument.targets_over([noise, step]);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_an_instrument_built_in_code_is_named() {
+    let mut wrong = shop(SHOP).expect("a valid shop");
+    wrong.lines[0].instrument.targets = 1;
+    let error = wrong.files(|_, _| {}).expect_err("one target");
+    let ShopError::Instrument { source, .. } = &error else {
+        panic!("{error}");
+    };
+    assert!(matches!(source, InstrumentError::Targets { found: 1, .. }));
+    assert_eq!(
+        error.to_string(),
+        "the line of EXX: found 1 targets, expected 2 to 100000"
+    );
+}
