@@ -1,0 +1,88 @@
+//! One axis under the guard, and what reaches it when positions stop and when the control is reset.
+//!
+//! `cargo run -p volcomp-guard --example faults`
+
+use std::time::Duration;
+
+use volcomp_guard::{
+    AxisLimits, Guard, Inputs, Limits, LimitsError, Reading, Request, State,
+    vocabulary::{MAX_AXES, PerChannel},
+};
+
+const PERIOD: Duration = Duration::from_millis(4);
+
+fn main() -> Result<(), LimitsError> {
+    let mut axes = [AxisLimits::NONE; MAX_AXES];
+    axes[0] = AxisLimits {
+        limit: 0.050, // mm
+        warn: 0.040,
+        slew_per_s: 0.2,
+        accel_per_s2: f64::INFINITY,
+        resolution: 0.001,
+        includes_correction: false,
+    };
+    let mut guard = Guard::new(Limits {
+        axes,
+        count: 1,
+        period: PERIOD,
+        hold: Duration::from_millis(50),
+        zero_after: Duration::from_millis(400),
+        ramp: Duration::from_millis(200),
+        test_shift: PerChannel::ZERO,
+        read_back_cycles: 1,
+    })?;
+
+    // The model wants 30 µm all the time; the control applies what is written.
+    let mut applied = PerChannel::ZERO;
+    let mut target = PerChannel::ZERO;
+    target[0] = 0.030;
+    let (mut last_state, mut largest_step) = (State::Disarmed, 0.0_f64);
+    for cycle in 1..=750_u32 {
+        let now = PERIOD * cycle;
+        if cycle == 500 {
+            println!(
+                "{:6.3} s  the control is reset: it applies 0",
+                now.as_secs_f64()
+            );
+            applied = PerChannel::ZERO;
+        }
+        // No positions from 0.8 s to 1.6 s.
+        let reading = (!(200..400).contains(&cycle)).then_some(Reading {
+            taken: now,
+            positions: PerChannel::ZERO,
+            applied: Some(applied),
+            referenced: true,
+            alarm: false,
+            emergency_stop: false,
+        });
+        let output = guard.cycle(&Inputs {
+            now,
+            reading,
+            target: Some(target),
+            request: (cycle == 1).then_some(Request::Arm),
+            ..Inputs::default()
+        });
+        if output.write {
+            largest_step = largest_step.max((output.correction[0] - applied[0]).abs());
+            applied = output.correction;
+        }
+        if output.state != last_state {
+            last_state = output.state;
+            let why: Vec<&str> = output.reasons.texts().collect();
+            println!(
+                "{:6.3} s  {:12} {:5.1} µm  {}",
+                now.as_secs_f64(),
+                output.state.name(),
+                1e3 * applied[0],
+                why.join(", ")
+            );
+        }
+    }
+    println!(
+        "largest step that reached the axis: {:.0} µm",
+        1e3 * largest_step
+    );
+    // 0.2 mm/s for 4 ms are less than a step of the control.
+    assert!(largest_step < 0.0021 && guard.state() == State::Compensating);
+    Ok(())
+}
