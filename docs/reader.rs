@@ -298,8 +298,11 @@ pub(crate) fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) 
     cases.run();
     if std::env::var("TRYCMD").is_ok_and(|value| value == "overwrite") {
         for (copy, page) in &copies {
-            let text = fs::read_to_string(copy).expect("the copy");
-            fs::write(page, without_ends(&text)).expect("the page can be written");
+            let [before, after] =
+                [page, copy].map(|file| fs::read_to_string(file).expect("a page"));
+            if after != with_ends(&before) {
+                fs::write(page, without_ends(&after)).expect("the page can be written");
+            }
         }
     }
 }
