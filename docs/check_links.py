@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Checks every internal link, image and anchor of the built book and of the README files.
+"""Checks every internal link, image and anchor of the built book and of Markdown files.
 
-    check_links.py BOOK README...    BOOK: folder with the built HTML
+    check_links.py BOOK [FILE.md...]  BOOK: folder with the built HTML
     check_links.py --self-test       finds the mistakes that it is made to find
 
-A link of the book may not leave its folder: what is published is that folder alone. Links of README files go
+A link of the book may not leave its folder: what is published is that folder alone. Links of Markdown files go
 to files of the repository. Links to other hosts are not followed. Exit status: 0 nothing wrong, 1 broken links.
 """
 
@@ -179,7 +179,7 @@ def main(arguments):
     for line in broken:
         print(line, file=sys.stderr)
     links = sum(len(read(path).links) for path in pages + readmes)
-    print(f"{len(pages)} pages, {len(readmes)} README files, {links} links, {len(broken)} broken")
+    print(f"{len(pages)} pages, {len(readmes)} Markdown files, {links} links, {len(broken)} broken")
     return 1 if broken else 0
 
 
