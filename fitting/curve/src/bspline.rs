@@ -8,6 +8,11 @@ const MAX_DEGREE: usize = 5;
 ///
 /// Its domain runs from `knots[degree]` to `knots[coefficients.len()]`.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::BSpline")
+)]
 pub struct BSpline {
     knots: Vec<f64>,
     coefficients: Vec<f64>,

@@ -1,14 +1,12 @@
 use alloc::vec::Vec;
 
-use crate::{CurveError, domain};
+use crate::{CurveError, domain, series::Series};
 
 /// A series `c0 + c1 T1(t) + c2 T2(t) + …` of Chebyshev polynomials of the first kind, `t` the
 /// argument mapped from the domain to [−1, 1]. `c0` counts fully.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Chebyshev {
-    coefficients: Vec<f64>,
-    domain: [f64; 2],
-}
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Chebyshev(Series);
 
 impl Chebyshev {
     /// Builds the series from its coefficients (value units) and its domain (argument units).
@@ -16,63 +14,53 @@ impl Chebyshev {
     /// # Errors
     /// No coefficient, a number that is not finite, an empty or reversed domain.
     pub fn new(coefficients: Vec<f64>, domain: [f64; 2]) -> Result<Self, CurveError> {
-        domain::at_least("coefficients", coefficients.len(), 1)?;
-        domain::finite("coefficient", &coefficients)?;
-        domain::interval(domain)?;
-        Ok(Self {
-            coefficients,
-            domain,
-        })
+        Series::new(coefficients, domain).map(Self)
     }
 
     /// The coefficients, constant first.
     pub fn coefficients(&self) -> &[f64] {
-        &self.coefficients
+        &self.0.coefficients
     }
 
     /// The range of arguments.
     pub fn domain(&self) -> [f64; 2] {
-        self.domain
+        self.0.domain
     }
 
     /// The value at `x`, held outside the domain (recurrence of Clenshaw, Math. Comp. 9, 1955).
     pub fn value(&self, x: f64) -> f64 {
-        domain::held(self.domain, x, |x| {
+        domain::held(self.0.domain, x, |x| {
             let t = self.mapped(x);
             let (mut b1, mut b2) = (0.0, 0.0);
-            for &c in self.coefficients[1..].iter().rev() {
+            for &c in self.0.coefficients[1..].iter().rev() {
                 (b1, b2) = (c + 2.0 * t * b1 - b2, b1);
             }
-            self.coefficients[0] + t * b1 - b2
+            self.0.coefficients[0] + t * b1 - b2
         })
     }
 
     /// The derivative at `x`, 0 outside the domain (Clenshaw's recurrence differentiated).
     pub fn derivative(&self, x: f64) -> f64 {
-        domain::slope(self.domain, x, |x| {
+        domain::slope(self.0.domain, x, |x| {
             let t = self.mapped(x);
             let (mut b1, mut b2) = (0.0, 0.0);
             let (mut d1, mut d2) = (0.0, 0.0);
-            for &c in self.coefficients[1..].iter().rev() {
+            for &c in self.0.coefficients[1..].iter().rev() {
                 (d1, d2) = (2.0 * b1 + 2.0 * t * d1 - d2, d1);
                 (b1, b2) = (c + 2.0 * t * b1 - b2, b1);
             }
-            let [lower, upper] = self.domain;
+            let [lower, upper] = self.0.domain;
             (b1 + t * d1 - d2) * 2.0 / (upper - lower)
         })
     }
 
     fn mapped(&self, x: f64) -> f64 {
-        let [lower, upper] = self.domain;
+        let [lower, upper] = self.0.domain;
         ((x - lower) - (upper - x)) / (upper - lower)
     }
 
     /// Every value times `scale` plus `c`.
-    pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
-        for coefficient in &mut self.coefficients {
-            *coefficient *= scale;
-        }
-        self.coefficients[0] += c;
-        self
+    pub(crate) fn affine(self, scale: f64, c: f64) -> Self {
+        Self(self.0.affine(scale, c))
     }
 }

@@ -10,25 +10,39 @@ use crate::{
 /// [`contains`](Self::contains) tells whether an argument was inside. A NaN argument gives NaN.
 /// Evaluation neither allocates nor panics.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum Curve {
-    /// The same value everywhere, unbounded.
-    Constant(f64),
-    /// Powers of the argument.
+    /// The same value everywhere; its range is unbounded.
+    Constant(
+        #[cfg_attr(
+            feature = "serde",
+            serde(deserialize_with = "crate::serialised::finite")
+        )]
+        f64,
+    ),
+    /// A sum of powers of the argument.
+    #[cfg_attr(feature = "serde", serde(rename = "poly"))]
     Polynomial(Polynomial),
-    /// Chebyshev polynomials.
+    /// A series of Chebyshev polynomials.
     Chebyshev(Chebyshev),
     /// Nodes joined by straight lines or monotone cubics.
     Table(Table),
     /// A spline over a knot vector.
+    #[cfg_attr(feature = "serde", serde(rename = "bspline"))]
     BSpline(BSpline),
-    /// A Fourier series.
+    /// A Fourier series, for rotary axes.
     Fourier(Fourier),
     /// Moving least squares over nodes.
+    #[cfg_attr(feature = "serde", serde(rename = "mls"))]
     MovingLeastSquares(MovingLeastSquares),
 }
 
 impl Curve {
-    /// A checked constant.
+    /// A constant that is checked to be finite.
     ///
     /// # Errors
     /// The value is not finite.
@@ -37,7 +51,7 @@ impl Curve {
         Ok(Self::Constant(value))
     }
 
-    /// The value at `x`.
+    /// The value at `x`, in value units.
     pub fn value(&self, x: f64) -> f64 {
         match self {
             Self::Constant(c) => nan_or(x, *c),

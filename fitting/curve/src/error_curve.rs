@@ -4,6 +4,11 @@ use crate::{Curve, CurveError, Grid, domain};
 
 /// A function of the coordinates of a machine: of the axis the error belongs to, or of two axes.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum Field {
     /// A curve over the axis's own coordinate.
     Curve(Curve),
@@ -21,7 +26,7 @@ impl Field {
         }
     }
 
-    /// The partial derivative by coordinate `with_respect_to`.
+    /// The partial derivative by the coordinate number `with_respect_to`.
     pub fn partial(&self, with_respect_to: usize, own: usize, coordinates: &[f64]) -> f64 {
         match self {
             Self::Curve(curve) if with_respect_to == own => {
@@ -55,6 +60,11 @@ impl From<Grid> for Field {
 
 /// The error of one axis in one direction or about it, with or without reversal.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum ErrorCurve {
     /// The same in both directions of motion.
     Single(Field),
@@ -70,6 +80,10 @@ pub enum ErrorCurve {
         /// The mean of both directions.
         mean: Field,
         /// The reversal value B, in value units.
+        #[cfg_attr(
+            feature = "serde",
+            serde(deserialize_with = "crate::serialised::finite")
+        )]
         reversal: f64,
     },
 }
@@ -84,7 +98,7 @@ impl ErrorCurve {
         Ok(Self::Reversal { mean, reversal })
     }
 
-    /// The value at `coordinates` for the branch.
+    /// The value at `coordinates` for the direction of approach `branch`; without one the mean of both directions.
     pub fn value(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         let value = self.blend(branch, |field| field.value(own, coordinates));
         match (self, branch) {
@@ -94,12 +108,12 @@ impl ErrorCurve {
         }
     }
 
-    /// The derivative by the own coordinate.
+    /// The derivative by the coordinate of the axis that the error belongs to.
     pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         self.partial(own, own, coordinates, branch)
     }
 
-    /// The partial derivative by coordinate `with_respect_to`.
+    /// The partial derivative by the coordinate number `with_respect_to`.
     pub fn partial(
         &self,
         with_respect_to: usize,

@@ -1,10 +1,15 @@
 use alloc::vec::Vec;
 use core::f64::consts::TAU;
 
-use crate::{CurveError, domain};
+use crate::{CurveError, domain, series::affine_series};
 
 /// A Fourier series `a0 + a1 cos θ + b1 sin θ + a2 cos 2θ + b2 sin 2θ + …`, `θ = 2πx / period`.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::Fourier")
+)]
 pub struct Fourier {
     coefficients: Vec<f64>,
     period: f64,
@@ -90,14 +95,12 @@ impl Fourier {
 
     /// Every value times `scale` plus `c`.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
-        for coefficient in &mut self.coefficients {
-            *coefficient *= scale;
-        }
-        self.coefficients[0] += c;
+        affine_series(&mut self.coefficients, scale, c);
         self
     }
 }
 
+/// One harmonic of the series at an argument: its order, its coefficients of cosine and sine, and both functions.
 struct Harmonic {
     order: f64,
     a: f64,

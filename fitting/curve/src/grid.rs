@@ -6,6 +6,11 @@ use crate::{CurveError, domain};
 ///
 /// Outside the grid each coordinate is held at the nearer end.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::Grid")
+)]
 pub struct Grid {
     axes: [usize; 2],
     nodes: [Vec<f64>; 2],

@@ -13,6 +13,9 @@ mod grid;
 mod lag;
 mod mls;
 mod polynomial;
+#[cfg(feature = "serde")]
+mod serialised;
+mod series;
 mod table;
 
 pub use bspline::BSpline;

@@ -1,6 +1,6 @@
 use alloc::vec::Vec;
 
-use crate::{CurveError, domain};
+use crate::{CurveError, domain, series::affine_nodes};
 
 const MAX_ORDER: usize = 8;
 const SIZE: usize = MAX_ORDER + 1;
@@ -15,6 +15,11 @@ const SHAPES: [f64; 2] = [1e-6, 20.0];
 /// Comp. 37, 1981); it does not depend on the polynomial basis, so the best conditioned one, local
 /// to `x`, is used, by orthogonal transformation.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::MovingLeastSquares")
+)]
 pub struct MovingLeastSquares {
     nodes: Vec<[f64; 2]>,
     order: usize,
@@ -221,9 +226,7 @@ impl MovingLeastSquares {
 
     /// Every value times `scale` plus `c`: the fit is linear in its nodes and keeps constants.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
-        for node in &mut self.nodes {
-            node[1] = node[1] * scale + c;
-        }
+        affine_nodes(&mut self.nodes, scale, c);
         self
     }
 }

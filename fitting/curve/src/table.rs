@@ -1,9 +1,14 @@
 use alloc::vec::Vec;
 
-use crate::{CurveError, domain};
+use crate::{CurveError, domain, series::affine_nodes};
 
 /// How a [`Table`] runs between its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum Interpolation {
     /// Straight lines.
     Linear,
@@ -13,6 +18,14 @@ pub enum Interpolation {
 
 /// A curve through nodes `[argument, value]`.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        into = "crate::serialised::Table",
+        try_from = "crate::serialised::Table"
+    )
+)]
 pub struct Table {
     nodes: Vec<[f64; 2]>,
     /// Slopes at the nodes; empty for straight lines.
@@ -104,9 +117,7 @@ impl Table {
 
     /// Every value times `scale` plus `c`.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
-        for node in &mut self.nodes {
-            node[1] = node[1] * scale + c;
-        }
+        affine_nodes(&mut self.nodes, scale, c);
         for slope in &mut self.slopes {
             *slope *= scale;
         }

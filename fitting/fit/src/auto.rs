@@ -1,6 +1,6 @@
 use volcomp_curve::Curve;
 
-use crate::fit::beats;
+use crate::fit::Judged;
 use crate::{Fit, FitError, fit_bspline, fit_mls, fit_mls_auto, fit_polynomial, readings};
 
 const SHAPE: f64 = 3.0;
@@ -71,19 +71,11 @@ impl<'a> Best<'a> {
         let misses = self.targets.iter().map(|t| t[1] - fit.curve.value(t[0]));
         let worst = readings::magnitude(misses);
         fit.meets_required = self.required_residual.map(|required| worst <= required);
-        let meets = |fit: &Fit| fit.meets_required == Some(true);
-        let better = self
-            .fit
-            .as_ref()
-            .is_none_or(|best| match (meets(&fit), meets(best)) {
-                (true, false) => true,
-                (false, true) => false,
-                _ => beats(
-                    fit.leave_one_out_rms,
-                    best.leave_one_out_rms,
-                    self.magnitude,
-                ),
-            });
+        let judged = |fit: &Fit| Judged {
+            meets: fit.meets_required == Some(true),
+            leave_one_out_rms: fit.leave_one_out_rms,
+        };
+        let better = judged(&fit).beats(self.fit.as_ref().map(judged), self.magnitude);
         if better {
             self.fit = Some(fit);
         }

@@ -2,8 +2,9 @@ use volcomp_curve::Curve;
 
 /// A fitted curve and how well it fits.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fit {
-    /// The curve.
+    /// The curve that was fitted.
     pub curve: Curve,
     /// Reading minus curve, in the order of the readings.
     pub residuals: Vec<f64>,
@@ -12,6 +13,7 @@ pub struct Fit {
     /// Moving least squares, splines and tables leave out a target with all its readings; support,
     /// knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets
     /// only. Infinite when a reading cannot be predicted from the others.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub leave_one_out_rms: f64,
     /// Whether the residual asked for is met; none where nothing was asked for.
     pub meets_required: Option<bool>,
@@ -28,12 +30,20 @@ impl Fit {
         }
     }
 
-    /// The smallest residual.
+    /// The fit of a curve whose coefficients were solved for by least squares with these leverages.
+    pub(crate) fn least_squares(curve: Curve, x: &[f64], u: &[f64], leverages: &[f64]) -> Self {
+        let mut fit = Self::new(curve, x, u, 0.0);
+        let errors = fit.residuals.iter().zip(leverages);
+        fit.leave_one_out_rms = rms(errors.map(|(&e, &h)| left_out(e, h)));
+        fit
+    }
+
+    /// The smallest residual, in the unit of the readings.
     pub fn min(&self) -> f64 {
         self.residuals.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// The largest residual.
+    /// The largest residual, in the unit of the readings.
     pub fn max(&self) -> f64 {
         self.residuals
             .iter()
@@ -68,7 +78,22 @@ pub(crate) fn left_out(residual: f64, leverage: f64) -> f64 {
     }
 }
 
-/// Whether a leave-one-out RMS beats the best so far by more than rounding.
-pub(crate) fn beats(rms: f64, best: f64, magnitude: f64) -> bool {
-    rms < best - 1e-9 * magnitude
+/// A candidate of an automatic choice: whether it meets the required residual, and its leave-one-out RMS.
+#[derive(Clone, Copy)]
+pub(crate) struct Judged {
+    pub(crate) meets: bool,
+    pub(crate) leave_one_out_rms: f64,
+}
+
+impl Judged {
+    /// Whether this candidate takes the place of the best so far: who meets the required residual comes first, then the
+    /// leave-one-out RMS decides where it is better by more than rounding of readings of this magnitude.
+    pub(crate) fn beats(self, best: Option<Self>, magnitude: f64) -> bool {
+        let Some(best) = best else { return true };
+        match (self.meets, best.meets) {
+            (true, false) => true,
+            (false, true) => false,
+            _ => self.leave_one_out_rms < best.leave_one_out_rms - 1e-9 * magnitude,
+        }
+    }
 }

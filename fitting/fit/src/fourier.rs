@@ -3,7 +3,6 @@ use std::f64::consts::TAU;
 use nalgebra::DMatrix;
 use volcomp_curve::Fourier;
 
-use crate::fit::{left_out, rms};
 use crate::{Fit, FitError, least_squares, readings};
 
 /// Fits a Fourier series with `order` harmonics of the period by least squares.
@@ -38,8 +37,5 @@ pub fn fit_fourier(
     let solution =
         least_squares::solve(matrix, u).ok_or(FitError::Undetermined { coefficients })?;
     let curve = Fourier::new(solution.coefficients, period, domain)?;
-    let mut fit = Fit::new(curve.into(), x, u, 0.0);
-    let errors = fit.residuals.iter().zip(&solution.leverages);
-    fit.leave_one_out_rms = rms(errors.map(|(&e, &h)| left_out(e, h)));
-    Ok(fit)
+    Ok(Fit::least_squares(curve.into(), x, u, &solution.leverages))
 }

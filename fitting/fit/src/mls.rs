@@ -1,6 +1,6 @@
 use volcomp_curve::MovingLeastSquares;
 
-use crate::fit::{beats, left_out, rms};
+use crate::fit::{Judged, left_out, rms};
 use crate::{Fit, FitError, readings};
 
 const ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
@@ -56,21 +56,14 @@ pub fn fit_mls_auto(
     // The shape is refused here, before it is taken for a lack of candidates.
     MovingLeastSquares::new(targets.clone(), 1, 2.0 * targets.len() as f64, shape)?;
 
-    let meets = |c: &Candidate| required_residual.is_none_or(|r| c.max_residual <= r);
+    let judged = |c: &Candidate| Judged {
+        meets: required_residual.is_none_or(|r| c.max_residual <= r),
+        leave_one_out_rms: c.leave_one_out_rms,
+    };
     let magnitude = readings::magnitude(targets.iter().map(|t| t[1]));
     let mut best: Option<Candidate> = None;
     for candidate in candidates(&targets, shape) {
-        let better = best
-            .as_ref()
-            .is_none_or(|best| match (meets(&candidate), meets(best)) {
-                (true, false) => true,
-                (false, true) => false,
-                _ => beats(
-                    candidate.leave_one_out_rms,
-                    best.leave_one_out_rms,
-                    magnitude,
-                ),
-            });
+        let better = judged(&candidate).beats(best.as_ref().map(judged), magnitude);
         if better {
             best = Some(candidate);
         }
@@ -79,7 +72,7 @@ pub fn fit_mls_auto(
         targets: targets.len(),
         shape,
     })?;
-    let met = required_residual.map(|_| meets(&best));
+    let met = required_residual.map(|_| judged(&best).meets);
     Ok(Fit {
         meets_required: met,
         ..best.fit(x, u)

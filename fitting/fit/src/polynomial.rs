@@ -1,7 +1,6 @@
 use nalgebra::DMatrix;
-use volcomp_curve::{Chebyshev, Curve, Polynomial};
+use volcomp_curve::{Chebyshev, Polynomial};
 
-use crate::fit::{left_out, rms};
 use crate::least_squares::{self, Solution};
 use crate::{Fit, FitError, readings};
 
@@ -17,7 +16,7 @@ pub fn fit_chebyshev(
     domain: [f64; 2],
 ) -> Result<Fit, FitError> {
     let (series, solution) = series(x, u, order, domain)?;
-    Ok(judged(series.into(), x, u, &solution))
+    Ok(Fit::least_squares(series.into(), x, u, &solution.leverages))
 }
 
 /// Fits a polynomial of the order by least squares, as [`fit_chebyshev`] does, and writes it in
@@ -48,7 +47,12 @@ pub fn fit_polynomial(
             error,
         });
     }
-    Ok(judged(polynomial.into(), x, u, &solution))
+    Ok(Fit::least_squares(
+        polynomial.into(),
+        x,
+        u,
+        &solution.leverages,
+    ))
 }
 
 fn series(
@@ -76,13 +80,6 @@ fn series(
         Chebyshev::new(solution.coefficients.clone(), domain)?,
         solution,
     ))
-}
-
-fn judged(curve: Curve, x: &[f64], u: &[f64], solution: &Solution) -> Fit {
-    let mut fit = Fit::new(curve, x, u, 0.0);
-    let errors = fit.residuals.iter().zip(&solution.leverages);
-    fit.leave_one_out_rms = rms(errors.map(|(&e, &h)| left_out(e, h)));
-    fit
 }
 
 fn chebyshev_matrix(x: &[f64], order: usize, [lower, upper]: [f64; 2]) -> DMatrix<f64> {

@@ -2,11 +2,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod absurd;
 mod automatic;
 mod irregular_axis;
 mod leave_one_out;
 mod refusals;
 mod reproduction;
+#[cfg(feature = "serde")]
+mod serialised;
 mod thermal;
 
 /// `count` targets over 0 to 8000 mm.

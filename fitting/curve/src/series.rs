@@ -1,0 +1,53 @@
+//! What series and node lists share: their checks, and values that are scaled and shifted.
+
+use alloc::vec::Vec;
+
+use crate::{CurveError, domain};
+
+/// Coefficients, constant first, on a domain.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::Series")
+)]
+pub(crate) struct Series {
+    pub(crate) coefficients: Vec<f64>,
+    pub(crate) domain: [f64; 2],
+}
+
+impl Series {
+    /// Refuses a series without a coefficient, numbers that are not finite, an empty or reversed domain.
+    pub(crate) fn new(coefficients: Vec<f64>, domain: [f64; 2]) -> Result<Self, CurveError> {
+        domain::at_least("coefficients", coefficients.len(), 1)?;
+        domain::finite("coefficient", &coefficients)?;
+        domain::interval(domain)?;
+        Ok(Self {
+            coefficients,
+            domain,
+        })
+    }
+
+    /// Every value times `scale` plus `c`.
+    pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
+        affine_series(&mut self.coefficients, scale, c);
+        self
+    }
+}
+
+/// Coefficients, constant first, of the series whose every value is multiplied by `scale` and shifted by `c`.
+pub(crate) fn affine_series(coefficients: &mut [f64], scale: f64, c: f64) {
+    for (place, coefficient) in coefficients.iter_mut().enumerate() {
+        *coefficient *= scale;
+        if place == 0 {
+            *coefficient += c;
+        }
+    }
+}
+
+/// Nodes `[argument, value]` whose every value is multiplied by `scale` and shifted by `c`.
+pub(crate) fn affine_nodes(nodes: &mut [[f64; 2]], scale: f64, c: f64) {
+    for [_, value] in nodes {
+        *value = *value * scale + c;
+    }
+}

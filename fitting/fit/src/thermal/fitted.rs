@@ -1,0 +1,114 @@
+//! Thermal terms that were fitted, and what they predict.
+
+use std::ops::Range;
+
+use super::{
+    choice::ThermalChoice,
+    features::{lagged, split},
+    record::ThermalRecord,
+};
+use crate::fit::rms;
+
+/// A drift term: the first-order lag of Σ per_k·(T − start) over the sensors.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalTerm {
+    /// Time constant, s.
+    pub lag_s: f64,
+    /// Displacement by kelvin of each sensor, µm/K or µrad/K; 0 for a sensor that is left out.
+    pub per_k: Vec<f64>,
+}
+
+/// Drift terms that were fitted, and how they were chosen.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalFit {
+    /// The drift terms, one for each time constant that counts.
+    pub terms: Vec<ThermalTerm>,
+    /// Displacement with every sensor at its start, µm or µrad.
+    pub constant: f64,
+    /// The temperatures from which differences count, °C: those of the first row.
+    pub start_degc: Vec<f64>,
+    /// Root mean square over the blocks of the forward validation, µm or µrad, of the best choice.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    pub forward_rms: f64,
+    /// The choices that the terms are the mean of.
+    pub choices: Vec<ThermalChoice>,
+}
+
+/// A stretch of time, and how far off a fit is in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalSegment {
+    /// Time of its first row, s.
+    pub from_s: f64,
+    /// Time of its last row, s.
+    pub to_s: f64,
+    /// Root mean square of record minus prediction, µm or µrad.
+    pub rms: f64,
+}
+
+impl ThermalFit {
+    /// The displacement that the terms predict in every row of a record with the same sensors; lags start at its
+    /// first row.
+    pub fn predict(&self, record: &ThermalRecord) -> Vec<f64> {
+        let mut predicted = vec![self.constant; record.len()];
+        for term in &self.terms {
+            let used = record.degc.iter().zip(&self.start_degc).zip(&term.per_k);
+            for ((degc, start), per_k) in used.filter(|(_, per_k)| **per_k != 0.0) {
+                let difference: Vec<f64> = degc.iter().map(|t| t - start).collect();
+                for (sum, k) in
+                    predicted
+                        .iter_mut()
+                        .zip(lagged(&record.time_s, &difference, term.lag_s))
+                {
+                    *sum += per_k * k;
+                }
+            }
+        }
+        predicted
+    }
+
+    /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of ten equal stretches
+    /// of them. Rows that the record does not have are passed over; over no row it is NaN.
+    pub fn residual(
+        &self,
+        record: &ThermalRecord,
+        rows: Range<usize>,
+    ) -> (f64, Option<ThermalSegment>) {
+        let predicted = self.predict(record);
+        let most = record.len().min(record.displacement.len());
+        let rows = rows.start.min(most)..rows.end.min(most);
+        let error = |row: usize| record.displacement[row] - predicted[row];
+        let segments = split(&rows, 10.min(rows.len())).into_iter();
+        let worst = segments.map(|part| ThermalSegment {
+            from_s: record.time_s[part.start],
+            to_s: record.time_s[part.end - 1],
+            rms: rms(part.map(error)),
+        });
+        let worst = worst.max_by(|a, b| a.rms.total_cmp(&b.rms));
+        (rms(rows.map(error)), worst)
+    }
+
+    /// Places of the sensors that some term uses.
+    pub fn sensors(&self) -> Vec<usize> {
+        let weight = |term: &ThermalTerm, sensor: usize| term.per_k.get(sensor).copied();
+        let counts = |sensor: &usize| {
+            let mut weights = self.terms.iter().filter_map(|term| weight(term, *sensor));
+            weights.any(|per_k| per_k != 0.0)
+        };
+        (0..self.start_degc.len()).filter(counts).collect()
+    }
+
+    /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count.
+    pub fn constant_at(&self, reference_degc: f64) -> f64 {
+        let terms = self
+            .terms
+            .iter()
+            .flat_map(|term| term.per_k.iter().zip(&self.start_degc));
+        self.constant
+            + terms
+                .map(|(per_k, start)| per_k * (reference_degc - start))
+                .sum::<f64>()
+    }
+}

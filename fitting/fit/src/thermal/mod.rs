@@ -1,0 +1,161 @@
+//! From temperatures and a displacement over time to drift terms: ridge regression on first-order lags of
+//! temperature differences, everything chosen by forward validation in time.
+//!
+//! Rows next to one another are nearly equal, so a random split would tell nothing: each block of
+//! time is predicted from what was before it, never from what came after.
+
+use std::ops::Range;
+
+use crate::FitError;
+
+mod choice;
+mod features;
+mod fitted;
+mod options;
+mod record;
+mod ridge;
+
+pub use choice::ThermalChoice;
+pub use fitted::{ThermalFit, ThermalSegment, ThermalTerm};
+pub use options::ThermalOptions;
+pub use record::ThermalRecord;
+
+use choice::{BLOCKS, best_choices};
+use features::Features;
+use ridge::ridge;
+
+/// Fits the rows `train` of a record: lags, penalty and sensors by forward validation among them.
+///
+/// # Errors
+/// Rows of different lengths, numbers that are not finite, time that does not increase, fewer than 20 rows for each
+/// block, no sensor that changes.
+pub fn fit_thermal(
+    record: &ThermalRecord,
+    train: Range<usize>,
+    options: &ThermalOptions,
+) -> Result<ThermalFit, FitError> {
+    check(record, &train, options)?;
+    let features = Features::new(record, &options.lags_s);
+    let choices = best_choices(&features, record, &train, options)?;
+    fit_choices(record, &features, train, options, choices)
+}
+
+/// Fits the rows `train` with choices that were made before, on a part of them.
+///
+/// # Errors
+/// As [`fit_thermal`]; no choice, or one with a lag or sensor that is not there, without any, or with a penalty that is
+/// not positive.
+pub fn refit_thermal(
+    record: &ThermalRecord,
+    train: Range<usize>,
+    options: &ThermalOptions,
+    choices: &[ThermalChoice],
+) -> Result<ThermalFit, FitError> {
+    check(record, &train, options)?;
+    check_choices(record, options, choices)?;
+    let features = Features::new(record, &options.lags_s);
+    fit_choices(record, &features, train, options, choices.to_vec())
+}
+
+fn check(
+    record: &ThermalRecord,
+    train: &Range<usize>,
+    options: &ThermalOptions,
+) -> Result<(), FitError> {
+    record.check()?;
+    options.check()?;
+    if train.end > record.len() || train.len() < 20 * BLOCKS {
+        return Err(FitError::TooFewTargets {
+            purpose: "a thermal fit",
+            found: train.len().min(record.len()),
+            needed: 20 * BLOCKS,
+        });
+    }
+    Ok(())
+}
+
+/// Choices that were made elsewhere name lags and sensors that are there.
+fn check_choices(
+    record: &ThermalRecord,
+    options: &ThermalOptions,
+    choices: &[ThermalChoice],
+) -> Result<(), FitError> {
+    if choices.is_empty() {
+        return Err(FitError::Parameter {
+            what: "number of choices",
+            value: 0.0,
+            expected: "at least one",
+        });
+    }
+    for choice in choices {
+        let lists = [
+            ("lag of a choice", &choice.lags, options.lags_s.len()),
+            ("sensor of a choice", &choice.sensors, record.degc.len()),
+        ];
+        for (what, places, count) in lists {
+            if let Some(&place) = places.iter().find(|&&place| place >= count) {
+                return Err(FitError::Parameter {
+                    what,
+                    value: place as f64,
+                    expected: "the place of one that is there",
+                });
+            }
+            if places.is_empty() {
+                return Err(FitError::Undetermined { coefficients: 0 });
+            }
+        }
+        if !(choice.penalty > 0.0 && choice.penalty.is_finite()) {
+            return Err(FitError::Parameter {
+                what: "penalty",
+                value: choice.penalty,
+                expected: "a positive number",
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The mean of the regressions of some choices, over the rows `train`.
+fn fit_choices(
+    record: &ThermalRecord,
+    features: &Features,
+    train: Range<usize>,
+    options: &ThermalOptions,
+    choices: Vec<ThermalChoice>,
+) -> Result<ThermalFit, FitError> {
+    let moments = features.moments(record, train, 1);
+    let mut per_k = vec![vec![0.0; features.sensors]; features.lags];
+    let mut constant = 0.0;
+    let share = 1.0 / choices.len() as f64;
+    for choice in &choices {
+        let undetermined = FitError::Undetermined {
+            coefficients: choice.lags.len() * choice.sensors.len(),
+        };
+        let found =
+            ridge(&moments, &choice.columns(features), choice.penalty).ok_or(undetermined)?;
+        constant += share * found.constant;
+        let places = choice
+            .lags
+            .iter()
+            .flat_map(|lag| choice.sensors.iter().map(move |sensor| (*lag, *sensor)));
+        for ((lag, sensor), weight) in places.zip(&found.weights) {
+            per_k[lag][sensor] += share * weight;
+        }
+    }
+    let terms = options
+        .lags_s
+        .iter()
+        .zip(per_k)
+        .map(|(&lag_s, per_k)| ThermalTerm { lag_s, per_k });
+    Ok(ThermalFit {
+        terms: terms
+            .filter(|term| term.per_k.iter().any(|k| *k != 0.0))
+            .collect(),
+        constant,
+        start_degc: features.start_degc.clone(),
+        forward_rms: choices
+            .first()
+            .map_or(f64::INFINITY, |choice| choice.forward_rms),
+        choices,
+    })
+}

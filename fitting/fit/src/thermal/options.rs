@@ -1,0 +1,73 @@
+//! What the fit of thermal terms may choose from.
+
+use crate::FitError;
+
+/// What the fit of thermal terms may choose from.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalOptions {
+    /// Time constants, s; 0 is no lag. Each one alone and each pair of them is tried.
+    pub lags_s: Vec<f64>,
+    /// Penalties of the ridge regression, as shares of the variance of a feature.
+    pub penalties: Vec<f64>,
+    /// Whether sensors are left out one by one as long as the forward validation does not get worse.
+    pub select_sensors: bool,
+    /// The number of the best choices whose mean is taken: which of them is the very best is partly luck. 0 counts
+    /// as 1.
+    pub mean_of: usize,
+}
+
+impl Default for ThermalOptions {
+    fn default() -> Self {
+        Self {
+            lags_s: vec![
+                0.0, 120.0, 300.0, 600.0, 900.0, 1200.0, 1800.0, 2700.0, 3600.0, 5400.0,
+            ],
+            penalties: vec![1e-5, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1],
+            select_sensors: false,
+            mean_of: 20,
+        }
+    }
+}
+
+impl ThermalOptions {
+    /// Plain ridge regression on temperature differences without a lag, its penalty chosen in the same way: the
+    /// reference that a fit with lags has to beat.
+    pub fn plain() -> Self {
+        Self {
+            lags_s: vec![0.0],
+            mean_of: 1,
+            ..Self::default()
+        }
+    }
+}
+
+impl ThermalOptions {
+    pub(super) fn check(&self) -> Result<(), FitError> {
+        let wrong = |what, value, expected| {
+            Err(FitError::Parameter {
+                what,
+                value,
+                expected,
+            })
+        };
+        if self.lags_s.is_empty() || self.penalties.is_empty() {
+            return wrong("number of lags or penalties", 0.0, "at least one of each");
+        }
+        if let Some(&lag) = self
+            .lags_s
+            .iter()
+            .find(|lag| !(**lag >= 0.0 && lag.is_finite()))
+        {
+            return wrong("lag, s", lag, "0 or more");
+        }
+        match self
+            .penalties
+            .iter()
+            .find(|p| !(**p > 0.0 && p.is_finite()))
+        {
+            Some(&penalty) => wrong("penalty", penalty, "a positive number"),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Whatever readings are given: a fit or an error, never a panic.
+
+use proptest::{collection::vec, prelude::*};
+use volcomp_fit::{
+    Fit, FitError, ThermalChoice, ThermalFit, ThermalOptions, ThermalRecord, ThermalTerm, fit_auto,
+    fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier, fit_linear_table, fit_mls,
+    fit_mls_auto, fit_polynomial, fit_thermal, refit_thermal,
+};
+
+/// Any number, the absurd ones often.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => (0..9_u8).prop_map(f64::from),
+        2 => -1e3..1e3_f64,
+        1 => any::<f64>(),
+        1 => prop::sample::select(&[f64::NAN, f64::INFINITY, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 1e200][..]),
+    ]
+}
+
+/// A number that passes as a reading, the largest and smallest too.
+fn reading() -> impl Strategy<Value = f64> {
+    number().prop_filter("finite", |x| x.is_finite())
+}
+
+fn count() -> impl Strategy<Value = usize> {
+    prop_oneof![4 => 0..9_usize, 1 => any::<usize>()]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn any_readings_are_fitted_or_refused(
+        pairs in prop_oneof![
+            vec((reading(), reading()), 0..14),
+            vec((number(), number()), 0..6),
+        ],
+        missing in prop::bool::weighted(0.1),
+        order in count(), domain in [number(), number()], period in number(), support in number(),
+        shape in number(), required in prop::option::of(number()),
+    ) {
+        let (x, mut u): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
+        if missing {
+            u.pop();
+        }
+        let finite = |a: f64, x: &f64| a.min(*x);
+        let wide = [x.iter().fold(0.0, finite), x.iter().fold(9.0, |a: f64, x| a.max(*x))];
+        let fits: [Result<Fit, FitError>; 10] = [
+            fit_auto(&x, &u, required),
+            fit_bspline(&x, &u),
+            fit_chebyshev(&x, &u, order, domain),
+            fit_chebyshev(&x, &u, order, wide),
+            fit_polynomial(&x, &u, order, wide),
+            fit_cubic_table(&x, &u),
+            fit_linear_table(&x, &u),
+            fit_fourier(&x, &u, order, period, wide),
+            fit_mls(&x, &u, order, support, shape),
+            fit_mls_auto(&x, &u, shape, required),
+        ];
+        for fit in fits.into_iter().flatten() {
+            prop_assert_eq!(fit.residuals.len(), x.len());
+            let _ = (fit.min(), fit.max(), fit.max_abs(), fit.rms());
+            let _ = fit.curve.value(shape);
+        }
+    }
+
+    #[test]
+    fn any_thermal_record_is_fitted_or_refused(
+        sensors in 0..3_usize, rows in prop_oneof![0..3_usize, 200..230_usize], extra in 0..3_usize,
+        step in number(), values in vec(reading(), 1..9), mean_of in count(),
+        select_sensors in any::<bool>(), start in count(), end in prop_oneof![count(), Just(200)],
+        lags_s in vec(prop_oneof![4 => Just(60.0), 1 => number()], 0..3),
+        penalties in vec(prop_oneof![4 => Just(0.01), 1 => number()], 0..2),
+        lags in vec(count(), 0..3), used in vec(count(), 0..3), penalty in number(),
+    ) {
+        let value = |place: usize| values[place % values.len()];
+        let record = ThermalRecord {
+            time_s: (0..rows).map(|row| step * row as f64).collect(),
+            degc: (0..sensors)
+                .map(|sensor| (0..rows + extra / 2).map(|row| value(3 * row + sensor)).collect())
+                .collect(),
+            displacement: (0..rows + extra % 2).map(value).collect(),
+        };
+        let options = ThermalOptions { lags_s, penalties, select_sensors, mean_of };
+        let choice = ThermalChoice { lags, sensors: used, penalty, forward_rms: 0.0 };
+        let mut fits = vec![
+            fit_thermal(&record, start..end, &options),
+            fit_thermal(&record, 0..end, &ThermalOptions::plain()),
+            refit_thermal(&record, 0..end, &options, &[choice]),
+            refit_thermal(&record, 0..end, &options, &[]),
+        ];
+        // Terms that somebody wrote, for other sensors than the record has.
+        let term = ThermalTerm { lag_s: penalty, per_k: values.clone() };
+        fits.push(Ok(ThermalFit {
+            terms: vec![term],
+            constant: step,
+            start_degc: values.clone(),
+            forward_rms: 0.0,
+            choices: Vec::new(),
+        }));
+        for fit in fits.into_iter().flatten() {
+            prop_assert_eq!(fit.predict(&record).len(), record.len());
+            let _ = (fit.residual(&record, start..end), fit.sensors(), fit.constant_at(step));
+        }
+    }
+}
+
+/// Choices that name what is not there are refused before they are used.
+#[test]
+fn choices_of_another_record_are_refused() {
+    let record = ThermalRecord {
+        time_s: (0..300).map(f64::from).collect(),
+        degc: vec![(0..300).map(|row| f64::from(row % 17)).collect()],
+        displacement: (0..300).map(|row| f64::from(row % 17)).collect(),
+    };
+    let options = ThermalOptions::plain();
+    let choice = |lags: &[usize], sensors: &[usize], penalty: f64| ThermalChoice {
+        lags: lags.to_vec(),
+        sensors: sensors.to_vec(),
+        penalty,
+        forward_rms: 0.0,
+    };
+    let refit = |choices: &[ThermalChoice]| refit_thermal(&record, 0..300, &options, choices);
+    assert!(refit(&[choice(&[0], &[0], 0.01)]).is_ok());
+    for wrong in [
+        choice(&[1], &[0], 0.01),
+        choice(&[0], &[1], 0.01),
+        choice(&[0], &[0], f64::NAN),
+    ] {
+        assert!(matches!(refit(&[wrong]), Err(FitError::Parameter { .. })));
+    }
+    assert!(matches!(
+        refit(&[choice(&[], &[0], 0.01)]),
+        Err(FitError::Undetermined { .. })
+    ));
+    assert!(matches!(refit(&[]), Err(FitError::Parameter { .. })));
+}
