@@ -123,18 +123,23 @@ fn included(line: &str, page: &Path, place: &str) -> String {
 
 /// The keys in the first column of every table of the page that is headed `key`.
 pub(crate) fn documented_keys(page: &Path) -> BTreeSet<String> {
+    first_column(page, "key")
+}
+
+/// What stands between back quotes in the first column of every table of the page with this head.
+pub(crate) fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
     let text = fs::read_to_string(page).expect("a page");
     let mut keys = BTreeSet::new();
-    let mut of_keys = false;
+    let mut is_meant = false;
     for line in text.lines() {
         let Some(row) = line.trim().strip_prefix('|') else {
-            of_keys = false;
+            is_meant = false;
             continue;
         };
         let cell = row.split('|').next().unwrap_or("").trim();
-        if cell == "key" {
-            of_keys = true;
-        } else if of_keys {
+        if cell == head {
+            is_meant = true;
+        } else if is_meant {
             // Every second piece stands between back quotes.
             keys.extend(cell.split('`').skip(1).step_by(2).map(str::to_owned));
         }

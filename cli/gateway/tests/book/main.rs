@@ -6,7 +6,14 @@ mod options;
 #[path = "../../../../docs/reader.rs"]
 mod reader;
 
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::BTreeSet,
+    fs,
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
+    path::Path,
+    process::{Child, Command, Stdio},
+};
 
 use reader::{Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, used_keys};
 use volcomp_gateway::config::Config;
@@ -73,4 +80,78 @@ fn every_console_block_prints_what_it_says() {
 #[test]
 fn every_option_is_in_the_chapter_on_commands() {
     options::compare_options("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"));
+}
+
+/// A gateway that simulates, ended with the test.
+struct Running {
+    child: Child,
+    address: String,
+}
+
+impl Running {
+    fn start(audit_dir: &Path) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(["--listen", "127.0.0.1:0", "--audit-dir"])
+            .arg(audit_dir)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program was built for this test");
+        let mut line = String::new();
+        let stdout = child.stdout.take().expect("piped");
+        BufReader::new(stdout).read_line(&mut line).expect("a line");
+        let address = line.trim().rsplit('/').next().unwrap_or("").to_owned();
+        Self { child, address }
+    }
+
+    fn get(&self, path: &str) -> String {
+        let mut stream = TcpStream::connect(&self.address).expect("it listens");
+        let address = &self.address;
+        write!(
+            stream,
+            "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
+        )
+        .expect("a request");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("an answer");
+        let (_, body) = answer.split_once("\r\n\r\n").expect("a body");
+        body.to_owned()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let gateway = Running::start(folder.path());
+    let page = chapter("gateway.md");
+
+    let metrics = gateway.get("/metrics");
+    let types = metrics.lines().filter_map(|l| l.strip_prefix("# TYPE "));
+    let told: BTreeSet<String> = types
+        .filter_map(|line| line.split(' ').next())
+        .map(str::to_owned)
+        .collect();
+    let documented: BTreeSet<String> = reader::first_column(&page, "metric")
+        .iter()
+        .filter_map(|name| name.split('{').next())
+        .map(str::to_owned)
+        .collect();
+    assert_eq!(documented, told, "documented (left) and told (right)");
+
+    let state: serde_json::Value = serde_json::from_str(&gateway.get("/api/state")).expect("JSON");
+    let documented = reader::first_column(&page, "name");
+    let state = state.as_object().expect("an object");
+    let missing: Vec<_> = state
+        .keys()
+        .filter(|key| !documented.contains(*key))
+        .collect();
+    assert!(missing.is_empty(), "gateway.md does not say {missing:?}");
+    assert!(fs::read_dir(folder.path()).expect("the folder").count() > 0);
 }
