@@ -2,6 +2,7 @@
 
 /// Where the measured point stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Rides {
     /// It rides with the carriage that the error belongs to: the tool-side component of an axis right of `b`, the
     /// workpiece-side component left of it.
@@ -13,6 +14,7 @@ pub enum Rides {
 
 /// Which side of the machine an axis carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CarriedSide {
     /// The tool: the axis stands right of `b` in the structure.
     Tool,
@@ -32,12 +34,13 @@ impl CarriedSide {
 
 /// The measured axis at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Travel {
     /// Which side the axis carries.
     pub side: CarriedSide,
     /// Unit direction u of the axis, MCS.
     pub direction_mcs: [f64; 3],
-    /// Coordinate q, mm.
+    /// Coordinate q of the axis, mm.
     pub position_mm: f64,
 }
 

@@ -3,19 +3,22 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
 
+use volcomp_document::{Column, CsvRow, CsvTable};
+
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals, quoted};
 use crate::{Direction, Measurement, MetrologyError, Reading};
 
-const FULL: [&str; 4] = ["target", "run", "direction", "deviation"];
-const SHORT: [&str; 2] = ["target", "deviation"];
+const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
 
 /// Reads a table of readings from CSV text.
 ///
-/// The header is `target,run,direction,deviation` (direction `+` or `-`) or `target,deviation`, which is one
-/// unidirectional run. Targets are mm or deg, deviations µm or µrad; the file does not say which, so
-/// [`Measurement::unit`] is `None`. `name` is used in messages.
+/// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`);
+/// without these two, the rows are one unidirectional run. Columns may stand in any order; others are not read, and
+/// named in a note. Cells are separated by `,`, `;` or tabs; where not by commas, numbers may have a decimal comma.
+/// Targets are mm or deg, deviations µm or µrad; the file does not say which, so [`Measurement::unit`] is `None`.
+/// `name` is used in messages.
 ///
 /// The format has no end mark. A last line without a line break is refused when its number has fewer decimals
 /// than every other one (a number cut in two) and noted otherwise; a run that lacks a target, or a direction with
@@ -28,43 +31,26 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED_HEADER)?;
     refuse_renishaw(&text, name)?;
-    let mut rows = ::csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .trim(::csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let mut table = Table::default();
-    let mut full = None;
-    let mut lines = LineCounter {
-        text: text.as_bytes(),
-        counted: 0,
-        line: 1,
-    };
-    for record in rows.records() {
-        let record = record.map_err(|e| unreadable_record(name, &e))?;
-        if record.len() == 1 && record[0].is_empty() {
-            continue;
-        }
-        let line = lines.line_of(&record);
-        let place = Place { file: name, line };
-        match full {
-            None => full = Some(header_is_full(place, &record)?),
-            Some(full) => table.add(place, &record, full)?,
-        }
+    let table = CsvTable::parse(name, &text)?;
+    let columns = Columns::of(&table)?;
+    let mut read = Rows::default();
+    for row in table.rows() {
+        read.add(name, row, &columns)?;
     }
-    if table.readings.is_empty() {
+    if read.readings.is_empty() {
         return Err(MetrologyError::Empty {
             file: name.into(),
             expected: "at least one reading under the header".into(),
         });
     }
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
-    notes.extend(table.end_of_file(&text, name)?);
-    notes.extend(incomplete_runs(&table.readings));
-    notes.extend(zero_direction(&table.readings));
+    notes.extend(columns_not_read(&table));
+    notes.extend(read.end_of_file(&text, name)?);
+    notes.extend(incomplete_runs(&read.readings));
+    notes.extend(zero_direction(&read.readings));
     Ok(Measurement {
         name: name.into(),
-        readings: table.readings,
+        readings: read.readings,
         notes,
         ..Measurement::default()
     })
@@ -73,7 +59,7 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
 /// Writes the readings as `target,run,direction,deviation`, in their order, with as many digits as it takes to
 /// read the very same numbers again. Unit, metadata, environment and notes have no place in the format.
 pub fn write_csv(measurement: &Measurement) -> String {
-    let mut text = FULL.join(",") + "\n";
+    let mut text = NAMES.join(",") + "\n";
     for Reading {
         target,
         run,
@@ -87,72 +73,70 @@ pub fn write_csv(measurement: &Measurement) -> String {
     text
 }
 
-/// Line numbers of records; the position of a record may stand before the blank lines above it.
-struct LineCounter<'t> {
-    text: &'t [u8],
-    counted: usize,
-    line: usize,
+/// Where the quantities of a reading stand.
+struct Columns {
+    target: Column,
+    deviation: Column,
+    run_and_direction: Option<(Column, Column)>,
 }
 
-impl LineCounter<'_> {
-    fn line_of(&mut self, record: &::csv::StringRecord) -> usize {
-        let start = record
-            .position()
-            .and_then(|p| usize::try_from(p.byte()).ok())
-            .unwrap_or(0);
-        let rest = self.text.get(start..).unwrap_or_default();
-        let record_start = start + rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
-        let passed = self
-            .text
-            .get(self.counted..record_start)
-            .unwrap_or_default();
-        self.line += passed.split(|b| *b == b'\n').count() - 1;
-        self.counted = record_start;
-        self.line
+impl Columns {
+    fn of(table: &CsvTable) -> Result<Self, MetrologyError> {
+        let wrong = |found: String, expected: &str| {
+            table.header_error(format!("found {found}, expected {expected}"))
+        };
+        let names = || {
+            let names: Vec<&str> = table.names().map(|(_, name)| name).collect();
+            quoted(&names.join(&table.separator().to_string()))
+        };
+        let column = |name: &str| table.column(name);
+        let (Some(target), Some(deviation)) = (column("target")?, column("deviation")?) else {
+            return Err(wrong(names(), EXPECTED_HEADER).into());
+        };
+        let run_and_direction = match (column("run")?, column("direction")?) {
+            (Some(run), Some(direction)) => Some((run, direction)),
+            (None, None) => None,
+            _ => {
+                let expected = "both of the columns `run` and `direction`, or none of them";
+                return Err(wrong(names(), expected).into());
+            }
+        };
+        Ok(Self {
+            target,
+            deviation,
+            run_and_direction,
+        })
     }
 }
 
+/// The readings of the rows so far.
 #[derive(Default)]
-struct Table {
+struct Rows {
     readings: Vec<Reading>,
     deviation_texts: Vec<String>,
     lines: HashMap<(u32, Direction, u64), usize>,
 }
 
-impl Table {
+impl Rows {
     fn add(
         &mut self,
-        place: Place<'_>,
-        record: &::csv::StringRecord,
-        full: bool,
+        file: &str,
+        row: CsvRow<'_>,
+        columns: &Columns,
     ) -> Result<(), MetrologyError> {
-        let columns = if full { FULL.len() } else { SHORT.len() };
-        if record.len() != columns {
-            let found = format!(
-                "{} in {}",
-                counted(record.len(), "column"),
-                quoted(&joined(record))
-            );
-            return Err(MetrologyError::Structure(place.finding(
-                "row",
-                found,
-                counted(columns, "column"),
-            )));
-        }
-        let target = place.number("target", &record[0])?;
-        let deviation = place.number("deviation", &record[columns - 1])?;
-        let (run, direction) = if full {
-            (
-                place.count("run", &record[1])?,
-                direction_of(place, &record[2])?,
-            )
-        } else {
-            (1, Direction::Positive)
+        let line = row.line();
+        let place = Place { file, line };
+        let target = place.number("target", &row.cell(columns.target).decimal_text()?)?;
+        let deviation_text = row.cell(columns.deviation).decimal_text()?;
+        let deviation = place.number("deviation", &deviation_text)?;
+        let (run, direction) = match columns.run_and_direction {
+            Some((run, direction)) => (
+                place.count("run", row.cell(run).text())?,
+                direction_of(place, row.cell(direction).text())?,
+            ),
+            None => (1, Direction::Positive),
         };
-        if let Some(first) = self
-            .lines
-            .insert((run, direction, target.to_bits()), place.line)
-        {
+        if let Some(first) = self.lines.insert((run, direction, target.to_bits()), line) {
             let found =
                 format!("target {target} in run {run} {direction} again (first in line {first})");
             return Err(MetrologyError::Repeated(place.finding(
@@ -167,7 +151,7 @@ impl Table {
             direction,
             deviation,
         });
-        self.deviation_texts.push(record[columns - 1].to_owned());
+        self.deviation_texts.push(deviation_text);
         Ok(())
     }
 
@@ -208,36 +192,9 @@ fn refuse_renishaw(text: &str, name: &str) -> Result<(), MetrologyError> {
     }
 }
 
-fn unreadable_record(name: &str, error: &::csv::Error) -> MetrologyError {
-    let line = error
-        .position()
-        .map_or(1, |p| usize::try_from(p.line()).unwrap_or(usize::MAX));
-    MetrologyError::Structure(Place { file: name, line }.finding(
-        "row",
-        error.to_string(),
-        "comma-separated values",
-    ))
-}
-
-fn header_is_full(place: Place<'_>, record: &::csv::StringRecord) -> Result<bool, MetrologyError> {
-    let is = |names: &[&str]| {
-        record.len() == names.len()
-            && record
-                .iter()
-                .zip(names)
-                .all(|(found, name)| found.eq_ignore_ascii_case(name))
-    };
-    if is(&FULL) {
-        Ok(true)
-    } else if is(&SHORT) {
-        Ok(false)
-    } else {
-        Err(MetrologyError::Structure(place.finding(
-            "header",
-            quoted(&joined(record)),
-            EXPECTED_HEADER,
-        )))
-    }
+fn columns_not_read(table: &CsvTable) -> Option<String> {
+    let names = table.names_besides(&NAMES);
+    (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }
 
 fn direction_of(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> {
@@ -250,10 +207,6 @@ fn direction_of(place: Place<'_>, text: &str) -> Result<Direction, MetrologyErro
             "`+` or `-`",
         ))),
     }
-}
-
-fn joined(record: &::csv::StringRecord) -> String {
-    record.iter().collect::<Vec<_>>().join(",")
 }
 
 fn counted(n: usize, noun: &str) -> String {

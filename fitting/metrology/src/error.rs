@@ -1,7 +1,12 @@
+//! What can be wrong with a measurement file, and with what is asked of one.
+
+use volcomp_document::InputError;
+
 use crate::Direction;
 
 /// Where in a file something is wrong, what stands there and what should.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Finding {
     /// The file as it was named by the caller.
     pub file: String,
@@ -63,27 +68,30 @@ pub enum MetrologyError {
         /// The extension found, or that there is none.
         found: String,
     },
-    /// Larger than any measurement file.
+    /// The file is larger than any measurement file.
     #[error(
         "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
     )]
     TooLarge {
         /// The file as it was named by the caller.
         file: String,
-        /// The limit.
+        /// The largest size that is read, MiB.
         limit_mib: u64,
     },
-    /// No data at all.
+    /// The file holds no data.
     #[error("{file}: found nothing in the file, expected {expected}")]
     Empty {
         /// The file as it was named by the caller.
         file: String,
-        /// What should be there.
+        /// What the file should hold.
         expected: String,
     },
     /// The bytes are not a text file of a known encoding.
     #[error("{0}")]
     Encoding(Finding),
+    /// A table has no header as expected, or a row with more or fewer cells, or points among decimal commas.
+    #[error(transparent)]
+    Table(#[from] InputError),
     /// The content is of another kind than the extension or the caller says.
     #[error("{0}")]
     Kind(Finding),
@@ -110,7 +118,7 @@ pub enum MetrologyError {
         "{name}: target {target}: found no reading in direction {direction}, expected every target in each direction that was run"
     )]
     TargetLacking {
-        /// The measurement's name.
+        /// The name of the measurement, as it was read.
         name: String,
         /// The target, mm or deg.
         target: f64,
@@ -122,11 +130,11 @@ pub enum MetrologyError {
     Readings {
         /// The measurement's or argument's name.
         name: String,
-        /// The item concerned.
+        /// The quantity or argument that is wrong.
         what: String,
-        /// What is there.
+        /// What stands there.
         found: String,
-        /// What should be.
+        /// What should stand there.
         expected: String,
     },
     /// The targets are not one bridge length apart.
@@ -138,7 +146,7 @@ pub enum MetrologyError {
         from: f64,
         /// Second target of the pair, mm.
         to: f64,
-        /// Their distance, mm.
+        /// The distance between them, mm.
         found: f64,
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
@@ -148,7 +156,7 @@ pub enum MetrologyError {
     ErrorName {
         /// What the name was meant for.
         what: String,
-        /// The name found.
+        /// The name that was found.
         found: String,
         /// The names that fit.
         expected: String,

@@ -8,6 +8,7 @@ use crate::{
 
 /// What ISO 230-2 says about one direction of approach at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Approach {
     /// Number of readings n.
     pub n: usize,
@@ -26,6 +27,7 @@ impl Approach {
 
 /// One line of the per-target table; values in the measurement's unit, `None` where they cannot be evaluated.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TargetRow {
     /// Target position, mm or deg.
     pub target: f64,
@@ -46,6 +48,7 @@ pub struct TargetRow {
 /// With one run a direction (n = 1) all R and A are `None`; with one direction only, the bidirectional values and the
 /// other direction's.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Iso230Part2 {
     /// Unit of all values; `None` when the file did not say.
     pub unit: Option<DeviationUnit>,

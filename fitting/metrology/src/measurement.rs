@@ -1,12 +1,27 @@
+//! Readings of one measurement as plain data: units, metadata, environment, and means over targets.
+
 use volcomp_vocabulary::Direction;
 
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DeviationUnit {
-    /// Micrometre.
+    /// Micrometres: a linear error.
+    #[cfg_attr(feature = "serde", serde(rename = "um"))]
     Um,
-    /// Microradian.
+    /// Microradians: an angular error.
+    #[cfg_attr(feature = "serde", serde(rename = "urad"))]
     Urad,
+}
+
+impl DeviationUnit {
+    /// The unit in keys of files and answers: `um` or `urad`.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Um => "um",
+            Self::Urad => "urad",
+        }
+    }
 }
 
 impl std::fmt::Display for DeviationUnit {
@@ -20,12 +35,13 @@ impl std::fmt::Display for DeviationUnit {
 
 /// One reading: the deviation at one target in one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Reading {
     /// Target position, mm or deg.
     pub target: f64,
     /// Number of the run among the runs of its direction, from 1.
     pub run: u32,
-    /// Direction of approach.
+    /// The direction in which the target was approached.
     pub direction: Direction,
     /// Measured minus target, µm or µrad ([`Measurement::unit`]).
     pub deviation: f64,
@@ -33,6 +49,7 @@ pub struct Reading {
 
 /// What a file says about itself and its machine; free text, `None` where absent or blank.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Metadata {
     /// File type of the header (`rtl`, `rta`).
     pub format: Option<String>,
@@ -40,24 +57,25 @@ pub struct Metadata {
     pub owner: Option<String>,
     /// Version number of that program or format.
     pub version: Option<String>,
-    /// Machine.
+    /// The machine that was measured.
     pub machine: Option<String>,
-    /// Serial number of the machine.
+    /// The serial number of the machine.
     pub serial: Option<String>,
-    /// Date, as written.
+    /// The date of the test, as written.
     pub date: Option<String>,
-    /// Who measured.
+    /// The person who measured.
     pub by: Option<String>,
-    /// Axis.
+    /// The axis that was measured.
     pub axis: Option<String>,
-    /// Location.
+    /// Where the machine stands.
     pub location: Option<String>,
-    /// Title.
+    /// The title of the test.
     pub title: Option<String>,
 }
 
 /// A quantity at the start and at the end of the test.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StartEnd {
     /// Value at the start.
     pub start: f64,
@@ -69,12 +87,13 @@ pub struct StartEnd {
 
 /// The surroundings during the test, in the file's units (°C, kPa, %, µm/(m·K) in the files known).
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Environment {
-    /// Air temperature.
+    /// Temperature of the air.
     pub air_temperature: Option<StartEnd>,
-    /// Air pressure.
+    /// Pressure of the air.
     pub air_pressure: Option<StartEnd>,
-    /// Relative air humidity.
+    /// Relative humidity of the air.
     pub air_humidity: Option<StartEnd>,
     /// Material temperatures 1 to 3; `None` where no sensor was connected (the file says −10.000000).
     pub material_temperature: [Option<StartEnd>; 3],
@@ -88,6 +107,7 @@ pub struct Environment {
 
 /// One measurement of one error of one axis: all readings of all runs.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Measurement {
     /// The file it came from, for messages.
     pub name: String,

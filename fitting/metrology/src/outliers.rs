@@ -6,6 +6,7 @@ use crate::{Direction, Measurement};
 
 /// A run or a reading that a person should look at.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OutlierHint {
     /// Number of the run among those of its direction.
     pub run: u32,

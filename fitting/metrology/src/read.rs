@@ -1,3 +1,5 @@
+//! A measurement file of any kind, by its extension.
+
 use std::io::Read;
 use std::path::Path;
 

@@ -14,6 +14,7 @@ use crate::DeviationUnit;
 
 /// Which of the Renishaw formats a file is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum RenishawKind {
     /// `.rtl`: linear, deviations in µm.
     Linear,

@@ -39,6 +39,31 @@ fn two_columns_are_one_forward_run() {
     );
 }
 
+/// As spreadsheets and other programs write them: semicolons or tabs, decimal commas, columns in another order.
+#[test]
+fn tables_of_spreadsheets_are_read_as_the_plain_one() {
+    let expected = csv(BIDIRECTIONAL).unwrap();
+    let semicolons = BIDIRECTIONAL.replace(',', ";").replace('.', ",");
+    let tabs = BIDIRECTIONAL.replace(',', "\t");
+    let marked = format!("sep=;\r\n{}", semicolons.replace('\n', "\r\n"));
+    for text in [&semicolons, &tabs, &marked] {
+        let m = csv(text).unwrap();
+        assert_eq!((m.readings, m.notes), (expected.readings.clone(), vec![]));
+    }
+    let other_order = "Deviation;Target;degC\n1,25;-10,5;20,1\n2,5;0;20,2\n";
+    let m = csv(other_order).unwrap();
+    assert_eq!(m.mean_curve(), [(-10.5, 1.25), (0.0, 2.5)]);
+    assert_eq!(m.notes, ["columns that are not read: degC"]);
+}
+
+/// 1.234 beside decimal commas is one thousand two hundred and thirty-four: it is not taken for 1.234.
+#[test]
+fn a_point_among_decimal_commas_is_refused() {
+    let error = csv("target;deviation\n0;1,5\n1.234;2,5\n").unwrap_err();
+    insta::assert_snapshot!(error, @"x.csv:3: target: found `1.234`, expected a number with a decimal comma as in line 2");
+    assert!(matches!(error, MetrologyError::Table(_)));
+}
+
 #[test]
 fn written_tables_read_back_exactly() {
     let text = "target,run,direction,deviation\n0.1,1,+,0.30000000000000004\n-7.25,3,-,-123456.789012345\n";

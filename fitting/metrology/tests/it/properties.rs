@@ -2,10 +2,11 @@
 
 use proptest::prelude::*;
 use volcomp_metrology::{
-    DeviationUnit, Environment, Measurement, Metadata, Reading, RenishawKind, StartEnd, evaluate,
-    parse_csv, parse_renishaw, write_csv, write_renishaw,
+    DeviationUnit, Environment, Measurement, Metadata, MotionKind, Reading, ReferenceLine,
+    RenishawKind, StartEnd, TiltReading, angular_method_um, evaluate, outlier_hints, parse_csv,
+    parse_renishaw, squareness, write_csv, write_renishaw,
 };
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{AxisName, Component, Direction, ErrorName, Urad};
 
 use crate::samples::BIDIRECTIONAL_RTL;
 
@@ -194,7 +195,41 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
         )
 }
 
+/// Readings as no instrument gives them: any number, any run, few different targets.
+fn odd_readings() -> impl Strategy<Value = Vec<Reading>> {
+    let target = prop_oneof![any::<f64>(), (0..4).prop_map(f64::from), Just(f64::NAN)];
+    let direction = prop::sample::select(Direction::BOTH.to_vec());
+    let reading = (target, any::<u32>(), direction, any::<f64>());
+    let reading = reading.prop_map(|(target, run, direction, deviation)| Reading {
+        target,
+        run: run % 5,
+        direction,
+        deviation,
+    });
+    prop::collection::vec(reading, 0..30)
+}
+
 proptest! {
+    /// Public functions answer or refuse, whatever a measurement built in code holds.
+    #[test]
+    fn odd_measurements_built_in_code_do_not_panic(readings in odd_readings(), at in any::<f64>()) {
+        let m = Measurement { readings, ..Measurement::default() };
+        let _ = (evaluate(&m), outlier_hints(&m), write_csv(&m), write_renishaw(&m));
+        let _ = (m.targets(), m.mean_curve(), m.mean_of_directions_at(at));
+        let points = m.mean_curve_in(Direction::Positive);
+        let line = ReferenceLine::least_squares(&points).or_else(|_| ReferenceLine::end_points(&points));
+        let _ = line.map(|line| line.removed_from(&points));
+        for component in Component::ALL {
+            for axis in AxisName::ALL {
+                let error = ErrorName::motion(component, axis);
+                let _ = angular_method_um(error, TiltReading::RightHand, &points, at);
+                let square = ErrorName::location(component, axis);
+                let _ = squareness(square, Urad(at), [(error, Urad(at)); 2]);
+                let _ = MotionKind::of(error);
+            }
+        }
+    }
+
     #[test]
     fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         exercise(&bytes);
