@@ -39,11 +39,11 @@ impl Branches {
     /// An instrument is set to zero anew for every line, and a straightness reference is aligned
     /// anew: constants (of straightness also slopes) between lines carry nothing, so lines are moved
     /// onto the first one by what they differ from the common curve in the mean.
-    pub(crate) fn fit<'a>(
+    pub(crate) fn fit(
         error: ErrorName,
         choice: CurveChoice,
-        mut profiles: Vec<Profile<'a>>,
-    ) -> Result<(Self, Vec<Profile<'a>>), CalibrateError> {
+        mut profiles: Vec<Profile<'_>>,
+    ) -> Result<(Self, Vec<Profile<'_>>), CalibrateError> {
         let mut branches = Self::fit_once(error, choice, &profiles)?;
         for _ in 1..ROUNDS {
             let Some((first, others)) = profiles.split_first() else {

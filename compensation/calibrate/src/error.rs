@@ -32,7 +32,7 @@ pub enum CalibrateError {
         /// The measurement file.
         file: PathBuf,
         /// What is wrong with its readings.
-        source: MetrologyError,
+        source: Box<MetrologyError>,
     },
     /// No line of an error has a reading.
     #[error("{error} from {}: found no readings, expected at least one", named(.files))]

@@ -113,7 +113,7 @@ fn wrong(line: &Line, source: MetrologyError) -> CalibrateError {
     CalibrateError::Profile {
         error: line.setup.error,
         file: line.file.clone(),
-        source,
+        source: Box::new(source),
     }
 }
 

@@ -178,6 +178,14 @@ impl Instrument {
     }
 }
 
+/// The targets of a bridge over a travel: one foot spacing apart from its lower end on, as many as the travel holds.
+pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> {
+    (0..=MAX_TARGETS)
+        .map(|step| low + bridge_mm * step as f64)
+        .take_while(|target| *target <= high + 1e-9)
+        .collect()
+}
+
 /// The same imperfections as numbers in the unit of the readings.
 fn plain<U: Copy>(of: &Imperfections<U>, number: fn(U) -> f64) -> Imperfections<f64> {
     Imperfections {

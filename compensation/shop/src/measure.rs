@@ -16,7 +16,7 @@ use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
 use crate::{
     error::{InstrumentError, ShopError},
-    instrument::MAX_TARGETS,
+    instrument::bridge_targets,
     line_of_sight::LineOfSight,
     shop::{Format, Shop, ShopLine},
 };
@@ -154,11 +154,7 @@ impl Shop {
                         expected: "a positive length in mm",
                     }));
                 }
-                // Targets one bridge apart, as many as the travel holds.
-                let targets: Vec<f64> = (0..=MAX_TARGETS)
-                    .map(|step| travel[0] + bridge_mm * step as f64)
-                    .take_while(|target| *target <= travel[1] + 1e-9)
-                    .collect();
+                let targets = bridge_targets(travel, bridge_mm);
                 line.instrument
                     .check_count(targets.len())
                     .map_err(refused)?;

@@ -10,7 +10,7 @@ use volcomp_vocabulary::{ErrorName, Um, Urad};
 
 use crate::{
     error::ShopError,
-    instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS},
+    instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
     shop::{Format, Shop, ShopLine},
 };
 
@@ -155,9 +155,8 @@ fn decode_measurement(
                     "the travel holds {steps:.1} bridges, expected 1 to {MAX_TARGETS}"
                 )));
             }
-            // As many targets as steps, rounded down, and one.
             instrument
-                .check_count(steps as usize + 1)
+                .check_count(bridge_targets(travel, bridge_mm).len())
                 .map_err(|e| value.error(e.to_string()))?;
         }
         let curve = section.get("curve");

@@ -91,7 +91,7 @@ pub enum MetrologyError {
     Encoding(Finding),
     /// A table has no header as expected, or a row with more or fewer cells, or points among decimal commas.
     #[error(transparent)]
-    Table(#[from] InputError),
+    Table(Box<InputError>),
     /// The content is of another kind than the extension or the caller says.
     #[error("{0}")]
     Kind(Finding),
@@ -161,4 +161,10 @@ pub enum MetrologyError {
         /// The names that fit.
         expected: String,
     },
+}
+
+impl From<InputError> for MetrologyError {
+    fn from(error: InputError) -> Self {
+        Self::Table(Box::new(error))
+    }
 }
