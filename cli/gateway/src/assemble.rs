@@ -39,10 +39,10 @@ pub fn controller(config: &ControllerConfig) -> Result<Box<dyn Controller>, Gate
                 (focas.shift.first, focas.shift.width) = (first, width);
             }
             if let Some(um) = config.resolution_um {
-                focas.shift.count_mm = um * 1e-3;
+                focas.shift.count_linear = volcomp_vocabulary::Um(um).to_mm();
             }
             if let Some(urad) = config.resolution_urad {
-                focas.shift.count_rad = urad * 1e-6;
+                focas.shift.count_rotary = volcomp_vocabulary::Urad(urad).to_rad();
             }
             focas.heartbeat = config.heartbeat;
             if let Some(referenced) = config.referenced {

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_focas::{Client, FocasConfig, PositionKind};
-use volcomp_port::{DeviceError, Fault};
+use volcomp_focas::{Client, FocasConfig, FocasError, PositionKind};
+use volcomp_port::DeviceError;
 
 use volcomp_vocabulary::AxisName;
 
@@ -29,8 +29,8 @@ pub fn focas_config(address: &Address, axes: &[AxisName]) -> Result<FocasConfig,
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let port = address.port.unwrap_or(PORT);
-    let mut client = Client::open(&address.host, port, at_most)?;
-    let told = |fault: Fault| address.wrong(fault.to_string(), "check the options of the control");
+    let told = |error: FocasError| error.of(&*address.text);
+    let mut client = Client::open(&address.host, port, at_most).map_err(told)?;
     let system = client.system_info().map_err(told)?;
     let names = client.axis_names().map_err(told)?;
     let positions = client

@@ -51,8 +51,9 @@ impl Kind {
     }
 }
 
-/// A frame that the protocol does not allow.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A frame that the protocol does not allow, and what is wrong with it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
 pub struct Broken(pub &'static str);
 
 impl From<Broken> for volcomp_port::Fault {

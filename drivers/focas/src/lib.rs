@@ -1,12 +1,28 @@
 #![doc = include_str!("../README.md")]
 
+mod abilities;
+mod answers;
 mod client;
+mod config;
 mod controller;
+mod error;
 pub mod frame;
+mod link;
+mod plan;
+mod pmc;
+mod reading;
+mod return_code;
 mod session;
+mod shift_words;
 #[cfg(feature = "simulator")]
 pub mod simulator;
 
-pub use client::{Alarm, Client, PmcArea, PositionKind, StatusInfo, SystemInfo, Width};
-pub use controller::{FocasConfig, FocasController, PmcAddress, Shift};
+pub use answers::{Alarm, PositionKind, StatusInfo, SystemInfo};
+pub use client::Client;
+pub use config::{FocasConfig, Shift};
+pub use controller::FocasController;
+pub use error::FocasError;
+pub use plan::{Abilities, Packing};
+pub use pmc::{PmcAddress, PmcArea, Width};
+pub use return_code::ReturnCode;
 pub use session::Session;

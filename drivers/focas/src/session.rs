@@ -10,11 +10,15 @@ use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
 };
-use volcomp_port::{DeviceError, Fault};
+use volcomp_port::Fault;
 
-use crate::frame::{Blocks, HEAD, Head, Kind, Request, close_frame, open_frame};
+use crate::{
+    error::FocasError,
+    frame::{Blocks, HEAD, Head, Kind, Request, close_frame, open_frame},
+    return_code::ReturnCode,
+};
 
-/// The longest answer there can be.
+/// The length of the longest answer that there can be, bytes.
 const LONGEST: usize = 65_536;
 
 /// An open session. After a fault other than a refusal it is dead: what is still on its way would be taken
@@ -32,51 +36,53 @@ impl Session {
     ///
     /// # Errors
     /// No such host, no answer within `at_most`, a refused session.
-    pub fn open(host: &str, port: u16, at_most: Duration) -> Result<Self, DeviceError> {
-        let device = format!("focas://{host}:{port}");
-        let failed = |what: String, remedy: &str| DeviceError::new(&*device, what, remedy);
+    pub fn open(host: &str, port: u16, at_most: Duration) -> Result<Self, FocasError> {
         let deadline = Instant::now() + at_most;
-        let addresses = (host, port).to_socket_addrs().map_err(|e| {
-            failed(
-                format!("the name cannot be resolved: {e}"),
-                "check the host",
-            )
-        })?;
-        let mut refused = "the name has no address".to_owned();
+        let addresses = (host, port)
+            .to_socket_addrs()
+            .map_err(|source| FocasError::Resolve {
+                host: host.to_owned(),
+                source,
+            })?;
+        let mut last = FocasError::NoAddress(host.to_owned());
         for address in addresses {
             let left = deadline.saturating_duration_since(Instant::now());
             match TcpStream::connect_timeout(&address, left.max(Duration::from_millis(1))) {
-                Ok(stream) => return Self::on(stream, deadline).map_err(|e| e.told(&device)),
-                Err(e) => refused = format!("no connection to {address}: {e}"),
+                Ok(stream) => return Self::on(stream, deadline),
+                Err(source) => last = FocasError::Connect { address, source },
             }
         }
-        let remedy = "check the address, the cable and that FOCAS is enabled on the control";
-        Err(failed(refused, remedy))
+        Err(last)
     }
 
     /// Opens a session on a connection.
-    fn on(stream: TcpStream, deadline: Instant) -> Result<Self, NotOpened> {
+    fn on(stream: TcpStream, deadline: Instant) -> Result<Self, FocasError> {
         let set = stream
             .set_nodelay(true)
             .and_then(|()| stream.set_nonblocking(true));
-        set.map_err(|_| Fault::Disconnected)?;
+        set.map_err(|_| FocasError::NoSession(Fault::Disconnected))?;
         let mut session = Self {
             stream,
             answer: vec![0; LONGEST].into_boxed_slice(),
             dead: false,
             version: 0,
         };
-        session.send(&open_frame(), deadline)?;
-        let head = session.receive(deadline)?;
+        let head = session
+            .send(&open_frame(), deadline)
+            .and_then(|()| session.receive(deadline))
+            .map_err(FocasError::NoSession)?;
         session.version = head.version;
         match head.kind {
             Kind::Opened => Ok(session),
-            Kind::Refused => Err(NotOpened::Refused),
-            _ => Err(Fault::Protocol("another answer than to the opening of a session").into()),
+            Kind::Refused => Err(FocasError::SessionRefused),
+            _ => {
+                let wrong = Fault::Protocol("another answer than to the opening of a session");
+                Err(FocasError::NoSession(wrong))
+            }
         }
     }
 
-    /// Version that the controller answers with: 2, 3 or 4 by its generation.
+    /// The version that the control answers with: 2, 3 or 4 by its generation.
     pub fn version(&self) -> u16 {
         self.version
     }
@@ -115,10 +121,7 @@ impl Session {
                 let code = payload
                     .get(2..4)
                     .map_or(0, |c| i16::from_be_bytes([c[0], c[1]]));
-                Err(Fault::Refused {
-                    code: i32::from(code),
-                    what: "the whole request",
-                })
+                Err(ReturnCode(code).into())
             }
             _ => Err(Fault::Protocol("an answer of another kind")),
         }
@@ -191,34 +194,5 @@ impl Drop for Session {
             .stream
             .set_write_timeout(Some(Duration::from_millis(10)));
         let _ = self.stream.write_all(&close_frame());
-    }
-}
-
-/// Why a session was not opened.
-enum NotOpened {
-    Refused,
-    Fault(Fault),
-}
-
-impl From<Fault> for NotOpened {
-    fn from(fault: Fault) -> Self {
-        Self::Fault(fault)
-    }
-}
-
-impl NotOpened {
-    fn told(&self, device: &str) -> DeviceError {
-        match self {
-            Self::Refused => DeviceError::new(
-                device,
-                "the session was refused",
-                "end another program that talks to this control; it serves only a few",
-            ),
-            Self::Fault(fault) => DeviceError::new(
-                device,
-                format!("no session: {fault}"),
-                "check that this port is the control's FOCAS port",
-            ),
-        }
     }
 }

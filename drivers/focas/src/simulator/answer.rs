@@ -2,8 +2,9 @@
 
 use super::{Options, World};
 use crate::{
-    client::{PmcArea, function},
+    answers::function,
     frame::{Command, Kind, Target, number_bytes, parse_commands, push_block},
+    pmc::PmcArea,
 };
 
 const LENGTH: i16 = 2;

@@ -8,7 +8,7 @@ use std::{
     net::{Shutdown, SocketAddr, TcpListener, TcpStream},
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     thread::{self, JoinHandle},
     time::Duration,
@@ -72,6 +72,7 @@ struct Shared {
     options: Options,
     world: Mutex<World>,
     sessions: Mutex<Vec<TcpStream>>,
+    requests: AtomicU64,
     stop: AtomicBool,
 }
 
@@ -97,6 +98,7 @@ impl Simulator {
             options,
             world: Mutex::new(world),
             sessions: Mutex::new(Vec::new()),
+            requests: AtomicU64::new(0),
             stop: AtomicBool::new(false),
         });
         let served = Arc::clone(&shared);
@@ -123,6 +125,11 @@ impl Simulator {
     /// How many sessions are open.
     pub fn open_sessions(&self) -> usize {
         self.shared.sessions().len()
+    }
+
+    /// How many requests came in so far.
+    pub fn requests(&self) -> u64 {
+        self.shared.requests.load(Ordering::Relaxed)
     }
 
     /// Cuts all connections, as a pulled cable would in the end.
@@ -197,6 +204,7 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
         match head.kind {
             Kind::Close => return send(stream, shared, options.version, Kind::Closed, &[]),
             Kind::Command => {
+                shared.requests.fetch_add(1, Ordering::Relaxed);
                 thread::sleep(options.latency);
                 wait_out_silence(shared);
                 let (kind, answer) = {

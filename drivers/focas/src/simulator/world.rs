@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::client::{PmcArea, Width};
+use crate::pmc::{PmcArea, Width};
 
 /// Bytes of each PMC area.
 const AREA: usize = 10_000;

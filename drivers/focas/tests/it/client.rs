@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use volcomp_focas::{
-    Client, PmcArea, PositionKind,
+    Client, FocasError, PmcArea, PositionKind, ReturnCode,
     simulator::{Options, Simulator},
 };
 use volcomp_port::Fault;
@@ -41,44 +41,56 @@ fn every_question_is_answered() {
         assert!(status.alarm != 0 && status.emergency == 0 && status.run == 3);
         let alarms = client.alarms().unwrap();
         assert_eq!((alarms[0].number, &*alarms[0].text), (10, "SERVO OFF"));
-        assert_eq!(client.read_parameter(1280, None), Ok(100.0));
-        assert_eq!(client.read_parameter(1281, Some(2)), Ok(-7.0));
+        assert_eq!(client.read_parameter(1280, None).unwrap(), 100.0);
+        assert_eq!(client.read_parameter(1281, Some(2)).unwrap(), -7.0);
         client.write_pmc(PmcArea::D, 200, &[1, 2, 0xff]).unwrap();
         assert_eq!(
             client.read_pmc(PmcArea::D, 199, 5).unwrap(),
             [0, 1, 2, 0xff, 0]
         );
         client.write_macro(500, -2.25).unwrap();
-        assert_eq!(client.read_macro(500), Ok(Some(-2.25)));
-        assert_eq!(client.read_macro(501), Ok(None));
+        assert_eq!(client.read_macro(500).unwrap(), Some(-2.25));
+        assert_eq!(client.read_macro(501).unwrap(), None);
         client.write_work_offset(1, 2, -0.012).unwrap();
-        assert_eq!(client.read_work_offset(1, 2), Ok(-0.012));
+        assert_eq!(client.read_work_offset(1, 2).unwrap(), -0.012);
     }
 }
 
 #[test]
-fn refusals_have_their_code_and_leave_the_session_open() {
+fn refusals_have_their_code_in_words_and_leave_the_session_open() {
     let simulator = simulator(Options::default());
     let mut client = client(&simulator);
+    let refused = client.read_parameter(9999, None).unwrap_err();
     assert_eq!(
-        client.read_parameter(9999, None),
-        Err(Fault::Refused {
-            code: -17,
-            what: "the whole request"
-        })
+        refused.to_string(),
+        "reading a parameter was refused with code -17: EW_PROTOCOL, the request is not what the protocol allows here"
     );
-    assert_eq!(
-        client.write_pmc(PmcArea::Y, 0, &[1]),
-        Err(Fault::Refused {
-            code: 3,
-            what: "writing PMC memory"
-        })
-    );
+    let refused = client.write_pmc(PmcArea::Y, 0, &[1]).unwrap_err();
+    let FocasError::Refused { code, .. } = refused else {
+        panic!("{refused}");
+    };
+    assert_eq!((code, code.name()), (ReturnCode(3), Some("EW_NUMBER")));
     assert!(client.status().is_ok());
+    let garbage = client.positions(PositionKind::Machine, 33).unwrap_err();
+    assert!(
+        garbage.to_string().contains("a position that is no number"),
+        "slots behind the axes hold garbage: {garbage}"
+    );
+}
+
+/// The names and numbers of the maker's library, once each.
+#[test]
+fn return_codes_have_names() {
+    let mut names: Vec<&str> = (-20..=20).filter_map(|c| ReturnCode(c).name()).collect();
+    assert_eq!(names.len(), 31);
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), 31);
+    assert_eq!(ReturnCode(6).name(), Some("EW_NOOPT"));
+    assert_eq!(ReturnCode(99).name(), None);
     assert_eq!(
-        client.positions(PositionKind::Machine, 33),
-        Err(Fault::Protocol("a position that is no number")),
-        "garbage in the slots behind the axes"
+        ReturnCode(99).to_string(),
+        "code 99: a code that is not known"
     );
 }
 
@@ -93,10 +105,8 @@ fn sessions_are_closed_and_too_many_refused() {
     let port = simulator.address().port();
     let refused = Client::open("127.0.0.1", port, PATIENCE).unwrap_err();
     assert_eq!(
-        refused.to_string(),
-        format!(
-            "focas://127.0.0.1:{port}: the session was refused; end another program that talks to this control; it serves only a few"
-        )
+        refused.of("focas://host").to_string(),
+        "focas://host: the session was refused; end another program that talks to this control; it serves only a few"
     );
     drop(first);
     until("the session is free again", || {
@@ -111,17 +121,17 @@ fn what_is_not_there_is_told() {
     assert!(
         error
             .to_string()
-            .starts_with("focas://127.0.0.1:1: no connection to 127.0.0.1:1"),
+            .starts_with("no connection to 127.0.0.1:1: "),
         "{error}"
     );
     let error = Client::open("no.such.host.invalid", 1, PATIENCE).unwrap_err();
-    assert!(error.what.contains("cannot be resolved"), "{error}");
+    assert!(error.to_string().contains("cannot be resolved"), "{error}");
     // A port that says nothing.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = silent.local_addr().unwrap().port();
     let error = Client::open("127.0.0.1", port, Duration::from_millis(100)).unwrap_err();
     assert!(
-        error.what.contains("no answer before the deadline"),
+        error.to_string().contains("no answer before the deadline"),
         "{error}"
     );
 }
@@ -163,8 +173,12 @@ fn answers_cut_at_every_byte_end_in_time() {
         if cut == whole {
             assert!(found.is_ok());
         } else {
-            assert_eq!(found, Err(Fault::Disconnected), "{cut}");
-            assert_eq!(client.status(), Err(Fault::NotConnected));
+            let fault = |found: Result<_, FocasError>| match found {
+                Err(FocasError::Failed { source, .. }) => Some(source),
+                _ => None,
+            };
+            assert_eq!(fault(found), Some(Fault::Disconnected), "{cut}");
+            assert_eq!(fault(client.status()), Some(Fault::NotConnected));
         }
     }
     peer.join().unwrap();

@@ -1,0 +1,111 @@
+//! What the control answers about itself, and how it is read from bytes.
+
+use crate::frame::{Broken, number};
+
+/// The codes of the control's functions.
+pub(crate) mod function {
+    pub(crate) const SYSTEM: u16 = 0x18;
+    pub(crate) const STATUS: u16 = 0x19;
+    pub(crate) const ALARMS: u16 = 0x23;
+    pub(crate) const POSITIONS: u16 = 0x26;
+    pub(crate) const AXIS_NAMES: u16 = 0x89;
+    pub(crate) const READ_PARAMETER: u16 = 0x8d;
+    pub(crate) const READ_MACRO: u16 = 0xa7;
+    pub(crate) const WRITE_MACRO: u16 = 0xa8;
+    pub(crate) const READ_OFFSET: u16 = 0x0b;
+    pub(crate) const WRITE_OFFSET: u16 = 0x0c;
+    pub(crate) const READ_PMC: u16 = 0x8001;
+    pub(crate) const WRITE_PMC: u16 = 0x8002;
+}
+
+/// In which coordinates positions are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum PositionKind {
+    /// In machine coordinates.
+    #[default]
+    Machine,
+    /// Absolute coordinates, in the workpiece's system.
+    Absolute,
+}
+
+impl PositionKind {
+    pub(crate) fn code(self) -> i32 {
+        match self {
+            Self::Machine => 1,
+            Self::Absolute => 4,
+        }
+    }
+}
+
+/// What the control says about itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SystemInfo {
+    /// The number of slots in answers about all axes.
+    pub max_axes: u16,
+    /// The type of control, such as ` 0` or `31`.
+    pub cnc_type: String,
+    /// ` M` for milling, ` T` for turning.
+    pub machine_type: String,
+    /// The series of the control's software.
+    pub series: String,
+    /// The version of the control's software.
+    pub version: String,
+    /// The number of axes of the path, two digits.
+    pub axes: String,
+}
+
+/// The state of the control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct StatusInfo {
+    /// The mode: 0 MDI, 1 memory, 3 edit, 4 handle, 5 jog, 9 reference, 10 remote.
+    pub mode: u16,
+    /// What the program does: 0 reset, 1 stop, 2 hold, 3 running.
+    pub run: u16,
+    /// Not 0 while axes move.
+    pub motion: u16,
+    /// Not 0 while the emergency stop is pressed.
+    pub emergency: u16,
+    /// Not 0 while an alarm is on.
+    pub alarm: u16,
+}
+
+/// An alarm that is on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Alarm {
+    /// The number of the alarm.
+    pub number: i32,
+    /// The type of the alarm, as a number of the maker.
+    pub kind: i32,
+    /// The axis that it belongs to, from 1; 0 for none.
+    pub axis: i32,
+    /// The text of the alarm.
+    pub text: String,
+}
+
+/// The number in a slot of eight bytes, mm or deg as the control counts.
+pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, Broken> {
+    let bytes = data
+        .get(8 * index..)
+        .and_then(|rest| rest.first_chunk::<8>());
+    let bytes = bytes.ok_or(Broken("fewer axes than asked for"))?;
+    number(*bytes).ok_or(Broken("a position that is no number"))
+}
+
+/// The state of the control from its fourteen bytes.
+pub(crate) fn status(data: &[u8]) -> Result<StatusInfo, Broken> {
+    let data = data
+        .first_chunk::<14>()
+        .ok_or(Broken("a status that is cut off"))?;
+    let word = |k: usize| u16::from_be_bytes([data[2 * k], data[2 * k + 1]]);
+    Ok(StatusInfo {
+        mode: word(0),
+        run: word(1),
+        motion: word(2),
+        emergency: word(4),
+        alarm: word(5),
+    })
+}

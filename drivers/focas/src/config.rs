@@ -1,0 +1,121 @@
+//! How a control is reached and corrected.
+
+use std::time::Duration;
+
+use volcomp_port::{Axis, Backoff, Description, Heartbeat};
+use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad};
+
+use crate::{
+    answers::PositionKind,
+    pmc::{PmcAddress, PmcArea, Width},
+};
+
+/// Where the machine zero point shift of each axis is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Shift {
+    /// Where the number of the control's first axis stands; those of its other axes follow.
+    pub first: PmcAddress,
+    /// The number of bytes of each number.
+    pub width: Width,
+    /// How far one count moves a linear axis.
+    pub count_linear: Mm,
+    /// How far one count moves a rotary axis.
+    pub count_rotary: Rad,
+}
+
+impl Shift {
+    /// How far one count moves an axis of this kind.
+    pub fn count(&self, kind: AxisKind) -> Displacement {
+        match kind {
+            AxisKind::Linear => Displacement::Length(self.count_linear),
+            AxisKind::Rotary => Displacement::Angle(self.count_rotary),
+        }
+    }
+}
+
+/// How a control is reached and corrected.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FocasConfig {
+    /// The name or address of the control.
+    pub host: String,
+    /// The port of the control, 8193 as delivered.
+    pub port: u16,
+    /// The path of the control whose axes are corrected, from 1.
+    pub path: u16,
+    /// The name of the channel by which corrections get in.
+    pub channel: String,
+    /// The axes to correct, in channel order.
+    pub axes: Vec<AxisName>,
+    /// Where corrections are written.
+    pub shift: Shift,
+    /// The byte that every correction moves on, for the ladder to watch; `None` where nobody watches.
+    pub heartbeat: Option<PmcAddress>,
+    /// The byte that is written last in every correction and counts up: where a ladder copies the shifts on, it
+    /// does so when this byte has changed, and so takes all axes together.
+    pub sequence: Option<PmcAddress>,
+    /// In which coordinates positions are read.
+    pub positions: PositionKind,
+    /// Whether the positions that the control tells contain the shift.
+    pub includes_correction: bool,
+    /// The byte whose bits say which axes are referenced, the control's first axis lowest; `None` where
+    /// they are taken to be referenced.
+    pub referenced: Option<PmcAddress>,
+    /// The longest time for making a connection, and for each question before the first cycle.
+    pub at_most: Duration,
+    /// The time between two tries to connect.
+    pub backoff: Backoff,
+}
+
+impl FocasConfig {
+    /// Shifts in words of 1 µm and 0.001 deg from R100 on, a heartbeat at R120, referenced axes in F120.
+    ///
+    /// The addresses are examples; that a shift from R memory is enabled (parameters 1203#0 and 1280) and
+    /// that F120 tells the referenced axes is not proven: read the control's manual.
+    pub fn new(host: impl Into<String>, axes: &[AxisName]) -> Self {
+        let address = |area, at| PmcAddress { area, at };
+        Self {
+            host: host.into(),
+            port: 8193,
+            path: 1,
+            channel: "emzps".to_owned(),
+            axes: axes.to_vec(),
+            shift: Shift {
+                first: address(PmcArea::R, 100),
+                width: Width::Word,
+                count_linear: Mm(0.001),
+                count_rotary: Deg(0.001).to_rad(),
+            },
+            heartbeat: Some(address(PmcArea::R, 120)),
+            sequence: None,
+            positions: PositionKind::Machine,
+            includes_correction: false,
+            referenced: Some(address(PmcArea::F, 120)),
+            at_most: Duration::from_secs(2),
+            backoff: Backoff::default(),
+        }
+    }
+
+    pub(crate) fn device(&self) -> String {
+        format!("focas://{}:{}", self.host, self.port)
+    }
+
+    pub(crate) fn description(&self) -> Description {
+        let axis = |&name: &AxisName| Axis {
+            name,
+            includes_correction: self.includes_correction,
+            resolution: self.shift.count(name.kind()),
+        };
+        Description {
+            device: self.device(),
+            channel: self.channel.clone(),
+            axes: self.axes.iter().map(axis).collect(),
+            heartbeat: match self.heartbeat {
+                Some(_) => Heartbeat::Watched,
+                None => Heartbeat::Unwatched,
+            },
+            sees_other_gateways: self.heartbeat.is_some(),
+            shortest_cycle: Duration::from_millis(1),
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! Why a control cannot be used, or refuses.
+
+use std::{io, net::SocketAddr};
+
+use volcomp_port::{DeviceError, Fault, UnfitAxes};
+use volcomp_vocabulary::AxisName;
+
+use crate::{frame::Broken, return_code::ReturnCode};
+
+/// Why a control cannot be reached, refuses a question, or is configured wrongly.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FocasError {
+    /// The name of the host cannot be resolved.
+    #[error("the name {host} cannot be resolved: {source}")]
+    Resolve {
+        /// The name as it was given.
+        host: String,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The name of the host has no address.
+    #[error("the name {0} has no address")]
+    NoAddress(String),
+    /// There is no connection to an address.
+    #[error("no connection to {address}: {source}")]
+    Connect {
+        /// The last address that was tried.
+        address: SocketAddr,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The control serves no more sessions.
+    #[error("the session was refused")]
+    SessionRefused,
+    /// The connection was made, but no session could be opened on it.
+    #[error("no session: {0}")]
+    NoSession(#[source] Fault),
+    /// The control refused a question or an order.
+    #[error("{asked} was refused with {code}")]
+    Refused {
+        /// What was asked for.
+        asked: String,
+        /// Why the control refused.
+        code: ReturnCode,
+    },
+    /// A question or an order got no answer, or one that cannot be read.
+    #[error("{asked}: {source}")]
+    Failed {
+        /// What was asked for.
+        asked: String,
+        /// What went wrong.
+        source: Fault,
+    },
+    /// The control lacks an axis of the configuration.
+    #[error("the control has no axis {name}, found {found}")]
+    NoAxis {
+        /// The axis of the configuration.
+        name: AxisName,
+        /// The letters of the axes that the control has.
+        found: String,
+    },
+    /// The axes of the configuration, or what one count moves them, make no sense.
+    #[error(transparent)]
+    Axes(#[from] UnfitAxes),
+    /// The requests of a cycle do not fit into a frame.
+    #[error("the request of a cycle cannot be built: {0}")]
+    Request(#[from] Broken),
+}
+
+impl FocasError {
+    /// A fault of an exchange in which something was asked for.
+    pub(crate) fn asking(asked: impl Into<String>, fault: Fault) -> Self {
+        let asked = asked.into();
+        match fault {
+            Fault::Refused { code, .. } => Self::Refused {
+                asked,
+                code: ReturnCode(i16::try_from(code).unwrap_or(i16::MAX)),
+            },
+            source => Self::Failed { asked, source },
+        }
+    }
+
+    /// What to do about it.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Resolve { .. } | Self::NoAddress(_) => "check the host",
+            Self::Connect { .. } => {
+                "check the address, the cable and that FOCAS is enabled on the control"
+            }
+            Self::SessionRefused => {
+                "end another program that talks to this control; it serves only a few"
+            }
+            Self::NoSession(_) => "check that this port is the control's FOCAS port",
+            Self::Refused { .. } => {
+                "check the address in the configuration and the options and parameters of the control"
+            }
+            Self::Failed { .. } => "check the cable and that the control is not overloaded",
+            Self::NoAxis { .. } => "correct the axes of the configuration",
+            Self::Axes(_) => "correct the axes, or what one count moves them",
+            Self::Request(_) => "correct fewer axes",
+        }
+    }
+
+    /// The error as drivers tell it: which device, what, and what to do.
+    pub fn of(&self, device: impl Into<String>) -> DeviceError {
+        DeviceError::new(device, self.to_string(), self.remedy())
+    }
+}

@@ -1,0 +1,278 @@
+//! The exchanges of a cycle: what is asked and what is written, packed into frames as the control accepts them.
+
+use volcomp_vocabulary::AxisKind;
+
+use crate::{
+    answers::function,
+    config::FocasConfig,
+    frame::{Broken, Command, Request, Target},
+    pmc::{PmcAddress, Width},
+};
+
+/// How commands are packed into frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packing {
+    /// All commands of a read in one frame.
+    OneFrame,
+    /// Commands for the control and commands for the PMC in frames of their own.
+    ByTarget,
+    /// Every command in a frame of its own.
+    OneByOne,
+}
+
+/// In which form a control accepts the requests of a cycle. Found out at every connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Abilities {
+    /// How commands may be packed into frames.
+    pub packing: Packing,
+    /// Whether a command may name a range of PMC memory, not only one point.
+    pub ranges: bool,
+    /// Whether the positions of all axes can be asked for at once, not only axis by axis.
+    pub all_axes: bool,
+}
+
+impl Abilities {
+    /// What most controls accept, with the fewest exchanges.
+    pub(crate) const ALL: Self = Self {
+        packing: Packing::OneFrame,
+        ranges: true,
+        all_axes: true,
+    };
+}
+
+/// An axis that is corrected, as the control has it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlannedAxis {
+    /// The place among the control's axes, from 0.
+    pub(crate) slot: usize,
+    pub(crate) kind: AxisKind,
+    /// How far one count moves it, mm or rad.
+    pub(crate) count: f64,
+}
+
+/// Neighbouring slots whose shifts are asked for and written together.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run {
+    pub(crate) first: usize,
+    pub(crate) count: usize,
+}
+
+impl Run {
+    /// Where the shift of a slot stands in the bytes of the run; `None` outside it.
+    pub(crate) fn bytes_of(self, slot: usize, width: Width) -> Option<std::ops::Range<usize>> {
+        let index = slot.checked_sub(self.first).filter(|i| *i < self.count)?;
+        let bytes = usize::from(width.bytes());
+        Some(index * bytes..(index + 1) * bytes)
+    }
+}
+
+/// What a command of a read asks for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Ask {
+    /// The positions of all axes.
+    Positions,
+    /// The position of the axis in this slot.
+    PositionOf(usize),
+    Status,
+    Shifts(Run),
+    Heartbeat(PmcAddress),
+    Referenced(PmcAddress),
+}
+
+/// What a command of a write carries.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Part {
+    Shifts(Run),
+    Heartbeat(PmcAddress),
+    Sequence(PmcAddress),
+}
+
+/// A frame of a cycle, and what its commands are for, in their order.
+#[derive(Debug)]
+pub(crate) struct Exchange<T> {
+    pub(crate) request: Request,
+    pub(crate) parts: Vec<T>,
+}
+
+impl Ask {
+    pub(crate) fn is_position(self) -> bool {
+        matches!(self, Self::Positions | Self::PositionOf(_))
+    }
+
+    fn target(self) -> Target {
+        match self {
+            Self::Positions | Self::PositionOf(_) | Self::Status => Target::Cnc,
+            Self::Shifts(_) | Self::Heartbeat(_) | Self::Referenced(_) => Target::Pmc,
+        }
+    }
+
+    /// What is asked for, in words for messages.
+    pub(crate) fn words(self, config: &FocasConfig) -> String {
+        match self {
+            Self::Positions => "reading the positions of all axes".to_owned(),
+            Self::PositionOf(slot) => format!("reading the position of axis {}", slot + 1),
+            Self::Status => "reading the status".to_owned(),
+            Self::Shifts(run) => {
+                let [first, last, ..] = shift_args(config, run, 0);
+                let area = config.shift.first.area;
+                format!("reading the shifts at {area:?}{first} to {area:?}{last}")
+            }
+            Self::Heartbeat(address) => format!("reading the heartbeat at {address}"),
+            Self::Referenced(address) => {
+                format!("reading at {address} which axes are referenced")
+            }
+        }
+    }
+
+    fn command(self, config: &FocasConfig) -> Command<'static> {
+        let (function, args) = match self {
+            Self::Positions => (function::POSITIONS, [config.positions.code(), -1, 0, 0, 0]),
+            Self::PositionOf(slot) => {
+                let axis = i32::try_from(slot + 1).unwrap_or(i32::MAX);
+                (
+                    function::POSITIONS,
+                    [config.positions.code(), axis, 0, 0, 0],
+                )
+            }
+            Self::Status => (function::STATUS, [0; 5]),
+            Self::Shifts(run) => (function::READ_PMC, shift_args(config, run, 0)),
+            Self::Heartbeat(address) | Self::Referenced(address) => {
+                (function::READ_PMC, byte_args(address, 0))
+            }
+        };
+        Command {
+            target: self.target(),
+            path: config.path,
+            function,
+            args,
+            data: &[],
+        }
+    }
+}
+
+/// The slots of the axes in runs: neighbours together where ranges are accepted.
+pub(crate) fn runs(axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
+    let mut slots: Vec<usize> = axes.iter().map(|axis| axis.slot).collect();
+    slots.sort_unstable();
+    let mut runs: Vec<Run> = Vec::new();
+    for slot in slots {
+        match runs.last_mut() {
+            Some(run) if ranges && run.first + run.count == slot => run.count += 1,
+            _ => runs.push(Run {
+                first: slot,
+                count: 1,
+            }),
+        }
+    }
+    runs
+}
+
+/// What asks for the positions of the axes.
+pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
+    if all_axes {
+        vec![Ask::Positions]
+    } else {
+        let each = axes.iter().map(|axis| Ask::PositionOf(axis.slot));
+        each.collect()
+    }
+}
+
+/// The bytes of PMC memory that are read besides the shifts.
+pub(crate) fn bytes(config: &FocasConfig) -> Vec<Ask> {
+    let heartbeat = config.heartbeat.map(Ask::Heartbeat);
+    let referenced = config.referenced.map(Ask::Referenced);
+    heartbeat.into_iter().chain(referenced).collect()
+}
+
+/// The frames of a read. Positions are asked for first, so that their time is known best.
+pub(crate) fn reads(
+    config: &FocasConfig,
+    axes: &[PlannedAxis],
+    abilities: Abilities,
+) -> Result<Vec<Exchange<Ask>>, Broken> {
+    let mut asks = positions(axes, abilities.all_axes);
+    asks.push(Ask::Status);
+    let of_control = asks.len();
+    asks.extend(runs(axes, abilities.ranges).into_iter().map(Ask::Shifts));
+    asks.extend(bytes(config));
+    let frames: Vec<&[Ask]> = match abilities.packing {
+        Packing::OneFrame => vec![&asks[..]],
+        Packing::ByTarget => vec![&asks[..of_control], &asks[of_control..]],
+        Packing::OneByOne => asks.chunks(1).collect(),
+    };
+    frames.into_iter().map(|asks| read(config, asks)).collect()
+}
+
+/// One frame that asks for these things.
+pub(crate) fn read(config: &FocasConfig, asks: &[Ask]) -> Result<Exchange<Ask>, Broken> {
+    let commands: Vec<Command<'_>> = asks.iter().map(|ask| ask.command(config)).collect();
+    Ok(Exchange {
+        request: Request::new(&commands)?,
+        parts: asks.to_vec(),
+    })
+}
+
+/// The frames of a write: shifts, then the heartbeat, then the sequence.
+pub(crate) fn writes(
+    config: &FocasConfig,
+    axes: &[PlannedAxis],
+    abilities: Abilities,
+) -> Result<Vec<Exchange<Part>>, Broken> {
+    let mut parts: Vec<Part> = Vec::new();
+    parts.extend(runs(axes, abilities.ranges).into_iter().map(Part::Shifts));
+    parts.extend(config.heartbeat.map(Part::Heartbeat));
+    parts.extend(config.sequence.map(Part::Sequence));
+    let together = match abilities.packing {
+        Packing::OneFrame | Packing::ByTarget => parts.len(),
+        Packing::OneByOne => 1,
+    };
+    parts
+        .chunks(together.max(1))
+        .map(|parts| write(config, parts))
+        .collect()
+}
+
+fn write(config: &FocasConfig, parts: &[Part]) -> Result<Exchange<Part>, Broken> {
+    // Replaced in every cycle; no control has more than 32 axes.
+    let room = [0_u8; 4 * 32];
+    let mut commands = Vec::new();
+    for part in parts {
+        let (args, length) = match *part {
+            Part::Shifts(run) => {
+                let length = run.count * usize::from(config.shift.width.bytes());
+                (shift_args(config, run, length), length)
+            }
+            Part::Heartbeat(address) | Part::Sequence(address) => (byte_args(address, 1), 1),
+        };
+        commands.push(Command {
+            target: Target::Pmc,
+            path: config.path,
+            function: function::WRITE_PMC,
+            args,
+            data: room.get(..length).ok_or(Broken("more than 32 axes"))?,
+        });
+    }
+    Ok(Exchange {
+        request: Request::new(&commands)?,
+        parts: parts.to_vec(),
+    })
+}
+
+/// First and last byte, area, width, and the length of what is written.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    reason = "slots and their bytes are counted in tens"
+)]
+fn shift_args(config: &FocasConfig, run: Run, written: usize) -> [i32; 5] {
+    let width = i32::from(config.shift.width.bytes());
+    let first = i32::from(config.shift.first.at) + run.first as i32 * width;
+    let last = first + run.count as i32 * width - 1;
+    let area = config.shift.first.area as i32;
+    [first, last, area, config.shift.width.code(), written as i32]
+}
+
+fn byte_args(address: PmcAddress, written: i32) -> [i32; 5] {
+    let at = i32::from(address.at);
+    [at, at, address.area as i32, Width::Byte.code(), written]
+}

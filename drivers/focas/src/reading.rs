@@ -1,0 +1,137 @@
+//! A read of a cycle: the exchanges, and what their answers say. No allocation.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::{ControllerState, Fault, Snapshot};
+use volcomp_vocabulary::{Displacement, PerChannel};
+
+use crate::{
+    answers::{slot, status},
+    frame::{Block, Broken},
+    plan::{Ask, Exchange, PlannedAxis, Run},
+    pmc::Width,
+    return_code::ReturnCode,
+    session::Session,
+    shift_words::count,
+};
+
+/// What a read says.
+pub(crate) struct Reading {
+    pub(crate) snapshot: Snapshot,
+    /// The heartbeat that stands on the control, where it is read.
+    pub(crate) heartbeat: Option<u8>,
+}
+
+/// Sends the frames of a read one after the other, all before the deadline.
+pub(crate) fn read(
+    session: &mut Session,
+    exchanges: &[Exchange<Ask>],
+    axes: &[PlannedAxis],
+    width: Width,
+    deadline: Instant,
+) -> Result<Reading, Fault> {
+    let begun = Instant::now();
+    let mut reading = Reading {
+        snapshot: Snapshot {
+            positions: PerChannel::ZERO,
+            taken: begun,
+            uncertainty: Duration::ZERO,
+            state: ControllerState {
+                referenced: true,
+                ..ControllerState::default()
+            },
+            applied: Some(PerChannel::ZERO),
+        },
+        heartbeat: None,
+    };
+    // From the first to the last frame with positions.
+    let mut positions_since = None;
+    for exchange in exchanges {
+        let asked = Instant::now();
+        let blocks = session.exchange(&exchange.request, deadline)?;
+        let answered = Instant::now();
+        for (block, ask) in blocks.zip(&exchange.parts) {
+            take(&mut reading, *ask, data(block)?, axes, width)?;
+        }
+        if exchange.parts.iter().any(|ask| ask.is_position()) {
+            let since = *positions_since.get_or_insert(asked);
+            let half = answered.duration_since(since) / 2;
+            reading.snapshot.taken = since + half;
+            reading.snapshot.uncertainty = half;
+        }
+    }
+    Ok(reading)
+}
+
+/// The data of an answer that is no refusal.
+pub(crate) fn data(block: Result<Block<'_>, Broken>) -> Result<&[u8], Fault> {
+    let block = block?;
+    match block.error {
+        0 => Ok(block.data),
+        code => Err(ReturnCode(code).into()),
+    }
+}
+
+fn take(
+    reading: &mut Reading,
+    ask: Ask,
+    data: &[u8],
+    axes: &[PlannedAxis],
+    width: Width,
+) -> Result<(), Broken> {
+    let snapshot = &mut reading.snapshot;
+    let coordinate = |axis: &PlannedAxis, place: usize| {
+        let told = slot(data, place)?;
+        Ok(Displacement::from_coordinate(axis.kind, told).mm_or_rad())
+    };
+    match ask {
+        Ask::Status => {
+            let found = status(data)?;
+            snapshot.state.alarm = found.alarm != 0;
+            snapshot.state.emergency_stop = found.emergency != 0;
+        }
+        Ask::Positions => {
+            for (position, axis) in snapshot.positions.iter_mut().zip(axes) {
+                *position = coordinate(axis, axis.slot)?;
+            }
+        }
+        Ask::PositionOf(slot) => {
+            for (position, axis) in snapshot.positions.iter_mut().zip(axes) {
+                if axis.slot == slot {
+                    *position = coordinate(axis, 0)?;
+                }
+            }
+        }
+        Ask::Shifts(run) => {
+            let applied = snapshot.applied.get_or_insert(PerChannel::ZERO);
+            shifts(data, width, axes, run, applied)?;
+        }
+        Ask::Heartbeat(_) => {
+            reading.heartbeat = Some(*data.first().ok_or(Broken("no byte of the heartbeat"))?);
+        }
+        Ask::Referenced(_) => {
+            let bits = *data.first().ok_or(Broken("no byte of referenced axes"))?;
+            // A byte tells of eight axes.
+            let referenced = |axis: &PlannedAxis| axis.slot > 7 || bits >> axis.slot & 1 == 1;
+            snapshot.state.referenced = axes.iter().all(referenced);
+        }
+    }
+    Ok(())
+}
+
+/// The shifts of the axes in a run, mm and rad, from the counts in `data`.
+fn shifts(
+    data: &[u8],
+    width: Width,
+    axes: &[PlannedAxis],
+    run: Run,
+    applied: &mut PerChannel<f64>,
+) -> Result<(), Broken> {
+    for (applied, axis) in applied.iter_mut().zip(axes) {
+        if let Some(bytes) = run.bytes_of(axis.slot, width) {
+            let count = data.get(bytes).and_then(|bytes| count(bytes, width));
+            *applied = count.ok_or(Broken("fewer shifts than asked for"))? * axis.count;
+        }
+    }
+    Ok(())
+}
