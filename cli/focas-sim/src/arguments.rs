@@ -33,6 +33,7 @@ Examples:
 /// `quit`. Exit status: 0 it was ended, 1 the work failed, 2 the call or a file is wrong.
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES)]
+#[expect(clippy::struct_excessive_bools, reason = "independent switches")]
 pub(crate) struct Arguments {
     /// Address and port to listen on; port 0 takes a free one
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8193")]

@@ -18,12 +18,17 @@ pub use world::{Motion, ShiftArea, World};
 
 use crate::frame::{HEAD, Head, Kind, frame};
 
-/// How the simulator behaves.
+/// How the simulated control behaves on the wire.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "independent properties of a control"
+)]
 pub struct Options {
-    /// Version in its answers: 2 (16i), 3 (0i), 4 (31i).
+    /// The version in its answers: 2 (16i), 3 (0i), 4 (31i).
     pub version: u16,
-    /// Slots in answers about all axes: 8 or 32.
+    /// The number of slots in answers about all axes: 8 or 32.
     pub slots: usize,
     /// Whether slots behind the axes hold garbage.
     pub garbage: bool,
