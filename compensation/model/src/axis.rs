@@ -4,6 +4,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 /// One axis as the machine file states it.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
     /// The letter of the axis.
     pub name: AxisName,

@@ -8,8 +8,9 @@ use crate::{error::ModelError, machine::Machine};
 /// The most targets on a diagonal.
 const MOST_TARGETS: usize = 1_000_000;
 
-/// One body diagonal.
+/// One body diagonal of ISO 230-6: the deviation along it.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`: the directions of motion of X, Y, Z.
     pub name: &'static str,

@@ -17,46 +17,46 @@ pub enum ModelError {
     /// The machine has no such axis.
     #[error("machine `{machine}` with structure `{structure}` has no axis {axis}")]
     NoSuchAxis {
-        /// Name of the machine.
+        /// The name that the machine file states.
         machine: String,
-        /// Structure of the machine.
+        /// Structure code of the machine.
         structure: String,
-        /// The axis asked for.
+        /// The axis that was asked for.
         axis: AxisName,
     },
     /// The machine file has no such tool.
     #[error("machine `{machine}` has no tool `{tool}`, expected one of: {known}")]
     NoSuchTool {
-        /// Name of the machine.
+        /// The name that the machine file states.
         machine: String,
-        /// The tool asked for.
+        /// The tool that was asked for.
         tool: String,
-        /// The tools there are.
+        /// The names of the tools that the file has.
         known: String,
     },
     /// A coordinate that is no finite number.
     #[error("axis {axis}: coordinate is {found}, expected a finite number")]
     Coordinate {
-        /// The axis.
+        /// The axis that is meant.
         axis: AxisName,
-        /// The value found.
+        /// The value that was found.
         found: f64,
     },
     /// An error motion or a location error that the machine cannot have.
     #[error("{error}: {reason}")]
     Refused {
-        /// Name of the error.
+        /// The error that was to be set.
         error: ErrorName,
-        /// Why it is refused.
+        /// The reason why it is refused.
         #[source]
         reason: ErrorRefusal,
     },
     /// An assembly error that is no finite number.
     #[error("assembly error of axis {axis} is {found}, expected a finite number of µm or µrad")]
     Assembly {
-        /// The axis.
+        /// The axis that is meant.
         axis: AxisName,
-        /// The value found.
+        /// The value that was found.
         found: f64,
     },
     /// Thermal terms that the machine cannot have.
@@ -71,9 +71,9 @@ pub enum ModelError {
     /// The compiled form cannot be made.
     #[error("{machine}: {source}")]
     Compile {
-        /// Name of the machine.
+        /// The name that the machine file states.
         machine: String,
-        /// Why not.
+        /// The reason why it cannot be made.
         source: volcomp_evaluator::EvaluatorError,
     },
     /// More of something than is computed at once.
@@ -83,7 +83,7 @@ pub enum ModelError {
         what: &'static str,
         /// How many were asked for.
         found: usize,
-        /// The most allowed.
+        /// The largest number that is allowed.
         most: usize,
     },
 }
@@ -150,27 +150,27 @@ pub enum ThermalRefusal {
     /// A term of an error that is no error motion of the machine.
     #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]
     Motion {
-        /// The name found.
+        /// The name that was found.
         found: String,
-        /// Structure of the machine.
+        /// Structure code of the machine.
         structure: String,
     },
     /// An expansion of an error that is no length of a linear axis.
     #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
     NotLength {
-        /// The error.
+        /// The error that the term is added to.
         error: ErrorName,
     },
     /// A drift without a sensor.
     #[error("found a drift of {error} without a sensor, expected at least one")]
     NoSensor {
-        /// The error.
+        /// The error that the term is added to.
         error: ErrorName,
     },
     /// A time constant that is negative or no number.
     #[error("found a lag_s of {found} s for {error}, expected 0 s or more")]
     Lag {
-        /// The error.
+        /// The error that the term is added to.
         error: ErrorName,
         /// The time constant found, s.
         found: f64,
@@ -178,9 +178,9 @@ pub enum ThermalRefusal {
     /// A number that is NaN or infinite.
     #[error("{what} is {found}, expected a finite number")]
     NotFinite {
-        /// Which number.
+        /// The number that is meant, with its unit.
         what: &'static str,
-        /// The value found.
+        /// The value that was found.
         found: f64,
     },
     /// Times of holding and fading that are negative or no numbers.
@@ -197,13 +197,13 @@ pub enum ThermalRefusal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CorrectRefusal {
-    /// No axis is named.
+    /// The list names no axis.
     #[error("found no axis, expected at least one that corrections may move")]
     Empty,
     /// An axis is named more than once.
     #[error("axis {axis} stands twice, expected each axis once")]
     Twice {
-        /// The axis.
+        /// The axis that is meant.
         axis: AxisName,
     },
 }

@@ -11,6 +11,8 @@ mod evaluation;
 mod machine;
 mod machine_file;
 mod map;
+#[cfg(feature = "serde")]
+mod serialised;
 mod source;
 mod thermal;
 mod thermal_state;

@@ -17,8 +17,16 @@ use crate::{
 /// A machine with its errors. Coordinates, curves and numbers here are in the units of the file
 /// (mm, deg, µm, µrad); the chain inside is in mm and rad.
 ///
+/// With the feature `serde` a machine is written as the text of its machine file and read with all its checks; which
+/// tool is in the spindle is not part of it.
+///
 /// Two machines are equal when everything that a machine file states is equal and the same tool is in the spindle.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(into = "String", try_from = "String")
+)]
 pub struct Machine {
     /// The name of the machine; any text.
     pub name: String,
@@ -45,7 +53,7 @@ pub(crate) struct Parts {
 }
 
 impl Machine {
-    /// A machine without errors.
+    /// A machine whose errors are all zero.
     pub(crate) fn from_parts(parts: Parts) -> Result<Self, ModelError> {
         let mut chain = Chain::new(parts.structure);
         for axis in &parts.axes {
@@ -90,12 +98,12 @@ impl Machine {
         self.axes.iter().find(|axis| axis.name == name)
     }
 
-    /// The tool of `[tool]`.
+    /// The tool that `[tool]` states; tools by name start from it.
     pub fn tool(&self) -> &Tool {
         &self.tool
     }
 
-    /// The tools of `[tools]`.
+    /// The tools by name that `[tools]` states.
     pub fn tools(&self) -> &BTreeMap<String, Tool> {
         &self.tools
     }
@@ -213,12 +221,12 @@ impl Machine {
         Ok(())
     }
 
-    /// The thermal terms.
+    /// The thermal terms: what temperatures add to the error motions.
     pub fn thermal(&self) -> &Thermal {
         &self.thermal
     }
 
-    /// Sets the thermal terms.
+    /// Sets the thermal terms in place of those that were there.
     ///
     /// # Errors
     /// [`ModelError::Thermal`]: a term of an error motion that the machine does not have, an expansion of an angle

@@ -10,6 +10,7 @@ const MOST_NODES: usize = 1_000_000;
 
 /// A grid over the travels of those of the linear axes X, Y, Z that the machine has; all other axes stand at 0.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MapGrid {
     /// The axes of the grid, in the order X, Y, Z.
     pub axes: Vec<AxisName>,

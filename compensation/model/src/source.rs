@@ -32,7 +32,7 @@ impl<'a> MachineErrors<'a> {
 }
 
 impl Machine {
-    /// Offset and slope (by mm) that the thermal terms add to each error motion of an axis, um or urad.
+    /// Offset and slope (by mm) that the thermal terms add to each error motion of an axis, µm or µrad.
     pub(crate) fn thermal_of(&self, axis: usize, temperatures: &Temperatures) -> [[f64; 2]; 6] {
         let name = self.axes()[axis].name;
         Component::ALL.map(|component| {

@@ -10,23 +10,25 @@ use crate::error::ThermalRefusal;
 /// Temperatures by sensor name, °C. The temperature of a sensor that is not named is unknown.
 pub type Temperatures = BTreeMap<String, f64>;
 
-/// The `[thermal]` table of a machine file.
+/// The thermal terms of a machine: the table `[thermal]` of a machine file.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Thermal {
     /// The temperature at which the curves hold, °C.
     pub reference_degc: f64,
-    /// Expansion terms.
+    /// Terms by which a scale or screw grows with a temperature.
     pub expansion: Vec<Expansion>,
-    /// Drift terms.
+    /// Terms by which an error follows temperatures with a lag.
     pub drift: Vec<Drift>,
 }
 
-/// E += k·(T − T_ref)·(q − q_fixed).
+/// A scale or screw that grows with a temperature: E += k·(T − T_ref)·(q − q_fixed).
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
     /// The linear error motion it is added to.
     pub error: ErrorName,
-    /// Name of the sensor.
+    /// Name of the temperature sensor.
     pub sensor: String,
     /// k, µm/(m·K): positive when the scale or screw grows.
     pub um_per_m_k: f64,
@@ -34,16 +36,17 @@ pub struct Expansion {
     pub fixed_mm: f64,
 }
 
-/// E += k·L, L the first-order lag of Σ w·T − T_ref·Σ w.
+/// An error that follows temperatures: E += k·L, L the first-order lag of Σ w·T − T_ref·Σ w.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Drift {
     /// The error motion it is added to.
     pub error: ErrorName,
-    /// Weight of each sensor.
+    /// Weight w of each sensor by its name.
     pub sensors: BTreeMap<String, f64>,
-    /// k, µm/K or µrad/K.
+    /// The factor k: µm/K for a linear error, µrad/K for an angular one.
     pub per_k: f64,
-    /// Time constant, s.
+    /// Time constant of the lag, s; 0 is no lag.
     pub lag_s: f64,
 }
 

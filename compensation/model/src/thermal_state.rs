@@ -13,6 +13,7 @@ use crate::{
 
 /// What becomes of a thermal term while one of its sensors is missing.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fading {
     /// Time for which the term holds its last value, s.
     pub hold_s: f64,
@@ -171,7 +172,7 @@ impl Term {
         sensors: &[String],
     ) -> Result<Self, ModelError> {
         let effect = Effect::Expansion {
-            // um per m and K.
+            // µm/(m·K) is 1e-6 mm/(mm·K).
             per_k: term.um_per_m_k * 1e-6,
             fixed_mm: term.fixed_mm,
         };

@@ -4,6 +4,7 @@ use volcomp_kinematics::nalgebra::Vector3;
 
 /// A tool as the machine file states it; keys that are `None` come from `[tool]` or the default.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tool {
     /// Tip of the tool, mm in the machine coordinate system at machine zero.
     pub tip_mm: Option<[f64; 3]>,

@@ -84,12 +84,12 @@ impl BSpline {
         Ok(())
     }
 
-    /// The knots, non-decreasing.
+    /// The knots, non-decreasing, in argument units.
     pub fn knots(&self) -> &[f64] {
         &self.knots
     }
 
-    /// The coefficients.
+    /// The coefficients, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.coefficients
     }
@@ -99,7 +99,7 @@ impl BSpline {
         self.degree
     }
 
-    /// The range of arguments.
+    /// The lower and upper end of the range of arguments.
     pub fn domain(&self) -> [f64; 2] {
         [self.knots[self.degree], self.knots[self.coefficients.len()]]
     }

@@ -17,12 +17,12 @@ impl Chebyshev {
         Series::new(coefficients, domain).map(Self)
     }
 
-    /// The coefficients, constant first.
+    /// The coefficients, the constant first, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.0.coefficients
     }
 
-    /// The range of arguments.
+    /// The lower and upper end of the range of arguments.
     pub fn domain(&self) -> [f64; 2] {
         self.0.domain
     }

@@ -9,21 +9,21 @@ pub enum CurveError {
     /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
-        /// What the number is.
+        /// What the number stands for.
         what: &'static str,
-        /// Where it stands.
+        /// Place of the number in its list.
         index: usize,
-        /// The number found.
+        /// The number that was found.
         value: f64,
     },
-    /// Too few of something.
+    /// There are too few coefficients, nodes or values.
     #[error("found {found} {what}: expected at least {expected}")]
     TooFew {
         /// What there is too little of, in the plural.
         what: &'static str,
-        /// How many were found.
+        /// The number that was found.
         found: usize,
-        /// How many are needed.
+        /// The number that is needed.
         expected: usize,
     },
     /// The domain is empty, reversed, or too wide for an `f64`.
@@ -31,31 +31,31 @@ pub enum CurveError {
         "domain [{lower}, {upper}]: expected a lower end below the upper end, a finite distance apart"
     )]
     Domain {
-        /// The first end found.
+        /// The first end that was found.
         lower: f64,
-        /// The second end found.
+        /// The second end that was found.
         upper: f64,
     },
-    /// Abscissae do not increase.
+    /// Abscissae must increase, and these do not.
     #[error("{what} {index} is {value}, after {previous}: expected strictly increasing values")]
     NotIncreasing {
-        /// What the abscissae are.
+        /// What the abscissae stand for.
         what: &'static str,
         /// Where the offending one stands.
         index: usize,
-        /// The one before it.
+        /// The abscissa before the offending one.
         previous: f64,
-        /// The one found.
+        /// The abscissa that was found.
         value: f64,
     },
-    /// Knots decrease.
+    /// Knots of a spline must not decrease, and these do.
     #[error("knot {index} is {value}, after {previous}: expected non-decreasing knots")]
     KnotsDecrease {
         /// Where the offending knot stands.
         index: usize,
-        /// The knot before it.
+        /// The knot before the offending one.
         previous: f64,
-        /// The knot found.
+        /// The knot that was found.
         value: f64,
     },
     /// The number of knots does not belong to the number of coefficients.
@@ -63,13 +63,13 @@ pub enum CurveError {
         "found {found} knots for {coefficients} coefficients of degree {degree}: expected coefficients + degree + 1 = {expected}"
     )]
     KnotCount {
-        /// Number of knots found.
+        /// The number of knots that was found.
         found: usize,
-        /// Number of coefficients found.
+        /// The number of coefficients that was found.
         coefficients: usize,
-        /// The degree.
+        /// The degree of the spline.
         degree: usize,
-        /// Number of knots expected.
+        /// The number of knots that is expected.
         expected: usize,
     },
     /// A knot inside the domain is repeated so often that the spline would jump there.
@@ -79,23 +79,23 @@ pub enum CurveError {
     KnotRepeated {
         /// Where the first of them stands.
         index: usize,
-        /// The knot.
+        /// The knot that is repeated.
         value: f64,
         /// How often it stands there.
         found: usize,
-        /// The degree.
+        /// The degree of the spline.
         degree: usize,
     },
     /// A count is outside what the kind of curve allows.
     #[error("{what} is {found}: expected {lowest} to {highest}")]
     OutOfRange {
-        /// What the count is.
+        /// What the count stands for.
         what: &'static str,
-        /// The count found.
+        /// The count that was found.
         found: usize,
-        /// The least allowed.
+        /// The smallest count that is allowed.
         lowest: usize,
-        /// The most allowed.
+        /// The largest count that is allowed.
         highest: usize,
     },
     /// A Fourier series has a cosine coefficient without its sine coefficient.
@@ -103,17 +103,17 @@ pub enum CurveError {
         "found {found} Fourier coefficients: expected an odd number, a0 and then pairs of cosine and sine"
     )]
     UnpairedHarmonic {
-        /// Number of coefficients found.
+        /// The number of coefficients that was found.
         found: usize,
     },
     /// A parameter is outside the interval it must lie in.
     #[error("{what} is {value}: expected {expected}")]
     Parameter {
-        /// The parameter.
+        /// The name of the parameter.
         what: &'static str,
-        /// The value found.
+        /// The value that was found.
         value: f64,
-        /// The interval, in words.
+        /// The interval it must lie in, in words.
         expected: &'static str,
     },
     /// The weights of a moving least-squares curve leave too few nodes somewhere.
@@ -123,7 +123,7 @@ pub enum CurveError {
     SupportTooNarrow {
         /// The support found, as a fraction of the range.
         support: f64,
-        /// The order.
+        /// The order of the local polynomial.
         order: usize,
         /// How many nodes the order needs everywhere.
         needed: usize,
@@ -139,7 +139,7 @@ pub enum CurveError {
         "found {found} rows of values: expected {expected}, one for each node of the first axis"
     )]
     GridRows {
-        /// Number of rows found.
+        /// The number of rows that was found.
         found: usize,
         /// Number of nodes along the first axis.
         expected: usize,
@@ -149,9 +149,9 @@ pub enum CurveError {
         "found {found} values in row {row}: expected {expected}, one for each node of the second axis"
     )]
     GridColumns {
-        /// The row.
+        /// The row that is meant, from 0.
         row: usize,
-        /// Number of values found.
+        /// The number of values that was found.
         found: usize,
         /// Number of nodes along the second axis.
         expected: usize,
@@ -159,7 +159,7 @@ pub enum CurveError {
     /// Both arguments of a grid are the same axis.
     #[error("both grid axes are coordinate {axis}: expected two different axes")]
     GridAxes {
-        /// The coordinate named twice.
+        /// The coordinate that is named twice.
         axis: usize,
     },
 }

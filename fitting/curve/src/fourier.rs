@@ -50,7 +50,7 @@ impl Fourier {
         self.period
     }
 
-    /// The range of arguments.
+    /// The lower and upper end of the range of arguments.
     pub fn domain(&self) -> [f64; 2] {
         self.domain
     }

@@ -309,7 +309,7 @@ impl Triangle {
         self.back(&self.y)
     }
 
-    /// `(RᵀR)⁻¹ e₀`.
+    /// The first column of the inverse of the normal matrix: `(RᵀR)⁻¹ e₀`.
     fn first_column_of_inverse(&self) -> [f64; SIZE] {
         let mut q = [0.0; SIZE];
         for i in 0..self.size {

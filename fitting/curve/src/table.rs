@@ -10,9 +10,9 @@ use crate::{CurveError, domain, series::affine_nodes};
     serde(rename_all = "snake_case")
 )]
 pub enum Interpolation {
-    /// Straight lines.
+    /// Straight lines between neighbouring nodes.
     Linear,
-    /// Monotone cubics (PCHIP).
+    /// Monotone cubics (PCHIP), which neither overshoot nor ripple.
     Cubic,
 }
 

@@ -8,37 +8,37 @@ pub enum FitError {
     /// There are not as many readings as abscissae.
     #[error("found {readings} readings for {abscissae} abscissae: expected one for each")]
     Lengths {
-        /// Number of abscissae.
+        /// The number of abscissae that was found.
         abscissae: usize,
-        /// Number of readings.
+        /// The number of readings that was found.
         readings: usize,
     },
     /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
-        /// What the number is.
+        /// What the number stands for.
         what: &'static str,
-        /// Where it stands.
+        /// Place of the number in its list.
         index: usize,
-        /// The number found.
+        /// The number that was found.
         value: f64,
     },
-    /// Too few different targets.
+    /// There are too few different targets.
     #[error("found {found} different targets: {purpose} needs at least {needed}")]
     TooFewTargets {
         /// What they are needed for.
         purpose: &'static str,
         /// Number of different targets found.
         found: usize,
-        /// Number needed.
+        /// The number that is needed.
         needed: usize,
     },
     /// A target lies outside the domain asked for.
     #[error("target {index} is {value}: expected it in the domain [{lower}, {upper}]")]
     OutsideDomain {
-        /// Where it stands.
+        /// Place of the number in its list.
         index: usize,
-        /// The target.
+        /// The target that lies outside.
         value: f64,
         /// Lower end of the domain.
         lower: f64,
@@ -58,7 +58,7 @@ pub enum FitError {
         "in powers of the argument the polynomial of order {order} over [{lower}, {upper}] is wrong by {error:e}: expected a lower order, a domain nearer to 0, or a Chebyshev series"
     )]
     PowersLoseDigits {
-        /// The order.
+        /// The order of the polynomial.
         order: usize,
         /// Lower end of the domain.
         lower: f64,
@@ -72,7 +72,7 @@ pub enum FitError {
         "{targets} targets leave no order and support with enough weight everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
     )]
     NoCandidate {
-        /// Number of different targets.
+        /// The number of different targets that was found.
         targets: usize,
         /// The shape of the weight.
         shape: f64,
@@ -80,11 +80,11 @@ pub enum FitError {
     /// A parameter is not what it must be.
     #[error("{what} is {value}: expected {expected}")]
     Parameter {
-        /// The parameter.
+        /// The name of the parameter.
         what: &'static str,
-        /// The value found.
+        /// The value that was found.
         value: f64,
-        /// What it must be.
+        /// The values that are allowed, in words.
         expected: &'static str,
     },
     /// The curve refuses its parameters.

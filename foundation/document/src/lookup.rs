@@ -115,7 +115,7 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected {expected}")))
     }
 
-    /// A number above 0.
+    /// A finite number above 0.
     ///
     /// # Errors
     /// Anything else.

@@ -11,15 +11,15 @@ pub enum ReadError {
     /// The system does not hand the file out: it is missing, a folder, or not readable for this user.
     #[error("{file}: cannot be read: {source}")]
     System {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// What the system says.
+        /// The answer of the system.
         source: io::Error,
     },
     /// The file holds bytes that are no UTF-8.
     #[error("{file}: byte {offset} is not UTF-8, expected a text file in UTF-8")]
     Encoding {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Place of the first byte that is not UTF-8, from 0.
         offset: usize,

@@ -143,7 +143,7 @@ impl<'a> Section<'a> {
 }
 
 impl<'a> Value<'a> {
-    /// The full key.
+    /// The full key, with the tables before it.
     pub fn key(&self) -> &str {
         &self.key
     }
@@ -218,7 +218,7 @@ impl<'a> Value<'a> {
         self.whole(0..=most)
     }
 
-    /// A text.
+    /// The text that the value is.
     ///
     /// # Errors
     /// Anything else.
@@ -229,7 +229,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// `true` or `false`.
+    /// The truth value, `true` or `false`.
     ///
     /// # Errors
     /// Anything else.
@@ -240,7 +240,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// A table.
+    /// The table that the value is.
     ///
     /// # Errors
     /// Anything else.
@@ -290,7 +290,7 @@ impl<'a> Value<'a> {
             .map_err(|_| self.mismatch(&format!("an array of {N} numbers")))
     }
 
-    /// An array of texts.
+    /// The texts of an array of texts.
     ///
     /// # Errors
     /// Anything else.

@@ -23,7 +23,7 @@ pub(super) fn decode_thermal(
     })
 }
 
-/// Any finite number.
+/// The range of any finite number.
 const NUMBERS: core::ops::RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 
 /// The error motion that a thermal term is added to.

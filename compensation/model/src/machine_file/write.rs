@@ -110,7 +110,7 @@ fn write_thermal(thermal: &Thermal) -> String {
     text
 }
 
-/// A TOML basic string.
+/// A text as a TOML basic string, in quotes.
 fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

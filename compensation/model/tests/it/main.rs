@@ -8,6 +8,8 @@ mod evaluation;
 mod fuzz_corpus;
 mod messages;
 mod round_trip;
+#[cfg(feature = "serde")]
+mod serialised;
 mod thermal;
 
 /// Ends the run on an allocation where one is forbidden.

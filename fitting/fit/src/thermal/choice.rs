@@ -12,11 +12,12 @@ use super::{
 };
 use crate::FitError;
 
-/// Rows that choose lags and penalty, at the most: more say the same again.
+/// The most rows from which lags and penalty are chosen: neighbouring rows are nearly equal, and more of them change
+/// no choice.
 const ROWS_TO_CHOOSE: usize = 2000;
-/// Blocks of time for the forward validation; the first two only teach.
+/// Blocks of time for the forward validation. The first two are only learnt from, never predicted.
 pub(super) const BLOCKS: usize = 10;
-/// A choice this much worse than the best is not in the mean.
+/// A choice whose error exceeds that of the best by this factor takes no part in the mean.
 const MEAN_WITHIN: f64 = 1.25;
 
 /// Lags, sensors and penalty of one regression.
@@ -108,7 +109,7 @@ impl ThermalChoice {
         self.lags.iter().flat_map(of_lag).collect()
     }
 
-    /// Leaves out one sensor after the other, the one whose loss helps most first.
+    /// The choice with sensors left out one after the other, as long as the forward validation does not get worse.
     fn without_needless(mut self, features: &Features, blocks: &[DMatrix<f64>]) -> Self {
         while self.sensors.len() > 1 {
             let without = |place: usize| {

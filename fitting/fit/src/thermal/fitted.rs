@@ -13,7 +13,7 @@ use crate::fit::rms;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalTerm {
-    /// Time constant, s.
+    /// Time constant of the lag, s; 0 is no lag.
     pub lag_s: f64,
     /// Displacement by kelvin of each sensor, µm/K or µrad/K; 0 for a sensor that is left out.
     pub per_k: Vec<f64>,

@@ -1,0 +1,83 @@
+//! Reads a machine file; says the error of the tool tip at a position and the correction there, on all axes and on those
+//! that a controller writes.
+//!
+//! `cargo run -p volcomp-model --example machine_file -- examples/trunnion.toml`
+
+use std::{env, path::PathBuf, process::ExitCode};
+
+use volcomp_kinematics::{CorrectionOptions, Form};
+use volcomp_model::{Machine, ModelError, Temperatures, Tolerance};
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+fn main() -> ExitCode {
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/trunnion.toml");
+    let file = env::args_os().nth(1).map_or(shipped.into(), PathBuf::from);
+    match Machine::read(&file).and_then(|machine| answer(&machine)) {
+        Ok(()) => ExitCode::SUCCESS,
+        // Names file, line and key, what was found and what was expected.
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn answer(machine: &Machine) -> Result<(), ModelError> {
+    println!("{} ({})", machine.name, machine.chain().structure());
+
+    // A command at a quarter of every travel: coordinates in mm and deg, as the control shows them.
+    let quarter = |[low, high]: [f64; 2]| low + 0.25 * (high - low);
+    let axes = machine.axes().iter();
+    let command: Vec<(AxisName, f64)> = axes.map(|a| (a.name, quarter(a.travel))).collect();
+    let state = machine.state(&command)?;
+    for (axis, coordinate) in &command {
+        print!("  {axis} {coordinate}");
+    }
+    println!();
+
+    // The error is actual minus ideal, in workpiece axes. Inside, lengths are in mm and angles in rad.
+    let steady = Temperatures::new();
+    let error = machine.error_at(&state, Form::Exact, &steady);
+    let [x, y, z] = (error.position_mm * 1e3).into();
+    println!("error of the tip: {x:.2} {y:.2} {z:.2} µm");
+    for name in machine.outside_range(&state) {
+        println!("  {name} is evaluated outside its measured range");
+    }
+
+    // The correction is what must be added to the command: on the axes that the machine file names (all, where it
+    // names none), and on the linear axes alone. What the axes cannot reach is residual.
+    let linear = command.iter().map(|(axis, _)| *axis);
+    let linear = linear.filter(|axis| axis.kind() == AxisKind::Linear);
+    let linear_only = CorrectionOptions {
+        correct: Some(linear.collect()),
+        ..CorrectionOptions::default()
+    };
+    for (text, options) in [
+        ("as the machine file says", machine.correction_options()),
+        ("linear axes alone", linear_only),
+    ] {
+        let found = machine.correction_at(&state, &steady, &options);
+        print!("correction, {text}:");
+        for (joint, delta) in machine.chain().joints().iter().zip(&found.delta) {
+            match joint.kind {
+                AxisKind::Linear => print!("  {} {:.2} µm", joint.name, delta * 1e3),
+                AxisKind::Rotary => print!("  {} {:.2} µrad", joint.name, delta * 1e6),
+            }
+        }
+        println!(
+            "; left: {:.3} µm, tool axis {:.1} µrad",
+            found.residual_mm.norm() * 1e3,
+            found.residual_axis.norm() * 1e6
+        );
+    }
+
+    // A controller evaluates the compiled form, which needs neither allocation nor the machine file.
+    let compiled = machine.compile(Tolerance::default())?;
+    println!(
+        "compiled: {} pieces of cubics, {} bytes, within {} nm of the curves",
+        compiled.pieces(),
+        compiled.bytes(),
+        compiled.tolerance().linear_mm * 1e6
+    );
+    Ok(())
+}
