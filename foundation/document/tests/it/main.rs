@@ -57,12 +57,13 @@ fn asked<T>(
 #[test]
 fn lookups_name_what_they_expect() {
     const WORDS: [(&str, u8); 2] = [("binary", 1), ("gray", 2)];
-    let number = |text, range| asked(text, |s| s.number_or("a", range, 7.0)).map_err(told);
-    let whole = |text| asked(text, |s| s.whole_or("a", 1..=60_u16, 9)).map_err(told);
-    let word = |text| asked(text, |s| s.one_of("a", &WORDS, 0)).map_err(told);
-    let truth = |text| asked(text, |s| s.truth_or("a", true)).map_err(told);
-    let positive = |text| asked(text, |s| s.require("a")?.positive()).map_err(told);
-    let tables = |text| asked(text, |s| s.tables("a", |t| t.require("n")?.number())).map_err(told);
+    let number = |text, range| asked(text, |s| s.number_or("a", range, 7.0)).map_err(|e| told(&e));
+    let whole = |text| asked(text, |s| s.whole_or("a", 1..=60_u16, 9)).map_err(|e| told(&e));
+    let word = |text| asked(text, |s| s.one_of("a", &WORDS, 0)).map_err(|e| told(&e));
+    let truth = |text| asked(text, |s| s.truth_or("a", true)).map_err(|e| told(&e));
+    let positive = |text| asked(text, |s| s.require("a")?.positive()).map_err(|e| told(&e));
+    let tables =
+        |text| asked(text, |s| s.tables("a", |t| t.require("n")?.number())).map_err(|e| told(&e));
     insta::assert_snapshot!(
         [
             format!("{:?}", number("", 0.0..=1.0)),
@@ -94,7 +95,7 @@ fn lookups_name_what_they_expect() {
     );
 }
 
-fn told(error: InputError) -> String {
+fn told(error: &InputError) -> String {
     error.to_string()
 }
 
