@@ -14,7 +14,8 @@ pub struct FocasController {
 }
 
 impl FocasController {
-    /// Begins to connect.
+    /// Begins to connect. Why there is no connection is logged as a warning (`tracing`), too, on the thread that
+    /// connects.
     ///
     /// # Errors
     /// The axes of the configuration make no sense, or there is no thread for the connection.
@@ -25,7 +26,18 @@ impl FocasController {
             .check()
             .map_err(|unfit| FocasError::from(unfit).of(&*device))?;
         let of_device = device.clone();
-        let open = move || Link::open(&config).map_err(|error| error.of(&*of_device));
+        // Every trouble is logged once, not at every try.
+        let mut logged = String::new();
+        let open = move || {
+            let opened = Link::open(&config).map_err(|error| error.of(&*of_device));
+            let text = opened.as_ref().err().map(DeviceError::to_string);
+            let text = text.unwrap_or_default();
+            if !text.is_empty() && text != logged {
+                tracing::warn!("{text}");
+            }
+            logged = text;
+            opened
+        };
         Ok(Self {
             description,
             supply: Supply::new(&device, backoff, open)?,

@@ -1,35 +1,35 @@
-//! The frames of the protocol, both ways, big-endian. What is known comes from public sources named in the
-//! README; nothing here allocates but the building of requests.
+//! The frames of the protocol in both directions, big-endian, as public captures and descriptions show them. Only
+//! the building of requests and answers allocates.
 
-/// Bytes of a frame's head.
+/// The number of bytes of a frame's head.
 pub const HEAD: usize = 10;
-/// What every frame begins with.
+/// The four bytes with which every frame begins.
 const SYNC: [u8; 4] = [0xa0; 4];
-/// Version that a request states.
+/// The version that every request states.
 const REQUEST_VERSION: u16 = 1;
-/// Bytes of a command without data.
+/// The number of bytes of a command without data.
 const COMMAND: usize = 0x1c;
-/// Bytes of a block without data, as an error is answered.
+/// The number of bytes of a block without data, as a refusal has it.
 const BLOCK: usize = 16;
 
 /// What a frame is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Open a session.
+    /// A request to open a session.
     Open,
-    /// The session is open.
+    /// The answer that the session is open.
     Opened,
-    /// The session is refused: there are too many.
+    /// The answer that the session is refused, because there are too many.
     Refused,
-    /// Close a session.
+    /// A request to close the session.
     Close,
-    /// The session is closed.
+    /// The answer that the session is closed.
     Closed,
-    /// Commands.
+    /// A request of one or more commands.
     Command,
-    /// Their answers.
+    /// The answers to the commands of a request.
     Answer,
-    /// The commands are refused as a whole.
+    /// The answer that a request is refused as a whole.
     Negative,
 }
 
@@ -67,14 +67,14 @@ impl From<Broken> for volcomp_port::Fault {
 pub struct Head {
     /// 1 in requests; 2, 3 or 4 in answers, by the generation of the controller.
     pub version: u16,
-    /// What it is for.
+    /// What the frame is for.
     pub kind: Kind,
-    /// Bytes that follow.
+    /// The number of bytes that follow the head.
     pub length: usize,
 }
 
 impl Head {
-    /// Reads a head.
+    /// Reads the head of a frame.
     ///
     /// # Errors
     /// Other bytes at the start, an unknown kind.
@@ -92,7 +92,7 @@ impl Head {
     }
 }
 
-/// A whole frame.
+/// A whole frame from its payload.
 ///
 /// # Errors
 /// A payload that is longer than a frame can be.
@@ -112,7 +112,7 @@ pub fn open_frame() -> [u8; HEAD + 2] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 1, 1, 0, 2, 0, 2]
 }
 
-/// The frame that closes it.
+/// The frame that closes a session.
 pub fn close_frame() -> [u8; HEAD] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 2, 1, 0, 0]
 }
@@ -121,24 +121,24 @@ pub fn close_frame() -> [u8; HEAD] {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Target {
-    /// The numerical control.
+    /// The numerical control itself.
     Cnc = 1,
-    /// The programmable machine controller.
+    /// Its programmable machine controller, where the ladder runs.
     Pmc = 2,
 }
 
-/// One command. `a5` is the length of `data` on a write.
+/// One command of a request. The fifth argument is the length of `data` on a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command<'a> {
-    /// What it is for.
+    /// The part of the controller that it is for.
     pub target: Target,
-    /// Path of the control, from 1.
+    /// The path of the control, from 1.
     pub path: u16,
-    /// Function code.
+    /// The code of the function.
     pub function: u16,
-    /// The arguments a1 to a5.
+    /// The five arguments of the function.
     pub args: [i32; 5],
-    /// What is written.
+    /// The data that are written; empty on a read.
     pub data: &'a [u8],
 }
 
@@ -160,7 +160,7 @@ struct Sent {
 }
 
 impl Request {
-    /// A request of these commands.
+    /// Builds a request of these commands.
     ///
     /// # Errors
     /// More than a frame can hold.
@@ -232,15 +232,15 @@ impl Request {
 /// The answer to one command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block<'a> {
-    /// Target, path and function of the command.
+    /// The target of the command.
     pub target: u16,
-    /// See `target`.
+    /// The path of the command.
     pub path: u16,
-    /// See `target`.
+    /// The function of the command.
     pub function: u16,
-    /// 0, or why the command was refused.
+    /// 0, or the return code with which the command was refused.
     pub error: i16,
-    /// What was read.
+    /// The data that were read.
     pub data: &'a [u8],
 }
 
@@ -253,7 +253,7 @@ pub struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
-    /// From the payload of an answer.
+    /// Takes the payload of an answer apart.
     ///
     /// # Errors
     /// A payload without a count.
@@ -341,7 +341,7 @@ pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, Broken> {
     Ok(commands)
 }
 
-/// The block that answers a command.
+/// Appends the block that answers a command.
 ///
 /// # Errors
 /// More data than a block can hold.

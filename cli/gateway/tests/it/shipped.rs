@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::program::{Program, change};
+use crate::program::{Program, change, path};
 
 /// The simulated control with the last line of its report; ended when it is dropped.
 struct Control {
@@ -100,8 +100,8 @@ fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     command.split_whitespace().collect()
 }
 
-/// Both programs as the comments of the configuration say, on free ports: the tool misses by less than a fifth.
-fn rehearse(configuration: &str) {
+/// A folder with the files of the folder of examples.
+fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = dir.path().join("examples");
     std::fs::create_dir(&examples).expect("writable");
@@ -112,9 +112,17 @@ fn rehearse(configuration: &str) {
             std::fs::copy(&file, copy).expect("writable");
         }
     }
+    (dir, examples)
+}
+
+/// Both programs as the comments of the configuration say, on free ports and with more options of the control: the tool
+/// misses by less than a fifth.
+fn rehearse(configuration: &str, more: &[&str]) {
+    let (dir, examples) = copied_examples();
     let file = examples.join(configuration);
     let text = std::fs::read_to_string(&file).expect("readable");
-    let control = Control::start(dir.path(), &arguments(&text, "focas-sim"));
+    let of_control = [&arguments(&text, "focas-sim")[..], more].concat();
+    let control = Control::start(dir.path(), &of_control);
     change(&file, "127.0.0.1:8193", &control.address);
     let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     command.current_dir(dir.path());
@@ -138,10 +146,40 @@ fn rehearse(configuration: &str) {
 
 #[test]
 fn three_axes_as_shipped() {
-    rehearse("gateway.toml");
+    rehearse("gateway.toml", &[]);
 }
 
 #[test]
 fn five_axes_as_shipped() {
-    rehearse("gateway-five-axis.toml");
+    rehearse("gateway-five-axis.toml", &[]);
+}
+
+/// The driver finds out what such controls accept; the configuration is the same.
+#[test]
+fn a_control_that_answers_one_point_at_a_time() {
+    rehearse("gateway.toml", &["--one-point"]);
+}
+
+#[test]
+fn a_control_that_refuses_combined_requests() {
+    rehearse("gateway-five-axis.toml", &["--one-point", "--refuses-mix"]);
+}
+
+#[test]
+fn a_control_that_takes_one_command_a_request() {
+    rehearse("gateway.toml", &["--one-point", "--one-command"]);
+}
+
+/// What a control refuses is in the log, with the return code in words.
+#[test]
+fn a_refusal_is_told_in_words() {
+    let (dir, examples) = copied_examples();
+    let control = Control::start(dir.path(), &["--at", "X=100"]);
+    let file = examples.join("gateway.toml");
+    change(&file, "127.0.0.1:8193", &control.address);
+    change(&file, "at = 120", "at = 20000");
+    let gateway = Program::start(dir.path(), &["--config", path(&file)]);
+    let told = "reading the heartbeat at R20000 was refused with code 3: EW_NUMBER";
+    let logged = gateway.wait(|_| gateway.log().contains(told));
+    assert!(logged.is_ok(), "{}", gateway.log());
 }

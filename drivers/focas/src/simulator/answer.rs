@@ -1,4 +1,4 @@
-//! What the simulated controller answers.
+//! What the simulated control answers to each command.
 
 use super::{Options, World};
 use crate::{

@@ -1,4 +1,5 @@
-//! A controller on the wire for tests: it answers as public captures show, and misbehaves on request.
+//! A simulated control on the wire, for tests and rehearsals: it answers as public captures show, and misbehaves on
+//! request.
 
 mod answer;
 mod world;
@@ -66,7 +67,7 @@ impl Default for Options {
     }
 }
 
-/// A simulated controller on a socket; it goes with its threads when dropped.
+/// A simulated control on a socket. It ends with its threads and connections when it is dropped.
 pub struct Simulator {
     address: SocketAddr,
     shared: Arc<Shared>,
@@ -117,12 +118,12 @@ impl Simulator {
         })
     }
 
-    /// Where it listens.
+    /// The address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Its machine and memory. Answers wait while this is held.
+    /// The machine and the memory of the control. Answers wait while this is held.
     pub fn world(&self) -> MutexGuard<'_, World> {
         self.shared.world()
     }

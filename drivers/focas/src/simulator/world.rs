@@ -1,4 +1,5 @@
-//! The machine behind the simulated controller, and its memory.
+//! The machine behind the simulated control, and its memory. Coordinates are as the control counts: mm for linear, deg
+//! for rotary axes.
 
 use std::{
     collections::BTreeMap,
@@ -8,21 +9,21 @@ use std::{
 
 use crate::pmc::{PmcArea, Width};
 
-/// Bytes of each PMC area.
+/// The number of bytes of each PMC area.
 const AREA: usize = 10_000;
 
 /// Where the machine zero point shifts of the axes stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShiftArea {
-    /// The area.
+    /// The area of PMC memory.
     pub area: PmcArea,
-    /// Byte of the first axis.
+    /// The byte at which the number of the first axis begins.
     pub first: usize,
-    /// Bytes of each number.
+    /// The number of bytes of each number.
     pub width: Width,
-    /// What one count moves an axis, mm or deg.
+    /// How far one count moves an axis, mm or deg.
     pub count: f64,
-    /// Whether reported positions contain it.
+    /// Whether the positions that are told contain the shift.
     pub in_positions: bool,
 }
 
@@ -31,19 +32,19 @@ pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
 /// The machine and the memory of the control.
 pub struct World {
-    /// Letters of the axes.
+    /// The letters of the axes, in the control's order.
     pub axes: Vec<char>,
-    /// How they move.
+    /// How the axes move.
     pub motion: Motion,
-    /// Where shifts are taken from.
+    /// Where the shifts are taken from.
     pub shift: ShiftArea,
-    /// What is written to PMC memory is seen only so much later.
+    /// The time after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
     /// Whether the emergency stop is pressed.
     pub emergency_stop: bool,
     /// The alarms that are on: number and text.
     pub alarms: Vec<(i32, String)>,
-    /// Macro variables.
+    /// Macro variables by number.
     pub macros: BTreeMap<i32, f64>,
     /// Parameters by number and slot.
     pub parameters: BTreeMap<(i32, usize), f64>,

@@ -183,3 +183,23 @@ fn answers_cut_at_every_byte_end_in_time() {
     }
     peer.join().unwrap();
 }
+
+/// Plain data come back from JSON as they were.
+#[cfg(feature = "serde")]
+#[test]
+fn plain_data_are_serialised() {
+    use volcomp_focas::{FocasConfig, PmcAddress, Shift};
+    use volcomp_vocabulary::AxisName;
+    let shift = FocasConfig::new("host", &[AxisName::X]).shift;
+    let text = serde_json::to_string(&shift).unwrap();
+    assert_eq!(
+        text,
+        r#"{"first":{"area":"R","at":100},"width":"Word","count_linear":0.001,"count_rotary":0.000017453292519943296}"#
+    );
+    assert_eq!(serde_json::from_str::<Shift>(&text).unwrap(), shift);
+    let address: PmcAddress = serde_json::from_str(r#"{"area":"D","at":7}"#).unwrap();
+    assert_eq!(address.to_string(), "D7");
+    let options = Options::default();
+    let text = serde_json::to_string(&options).unwrap();
+    assert_eq!(serde_json::from_str::<Options>(&text).unwrap(), options);
+}
