@@ -13,13 +13,12 @@ use volcomp_focas::{
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut simulator = None;
-    let address = match std::env::args().nth(1) {
-        Some(address) => address,
-        None => {
-            let world = World::new(&['X', 'Y', 'Z', 'C']);
-            let started = Simulator::start("127.0.0.1:0", Options::default(), world)?;
-            simulator.insert(started).address().to_string()
-        }
+    let address = if let Some(address) = std::env::args().nth(1) {
+        address
+    } else {
+        let world = World::new(&['X', 'Y', 'Z', 'C']);
+        let started = Simulator::start("127.0.0.1:0", Options::default(), world)?;
+        simulator.insert(started).address().to_string()
     };
     let (host, port) = address
         .rsplit_once(':')
