@@ -4,14 +4,10 @@
 use std::{hint::black_box, time::Duration};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use volcomp_gateway::{
-    assemble::{self, PathConfig},
-    cycle::{Asked, Cycle, Sensors},
-    model::Model,
-    simulate::{self, Simulation},
-};
+use volcomp_gateway::simulate::{self, Simulation};
 use volcomp_guard::Request;
 use volcomp_port::{Clock, Controller, Thermometer};
+use volcomp_runtime::{Asked, ControlPath, Cycle, Model, PathPlan, PathSettings, Sensors};
 use volcomp_vocabulary::PerChannel;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -21,27 +17,16 @@ fn cycles(criterion: &mut Criterion) {
     let guard = simulate::guard();
     let simulation = Simulation::new(clock.clone()).expect("built in");
     let model = Model::new(&simulation.model, guard.fading).expect("built in");
-    let config = PathConfig {
-        fixed: Vec::new(),
-        unwatched: false,
+    let settings = PathSettings {
         proves: false,
-        position_step: 0.0,
-        read_back_cycles: 1,
+        ..PathSettings::default()
     };
-    let path = assemble::path(
-        Box::new(simulation.controller),
-        &model,
-        &guard,
-        &config,
-        PERIOD,
-        &mut Vec::new(),
-    );
-    let sensors = Sensors {
-        thermometers: vec![Box::new(simulation.thermometer)],
-        limits: assemble::sensor_limits(&guard),
-    };
-    let paths = vec![path.expect("built in")];
-    let mut cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
+    let described = simulation.controller.description().clone();
+    let plan = PathPlan::new(described, &model, &guard, &settings, PERIOD).expect("built in");
+    let path = ControlPath::new(Box::new(simulation.controller), &plan).expect("built in");
+    let sensors = Sensors::new(vec![Box::new(simulation.thermometer)], guard.temperatures);
+    let mut cycle = Cycle::new(Box::new(model), vec![path], guard.hand_back, sensors, PERIOD)
+        .expect("one path")
         .with_start(clock.start());
     let mut asked = Asked {
         request: Some(Request::Arm),

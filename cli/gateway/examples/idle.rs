@@ -5,7 +5,7 @@
 
 use std::{io::Write, time::Duration};
 
-use volcomp_gateway::{config::RealtimeConfig, realtime};
+use volcomp_runtime::{Realtime, schedule, tick};
 
 fn main() {
     let arguments: Vec<f64> = std::env::args()
@@ -21,15 +21,15 @@ fn main() {
         clippy::cast_sign_loss,
         reason = "small numbers of a call"
     )]
-    let config = RealtimeConfig {
+    let config = Realtime {
         priority: priority as u8,
         cpu: Some(cpu as usize),
     };
-    for lacking in realtime::schedule(config) {
+    for lacking in schedule(config) {
         eprintln!("{lacking}");
     }
     let mut second = (0_u64, 0_u64, 0_u32);
-    realtime::tick(
+    tick(
         Duration::from_secs_f64(period_ms * 1e-3),
         Duration::from_secs_f64(seconds),
         &mut |now, wake, missed| {

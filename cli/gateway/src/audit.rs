@@ -9,12 +9,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
+use volcomp_runtime::monotonic;
 
-/// A file grows so far, then the next one begins.
+use crate::documents::{Details, Record};
+
+/// A file that is larger is closed, and the next one begun, bytes.
 const MAX_BYTES: u64 = 4 << 20;
-/// Files that are kept besides the current one.
+/// How many files are kept besides the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
@@ -106,22 +108,21 @@ impl AuditLog {
     ///
     /// # Errors
     /// A disk that is full or gone: nothing of the record is left then.
-    pub fn append(&mut self, who: &str, what: &str, details: &Value) -> io::Result<()> {
+    pub fn append(&mut self, who: &str, what: &str, details: Details) -> io::Result<()> {
         if self.bytes > self.max_bytes {
             self.rotate()?;
         }
         let sequence = self.sequence + 1;
-        let record = json!({
-            "seq": sequence,
-            "boot": self.boot_id,
-            "monotonic_s": crate::realtime::monotonic().as_secs_f64(),
-            "time": utc_now(),
-            "who": who,
-            "what": what,
-            "details": details,
-            "previous": self.last_checksum,
-        })
-        .to_string();
+        let record = serde_json::to_string(&Record {
+            seq: sequence,
+            boot: self.boot_id.clone(),
+            monotonic_s: monotonic().as_secs_f64(),
+            time: utc_now(),
+            who: who.to_owned(),
+            what: what.to_owned(),
+            details,
+            previous: self.last_checksum.clone(),
+        })?;
         let checksum = checksum(&self.last_checksum, &record);
         let line = format!("{checksum} {record}\n");
         let written = self
@@ -214,11 +215,18 @@ pub fn verify(bytes: &[u8]) -> Verified {
 /// Checksum and sequence number of a line that belongs to the chain.
 fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     let (found, record) = line.split_once(' ')?;
-    let value: Value = serde_json::from_str(record).ok()?;
-    let stated = value["previous"].as_str()?;
+    let link: Link = serde_json::from_str(record).ok()?;
+    let stated = link.previous;
     let follows = previous.is_none_or(|previous| previous == stated);
-    (follows && checksum(stated, record) == found)
-        .then(|| (found.to_owned(), value["seq"].as_u64().unwrap_or(0)))
+    (follows && checksum(&stated, record) == found).then(|| (found.to_owned(), link.seq))
+}
+
+/// What of a record makes the chain: records of other versions may hold other details.
+#[derive(serde::Deserialize)]
+struct Link {
+    #[serde(default)]
+    seq: u64,
+    previous: String,
 }
 
 fn checksum(previous: &str, record: &str) -> String {

@@ -1,10 +1,13 @@
-//! Why a gateway does not start, or not do what it is asked.
+//! Why a gateway does not start, or does not do what it is asked.
+
+use std::{fmt, io, net::SocketAddr, path::PathBuf};
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
+use volcomp_runtime::{PlanError, StartError};
 
-/// What is wrong.
+/// Why a gateway does not start, or does not do what it is asked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GatewayError {
@@ -17,44 +20,268 @@ pub enum GatewayError {
     /// The configuration cannot be read as text.
     #[error(transparent)]
     Unreadable(#[from] ReadError),
-    /// A device.
+    /// Controllers, machine and limits do not fit together.
+    #[error("{file}: {source}")]
+    Plan {
+        /// The configuration file.
+        file: String,
+        /// What does not fit.
+        source: PlanError,
+    },
+    /// What a configuration says of a device makes no sense; found without opening it.
+    #[error("{file}: {source}")]
+    DeviceConfig {
+        /// The configuration file.
+        file: String,
+        /// What makes no sense.
+        source: DeviceError,
+    },
+    /// Two controllers are the same device.
+    #[error("{file}: {url} stands in two [[controller]], expected one for each device")]
+    DeviceTwice {
+        /// The configuration file.
+        file: String,
+        /// The device.
+        url: String,
+    },
+    /// The names of a thermometer's sensors are not those that the device has.
+    #[error(
+        "{file}: {url}: names: found {found:?}, expected some of {expected:?}, the sensors of this device"
+    )]
+    SensorNames {
+        /// The configuration file.
+        file: String,
+        /// The device.
+        url: String,
+        /// The name that the device does not have.
+        found: String,
+        /// The names that it has.
+        expected: Vec<String>,
+    },
+    /// Other computers can reach the dashboard, and it has no TLS.
+    #[error(
+        "[dashboard] listen = {listen}: others can reach this address, so tls_certificate and tls_key are needed (volcomp-gateway tls-init makes a pair)"
+    )]
+    NoTls {
+        /// The address.
+        listen: SocketAddr,
+    },
+    /// Other computers can reach the dashboard, and nobody has a token.
+    #[error(
+        "[dashboard] listen = {listen}: others can reach this address, so reading needs a token: token_file is missing or empty"
+    )]
+    NoToken {
+        /// The address.
+        listen: SocketAddr,
+    },
+    /// A certificate or key that is none, or that do not belong together.
+    #[error("{}: {source}", file.display())]
+    Certificate {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        source: CertificateError,
+    },
+    /// Names for which no certificate can be made.
+    #[error("{names}: {source}")]
+    CertificateNames {
+        /// The names, as they were given.
+        names: String,
+        /// What is wrong.
+        source: rcgen::Error,
+    },
+    /// A line of the token file.
+    #[error("{}:{line}: {source}", file.display())]
+    Token {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong; never the token itself.
+        source: TokenError,
+    },
+    /// A token file that others may read.
+    #[error("{}: found mode {mode:03o}, expected 600: others may read the tokens", file.display())]
+    TokenMode {
+        /// The file.
+        file: PathBuf,
+        /// Its mode.
+        mode: u32,
+    },
+    /// The folder of the audit log is no folder.
+    #[error("[audit] dir: {} is no folder", dir.display())]
+    AuditDir {
+        /// What was found.
+        dir: PathBuf,
+    },
+    /// A reload that cannot be done while the gateway runs.
     #[error(transparent)]
-    Device(#[from] DeviceError),
+    Reload(#[from] ReloadError),
     /// A file that cannot be read.
     #[error("{file}: cannot be read: {source}")]
     Read {
-        /// Which one.
+        /// The file.
         file: String,
         /// Why.
-        source: std::io::Error,
+        source: io::Error,
     },
-    /// Configuration and machine do not fit together.
-    #[error("{0}")]
-    Unfit(String),
+    /// A device that cannot be opened.
+    #[error(transparent)]
+    Device(DeviceError),
+    /// Another gateway on this computer corrects the same device.
+    #[error("{url}: another gateway on this computer corrects it")]
+    Locked {
+        /// The device.
+        url: String,
+    },
+    /// The control thread does not start.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// A running gateway refuses to answer, or answers with no state.
+    #[error("gateway at {address}: {what}")]
+    Answer {
+        /// Its address.
+        address: SocketAddr,
+        /// What it answers.
+        what: String,
+    },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
         /// What was tried.
         what: String,
         /// Why it failed.
-        source: std::io::Error,
+        source: io::Error,
     },
+}
+
+/// What is wrong with a certificate or key.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CertificateError {
+    /// The file cannot be read or is no PEM of that kind.
+    #[error(transparent)]
+    Pem(#[from] tokio_rustls::rustls::pki_types::pem::Error),
+    /// TLS does not take it.
+    #[error(transparent)]
+    Tls(#[from] tokio_rustls::rustls::Error),
+}
+
+/// What is wrong with a line of a token file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TokenError {
+    /// Not three words.
+    #[error("found {0} words, expected NAME ROLE TOKEN")]
+    Words(usize),
+    /// A role that is not known.
+    #[error("found another role, expected view or operate")]
+    Role,
+    /// A token that can be guessed.
+    #[error(
+        "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"
+    )]
+    Short,
+    /// A second token of one name.
+    #[error("this name stands twice")]
+    Twice,
+}
+
+/// Why a configuration cannot be taken while the gateway runs.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReloadError {
+    /// The simulation has no file to read again.
+    #[error("the built-in configuration cannot be read again")]
+    BuiltIn,
+    /// Without limits nothing may be corrected.
+    #[error("{file}: [guard] is missing")]
+    NoGuard {
+        /// The configuration file.
+        file: String,
+    },
+    /// A key that is fixed while the gateway runs.
+    #[error("{file}: {key} changed: restart the gateway for that")]
+    Changed {
+        /// The configuration file.
+        file: String,
+        /// The key or table.
+        key: FixedKey,
+    },
+    /// Another machine.
+    #[error("{}: other axes than before: restart the gateway for that", machine.display())]
+    OtherAxes {
+        /// The machine file.
+        machine: PathBuf,
+    },
+}
+
+/// A part of the configuration that is fixed while the gateway runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FixedKey {
+    /// The controllers.
+    Controller,
+    /// The thermometers.
+    Thermometer,
+    /// The time of a cycle.
+    CycleMs,
+    /// The dashboard.
+    Dashboard,
+    /// The folder of the audit log.
+    Audit,
+    /// The scheduling of the control thread.
+    Realtime,
+    /// The keys of `[guard]` that are not limits of the correction.
+    GuardTimes,
+}
+
+impl fmt::Display for FixedKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Controller => "[[controller]]",
+            Self::Thermometer => "[[thermometer]]",
+            Self::CycleMs => "cycle_ms",
+            Self::Dashboard => "[dashboard]",
+            Self::Audit => "[audit]",
+            Self::Realtime => "[realtime]",
+            Self::GuardTimes => "[guard] hand_back_s or a key of temperatures",
+        })
+    }
 }
 
 impl GatewayError {
     /// A failure of the operating system.
-    pub fn system(what: impl Into<String>, source: std::io::Error) -> Self {
+    pub fn system(what: impl Into<String>, source: io::Error) -> Self {
         Self::System {
             what: what.into(),
             source,
         }
     }
 
-    /// 2: the call or a file is wrong; 1: the work failed.
+    /// The exit status of the program: 2 when the call or a file is wrong, 1 when the work failed.
     pub fn status(&self) -> u8 {
         match self {
-            Self::Device(_) | Self::System { .. } => 1,
-            _ => 2,
+            Self::Device(_)
+            | Self::Locked { .. }
+            | Self::Start(_)
+            | Self::Answer { .. }
+            | Self::System { .. } => 1,
+            Self::Place(_)
+            | Self::Model(_)
+            | Self::Unreadable(_)
+            | Self::Plan { .. }
+            | Self::DeviceConfig { .. }
+            | Self::DeviceTwice { .. }
+            | Self::SensorNames { .. }
+            | Self::NoTls { .. }
+            | Self::NoToken { .. }
+            | Self::Certificate { .. }
+            | Self::CertificateNames { .. }
+            | Self::Token { .. }
+            | Self::TokenMode { .. }
+            | Self::AuditDir { .. }
+            | Self::Reload(_)
+            | Self::Read { .. } => 2,
         }
     }
 }

@@ -1,22 +1,25 @@
 #![doc = include_str!("../README.md")]
 
-pub mod assemble;
 pub mod audit;
+pub mod client;
 pub mod config;
-pub mod cycle;
-mod document;
+pub mod devices;
+pub mod documents;
 pub mod error;
+pub mod history;
 pub mod http;
+mod lock;
 mod metrics;
-pub mod model;
-pub mod path;
+mod observe;
+pub mod options;
+pub mod plan;
 pub mod process;
-pub mod realtime;
-pub mod report;
+pub mod published;
+pub mod request;
 pub mod run;
 pub mod service;
 pub mod simulate;
-pub mod status;
+pub mod text;
 mod times;
 
 /// Bytes as hexadecimal digits.

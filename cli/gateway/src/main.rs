@@ -4,21 +4,40 @@ use std::{io::Write, net::SocketAddr, path::PathBuf, process::ExitCode, time::Du
 
 use clap::{Parser, Subcommand, ValueEnum};
 use volcomp_gateway::{
+    client,
     config::{Config, DashboardConfig},
+    documents::CheckFailure,
     error::GatewayError,
     http::tls,
-    run::{self, Options},
-    status,
+    options::Options,
+    plan::Plan,
+    run, text,
 };
 
-/// Corrects a machine tool in real time: reads its position and temperatures, computes the volumetric correction,
-/// and writes it back under the rules of a guard. Shows what it does on a dashboard.
+const EXAMPLES: &str = "Examples:
+  volcomp-gateway                                     a simulated machine on http://127.0.0.1:8080
+  volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration";
+const CHECK_EXAMPLES: &str = "Examples:
+  volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
+  volcomp-gateway check gateway.toml --json | jq .notes";
+const STATUS_EXAMPLES: &str = "Examples:
+  volcomp-gateway status                              the gateway on http://127.0.0.1:8080
+  volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json";
+const TLS_EXAMPLES: &str = "Examples:
+  volcomp-gateway tls-init localhost 127.0.0.1
+  volcomp-gateway tls-init gateway.shop.lan 192.0.2.30 --output /etc/volcomp";
+
+/// Correct a machine tool in real time
 ///
-/// Without a configuration it simulates a machine. SIGHUP reads the configuration and the machine file again;
-/// SIGTERM and SIGINT ramp the correction to zero and end it, a second one at once.
+/// Reads the position and the temperatures of a machine tool, computes its volumetric error, and writes the correction
+/// back to the control under the rules of a guard. Shows what it does on a dashboard.
+///
+/// Without a configuration it simulates a machine. SIGHUP reads the configuration and the machine file again. SIGTERM
+/// and SIGINT ramp the correction to zero and then end the program; a second signal ends it at once.
+///
 /// Exit status: 0 done, 1 the work failed, 2 the configuration or the call is wrong.
 #[derive(Parser)]
-#[command(version, args_conflicts_with_subcommands = true)]
+#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Arguments {
     #[command(flatten)]
     run: RunArguments,
@@ -28,25 +47,25 @@ struct Arguments {
 
 #[derive(clap::Args)]
 struct RunArguments {
-    /// Configuration, TOML
+    /// The configuration, TOML
     #[arg(long, conflicts_with = "simulate")]
     config: Option<PathBuf>,
-    /// Simulate a machine; so it is without a configuration
+    /// Simulate a machine, which is what happens without a configuration
     #[arg(long)]
     simulate: bool,
-    /// Where the dashboard listens, instead of the configured address
+    /// The address and port of the dashboard, instead of the configured one
     #[arg(long)]
     listen: Option<SocketAddr>,
-    /// Named tokens (NAME ROLE TOKEN, mode 0600), instead of the configured file
+    /// A file with lines NAME ROLE TOKEN, mode 0600, instead of the configured one
     #[arg(long)]
     token_file: Option<PathBuf>,
-    /// Folder of the audit log, instead of the configured one
+    /// The folder of the audit log, instead of the configured one
     #[arg(long)]
     audit_dir: Option<PathBuf>,
-    /// Time of a cycle of the simulation, ms
+    /// The time of a cycle of the simulation, ms
     #[arg(long, value_parser = cycle, conflicts_with = "config")]
     cycle_ms: Option<Duration>,
-    /// How the log on standard error is written
+    /// The form of the log on standard error
     #[arg(long, value_enum, default_value_t = LogForm::Text)]
     log: LogForm,
 }
@@ -59,35 +78,38 @@ enum LogForm {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Check a configuration without touching a device
+    /// Check a configuration without opening a device, and print what it means
+    #[command(after_help = CHECK_EXAMPLES)]
     Check {
-        /// Configuration, TOML
+        /// The configuration, TOML
         config: PathBuf,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
     },
-    /// Say what a running gateway does
+    /// Print the state of a running gateway
+    #[command(after_help = STATUS_EXAMPLES)]
     Status {
-        /// Its configuration
+        /// The configuration with which it runs
         #[arg(long)]
         config: Option<PathBuf>,
-        /// Where it listens
+        /// The address and port of its dashboard
         #[arg(long)]
         listen: Option<SocketAddr>,
-        /// A file whose first line is a token, where reading needs one
+        /// A file whose first line holds a token, where reading needs one
         #[arg(long)]
         token_file: Option<PathBuf>,
-        /// Print the JSON document
+        /// Print one JSON document
         #[arg(long)]
         json: bool,
     },
     /// Make a self-signed certificate and its key for the dashboard
+    #[command(after_help = TLS_EXAMPLES)]
     TlsInit {
-        /// Names and addresses under which browsers will ask for it
+        /// Host names and addresses under which browsers will ask for it
         #[arg(required = true)]
         names: Vec<String>,
-        /// Folder for certificate.pem and key.pem
+        /// The folder for certificate.pem and key.pem
         #[arg(long, short, default_value = ".")]
         output: PathBuf,
     },
@@ -106,11 +128,23 @@ fn cycle(text: &str) -> Result<Duration, String> {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    let json = matches!(
+        arguments.command,
+        Some(Command::Check { json: true, .. } | Command::Status { json: true, .. })
+    );
     match act(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::from(error.status())
+            let status = error.status();
+            let failure = CheckFailure {
+                error: error.to_string(),
+                status,
+            };
+            match serde_json::to_string(&failure) {
+                Ok(text) if json => eprintln!("{text}"),
+                _ => eprintln!("error: {error}"),
+            }
+            ExitCode::from(status)
         }
     }
 }
@@ -129,12 +163,12 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             })
         }
         Some(Command::Check { config, json }) => {
-            let lines = run::check(&config)?;
-            if json {
-                print(&format!("{}\n", serde_json::json!({ "notes": lines })))
+            let plan = Plan::new(Config::read(&config)?)?;
+            print(&if json {
+                document(&plan.document())?
             } else {
-                print(&(lines.join("\n") + "\n"))
-            }
+                plan.text()
+            })
         }
         Some(Command::Status {
             config,
@@ -163,27 +197,29 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                 }
                 None => None,
             };
-            let state = status::ask(&dashboard, token.as_deref())?;
+            let status = client::ask(&dashboard, token.as_deref())?;
             print(&if json {
-                format!(
-                    "{state}
-"
-                )
+                document(&status)?
             } else {
-                status::text(&state)
+                text::text(&status)
             })
         }
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
             print(&format!(
-                "tls_certificate = {:?}
-tls_key = {:?}
-",
+                "tls_certificate = {:?}\ntls_key = {:?}\n",
                 certificate.display().to_string(),
                 key.display().to_string()
             ))
         }
     }
+}
+
+/// A document as one line.
+fn document(document: &impl serde::Serialize) -> Result<String, GatewayError> {
+    let text = serde_json::to_string(document);
+    let text = text.map_err(|e| GatewayError::system("JSON", e.into()))?;
+    Ok(text + "\n")
 }
 
 /// To standard output; a reader that has gone away is no failure.

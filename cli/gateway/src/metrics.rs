@@ -1,109 +1,115 @@
-//! Prometheus text.
+//! The state as Prometheus text.
 
 use std::fmt::Write;
 
-use serde_json::Value;
-use volcomp_port::Description;
+use crate::documents::{ByAxis, StateName, Status, StretchTimes};
 
-use crate::{
-    report::Report,
-    times::{Stretch, Times},
-};
-
-const STATES: [&str; 6] = [
-    "disarmed",
-    "arming",
-    "compensating",
-    "holding",
-    "ramping-out",
-    "faulted",
-];
-
-/// Lines of a metric: labels and value.
+/// The lines of one metric: labels and value.
 type Lines = Vec<(String, f64)>;
 
-/// All metrics.
-pub(crate) fn text(
-    state: &Value,
-    report: &Report,
-    times: &Times,
-    controllers: &[Description],
-) -> String {
+/// All metrics of a state, on a gateway with so many controllers.
+pub(crate) fn text(status: &Status, controllers: usize) -> String {
     let mut out = String::new();
     let one = |value: f64| vec![(String::new(), value)];
+    let cycle = &status.cycle;
     for (name, help, value) in [
-        ("cycles_total", "Cycles so far", report.cycle as f64),
-        ("overruns_total", "Periods missed", report.overruns as f64),
+        ("cycles_total", "Cycles so far", cycle.count),
+        ("overruns_total", "Periods missed so far", cycle.overruns),
         (
             "faults_total",
-            "Exchanges with controllers that failed",
-            report.faults as f64,
+            "Exchanges with controllers that failed so far",
+            status.faults,
         ),
         (
             "held_back_total",
-            "Cycles in which slew or acceleration held the correction back",
-            report.held_back as f64,
+            "Cycles so far in which slew or acceleration limits held the correction back",
+            status.held_back,
         ),
     ] {
-        metric(&mut out, name, "counter", help, &one(value));
+        metric(&mut out, name, "counter", help, &one(value as f64));
     }
+    let active = status.controller.as_ref();
+    let active = active.map_or(f64::NAN, |controller| controller.number as f64);
     for (name, help, lines) in [
-        ("state", "1 for the state of the guard", states(report)),
-        ("reason", "1 for each reason of the state", reasons(state)),
+        (
+            "state",
+            "1 for the state of the gateway, 0 for the others",
+            states(status),
+        ),
+        ("reason", "1 for each reason of the state", reasons(status)),
+        (
+            "age_seconds",
+            "Age of what is told here",
+            one(status.age_ms * 1e-3),
+        ),
         (
             "active_controller",
-            "Place of the controller that corrects",
-            one(report.active as f64),
+            "Place of the controller that corrects, from 0",
+            one(active),
         ),
         (
             "controllers",
-            "Controllers configured",
-            one(controllers.len() as f64),
+            "Number of configured controllers",
+            one(controllers as f64),
         ),
         (
             "position_mm",
-            "Position of a linear axis without correction",
-            axes(state, "positions_mm"),
+            "Position of a linear axis without correction, mm",
+            axes(&status.positions_mm),
         ),
         (
             "position_deg",
-            "Position of a rotary axis without correction",
-            axes(state, "positions_deg"),
+            "Position of a rotary axis without correction, deg",
+            axes(&status.positions_deg),
         ),
         (
             "correction_um",
-            "Correction of a linear axis",
-            axes(state, "correction_um"),
+            "Correction of a linear axis, µm",
+            axes(&status.correction_um),
         ),
         (
             "correction_urad",
-            "Correction of a rotary axis",
-            axes(state, "correction_urad"),
+            "Correction of a rotary axis, µrad",
+            axes(&status.correction_urad),
+        ),
+        (
+            "error_um",
+            "Length of the model's position error of the tool tip, µm",
+            errors(status.error_um, status.residual_um),
+        ),
+        (
+            "axis_error_urad",
+            "Length of the model's direction error of the tool axis, µrad",
+            errors(status.error_axis_urad, status.residual_axis_urad),
         ),
         (
             "temperature_degc",
-            "Temperature of a sensor that is used",
-            temperatures(state),
+            "Temperature of a sensor that is used, °C",
+            temperatures(status),
         ),
         (
             "cycle_seconds",
-            "Time of a whole cycle, last stretch",
-            quantiles(&times.whole),
+            "Time of a whole cycle over the last some thousand cycles",
+            quantiles(&StretchTimes {
+                p50_us: cycle.p50_us,
+                p99_us: cycle.p99_us,
+                max_us: cycle.max_us,
+            }),
         ),
         (
             "own_seconds",
-            "CPU time of a cycle without exchanges, last stretch",
-            quantiles(&times.own),
+            "CPU time of a cycle without exchanges",
+            quantiles(&cycle.own),
         ),
         (
             "wake_seconds",
-            "From the deadline to waking, last stretch",
-            quantiles(&times.wake),
+            "From the deadline to the first instruction of a cycle",
+            quantiles(&cycle.wake),
         ),
         (
             "exchange_seconds",
-            "Exchanges with controllers, last stretch",
-            quantiles(&times.exchange),
+            "Exchanges with controllers in a cycle",
+            quantiles(&cycle.exchange),
         ),
     ] {
         metric(&mut out, name, "gauge", help, &lines);
@@ -122,41 +128,72 @@ fn metric(out: &mut String, name: &str, kind: &str, help: &str, lines: &[(String
     }
 }
 
-fn states(report: &Report) -> Lines {
-    let is = |name: &str| f64::from(u8::from(report.state.name() == name));
-    STATES
-        .iter()
-        .map(|name| (format!("{{state=\"{name}\"}}"), is(name)))
+fn states(status: &Status) -> Lines {
+    StateName::ALL
+        .into_iter()
+        .map(|state| {
+            let is = f64::from(u8::from(state == status.state));
+            (labels(&[("state", state.name())]), is)
+        })
         .collect()
 }
 
-fn reasons(state: &Value) -> Lines {
-    let reasons = state["reasons"].as_array().into_iter().flatten();
-    // JSON strings are quoted as labels are.
-    reasons
-        .map(|reason| (format!("{{reason={reason}}}"), 1.0))
-        .collect()
-}
-
-fn axes(state: &Value, key: &str) -> Lines {
-    let values = state[key].as_object().into_iter().flatten();
-    let line =
-        |(name, value): (&String, &Value)| Some((format!("{{axis=\"{name}\"}}"), value.as_f64()?));
-    values.filter_map(line).collect()
-}
-
-fn temperatures(state: &Value) -> Lines {
-    let list = state["temperatures"].as_array().into_iter().flatten();
-    list.filter_map(|t| Some((format!("{{sensor={}}}", t["name"]), t["degc"].as_f64()?)))
-        .collect()
-}
-
-fn quantiles(stretch: &Stretch) -> Lines {
-    let line = |q: f64| {
-        (
-            format!("{{quantile=\"{q}\"}}"),
-            stretch.quantile_us(q) * 1e-6,
-        )
+fn reasons(status: &Status) -> Lines {
+    let reasons = status.reasons.iter();
+    // The time of a silence is no label: it would make a new series with every value.
+    let label = |reason: &str| {
+        let reason = reason.strip_suffix(" ms").map_or(reason, |_| "no cycle");
+        labels(&[("reason", reason)])
     };
-    [0.5, 0.99, 1.0].map(line).to_vec()
+    reasons.map(|reason| (label(reason), 1.0)).collect()
+}
+
+fn axes(values: &ByAxis) -> Lines {
+    values
+        .iter()
+        .map(|(name, value)| (labels(&[("axis", &name.to_string())]), *value))
+        .collect()
+}
+
+fn errors(without: Option<[f64; 3]>, with: Option<[f64; 3]>) -> Lines {
+    [("without", without), ("with", with)]
+        .into_iter()
+        .filter_map(|(correction, error)| {
+            let length = error?.iter().map(|x| x * x).sum::<f64>().sqrt();
+            Some((labels(&[("correction", correction)]), length))
+        })
+        .collect()
+}
+
+fn temperatures(status: &Status) -> Lines {
+    status
+        .temperatures
+        .iter()
+        .filter_map(|sensor| Some((labels(&[("sensor", &sensor.name)]), sensor.degc?)))
+        .collect()
+}
+
+fn quantiles(times: &StretchTimes) -> Lines {
+    [
+        ("0.5", times.p50_us),
+        ("0.99", times.p99_us),
+        ("1", times.max_us),
+    ]
+    .map(|(quantile, us)| (labels(&[("quantile", quantile)]), us * 1e-6))
+    .to_vec()
+}
+
+/// Labels in braces, with what the text format reserves escaped.
+fn labels(pairs: &[(&str, &str)]) -> String {
+    let pairs: Vec<String> = pairs
+        .iter()
+        .map(|(name, value)| {
+            let value = value
+                .replace('\\', "\\\\")
+                .replace('"', "\\\"")
+                .replace('\n', "\\n");
+            format!("{name}=\"{value}\"")
+        })
+        .collect();
+    format!("{{{}}}", pairs.join(","))
 }

@@ -1,21 +1,22 @@
 //! The embedded default: a gantry that moves and warms up, its hidden truth, and what `volcomp demo` found of it.
 
-use std::{sync::Arc, time::Duration};
+use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 use volcomp_kinematics::{
     Form, State,
     nalgebra::{Matrix6, Vector3, Vector6},
 };
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Fading, Machine, Temperatures};
 use volcomp_port::{
     Axis, Clock,
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel};
+use volcomp_runtime::{AxisSettings, GuardSettings, Realtime, guard::SensorLimits};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um, Urad};
 
 use crate::{
-    config::{AxisGuard, Config, DashboardConfig, GuardConfig, RealtimeConfig},
+    config::{Config, DashboardConfig},
     error::GatewayError,
 };
 
@@ -209,6 +210,8 @@ fn program() -> Vec<Move> {
 /// The built-in configuration, limits included.
 pub fn config() -> Config {
     Config {
+        file: "built-in configuration".to_owned(),
+        stated: BTreeSet::new(),
         machine: "built-in".into(),
         cycle: Duration::from_millis(4),
         auto_arm: true,
@@ -217,33 +220,38 @@ pub fn config() -> Config {
         thermometers: Vec::new(),
         dashboard: DashboardConfig::default(),
         audit_dir: std::env::temp_dir().join(format!("volcomp-gateway-{}", std::process::id())),
-        realtime: RealtimeConfig {
+        realtime: Realtime {
             priority: 60,
             cpu: None,
         },
     }
 }
 
-/// The built-in limits.
-pub fn guard() -> GuardConfig {
-    GuardConfig {
-        linear: AxisGuard {
-            limit: 250.0,
-            warn: 200.0,
-            slew_per_s: 500.0,
-            accel_per_s2: 20_000.0,
-            confirm: 50.0,
-            test_shift: 5.0,
+/// The built-in limits. They also stand in where a configuration has none, and arming is forbidden.
+pub fn guard() -> GuardSettings {
+    GuardSettings {
+        linear: AxisSettings {
+            limit: Um(250.0),
+            warn: Um(200.0),
+            slew_per_s: Um(500.0),
+            accel_per_s2: Um(20_000.0),
+            confirm: Um(50.0),
+            test_shift: Um(5.0),
         },
-        rotary: None,
+        rotary: Some(AxisSettings {
+            limit: Urad(250.0),
+            warn: Urad(200.0),
+            slew_per_s: Urad(500.0),
+            accel_per_s2: Urad(20_000.0),
+            confirm: Urad(50.0),
+            test_shift: Urad(20.0),
+        }),
         hold: Duration::from_millis(50),
         zero_after: Duration::from_millis(500),
         ramp: Duration::from_millis(500),
         stop: Duration::from_secs(5),
         hand_back: Duration::from_secs(2),
-        max_degc_per_min: 5.0,
-        range_degc: [-20.0, 120.0],
-        temperature_stale: Duration::from_secs(30),
-        fading: volcomp_model::Fading::default(),
+        temperatures: SensorLimits::default(),
+        fading: Fading::default(),
     }
 }

@@ -2,7 +2,7 @@
 
 use hdrhistogram::Histogram;
 
-use crate::report::Timing;
+use volcomp_runtime::Timing;
 
 /// Cycles of a stretch; the last whole one and the current one count.
 const STRETCH: u64 = 4096;

@@ -5,7 +5,7 @@ use core::time::Duration;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Limits, LimitsError, Reasons,
+    Limits, LimitsError, Quantity, Reasons,
     axis::Follower,
     limits::MOST_READ_BACK_CYCLES,
     proof::Proof,
@@ -127,7 +127,7 @@ impl Guard {
         if limits.count != self.limits.count {
             let found = limits.count as f64;
             return Err(LimitsError {
-                what: "axes",
+                what: Quantity::Axes,
                 axis: None,
                 found,
                 expected: "as many as before",

@@ -16,7 +16,7 @@ pub use axis::Follower;
 pub use direction::DirectionMemory;
 pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};
 pub use guard::{Guard, Inputs, Output, Reading};
-pub use limits::{AxisLimits, Limits, LimitsError, MOST_READ_BACK_CYCLES};
+pub use limits::{AxisLimits, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity};
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{Rejected, SensorCheck, SensorLimits};

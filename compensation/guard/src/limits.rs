@@ -1,21 +1,21 @@
-//! What is allowed.
+//! What is allowed to a controller and its axes, and whether it makes sense.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-/// What is allowed to one axis: mm, rotary axes rad.
+/// What is allowed to one axis: lengths in mm, angles of rotary axes in rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
     /// The largest correction.
     pub limit: f64,
-    /// From here on it is reported.
+    /// Corrections above are reported.
     pub warn: f64,
     /// The largest change of the correction in a second.
     pub slew_per_s: f64,
-    /// The largest change of that in a second; infinite: not limited.
+    /// The largest change of the slew in a second; infinite: not limited.
     pub accel_per_s2: f64,
-    /// Smallest step of the controller.
+    /// The smallest step of the controller.
     pub resolution: f64,
     /// Whether its reported positions contain the correction.
     pub includes_correction: bool,
@@ -24,15 +24,15 @@ pub struct AxisLimits {
 /// What is allowed to a controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Of each axis; those from `count` on are not there.
+    /// What is allowed to each axis, in channel order; places from `count` on are not used.
     pub axes: [AxisLimits; MAX_AXES],
-    /// How many axes.
+    /// How many axes the controller has.
     pub count: usize,
-    /// Nominal time of a cycle.
+    /// The nominal time of a cycle.
     pub period: Duration,
-    /// Positions older than this: the correction is held.
+    /// When positions are older than this, the correction is held.
     pub hold: Duration,
-    /// Positions older than this: it ramps to zero.
+    /// When positions are older than this, the correction ramps to zero.
     pub zero_after: Duration,
     /// How long a ramp takes; at least 20 cycles.
     pub ramp: Duration,
@@ -43,25 +43,70 @@ pub struct Limits {
     pub read_back_cycles: usize,
 }
 
-/// How far behind a read-back may be at the most.
+/// The largest number of writes that a read-back may be behind.
 pub const MOST_READ_BACK_CYCLES: usize = 32;
 
-/// Limits that make no sense.
+/// One number of the limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// The smallest step of an axis, mm or rad.
+    Resolution,
+    /// The largest correction of an axis, mm or rad.
+    Limit,
+    /// The correction of an axis above which it is reported, mm or rad.
+    Warn,
+    /// The largest change of the correction of an axis, mm/s or rad/s.
+    Slew,
+    /// The largest change of the slew of an axis, mm/s² or rad/s².
+    Accel,
+    /// The shift of an axis that is made at arming, mm or rad.
+    TestShift,
+    /// The number of axes.
+    Axes,
+    /// The time of a cycle, s.
+    Period,
+    /// The age from which positions are held, s.
+    Hold,
+    /// The age from which positions ramp the correction to zero, s.
+    ZeroAfter,
+    /// How many writes the read-back may be behind.
+    ReadBack,
+}
+
+impl core::fmt::Display for Quantity {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Resolution => "resolution",
+            Self::Limit => "limit",
+            Self::Warn => "warning",
+            Self::Slew => "slew",
+            Self::Accel => "acceleration",
+            Self::TestShift => "test shift",
+            Self::Axes => "number of axes",
+            Self::Period => "time of a cycle, s",
+            Self::Hold => "hold, s",
+            Self::ZeroAfter => "zero after, s",
+            Self::ReadBack => "read-back, cycles",
+        })
+    }
+}
+
+/// A number of the limits that a guard refuses.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: found {found}, expected {expected}")]
 pub struct LimitsError {
-    /// Which number, and of which axis where there are several.
-    pub what: &'static str,
-    /// The place of the axis.
+    /// Which number.
+    pub what: Quantity,
+    /// The place of the axis, where the number is that of an axis.
     pub axis: Option<usize>,
-    /// What was found.
+    /// What was found, in the unit of [`Quantity`].
     pub found: f64,
     /// What was expected.
     pub expected: &'static str,
 }
 
 impl AxisLimits {
-    /// Nothing moves.
+    /// The limits of an axis that is not there: it does not move.
     pub const NONE: Self = Self {
         limit: 0.0,
         warn: 0.0,
@@ -92,33 +137,38 @@ impl AxisLimits {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let expected = "a positive number";
         finite(
-            "resolution",
+            Quantity::Resolution,
             self.resolution,
             expected,
             positive(self.resolution),
         )?;
         finite(
-            "limit",
+            Quantity::Limit,
             self.limit,
             "at least one step of the controller",
             self.limit.is_finite() && self.limit >= self.resolution,
         )?;
         finite(
-            "warn",
+            Quantity::Warn,
             self.warn,
             "a number from 0 to the limit",
             (0.0..=self.limit).contains(&self.warn),
         )?;
-        finite("slew", self.slew_per_s, expected, positive(self.slew_per_s))?;
         finite(
-            "accel",
+            Quantity::Slew,
+            self.slew_per_s,
+            expected,
+            positive(self.slew_per_s),
+        )?;
+        finite(
+            Quantity::Accel,
             self.accel_per_s2,
             expected,
             self.accel_per_s2 > 0.0,
         )?;
         let fits = test_shift == 0.0 || (4.0 * self.resolution..=self.limit).contains(&test_shift);
         finite(
-            "test shift",
+            Quantity::TestShift,
             test_shift,
             "0, or four steps of the controller up to the limit",
             fits,
@@ -130,7 +180,7 @@ impl Limits {
     /// Checks every number.
     ///
     /// # Errors
-    /// Which one is wrong.
+    /// The first number that is wrong.
     pub fn check(&self) -> Result<(), LimitsError> {
         let wrong = |what, found: f64, expected| {
             Err(LimitsError {
@@ -141,27 +191,31 @@ impl Limits {
             })
         };
         if !(1..=MAX_AXES).contains(&self.count) {
-            return wrong("axes", self.count as f64, "1 to 9");
+            return wrong(Quantity::Axes, self.count as f64, "1 to 9");
         }
         for (axis, limits) in self.axes.iter().take(self.count).enumerate() {
             limits.check(axis, self.test_shift[axis])?;
         }
         let period_s = self.period.as_secs_f64();
         if !(1e-5..=10.0).contains(&period_s) {
-            return wrong("period, s", period_s, "10 us to 10 s");
+            return wrong(Quantity::Period, period_s, "10 µs to 10 s");
         }
         if self.hold < self.period {
-            return wrong("hold, s", self.hold.as_secs_f64(), "at least one cycle");
+            return wrong(
+                Quantity::Hold,
+                self.hold.as_secs_f64(),
+                "at least one cycle",
+            );
         }
         if self.zero_after < self.hold {
             return wrong(
-                "zero after, s",
+                Quantity::ZeroAfter,
                 self.zero_after.as_secs_f64(),
                 "at least as long as hold",
             );
         }
         if !(1..=MOST_READ_BACK_CYCLES).contains(&self.read_back_cycles) {
-            return wrong("read-back, cycles", self.read_back_cycles as f64, "1 to 32");
+            return wrong(Quantity::ReadBack, self.read_back_cycles as f64, "1 to 32");
         }
         Ok(())
     }

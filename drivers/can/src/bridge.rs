@@ -30,6 +30,43 @@ pub struct BridgeConfig {
     pub stale_after: Duration,
 }
 
+impl BridgeConfig {
+    /// What the controller of this configuration is, on a bus that is not opened.
+    ///
+    /// # Errors
+    /// Axes without signals, units that are not known.
+    pub fn describe(&self, device: &str) -> Result<Description, DeviceError> {
+        let unopened = Unopened(device.to_owned());
+        Ok(CanController::new(unopened, self)?.description)
+    }
+}
+
+/// The names of the temperatures of a table, in the order in which [`CanThermometer`] tells them.
+///
+/// # Errors
+/// A table without temperatures.
+pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String>, DeviceError> {
+    let unopened = Unopened(device.to_owned());
+    Ok(CanThermometer::new(unopened, table, Duration::ZERO)?.names)
+}
+
+/// A bus that is only named: what is built on it can be checked, and never hears a frame.
+struct Unopened(String);
+
+impl CanPort for Unopened {
+    fn device(&self) -> &str {
+        &self.0
+    }
+
+    fn receive(&mut self, _deadline: Instant) -> Result<Option<Received>, Fault> {
+        Err(Fault::NotConnected)
+    }
+
+    fn send(&mut self, _frame: &Frame, _deadline: Instant) -> Result<(), Fault> {
+        Err(Fault::NotConnected)
+    }
+}
+
 /// What was wrong on the bus so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {

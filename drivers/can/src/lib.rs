@@ -7,7 +7,7 @@ mod signals;
 #[cfg(feature = "socket")]
 mod socket;
 
-pub use bridge::{BridgeConfig, CanController, CanThermometer, Health};
+pub use bridge::{BridgeConfig, CanController, CanThermometer, Health, temperature_names};
 pub use frame::{CanPort, Frame, Received};
 pub use signals::{DbcError, Message, Signal, SignalTable, checksum};
 #[cfg(feature = "socket")]

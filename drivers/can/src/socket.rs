@@ -28,12 +28,17 @@ pub struct CanSocket {
 }
 
 impl CanSocket {
+    /// The device of an interface as messages name it.
+    pub fn device_of(interface: &str) -> String {
+        format!("can://{interface}")
+    }
+
     /// Opens an interface such as `can0` or `vcan0`.
     ///
     /// # Errors
     /// An interface that is not there, or a kernel without CAN.
     pub fn open(interface: &str) -> Result<Self, DeviceError> {
-        let device = format!("can://{interface}");
+        let device = Self::device_of(interface);
         let failed = |e: Error| {
             let remedy = "check its name (ip link), and bring it up: ip link set can0 up type can bitrate 500000";
             DeviceError::new(

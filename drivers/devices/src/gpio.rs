@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use volcomp_digital_io::{DigitalAxis, GpioPort, LineSet, Wiring};
-use volcomp_port::{DeviceError, DigitalIo};
+use volcomp_port::{DeviceError, DigitalIo, UnopenedLines};
 
 use volcomp_vocabulary::AxisName;
 
@@ -17,6 +17,17 @@ use crate::{
 /// # Errors
 /// Keys that are missing, lines that cannot be taken.
 pub fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
+    let [position, correction] = line_sets(address)?;
+    GpioPort::open(&position, &correction)
+}
+
+/// What [`gpio_port`] will open.
+pub(crate) fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
+    let [position, correction] = line_sets(address)?;
+    Ok(GpioPort::describe(&position, &correction))
+}
+
+fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
     let lines = |key: &str| {
         let text = address.get(key).ok_or_else(|| {
             let remedy = "expected gpio://?position=CHIP:LINES&correction=CHIP:LINES";
@@ -24,7 +35,7 @@ pub fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
         })?;
         LineSet::parse(text)
     };
-    GpioPort::open(&lines("position")?, &lines("correction")?)
+    Ok([lines("position")?, lines("correction")?])
 }
 
 /// Reads the inputs; the outputs are taken too, at 0, and given back.

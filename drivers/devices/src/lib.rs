@@ -7,6 +7,8 @@ mod can;
 mod focas;
 #[cfg(feature = "gpio")]
 mod gpio;
+#[cfg(all(feature = "gpio", feature = "modbus"))]
+mod lines;
 #[cfg(feature = "modbus")]
 mod modbus;
 mod probe;
@@ -18,6 +20,8 @@ pub use can::signal_table;
 pub use focas::focas_config;
 #[cfg(feature = "gpio")]
 pub use gpio::gpio_port;
+#[cfg(all(feature = "gpio", feature = "modbus"))]
+pub use lines::digital_lines;
 #[cfg(feature = "modbus")]
-pub use modbus::{digital_modules, thermometer};
+pub use modbus::{digital_modules, thermometer, thermometer_names};
 pub use probe::{Probe, ProbedPosition, probe};

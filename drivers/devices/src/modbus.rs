@@ -6,7 +6,7 @@ use volcomp_modbus::{
     Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile, ThermometerConfig,
     ThermometerUnit, serial_ports,
 };
-use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer};
+use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer, UnopenedLines};
 
 use crate::{
     address::{Address, Scheme},
@@ -45,11 +45,10 @@ fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
     })
 }
 
-/// The thermometer of a URL. `names` of its channels; without any those of the URL, else numbers.
-///
-/// # Errors
-/// Keys that make no sense, a profile without temperatures.
-pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermometer, DeviceError> {
+fn thermometer_config(
+    address: &Address,
+    names: &[String],
+) -> Result<ThermometerConfig, DeviceError> {
     let profile = profile(address)?;
     let bus = bus(address, &profile)?;
     let count = profile
@@ -68,7 +67,23 @@ pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermome
         profile,
         names,
     };
-    ModbusThermometer::new(ThermometerConfig::new(bus, unit))
+    Ok(ThermometerConfig::new(bus, unit))
+}
+
+/// The thermometer of a URL. `names` of its channels; without any those of the URL, else numbers.
+///
+/// # Errors
+/// Keys that make no sense, a profile without temperatures.
+pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermometer, DeviceError> {
+    ModbusThermometer::new(thermometer_config(address, names)?)
+}
+
+/// The names that [`thermometer`] will tell, without connecting.
+///
+/// # Errors
+/// Keys that make no sense, a profile without temperatures.
+pub fn thermometer_names(address: &Address, names: &[String]) -> Result<Vec<String>, DeviceError> {
+    thermometer_config(address, names)?.names()
 }
 
 /// The digital lines of a URL.
@@ -76,18 +91,25 @@ pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermome
 /// # Errors
 /// Keys that make no sense, a profile without digital lines.
 pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
+    let (bus, module) = module(address)?;
+    let answer_within = Duration::from_millis(300);
+    ModbusDigital::new(bus, &[module], answer_within, Backoff::default())
+}
+
+/// What [`digital_modules`] will open.
+pub(crate) fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
+    let (bus, module) = module(address)?;
+    ModbusDigital::describe(&bus, &[module])
+}
+
+fn module(address: &Address) -> Result<(Bus, DigitalModule), DeviceError> {
     let profile = profile(address)?;
     let bus = bus(address, &profile)?;
     let module = DigitalModule {
         unit: address.number("unit", [1, 247], 1)?,
         profile,
     };
-    ModbusDigital::new(
-        bus,
-        &[module],
-        Duration::from_millis(300),
-        Backoff::default(),
-    )
+    Ok((bus, module))
 }
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {

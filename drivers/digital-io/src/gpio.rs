@@ -9,7 +9,7 @@ use gpiocdev::{
     Chip, Request,
     line::{Offset, Value, Values},
 };
-use volcomp_port::{DeviceError, DigitalIo, Fault};
+use volcomp_port::{DeviceError, DigitalIo, Fault, UnopenedLines};
 
 /// Lines of one chip, in the order of their bits.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,7 +61,21 @@ pub struct GpioPort {
     values: Values,
 }
 
+/// The shortest time of an exchange: calls of the kernel.
+const SHORTEST_CYCLE: Duration = Duration::from_micros(50);
+
 impl GpioPort {
+    /// The lines of a port, without taking them.
+    pub fn describe(control_outputs: &LineSet, control_inputs: &LineSet) -> UnopenedLines {
+        let count = |set: &LineSet| u32::try_from(set.lines.len()).unwrap_or(u32::MAX);
+        UnopenedLines {
+            device: device(control_outputs, control_inputs),
+            inputs: count(control_outputs),
+            outputs: count(control_inputs),
+            shortest_cycle: SHORTEST_CYCLE,
+        }
+    }
+
     /// Takes the lines that a control drives as inputs, and those that it reads as outputs, at 0.
     ///
     /// # Errors
@@ -82,7 +96,7 @@ impl GpioPort {
             .request()
             .map_err(|e| refused(control_inputs, &e))?;
         Ok(Self {
-            device: format!("gpio {} and {}", control_outputs.chip, control_inputs.chip),
+            device: device(control_outputs, control_inputs),
             values: Values::from_offsets(&control_outputs.lines),
             inputs,
             input_lines: control_outputs.lines.clone(),
@@ -90,6 +104,10 @@ impl GpioPort {
             output_lines: control_inputs.lines.clone(),
         })
     }
+}
+
+fn device(control_outputs: &LineSet, control_inputs: &LineSet) -> String {
+    format!("gpio {} and {}", control_outputs.chip, control_inputs.chip)
 }
 
 fn refused(set: &LineSet, error: &gpiocdev::Error) -> DeviceError {
@@ -137,7 +155,7 @@ impl DigitalIo for GpioPort {
     }
 
     fn shortest_cycle(&self) -> Duration {
-        Duration::from_micros(50)
+        SHORTEST_CYCLE
     }
 
     /// One call of the kernel for all lines; whether the chip latches them together is its own affair.

@@ -9,7 +9,7 @@ use std::{
 };
 
 use tokio_modbus::prelude::{Request, Response};
-use volcomp_port::{Backoff, Clock, DeviceError, DigitalIo, Fault};
+use volcomp_port::{Backoff, Clock, DeviceError, DigitalIo, Fault, UnopenedLines};
 
 use crate::{
     bus::{Bus, Line, Unanswered},
@@ -49,6 +49,27 @@ struct Shared {
 }
 
 impl ModbusDigital {
+    /// The lines of some modules, without connecting.
+    ///
+    /// # Errors
+    /// A configuration that makes no sense.
+    pub fn describe(bus: &Bus, modules: &[DigitalModule]) -> Result<UnopenedLines, DeviceError> {
+        let lines = lines(bus, modules)?;
+        let count =
+            |of: fn(&Digital) -> u16| lines.iter().map(|(_, d)| u32::from(of(d))).sum::<u32>();
+        let (inputs, outputs) = (count(|d| d.inputs), count(|d| d.outputs));
+        if inputs > 64 || outputs > 64 || inputs + outputs == 0 {
+            let what = format!("found {inputs} inputs and {outputs} outputs, expected 1 to 64");
+            return Err(refused(bus, what));
+        }
+        Ok(UnopenedLines {
+            device: bus.device(),
+            inputs,
+            outputs,
+            shortest_cycle: exchange_time(bus, &lines),
+        })
+    }
+
     /// Begins to exchange. `answer_within`: what a module takes at the most.
     ///
     /// # Errors
@@ -59,26 +80,14 @@ impl ModbusDigital {
         answer_within: Duration,
         backoff: Backoff,
     ) -> Result<Self, DeviceError> {
-        let device = bus.device();
+        let UnopenedLines {
+            device,
+            inputs,
+            outputs,
+            shortest_cycle: exchange,
+        } = Self::describe(&bus, modules)?;
+        let lines = lines(&bus, modules)?;
         let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
-        let mut lines = Vec::new();
-        for module in modules {
-            let digital = module.profile.digital.ok_or_else(|| {
-                refused(format!(
-                    "profile {} has no digital lines",
-                    module.profile.name
-                ))
-            })?;
-            lines.push((module.unit, digital));
-        }
-        let count =
-            |of: fn(&Digital) -> u16| lines.iter().map(|(_, d)| u32::from(of(d))).sum::<u32>();
-        let (inputs, outputs) = (count(|d| d.inputs), count(|d| d.outputs));
-        if inputs > 64 || outputs > 64 || inputs + outputs == 0 {
-            let what = format!("found {inputs} inputs and {outputs} outputs, expected 1 to 64");
-            return Err(refused(what));
-        }
-        let exchange = exchange_time(&bus, &lines);
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
@@ -110,6 +119,25 @@ impl ModbusDigital {
             shared,
         })
     }
+}
+
+fn refused(bus: &Bus, what: String) -> DeviceError {
+    DeviceError::new(bus.device(), what, "correct the configuration")
+}
+
+/// The address and the lines of each module.
+fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, DeviceError> {
+    let line = |module: &DigitalModule| {
+        let profile = &module.profile;
+        let none = || {
+            refused(
+                bus,
+                format!("profile {} has no digital lines", profile.name),
+            )
+        };
+        Ok((module.unit, profile.digital.ok_or_else(none)?))
+    };
+    modules.iter().map(line).collect()
 }
 
 /// What one exchange with all modules takes on the line: characters of 11 bits, gaps, and a turn of 2 ms.

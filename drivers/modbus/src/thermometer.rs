@@ -63,25 +63,16 @@ impl ThermometerConfig {
             backoff: Backoff::default(),
         }
     }
-}
 
-/// Temperatures from modules on one line, kept up to date by a thread of its own that ends with it.
-pub struct ModbusThermometer {
-    published: Published,
-    stop: Arc<AtomicBool>,
-}
-
-impl ModbusThermometer {
-    /// Begins to ask.
+    /// The names of all sensors in the order in which they are told, without connecting.
     ///
     /// # Errors
-    /// A configuration that makes no sense. A line that cannot be opened is tried again and again; its
-    /// sensors are bad until then.
-    pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
-        let device = config.bus.device();
+    /// A configuration that makes no sense.
+    pub fn names(&self) -> Result<Vec<String>, DeviceError> {
+        let device = self.bus.device();
         let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
         let mut names: Vec<String> = Vec::new();
-        for unit in &config.units {
+        for unit in &self.units {
             let channels = unit.profile.channels.as_ref().ok_or_else(|| {
                 refused(format!("profile {} has no temperatures", unit.profile.name))
             })?;
@@ -103,6 +94,26 @@ impl ModbusThermometer {
                 return Err(refused(format!("the sensor {name} stands twice")));
             }
         }
+        Ok(names)
+    }
+}
+
+/// Temperatures from modules on one line, kept up to date by a thread of its own that ends with it.
+pub struct ModbusThermometer {
+    published: Published,
+    stop: Arc<AtomicBool>,
+}
+
+impl ModbusThermometer {
+    /// Begins to ask.
+    ///
+    /// # Errors
+    /// A configuration that makes no sense. A line that cannot be opened is tried again and again; its
+    /// sensors are bad until then.
+    pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
+        let device = config.bus.device();
+        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
+        let names = config.names()?;
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()

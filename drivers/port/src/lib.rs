@@ -10,6 +10,7 @@ pub mod inject;
 pub mod simulated;
 mod supply;
 mod thermometer;
+mod unopened;
 
 pub use clock::Clock;
 pub use controller::{
@@ -19,6 +20,7 @@ pub use digital::DigitalIo;
 pub use fault::{DeviceError, Fault};
 pub use supply::{Backoff, Supply};
 pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};
+pub use unopened::UnopenedLines;
 
 /// The vocabulary of the public interface: axis letters, values by axis, units.
 pub use volcomp_vocabulary as vocabulary;

@@ -1,4 +1,4 @@
-//! `[[controller]]` and `[[thermometer]]`.
+//! The tables `[[controller]]` and `[[thermometer]]`.
 
 use std::collections::BTreeMap;
 

@@ -1,9 +1,10 @@
-//! `[dashboard]` and `[realtime]`.
+//! The tables `[dashboard]` and `[realtime]`.
 
 use std::path::Path;
 use volcomp_document::{InputError, Section};
+use volcomp_runtime::Realtime;
 
-use super::{DashboardConfig, RealtimeConfig};
+use super::DashboardConfig;
 
 pub(super) fn dashboard(
     section: &Section<'_>,
@@ -51,9 +52,9 @@ pub(super) fn dashboard(
     })
 }
 
-pub(super) fn realtime(section: &Section<'_>) -> Result<RealtimeConfig, InputError> {
+pub(super) fn realtime(section: &Section<'_>) -> Result<Realtime, InputError> {
     section.allow(&["priority", "cpu"])?;
-    Ok(RealtimeConfig {
+    Ok(Realtime {
         priority: section.whole_or("priority", 0..=99, 60)?,
         cpu: section.optional("cpu", |value| value.count(1023))?,
     })

@@ -1,13 +1,13 @@
-//! `[guard]`.
+//! The table `[guard]`: what is allowed to every controller.
 
 use std::time::Duration;
 
 use volcomp_document::{InputError, Section};
 use volcomp_model::Fading;
+use volcomp_runtime::{AxisSettings, GuardSettings, guard::SensorLimits};
+use volcomp_vocabulary::{Um, Urad};
 
-use super::{AxisGuard, GuardConfig};
-
-pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig, InputError> {
+pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSettings, InputError> {
     section.allow(&[
         "limit_um",
         "warn_um",
@@ -55,19 +55,22 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig,
     };
     let fading = Fading::default();
     let rotary = section.get("limit_urad").is_some();
-    Ok(GuardConfig {
-        linear: axis_guard(section, "um", 5.0)?,
+    Ok(GuardSettings {
+        linear: axis_settings(section, "um", 5.0)?.map(Um),
         rotary: rotary
-            .then(|| axis_guard(section, "urad", 20.0))
-            .transpose()?,
+            .then(|| axis_settings(section, "urad", 20.0))
+            .transpose()?
+            .map(|settings| settings.map(Urad)),
         hold: Duration::from_secs_f64(hold_ms * 1e-3),
         zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
         ramp: seconds("ramp_s", 0.0..=600.0, 0.5)?,
         stop: seconds("stop_s", 0.0..=600.0, 5.0)?,
         hand_back: seconds("hand_back_s", 0.0..=3600.0, 2.0)?,
-        max_degc_per_min: section.number_or("max_degc_per_min", 0.01..=1000.0, 5.0)?,
-        range_degc,
-        temperature_stale: seconds("temperature_stale_s", 0.1..=3600.0, 30.0)?,
+        temperatures: SensorLimits {
+            max_degc_per_min: section.number_or("max_degc_per_min", 0.01..=1000.0, 5.0)?,
+            range_degc,
+            stale: seconds("temperature_stale_s", 0.1..=3600.0, 30.0)?,
+        },
         fading: Fading {
             hold_s: section.number_or("temperature_hold_s", 0.0..=1e6, fading.hold_s)?,
             fade_s: section.number_or("temperature_fade_s", 1.0..=1e6, fading.fade_s)?,
@@ -75,14 +78,19 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardConfig,
     })
 }
 
-/// The keys that end in `unit`; the test shift is 0 or this where it is not named, if the limit allows.
-fn axis_guard(section: &Section<'_>, unit: &str, test_shift: f64) -> Result<AxisGuard, InputError> {
+/// The keys of one kind of axis, which end in `unit`. A test shift that is not stated is `test_shift`, or the limit if
+/// that is smaller.
+fn axis_settings(
+    section: &Section<'_>,
+    unit: &str,
+    test_shift: f64,
+) -> Result<AxisSettings<f64>, InputError> {
     let key = |name: &str| match name.split_once("_per") {
         Some((name, per)) => format!("{name}_{unit}_per{per}"),
         None => format!("{name}_{unit}"),
     };
     let limit = section.require(&key("limit"))?.number_in(1e-3..=10_000.0)?;
-    Ok(AxisGuard {
+    Ok(AxisSettings {
         limit,
         warn: section.number_or(&key("warn"), 0.0..=limit, limit)?,
         slew_per_s: section.require(&key("slew_per_s"))?.number_in(1e-3..=1e7)?,

@@ -1,7 +1,7 @@
-//! The configuration of a gateway: TOML, every mistake named with file, line and key.
+//! The configuration of a gateway: TOML. Mistakes are named with file, line and key.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     net::SocketAddr,
     path::{Path, PathBuf},
     time::Duration,
@@ -10,7 +10,7 @@ use std::{
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{Document, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
-use volcomp_model::Fading;
+use volcomp_runtime::{GuardSettings, Realtime};
 use volcomp_vocabulary::AxisName;
 
 use crate::error::GatewayError;
@@ -18,130 +18,92 @@ use crate::error::GatewayError;
 mod controller;
 mod dashboard;
 mod guard;
+mod stated;
 
 use controller::{controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
+use stated::stated_keys;
 
-/// Everything a gateway is told.
+/// Everything that a configuration says. Paths are relative to its folder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// The machine file; relative to the configuration.
+    /// The name of the configuration file as messages have it.
+    pub file: String,
+    /// The keys that the file states; the others have their defaults.
+    pub stated: BTreeSet<String>,
+    /// The machine file.
     pub machine: PathBuf,
-    /// Time of a cycle.
+    /// The time of a cycle.
     pub cycle: Duration,
-    /// Arm as soon as it can be.
+    /// Whether it arms itself as soon as nothing stands against it.
     pub auto_arm: bool,
-    /// Limits; without them it does not arm.
-    pub guard: Option<GuardConfig>,
-    /// Controllers in the order of preference.
+    /// What is allowed to the axes; without it the gateway does not arm.
+    pub guard: Option<GuardSettings>,
+    /// The controllers in the order of preference; none: the built-in simulation.
     pub controllers: Vec<ControllerConfig>,
-    /// Thermometers.
+    /// The thermometers.
     pub thermometers: Vec<ThermometerConfig>,
     /// The dashboard.
     pub dashboard: DashboardConfig,
-    /// Folder of the audit log.
+    /// The folder of the audit log.
     pub audit_dir: PathBuf,
-    /// The control thread.
-    pub realtime: RealtimeConfig,
+    /// How the control thread is scheduled.
+    pub realtime: Realtime,
 }
 
-/// `[guard]`: um, urad, s.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GuardConfig {
-    /// Of linear axes.
-    pub linear: AxisGuard,
-    /// Of rotary axes; a machine with some needs it.
-    pub rotary: Option<AxisGuard>,
-    /// Positions older than this: held.
-    pub hold: Duration,
-    /// Older than this: ramped to zero.
-    pub zero_after: Duration,
-    /// Time of a ramp.
-    pub ramp: Duration,
-    /// So long a stop may ramp out.
-    pub stop: Duration,
-    /// So long a better controller must be usable before it takes over again.
-    pub hand_back: Duration,
-    /// The fastest change of a temperature, K in a minute.
-    pub max_degc_per_min: f64,
-    /// What a temperature may be, degC.
-    pub range_degc: [f64; 2],
-    /// A temperature older than this is stale.
-    pub temperature_stale: Duration,
-    /// What becomes of terms without a sensor.
-    pub fading: Fading,
-}
-
-/// Limits of one kind of axis: um or urad.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisGuard {
-    /// The largest correction.
-    pub limit: f64,
-    /// From here on it is reported.
-    pub warn: f64,
-    /// In a second.
-    pub slew_per_s: f64,
-    /// In a second, in a second.
-    pub accel_per_s2: f64,
-    /// A change of model that moves a corner further needs a confirmation.
-    pub confirm: f64,
-    /// The shift that proves at arming whether positions contain it.
-    pub test_shift: f64,
-}
-
-/// `[[controller]]`.
+/// One table `[[controller]]`: a path to the machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerConfig {
     /// Its device URL.
     pub url: String,
-    /// Its channel.
+    /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
     pub channel: Option<String>,
-    /// The axes it corrects.
+    /// The axes that it shows and corrects, in the order of the control.
     pub axes: Vec<AxisName>,
-    /// Machine axes that stand where they are told: mm, deg.
+    /// Machine axes that it does not show, and where they stand: mm, deg.
     pub fixed: BTreeMap<AxisName, f64>,
-    /// Smallest step, um.
+    /// The smallest step of a correction of a linear axis, µm; `None`: the driver's own.
     pub resolution_um: Option<f64>,
-    /// Smallest step of rotary axes, urad.
+    /// The smallest step of a correction of a rotary axis, µrad; `None`: the driver's own.
     pub resolution_urad: Option<f64>,
-    /// Whether positions contain the correction.
+    /// Whether reported positions contain the correction.
     pub includes_correction: bool,
-    /// Nobody watches it, and that is known.
+    /// Whether it is accepted that nothing at the control notices when the gateway stops.
     pub unwatched: bool,
-    /// Whether the test shift is made.
+    /// Whether the test shift at arming is made; `None`: not on digital lines.
     pub proves: Option<bool>,
-    /// First byte of the shifts and bytes of each (FOCAS).
+    /// FOCAS: the first byte of the shifts in the PMC, and the bytes of each.
     pub area: Option<(PmcAddress, Width)>,
-    /// Byte that every correction moves on (FOCAS).
+    /// FOCAS: the byte that every correction counts up, for the ladder to watch.
     pub heartbeat: Option<PmcAddress>,
-    /// Byte with the referenced axes (FOCAS); `None`: as the driver has it, `Some(None)`: not asked.
+    /// FOCAS: the byte whose bits say which axes are referenced; `None`: the driver's own, `Some(None)`: not asked.
     pub referenced: Option<Option<PmcAddress>>,
-    /// Digital lines.
+    /// The words on digital lines.
     pub digital: DigitalConfig,
 }
 
-/// The words on digital lines.
+/// The table `[controller.digital]`: the words on digital lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DigitalConfig {
-    /// Bits of the position.
+    /// How many lines carry the position.
     pub position_bits: u32,
-    /// mm of one count.
+    /// The step of the position, mm.
     pub position_mm_per_count: f64,
-    /// Position at count 0, mm.
+    /// The position at count 0, mm.
     pub position_zero_mm: f64,
-    /// Code of the position.
+    /// The code of the position word.
     pub position_code: PositionCode,
-    /// Bits of the correction.
+    /// How many lines carry the correction.
     pub correction_bits: u32,
-    /// Code of the correction.
+    /// The code of the correction word.
     pub correction_code: CorrectionCode,
-    /// How a word is known to be whole.
+    /// How it is known that a word was not read in the middle of a change.
     pub coherence: Coherence,
 }
 
 impl Default for DigitalConfig {
-    /// The published scheme.
+    /// The published scheme: 15 lines of 1/32 mm, 8 lines of correction.
     fn default() -> Self {
         Self {
             position_bits: 15,
@@ -155,35 +117,26 @@ impl Default for DigitalConfig {
     }
 }
 
-/// `[[thermometer]]`.
+/// One table `[[thermometer]]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermometerConfig {
     /// Its device URL.
     pub url: String,
-    /// Names of its sensors.
+    /// The names of its sensors, in the order of its channels.
     pub names: Vec<String>,
 }
 
-/// `[dashboard]`.
+/// The table `[dashboard]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DashboardConfig {
-    /// Where it listens.
+    /// The address and port on which it listens.
     pub listen: SocketAddr,
-    /// Named tokens, mode 0600.
+    /// The file with named tokens, mode 0600.
     pub token_file: Option<PathBuf>,
-    /// Certificate and key, PEM.
+    /// The files with certificate and key, PEM; `None`: without TLS.
     pub tls: Option<(PathBuf, PathBuf)>,
-    /// Names besides addresses under which browsers may ask for it.
+    /// Host names, besides addresses, under which browsers may ask for it.
     pub hosts: Vec<String>,
-}
-
-/// `[realtime]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RealtimeConfig {
-    /// SCHED_FIFO priority, 1 to 99; 0: none is asked for.
-    pub priority: u8,
-    /// The processor it stays on.
-    pub cpu: Option<usize>,
 }
 
 impl Default for DashboardConfig {
@@ -204,7 +157,8 @@ impl Config {
     /// A file that cannot be read, or with file, line and key what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Ok(Document::read(path)?.decode(|root| Self::decode(&root, folder))?)
+        let file = path.display().to_string();
+        Ok(Document::read(path)?.decode(|root| Self::decode(&root, &file, folder))?)
     }
 
     /// Takes the text of a configuration; paths in it are relative to `folder`.
@@ -212,10 +166,15 @@ impl Config {
     /// # Errors
     /// With file, line and key what is wrong.
     pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, InputError> {
-        Document::new(file, text).decode(|root| Self::decode(&root, folder))
+        Document::new(file, text).decode(|root| Self::decode(&root, file, folder))
     }
 
-    fn decode(root: &Section<'_>, folder: &Path) -> Result<Self, InputError> {
+    /// Whether the file states a key; inside arrays of tables `controller.0.url`.
+    pub fn states(&self, key: &str) -> bool {
+        self.stated.contains(key)
+    }
+
+    fn decode(root: &Section<'_>, file: &str, folder: &Path) -> Result<Self, InputError> {
         root.allow(&[
             "machine",
             "cycle_ms",
@@ -248,6 +207,8 @@ impl Config {
             None => folder.join("audit"),
         };
         Ok(Self {
+            file: file.to_owned(),
+            stated: stated_keys(root),
             machine: folder.join(root.require("machine")?.text()?),
             cycle: Duration::from_secs_f64(cycle_ms * 1e-3),
             auto_arm: root.truth_or("auto_arm", false)?,
@@ -267,7 +228,7 @@ impl Config {
                 .section("realtime")?
                 .map(|section| realtime(&section))
                 .transpose()?
-                .unwrap_or(RealtimeConfig {
+                .unwrap_or(Realtime {
                     priority: 60,
                     cpu: None,
                 }),

@@ -1,9 +1,9 @@
-//! What is answered.
+//! The routes of the dashboard and their answers.
 
 use std::{
     convert::Infallible,
     net::{IpAddr, SocketAddr},
-    sync::{Arc, PoisonError, mpsc::TrySendError},
+    sync::{Arc, mpsc::TrySendError},
     time::Duration,
 };
 
@@ -19,33 +19,66 @@ use axum::{
     },
     routing::{get, post},
 };
-use serde_json::{Value, json};
 use tokio::sync::oneshot;
 use tokio_stream::{StreamExt, wrappers::WatchStream};
 
 use super::{
     hosts, map,
-    server::{Dashboard, MAX_STREAMS, StreamSlot},
+    shared::{Dashboard, MAX_STREAMS, StreamSlot},
     tokens::{Denied, Role},
 };
-use crate::service::{Ask, Asked};
+use crate::{
+    documents::{Confirmation, Refusal},
+    metrics,
+    request::{Ask, Asked},
+};
 
-/// A body at the most.
+/// The largest body of a request, bytes.
 const MAX_BODY: usize = 64 * 1024;
-/// A request is through after so long; an answer of the service too.
+/// A request must be answered after so long, by the service too.
 const AT_MOST: Duration = Duration::from_secs(10);
-/// So often an event is sent at the most.
+/// The shortest time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
 type Shared = Arc<Dashboard>;
+
+/// The files of the page: path, type and content.
+const PAGES: [(&str, &str, &str); 5] = [
+    (
+        "/",
+        "text/html; charset=utf-8",
+        include_str!("../../web/index.html"),
+    ),
+    (
+        "/app.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../../web/app.js"),
+    ),
+    (
+        "/plot.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../../web/plot.js"),
+    ),
+    (
+        "/style.css",
+        "text/css; charset=utf-8",
+        include_str!("../../web/style.css"),
+    ),
+    (
+        "/icon.svg",
+        "image/svg+xml",
+        include_str!("../../web/icon.svg"),
+    ),
+];
 
 /// All routes.
 pub(super) fn router(dashboard: Shared) -> Router {
     let read = Router::new()
         .route("/api/state", get(state))
         .route("/api/events", get(events))
+        .route("/api/history", get(history))
         .route("/api/map", get(error_map))
-        .route("/metrics", get(metrics))
+        .route("/metrics", get(prometheus))
         .layer(middleware::from_fn_with_state(
             Arc::clone(&dashboard),
             may_view,
@@ -55,47 +88,11 @@ pub(super) fn router(dashboard: Shared) -> Router {
         .route("/api/disarm", post(disarm))
         .route("/api/acknowledge", post(acknowledge))
         .route("/api/reload", post(reload));
-    let pages = Router::new()
-        .route(
-            "/",
-            get(|| {
-                page(
-                    "text/html; charset=utf-8",
-                    include_str!("../../web/index.html"),
-                )
-            }),
-        )
-        .route(
-            "/app.js",
-            get(|| {
-                page(
-                    "text/javascript; charset=utf-8",
-                    include_str!("../../web/app.js"),
-                )
-            }),
-        )
-        .route(
-            "/plot.js",
-            get(|| {
-                page(
-                    "text/javascript; charset=utf-8",
-                    include_str!("../../web/plot.js"),
-                )
-            }),
-        )
-        .route(
-            "/style.css",
-            get(|| {
-                page(
-                    "text/css; charset=utf-8",
-                    include_str!("../../web/style.css"),
-                )
-            }),
-        )
-        .route(
-            "/icon.svg",
-            get(|| page("image/svg+xml", include_str!("../../web/icon.svg"))),
-        );
+    let pages = PAGES
+        .iter()
+        .fold(Router::new(), |router, &(path, kind, text)| {
+            router.route(path, get(move || page(kind, text)))
+        });
     read.merge(operate)
         .merge(pages)
         .layer(DefaultBodyLimit::max(MAX_BODY))
@@ -168,7 +165,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
 }
 
 fn refuse(status: StatusCode, why: &str) -> Response {
-    (status, Json(json!({ "error": why }))).into_response()
+    (status, Json(Refusal::new(why))).into_response()
 }
 
 impl IntoResponse for Denied {
@@ -191,38 +188,22 @@ async fn page(kind: &'static str, text: &'static str) -> Response {
 }
 
 async fn state(State(dashboard): State<Shared>) -> Response {
-    let text = dashboard.published.state.borrow().to_string();
-    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+    Json(&*dashboard.published.latest()).into_response()
 }
 
-async fn metrics(State(dashboard): State<Shared>) -> Response {
-    let text = dashboard
-        .published
-        .metrics
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .clone();
-    (
-        [(
-            header::CONTENT_TYPE,
-            "text/plain; version=0.0.4; charset=utf-8",
-        )],
-        text,
-    )
-        .into_response()
+async fn history(State(dashboard): State<Shared>) -> Response {
+    Json(dashboard.published.history()).into_response()
+}
+
+async fn prometheus(State(dashboard): State<Shared>) -> Response {
+    let text = metrics::text(&dashboard.published.latest(), dashboard.controllers);
+    let kind = "text/plain; version=0.0.4; charset=utf-8";
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
 async fn error_map(State(dashboard): State<Shared>) -> Response {
-    let state = dashboard.published.state.borrow().clone();
-    let state: Value = serde_json::from_str(&state).unwrap_or_default();
-    let model = Arc::clone(
-        &dashboard
-            .published
-            .model
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner),
-    );
-    Json(map::map(&model, &state)).into_response()
+    let published = &dashboard.published;
+    Json(map::map(&published.model(), &published.latest())).into_response()
 }
 
 /// The state, again and again.
@@ -233,11 +214,12 @@ async fn events(State(dashboard): State<Shared>) -> Response {
             &format!("{MAX_STREAMS} event streams are open already"),
         );
     };
-    let states = WatchStream::new(dashboard.published.state.clone());
-    let stream = states.throttle(EVENT_EVERY).map(move |state| {
+    let states = WatchStream::new(dashboard.published.status.clone());
+    let stream = states.throttle(EVENT_EVERY).filter_map(move |state| {
         // Held as long as the stream lives.
         let _ = &slot;
-        Ok::<_, Infallible>(Event::default().event("state").data(&*state))
+        let event = Event::default().event("state").json_data(&*state).ok()?;
+        Some(Ok::<_, Infallible>(event))
     });
     Sse::new(stream)
         .keep_alive(KeepAlive::new().interval(Duration::from_secs(10)))
@@ -298,12 +280,9 @@ async fn operate(
     let confirm = if body.is_empty() {
         None
     } else {
-        match serde_json::from_slice::<Value>(body) {
-            Ok(Value::Object(object)) => object
-                .get("confirm")
-                .and_then(Value::as_str)
-                .map(str::to_owned),
-            _ => {
+        match serde_json::from_slice::<Confirmation>(body) {
+            Ok(confirmation) => confirmation.confirm,
+            Err(_) => {
                 return refuse(
                     StatusCode::BAD_REQUEST,
                     "expected no body, or {\"confirm\": HASH}",
@@ -327,11 +306,11 @@ async fn operate(
         }
     }
     match wait.await {
-        Ok((status, document)) => (
-            StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR),
-            Json(document),
-        )
-            .into_response(),
+        Ok(reply) => {
+            let status =
+                StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+            (status, Json(reply.answer)).into_response()
+        }
         Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
     }
 }

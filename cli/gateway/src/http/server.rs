@@ -1,14 +1,6 @@
-//! Connections: how many, how slow, with TLS where others can listen.
+//! Connections of the dashboard: how many at one time, how slow, and with TLS where others can listen.
 
-use std::{
-    net::SocketAddr,
-    sync::{
-        Arc,
-        atomic::{AtomicUsize, Ordering},
-        mpsc::SyncSender,
-    },
-    time::Duration,
-};
+use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use axum::Extension;
 use hyper::server::conn::http1;
@@ -21,56 +13,18 @@ use tokio::{
     net::{TcpListener, TcpStream},
     sync::Semaphore,
 };
-use tokio_rustls::TlsAcceptor;
 
-use super::{routes, tokens::Tokens};
-use crate::service::{Asked, Published};
+use super::{routes, shared::Dashboard, tls::Tls};
 
-/// Connections at the most.
+/// The largest number of connections at one time.
 const MAX_CONNECTIONS: usize = 64;
-/// Event streams at the most.
-pub(super) const MAX_STREAMS: usize = 16;
-/// A header must be whole after so long; between requests a connection may idle as long.
+/// The header of a request must be whole after so long; between requests a connection may idle as long.
 const HEADER_WITHIN: Duration = Duration::from_secs(5);
+/// The handshake of TLS must be done after so long.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(5);
 
-/// What the routes share.
-pub struct Dashboard {
-    /// What is shown.
-    pub published: Published,
-    /// Requests to the service.
-    pub asks: SyncSender<Asked>,
-    /// Who may do what.
-    pub tokens: Tokens,
-    /// Names besides addresses.
-    pub hosts: Vec<String>,
-    /// Others can reach it.
-    pub reading_needs_token: bool,
-    /// Event streams that are open.
-    pub streams: AtomicUsize,
-}
-
-/// A place among the event streams, given back with it.
-pub(super) struct StreamSlot(Arc<Dashboard>);
-
-impl StreamSlot {
-    pub(super) fn take(dashboard: &Arc<Dashboard>) -> Option<Self> {
-        let more = |open| (open < MAX_STREAMS).then_some(open + 1);
-        let taken = dashboard
-            .streams
-            .fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
-        taken.ok().map(|_| Self(Arc::clone(dashboard)))
-    }
-}
-
-impl Drop for StreamSlot {
-    fn drop(&mut self) {
-        self.0.streams.fetch_sub(1, Ordering::AcqRel);
-    }
-}
-
 /// Serves until the runtime ends.
-pub async fn serve(listener: TcpListener, tls: Option<TlsAcceptor>, dashboard: Arc<Dashboard>) {
+pub async fn serve(listener: TcpListener, tls: Option<Tls>, dashboard: Arc<Dashboard>) {
     let router = routes::router(dashboard);
     let slots = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     loop {
@@ -95,12 +49,7 @@ pub async fn serve(listener: TcpListener, tls: Option<TlsAcceptor>, dashboard: A
     }
 }
 
-async fn connection(
-    stream: TcpStream,
-    from: SocketAddr,
-    tls: Option<TlsAcceptor>,
-    router: axum::Router,
-) {
+async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, router: axum::Router) {
     let _ = stream.set_nodelay(true);
     match tls {
         None => exchange(stream, router).await,

@@ -1,4 +1,4 @@
-//! Certificates: read, and made.
+//! The certificate of the dashboard: read, and made.
 
 use std::{
     fs::OpenOptions,
@@ -17,20 +17,24 @@ use tokio_rustls::{
     },
 };
 
-use crate::error::GatewayError;
+use crate::error::{CertificateError, GatewayError};
 
-/// The acceptor of a pair.
+/// What turns a connection into one with TLS.
+pub type Tls = TlsAcceptor;
+
+/// Reads a certificate and its key, PEM.
 ///
 /// # Errors
 /// Files that cannot be read or do not belong together.
-pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, GatewayError> {
-    let wrong = |path: &Path, e: &dyn std::fmt::Display| {
-        GatewayError::Unfit(format!("{}: {e}", path.display()))
+pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, GatewayError> {
+    let wrong = |path: &Path, source: CertificateError| GatewayError::Certificate {
+        file: path.to_owned(),
+        source,
     };
     let certificates = CertificateDer::pem_file_iter(certificate)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
-        .map_err(|e| wrong(certificate, &e))?;
-    let private = PrivateKeyDer::from_pem_file(key).map_err(|e| wrong(key, &e))?;
+        .map_err(|e| wrong(certificate, e.into()))?;
+    let private = PrivateKeyDer::from_pem_file(key).map_err(|e| wrong(key, e.into()))?;
     let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
         .and_then(|builder| {
@@ -38,8 +42,8 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, GatewayEr
                 .with_no_client_auth()
                 .with_single_cert(certificates, private)
         })
-        .map_err(|e| wrong(certificate, &e))?;
-    Ok(TlsAcceptor::from(Arc::new(config)))
+        .map_err(|e| wrong(certificate, e.into()))?;
+    Ok(Tls::from(Arc::new(config)))
 }
 
 /// Makes a self-signed certificate for some names or addresses, with its key (mode 0600), in a folder. Files that are there stay.
@@ -47,8 +51,12 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, GatewayEr
 /// # Errors
 /// Names that are none, a folder that cannot be written, files that are there already.
 pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], GatewayError> {
-    let pair = rcgen::generate_simple_self_signed(names.to_vec())
-        .map_err(|e| GatewayError::Unfit(format!("{}: {e}", names.join(", "))))?;
+    let pair = rcgen::generate_simple_self_signed(names.to_vec()).map_err(|source| {
+        GatewayError::CertificateNames {
+            names: names.join(", "),
+            source,
+        }
+    })?;
     let [certificate, key] = ["certificate.pem", "key.pem"].map(|name| dir.join(name));
     let write = |path: &Path, mode: u32, text: &str| {
         let mut options = OpenOptions::new();

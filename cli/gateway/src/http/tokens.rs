@@ -12,12 +12,13 @@ use std::{
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
-use crate::error::GatewayError;
+use crate::error::{GatewayError, TokenError};
 
-/// Wrong tokens from one address in this time, at the most.
+/// So many wrong tokens from one address within [`WRONG_IN`] block the address.
 const WRONG: u32 = 5;
+/// How long wrong tokens are counted and an address stays blocked.
 const WRONG_IN: Duration = Duration::from_secs(60);
-/// Addresses that are remembered.
+/// The largest number of addresses whose wrong tokens are counted.
 const ADDRESSES: usize = 1024;
 
 /// What a token allows.
@@ -25,16 +26,26 @@ const ADDRESSES: usize = 1024;
 pub enum Role {
     /// Reading.
     View,
-    /// Arming and all the rest.
+    /// Reading, arming, disarming, acknowledging and reloading.
     Operate,
+}
+
+impl Role {
+    /// The role as it stands in the token file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::View => "view",
+            Self::Operate => "operate",
+        }
+    }
 }
 
 /// Whose a token is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// The name that the audit log tells.
+    /// The name that stands in the audit log.
     pub name: String,
-    /// What it allows.
+    /// What the token allows.
     pub role: Role,
 }
 
@@ -54,7 +65,7 @@ pub enum Denied {
     Unknown,
     /// The token does not allow this.
     Role,
-    /// Too many wrong ones.
+    /// Too many wrong tokens came from this address.
     TooMany,
 }
 
@@ -82,41 +93,39 @@ impl Tokens {
             file: file.clone(),
             source,
         })?;
-        Self::parse(&text)
-            .map_err(|(line, what)| GatewayError::Unfit(format!("{file}:{line}: {what}")))
+        Self::parse(&text).map_err(|(line, source)| GatewayError::Token {
+            file: path.to_owned(),
+            line,
+            source,
+        })
     }
 
     /// Takes lines `NAME ROLE TOKEN`; `#` begins a comment.
     ///
     /// # Errors
     /// The line and what is wrong with it; never the token.
-    pub fn parse(text: &str) -> Result<Self, (usize, String)> {
+    pub fn parse(text: &str) -> Result<Self, (usize, TokenError)> {
         let mut holders: Vec<(Holder, [u8; 32])> = Vec::new();
         for (index, line) in text.lines().enumerate() {
             let line = line.split('#').next().unwrap_or_default().trim();
             if line.is_empty() {
                 continue;
             }
-            let wrong = |what: &str| (index + 1, what.to_owned());
+            let wrong = |error| (index + 1, error);
             let words: Vec<&str> = line.split_whitespace().collect();
             let [name, role, token] = words[..] else {
-                return Err(wrong(&format!(
-                    "found {} words, expected NAME ROLE TOKEN",
-                    words.len()
-                )));
+                return Err(wrong(TokenError::Words(words.len())));
             };
             let role = match role {
                 "view" => Role::View,
                 "operate" => Role::Operate,
-                _ => return Err(wrong("found another role, expected view or operate")),
+                _ => return Err(wrong(TokenError::Role)),
             };
             if !is_long_enough(token) {
-                return Err(wrong(
-                    "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits",
-                ));
+                return Err(wrong(TokenError::Short));
             }
             if holders.iter().any(|(holder, _)| holder.name == name) {
-                return Err(wrong("this name stands twice"));
+                return Err(wrong(TokenError::Twice));
             }
             holders.push((
                 Holder {
@@ -130,6 +139,11 @@ impl Tokens {
             holders,
             wrong: Mutex::default(),
         })
+    }
+
+    /// Whose the tokens are, in the order of the file.
+    pub fn holders(&self) -> impl Iterator<Item = &Holder> {
+        self.holders.iter().map(|(holder, _)| holder)
     }
 
     /// Whether there is no token.
@@ -192,15 +206,13 @@ impl Tokens {
 /// Nobody but its owner may read it.
 fn check_private(path: &Path) -> Result<(), GatewayError> {
     let file = path.display().to_string();
-    let metadata = std::fs::metadata(path).map_err(|source| GatewayError::Read {
-        file: file.clone(),
-        source,
-    })?;
+    let metadata = std::fs::metadata(path).map_err(|source| GatewayError::Read { file, source })?;
     let mode = metadata.permissions().mode() & 0o777;
     if mode & 0o077 > 0 {
-        return Err(GatewayError::Unfit(format!(
-            "{file}: found mode {mode:03o}, expected 600: others may read the tokens"
-        )));
+        return Err(GatewayError::TokenMode {
+            file: path.to_owned(),
+            mode,
+        });
     }
     Ok(())
 }

@@ -1,121 +1,58 @@
-//! Everything around the control thread that is not in a hurry: requests, the audit log, reloads, what others see.
+//! Everything around the control thread that has no deadline: requests, the audit log, reloads, what others see.
 
 use std::{
-    sync::{Arc, Mutex, PoisonError, mpsc::Receiver},
+    sync::{Arc, mpsc::Receiver},
     time::{Duration, Instant},
 };
 
-use serde_json::{Value, json};
-use tokio::sync::{oneshot, watch};
 use volcomp_guard::{Reasons, Request, State};
 use volcomp_port::Description;
+use volcomp_runtime::{Handle, Model, Order, Report};
 use volcomp_vocabulary::PerAxis;
 
 use crate::{
-    audit::{AuditLog, boot_id, replace_file},
-    config::{Config, GuardConfig},
-    document::{Facts, document},
-    model::Model,
-    realtime::{Handle, Order},
-    report::Report,
-    run::Options,
+    audit::{AuditLog, Found, boot_id, replace_file},
+    config::Config,
+    documents::{Broken, Details, Event, LastOutput, Start, StateChange, Status, Stop},
+    observe::{self, Facts},
+    options::Options,
+    published::Publisher,
+    request::Asked,
     simulate::Truth,
     times::Times,
 };
 
+mod reload;
 mod requests;
 
-/// So often the rest of the world is looked at.
+/// How often states are published and changes written down.
 const TICK: Duration = Duration::from_millis(50);
-/// The last output is written down so often.
+/// How often the last output is written to disk.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
-
-/// What somebody asks for.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Ask {
-    /// Correct; with the hash of a model that a person confirms.
-    Arm(Option<String>),
-    /// Stop correcting.
-    Disarm,
-    /// The cause of a fault is mended.
-    Acknowledge,
-    /// Read configuration and machine file again; with the hash of a model that a person confirms.
-    Reload(Option<String>),
-}
-
-/// A request and where its answer goes.
-pub struct Asked {
-    /// What.
-    pub ask: Ask,
-    /// Who: a token's name, `signal`, `auto_arm`.
-    pub who: String,
-    /// The answer.
-    pub answer: Option<oneshot::Sender<Answer>>,
-}
-
-/// A status of HTTP and a document.
-pub type Answer = (u16, Value);
-
-/// What the dashboard reads.
-#[derive(Clone)]
-pub struct Published {
-    /// The state, as JSON.
-    pub state: watch::Receiver<Arc<str>>,
-    /// Metrics as Prometheus text.
-    pub metrics: Arc<Mutex<String>>,
-    /// The model, for the error map.
-    pub model: Arc<Mutex<Arc<Model>>>,
-}
-
-/// The side that writes [`Published`].
-pub struct Publisher {
-    state: watch::Sender<Arc<str>>,
-    metrics: Arc<Mutex<String>>,
-    model: Arc<Mutex<Arc<Model>>>,
-}
-
-/// Both sides of what is published.
-pub fn published(model: Arc<Model>) -> (Publisher, Published) {
-    let (state, read) = watch::channel("{}".into());
-    let (metrics, model) = (Arc::default(), Arc::new(Mutex::new(model)));
-    let reader = Published {
-        state: read,
-        metrics: Arc::clone(&metrics),
-        model: Arc::clone(&model),
-    };
-    (
-        Publisher {
-            state,
-            metrics,
-            model,
-        },
-        reader,
-    )
-}
 
 /// What a service is made of.
 pub struct Parts {
     /// The control thread.
     pub handle: Handle,
-    /// How it was called.
+    /// How the gateway was called.
     pub options: Options,
     /// The configuration.
     pub config: Config,
     /// The controllers, in order.
     pub controllers: Vec<Description>,
-    /// Names of the temperatures.
+    /// The names of the temperatures.
     pub sensors: Vec<String>,
     /// A copy of the model that the cycle has.
     pub model: Arc<Model>,
     /// What a simulated machine really misses.
     pub truth: Option<Truth>,
-    /// The log.
+    /// The audit log.
     pub audit: AuditLog,
-    /// What arming is forbidden by from the start.
+    /// What forbids arming from the start.
     pub forbids: Reasons,
 }
 
-/// The service.
+/// The service. State: what runs, and whether its log can be written.
 pub struct Service {
     parts: Parts,
     publisher: Publisher,
@@ -123,14 +60,14 @@ pub struct Service {
     times: Times,
     last_state: State,
     audit_fails: bool,
-    /// It was armed once, or a person took over.
+    /// Whether it was armed once, or a person took over.
     auto_arm_done: bool,
     auto_arm_after: Instant,
     output_written: (Instant, PerAxis<f64>),
     watchdog: Watchdog,
 }
 
-/// Fed only when the cycle counter has moved.
+/// The watchdog of the service manager, fed only when the number of cycles has grown.
 struct Watchdog {
     interval: Option<Duration>,
     fed: Instant,
@@ -161,18 +98,23 @@ impl Service {
         service
     }
 
-    /// The first record: what was found, what runs.
-    pub fn started(&mut self, found: &crate::audit::Found) {
-        let broken = found
-            .broken
-            .as_ref()
-            .map(|(line, aside)| json!({ "line": line, "aside": aside.display().to_string() }));
-        let details = json!({ "records": found.records, "cut_bytes": found.cut_bytes, "broken": broken, "version": env!("CARGO_PKG_VERSION") });
-        self.log("gateway", "started", &details);
+    /// Writes the first record: what was found, and which version runs.
+    pub fn started(&mut self, found: &Found) {
+        let broken = found.broken.as_ref().map(|(line, aside)| Broken {
+            line: *line,
+            aside: aside.display().to_string(),
+        });
+        let start = Start {
+            records: found.records,
+            cut_bytes: found.cut_bytes,
+            broken,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        self.log("gateway", "started", Event::Start(start));
         self.look();
     }
 
-    /// One turn: takes what was asked, writes down what happened, publishes. Waits for a request up to 50 ms.
+    /// One turn: answers a request, writes down what happened, publishes. Waits for a request up to 50 ms.
     pub fn turn(&mut self) {
         match self.asked.recv_timeout(TICK) {
             Ok(asked) => self.answer(asked),
@@ -184,20 +126,15 @@ impl Service {
         self.auto_arm();
     }
 
-    /// Ramps to zero for at most the configured time, then leaves the rest. `hurry` says to leave at once.
+    /// Ramps to zero for at most the configured time, then ends the control thread. `hurry` tells to end it at once.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
-        let report = *self.parts.handle.report();
-        self.log("signal", "stop", &json!({ "state": report.state.name() }));
+        let state = self.parts.handle.report().state.into();
+        self.log("signal", "stop", Event::Request { state });
         self.parts.handle.note(Reasons::STOPPING);
         self.parts.handle.send(Order::Request(Request::Disarm));
-        let end = Instant::now()
-            + self
-                .parts
-                .config
-                .guard
-                .as_ref()
-                .map_or(Duration::ZERO, |guard| guard.stop);
+        let guard = self.parts.config.guard.as_ref();
+        let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         std::thread::sleep(self.parts.config.cycle * 2);
         while Instant::now() < end && !hurry() {
             self.look();
@@ -212,34 +149,23 @@ impl Service {
         self.parts.handle.stop();
         let report = *self.parts.handle.report();
         self.write_output(&report);
-        let left = self.correction_json(&report);
-        self.log(
-            "signal",
-            "stopped",
-            &json!({ "state": report.state.name(), "left": left }),
-        );
+        let [left_um, left_urad] = observe::correction(&self.parts.model, &report);
+        let stop = Stop {
+            state: report.state.into(),
+            left_um,
+            left_urad,
+        };
+        self.log("signal", "stopped", Event::Stop(stop));
         tracing::info!(state = report.state.name(), "stopped");
     }
 
-    fn correction_json(&self, report: &Report) -> Value {
-        document(&self.facts(), report, &self.times)["correction_um"].clone()
-    }
-
-    fn facts(&self) -> Facts<'_> {
-        Facts {
-            model: &self.parts.model,
-            controllers: &self.parts.controllers,
-            sensors: &self.parts.sensors,
-            truth: self.parts.truth.as_ref(),
-            auto_arm: self.parts.config.auto_arm,
-            cycle: self.parts.config.cycle,
-        }
-    }
-
-    /// A record in the log. A log that cannot be written forbids arming.
-    fn log(&mut self, who: &str, what: &str, details: &Value) -> bool {
-        let details = json!({ "model": self.parts.model.hash, "what": details });
-        let written = self.parts.audit.append(who, what, &details);
+    /// Writes a record. A log that cannot be written forbids arming.
+    fn log(&mut self, who: &str, what: &str, event: Event) -> bool {
+        let details = Details {
+            model: self.parts.model.hash.clone(),
+            what: event,
+        };
+        let written = self.parts.audit.append(who, what, details);
         if let Err(e) = &written
             && !self.audit_fails
         {
@@ -260,7 +186,7 @@ impl Service {
             .note(audit | Reasons::DEGRADED.when(self.audit_fails));
     }
 
-    /// What happened since the last look: changes into the log, times into the histograms, all of it published.
+    /// Changes since the last look go into the log, times into the histograms, and a state is published.
     fn look(&mut self) {
         self.parts.handle.free_retired();
         for change in self.parts.handle.changes() {
@@ -272,31 +198,26 @@ impl Service {
                 reasons = reasons.join(", "),
                 "state"
             );
-            let details = json!({ "state": change.state.name(), "controller": change.active, "reasons": reasons, "cycle": change.cycle });
-            self.log("gateway", "state", &details);
+            let event = StateChange {
+                state: change.state.into(),
+                controller: change.active,
+                reasons: reasons.into_iter().map(str::to_owned).collect(),
+                cycle: change.cycle,
+            };
+            self.log("gateway", "state", Event::StateChange(event));
             self.last_state = change.state;
             self.auto_arm_done |= change.state == State::Compensating;
         }
         if self.audit_fails {
             // Once it can be written again arming is allowed again.
-            self.log("gateway", "audit log can be written again", &Value::Null);
+            self.log("gateway", "audit log can be written again", Event::Nothing);
         }
         for timing in self.parts.handle.timings() {
             self.times.add(&timing);
         }
-        let report = *self.parts.handle.report();
         self.feed_watchdog();
-        let document = document(&self.facts(), &report, &self.times);
-        let metrics =
-            crate::metrics::text(&document, &report, &self.times, &self.parts.controllers);
-        *self
-            .publisher
-            .metrics
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner) = metrics;
-        self.publisher
-            .state
-            .send_replace(document.to_string().into());
+        let report = *self.parts.handle.report();
+        self.publisher.publish(self.status(&report));
         if self.output_written.0.elapsed() > OUTPUT_EVERY
             && self.output_written.1 != report.correction
         {
@@ -304,10 +225,32 @@ impl Service {
         }
     }
 
-    /// The last output, for controllers that cannot be asked after a restart.
+    /// The state at a report, as old as it is now.
+    fn status(&self, report: &Report) -> Status {
+        let parts = &self.parts;
+        let facts = Facts {
+            model: &parts.model,
+            controllers: &parts.controllers,
+            sensors: &parts.sensors,
+            truth: parts.truth.as_ref(),
+            auto_arm: parts.config.auto_arm,
+            cycle: parts.config.cycle,
+        };
+        let age = parts.handle.start().elapsed().saturating_sub(report.now);
+        observe::status(&facts, report, &self.times, age)
+    }
+
+    /// Writes down the last output, for controllers that cannot be asked after a restart.
     fn write_output(&mut self, report: &Report) {
-        let text = json!({ "boot": boot_id(), "correction": report.correction.0 }).to_string();
-        if let Err(e) = replace_file(&self.parts.config.audit_dir.join("output.json"), &text) {
+        let output = LastOutput {
+            boot: boot_id(),
+            correction: report.correction.to_vec(),
+        };
+        let path = self.parts.config.audit_dir.join("output.json");
+        let written = serde_json::to_string(&output)
+            .map_err(std::io::Error::from)
+            .and_then(|text| replace_file(&path, &text));
+        if let Err(e) = written {
             tracing::warn!("last output: {e}");
         }
         self.output_written = (Instant::now(), report.correction);
@@ -326,9 +269,4 @@ impl Service {
             self.watchdog.cycles = cycles;
         }
     }
-}
-
-/// Limits that hold nothing up while arming is forbidden for want of real ones.
-pub fn no_limits() -> GuardConfig {
-    crate::simulate::guard()
 }

@@ -1,22 +1,23 @@
-//! What a service is asked: arming, disarming, acknowledging, reloading.
+//! What a service is asked: arming, disarming, acknowledging. Reloading has a file of its own.
 
 use std::{
     path::PathBuf,
-    sync::{Arc, PoisonError},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
-use serde_json::Value;
-use serde_json::json;
 use volcomp_guard::{Reasons, Request, State};
+use volcomp_model::Machine;
+use volcomp_runtime::{Model, Order};
 
-use super::{Answer, Ask, Asked, Service};
+use super::Service;
 use crate::{
-    assemble, audit::replace_file, config::Config, cycle::Replacement, error::GatewayError,
-    model::Model, realtime::Order, run::configuration,
+    audit::replace_file,
+    documents::{Answer, Event, Question, Refusal, Settled},
+    request::{Ask, Asked, Reply},
 };
 
-/// A request has taken effect or not after so long.
+/// A request has taken effect after so long, or it has none.
 const EFFECT: Duration = Duration::from_millis(300);
 
 impl Service {
@@ -34,11 +35,11 @@ impl Service {
             && self.parts.forbids.is_empty()
             && !self.audit_fails
         {
-            let (status, answer) = self.arm("auto_arm", None);
-            if status != 200 {
-                tracing::warn!("auto_arm: {answer}");
-                // A person must look at it.
-                self.auto_arm_done = status == 409 && answer.get("model").is_some();
+            let reply = self.arm("auto_arm", None);
+            if reply.status != 200 {
+                tracing::warn!("auto_arm: {}", in_words(&reply.answer));
+                // A model that must be confirmed is for a person.
+                self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
             }
         }
     }
@@ -47,7 +48,7 @@ impl Service {
         let who = &asked.who;
         // From here on a person decides.
         self.auto_arm_done |= !matches!(asked.ask, Ask::Reload(_));
-        let answer = match asked.ask {
+        let reply = match asked.ask {
             Ask::Arm(confirm) => self.arm(who, confirm.as_deref()),
             Ask::Disarm => self.request(who, "disarm", Request::Disarm, |state| !state.is_armed()),
             Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge, |state| {
@@ -57,9 +58,9 @@ impl Service {
         };
         if let Some(to) = asked.answer {
             // Whoever asked may have gone.
-            let _ = to.send(answer);
+            let _ = to.send(reply);
         } else {
-            tracing::info!("{who}: {}", answer.1);
+            tracing::info!("{who}: {}", in_words(&reply.answer));
         }
     }
 
@@ -70,21 +71,19 @@ impl Service {
         what: &str,
         request: Request,
         done: impl Fn(State) -> bool,
-    ) -> Answer {
+    ) -> Reply {
         let before = *self.parts.handle.report();
-        let may = self.log(who, what, &json!({ "state": before.state.name() }));
+        let state = before.state.into();
+        let may = self.log(who, what, Event::Request { state });
         // A full disk forbids arming, never disarming.
         if !may && request == Request::Arm {
-            return (
-                409,
-                json!({ "state": before.state.name(), "reasons": ["audit log cannot be written"] }),
-            );
+            return self.no_log(before.state);
         }
         if !self.parts.handle.send(Order::Request(request)) {
-            return (
-                503,
-                json!({ "error": "the control thread takes no orders" }),
-            );
+            return Reply {
+                status: 503,
+                answer: Answer::Refusal(Refusal::new("the control thread takes no orders")),
+            };
         }
         let end = Instant::now() + EFFECT.max(self.parts.config.cycle * 5);
         loop {
@@ -93,185 +92,105 @@ impl Service {
             let seen = report.cycle > before.cycle + 2;
             if seen && done(report.state) || Instant::now() > end {
                 let status = if done(report.state) { 200 } else { 409 };
-                let reasons: Vec<&str> = (report.reasons | self.parts.forbids).texts().collect();
-                return (
-                    status,
-                    json!({ "state": report.state.name(), "reasons": reasons }),
-                );
+                return settled(status, report.state, report.reasons | self.parts.forbids);
             }
             std::thread::sleep(Duration::from_millis(2));
         }
     }
 
-    fn confirmed_path(&self) -> PathBuf {
+    /// The answer when the audit log cannot be written.
+    pub(super) fn no_log(&self, state: State) -> Reply {
+        settled(409, state, Reasons::AUDIT)
+    }
+
+    pub(super) fn confirmed_path(&self) -> PathBuf {
         self.parts.config.audit_dir.join("confirmed-machine.toml")
     }
 
-    /// What a change from `old` must be confirmed for; `None`: nothing, or it is.
-    /// Judged cold, and at the temperatures of now.
-    fn needs_confirmation(
+    /// What a person must confirm before `new` takes the place of `old`; `None`: nothing, or it is confirmed.
+    /// Judged at the reference temperature, and at the temperatures of now.
+    pub(super) fn question(
         &mut self,
         old: &Model,
         new: &Model,
         confirm: Option<&str>,
-    ) -> Option<Value> {
+    ) -> Option<Question> {
         let report = *self.parts.handle.report();
         let guard = self.parts.config.guard.as_ref()?;
         let degc = |name: &str| {
-            let place = self
-                .parts
-                .sensors
-                .iter()
-                .position(|sensor| sensor == name)?;
+            let mut sensors = self.parts.sensors.iter();
+            let place = sensors.position(|sensor| sensor == name)?;
             report.sensors.get(place)?.degc
         };
         let cold = old.worst_corner(new);
         let warm = old.warmed(degc).worst_corner(&new.warmed(degc));
-        let [worst_mm, worst_rad] = [cold[0].max(warm[0]), cold[1].max(warm[1])];
-        let (worst_um, worst_urad) = (worst_mm * 1e3, worst_rad * 1e6);
-        let rotary = guard
-            .rotary
-            .as_ref()
-            .map_or(f64::INFINITY, |rotary| rotary.confirm);
-        let moves = worst_um > guard.linear.confirm || worst_urad > rotary;
+        let worst_um = cold[0].max(warm[0]) * 1e3;
+        let worst_urad = cold[1].max(warm[1]) * 1e6;
+        let confirm_um = guard.linear.confirm.0;
+        let confirm_urad = guard.rotary.as_ref().map(|rotary| rotary.confirm.0);
+        let moves = worst_um > confirm_um || worst_urad > confirm_urad.unwrap_or(f64::INFINITY);
         if !moves || confirm == Some(new.hash.as_str()) {
             return None;
         }
-        // An infinite number is none in JSON: machines with other axes.
-        Some(
-            json!({ "model": new.hash, "worst_corner_um": worst_um, "worst_corner_urad": worst_urad, "confirm_um": guard.linear.confirm }),
-        )
+        // A machine with other axes moves infinitely far, which is no number in JSON.
+        let finite = |x: f64| x.is_finite().then_some(x);
+        Some(Question {
+            model: new.hash.clone(),
+            worst_corner_um: finite(worst_um),
+            worst_corner_urad: finite(worst_urad),
+            confirm_um,
+            confirm_urad,
+        })
     }
 
-    fn arm(&mut self, who: &str, confirm: Option<&str>) -> Answer {
-        let fading = self
-            .parts
-            .config
-            .guard
-            .as_ref()
-            .map(|guard| guard.fading)
-            .unwrap_or_default();
+    fn arm(&mut self, who: &str, confirm: Option<&str>) -> Reply {
+        let guard = self.parts.config.guard.as_ref();
+        let fading = guard.map(|guard| guard.fading).unwrap_or_default();
         let path = self.confirmed_path();
-        // The model that was armed last, unless there was none.
-        if let Ok(old) = Model::read(&path, fading)
+        let armed_last = Machine::read(&path).and_then(|machine| Model::new(&machine, fading));
+        // Where no model was armed before, there is nothing to compare with.
+        if let Ok(old) = armed_last
             && old.hash != self.parts.model.hash
-            && let Some(needed) =
-                self.needs_confirmation(&old, &Arc::clone(&self.parts.model), confirm)
+            && let Some(question) = self.question(&old, &Arc::clone(&self.parts.model), confirm)
         {
-            return (409, needed);
+            return Reply {
+                status: 409,
+                answer: Answer::Question(question),
+            };
         }
         if let Err(e) = replace_file(&path, &self.parts.model.text) {
             tracing::error!("{}: {e}", path.display());
-            return (
-                409,
-                json!({ "state": self.last_state.name(), "reasons": ["audit log cannot be written"] }),
-            );
+            return self.no_log(self.last_state);
         }
         self.request(who, "arm", Request::Arm, |state| state != State::Disarmed)
     }
+}
 
-    /// Reads everything again. What cannot change while it runs is said.
-    fn reload(&mut self, who: &str, confirm: Option<&str>) -> Answer {
-        match self.try_reload(who, confirm) {
-            Ok(answer) => answer,
-            Err(e) => {
-                self.log(who, "reload refused", &json!(e.to_string()));
-                tracing::warn!("reload: {e}");
-                (422, json!({ "error": e.to_string() }))
-            }
-        }
+fn settled(status: u16, state: State, reasons: Reasons) -> Reply {
+    Reply {
+        status,
+        answer: Answer::Settled(Settled {
+            state: state.into(),
+            reasons: reasons.texts().map(str::to_owned).collect(),
+        }),
     }
+}
 
-    fn try_reload(&mut self, who: &str, confirm: Option<&str>) -> Result<Answer, GatewayError> {
-        if self.parts.options.config.is_none() {
-            let what = "the built-in configuration cannot be read again";
-            return Err(GatewayError::Unfit(what.to_owned()));
+/// An answer for the log of the program.
+fn in_words(answer: &Answer) -> String {
+    match answer {
+        Answer::Question(question) => format!(
+            "model {} must be confirmed: it moves a corner of the work space by {} µm",
+            question.model,
+            question
+                .worst_corner_um
+                .map_or("an unknown number of".to_owned(), |um| format!("{um:.1}"))
+        ),
+        Answer::Settled(settled) if settled.reasons.is_empty() => settled.state.name().to_owned(),
+        Answer::Settled(settled) => {
+            format!("{}: {}", settled.state.name(), settled.reasons.join(", "))
         }
-        let config = configuration(&self.parts.options)?;
-        self.can_change_to(&config)?;
-        let guard = config
-            .guard
-            .as_ref()
-            .ok_or_else(|| GatewayError::Unfit("[guard] is missing".to_owned()))?;
-        let limits = assemble::reloaded_limits(&config, guard, &self.parts.controllers)?;
-        let model = Model::read(&config.machine, guard.fading)?;
-        if model.axes != self.parts.model.axes {
-            return Err(GatewayError::Unfit(format!(
-                "{}: other axes than before: restart the gateway for that",
-                config.machine.display()
-            )));
-        }
-        if let Some(needed) =
-            self.needs_confirmation(&Arc::clone(&self.parts.model), &model, confirm)
-        {
-            tracing::warn!("reload needs a confirmation: {needed}");
-            return Ok((409, needed));
-        }
-        let details = json!({ "from": self.parts.model.hash, "to": model.hash });
-        if !self.log(who, "reload", &details) {
-            return Ok((409, json!({ "reasons": ["audit log cannot be written"] })));
-        }
-        for (index, limits) in limits.into_iter().enumerate() {
-            self.parts
-                .handle
-                .send(Order::Limits(index, Box::new(limits)));
-        }
-        if model.hash != self.parts.model.hash {
-            if self.last_state.is_armed() {
-                // The confirmed one is now this.
-                let _ = replace_file(&self.confirmed_path(), &model.text);
-            }
-            let copy = Arc::new(model.clone());
-            self.parts
-                .handle
-                .send(Order::Model(Box::new(Replacement::new(
-                    Box::new(model),
-                    &self.parts.sensors,
-                ))));
-            *self
-                .publisher
-                .model
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner) = Arc::clone(&copy);
-            self.parts.model = copy;
-        }
-        self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
-        self.parts.config = config;
-        self.tell_thread();
-        Ok((200, json!({ "model": self.parts.model.hash })))
-    }
-
-    /// Whether everything that stays as it is while the gateway runs is as it was.
-    fn can_change_to(&self, config: &Config) -> Result<(), GatewayError> {
-        let old = &self.parts.config;
-        let fixed = |config: &Config| {
-            config.guard.as_ref().map(|guard| {
-                let temperature = (
-                    guard.max_degc_per_min,
-                    guard.range_degc,
-                    guard.temperature_stale,
-                    guard.fading,
-                );
-                (guard.hand_back, temperature)
-            })
-        };
-        let same = [
-            (config.controllers == old.controllers, "[[controller]]"),
-            (config.thermometers == old.thermometers, "[[thermometer]]"),
-            (config.cycle == old.cycle, "cycle_ms"),
-            (config.dashboard == old.dashboard, "[dashboard]"),
-            (config.audit_dir == old.audit_dir, "[audit]"),
-            (config.realtime == old.realtime, "[realtime]"),
-            (
-                old.guard.is_none() || fixed(config) == fixed(old),
-                "[guard] hand_back_s or a key of temperatures",
-            ),
-        ];
-        match same.iter().find(|(same, _)| !same) {
-            Some((_, what)) => Err(GatewayError::Unfit(format!(
-                "{what} changed: restart the gateway for that"
-            ))),
-            None => Ok(()),
-        }
+        Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
+        Answer::Refusal(refusal) => refusal.error.clone(),
     }
 }

@@ -6,28 +6,40 @@ use std::{
 };
 
 use assert_no_alloc::assert_no_alloc;
-use volcomp_gateway::{
-    assemble::{self, PathConfig},
-    config::GuardConfig,
-    cycle::{Asked, Cycle, Sensors},
-    model::Model,
-    path::ControlPath,
-    report::Report,
-    simulate::{self, Simulation, Truth},
-};
+use volcomp_gateway::simulate::{self, Simulation, Truth};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
     Clock, Controller, Description, Fault, Snapshot, Thermometer, simulated::Controls,
 };
 
+use volcomp_runtime::{
+    Asked, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report, Sensors,
+};
 use volcomp_vocabulary::PerChannel;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 
 /// A controller that a test can look into while the cycle has it.
 pub(crate) struct Watched<C> {
-    pub(crate) inner: C,
-    pub(crate) seen: Arc<Mutex<Seen>>,
+    inner: C,
+    description: Description,
+    seen: Arc<Mutex<Seen>>,
+}
+
+impl<C: Controller> Watched<C> {
+    pub(crate) fn new(inner: C, seen: &Arc<Mutex<Seen>>) -> Self {
+        Self {
+            description: inner.description().clone(),
+            inner,
+            seen: Arc::clone(seen),
+        }
+    }
+
+    /// On a channel of another name.
+    pub(crate) fn on(mut self, channel: &str) -> Self {
+        channel.clone_into(&mut self.description.channel);
+        self
+    }
 }
 
 /// What was written, and what a test wants to go wrong.
@@ -44,7 +56,7 @@ pub(crate) struct Seen {
 
 impl<C: Controller> Controller for Watched<C> {
     fn description(&self) -> &Description {
-        self.inner.description()
+        &self.description
     }
 
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
@@ -80,39 +92,39 @@ pub(crate) struct Bench {
     pub(crate) forbids: Reasons,
 }
 
-pub(crate) fn path_config() -> PathConfig {
-    PathConfig {
-        fixed: Vec::new(),
-        unwatched: false,
-        proves: true,
-        position_step: 0.0,
-        read_back_cycles: 1,
+/// A path of a controller, which is planned first.
+pub(crate) fn path(
+    controller: impl Controller + 'static,
+    model: &Model,
+    guard: &GuardSettings,
+    settings: &PathSettings,
+) -> ControlPath {
+    let described = controller.description().clone();
+    let plan = PathPlan::new(described, model, guard, settings, PERIOD)
+        .unwrap_or_else(|e| panic!("{e}"));
+    ControlPath::new(Box::new(controller), &plan).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Settings without a test shift.
+pub(crate) fn unproven() -> PathSettings {
+    PathSettings {
+        proves: false,
+        ..PathSettings::default()
     }
 }
 
 impl Bench {
     /// The built-in simulation, with the thermometer made into another.
     pub(crate) fn with(
-        guard: &GuardConfig,
+        guard: &GuardSettings,
         thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
     ) -> Self {
         let clock = Clock::manual();
         let simulation = Simulation::new(clock.clone()).expect("built in");
         let seen = Arc::new(Mutex::new(Seen::default()));
-        let controller = Watched {
-            inner: simulation.controller,
-            seen: Arc::clone(&seen),
-        };
+        let controller = Watched::new(simulation.controller, &seen);
         let model = Model::new(&simulation.model, guard.fading).expect("built in");
-        let path = assemble::path(
-            Box::new(controller),
-            &model,
-            guard,
-            &path_config(),
-            PERIOD,
-            &mut Vec::new(),
-        )
-        .expect("built in");
+        let path = path(controller, &model, guard, &PathSettings::default());
         Self {
             cycle: cycle(
                 model,
@@ -196,13 +208,12 @@ impl Bench {
 pub(crate) fn cycle(
     model: Model,
     paths: Vec<ControlPath>,
-    guard: &GuardConfig,
+    guard: &GuardSettings,
     thermometer: Box<dyn Thermometer>,
     clock: &Clock,
 ) -> Cycle {
-    let sensors = Sensors {
-        thermometers: vec![thermometer],
-        limits: assemble::sensor_limits(guard),
-    };
-    Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD).with_start(clock.start())
+    let sensors = Sensors::new(vec![thermometer], guard.temperatures);
+    Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
+        .unwrap_or_else(|e| panic!("{e}"))
+        .with_start(clock.start())
 }

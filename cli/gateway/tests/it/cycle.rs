@@ -1,20 +1,18 @@
 //! Arming, following, fallback.
 
 use std::{
+    collections::BTreeMap,
     sync::{Arc, Mutex},
     time::Duration,
 };
 
-use volcomp_gateway::{
-    assemble::{self, PathConfig},
-    model::Model,
-    simulate::{self, Simulation},
-};
+use volcomp_gateway::simulate::{self, Simulation};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{Clock, Controller, Fault};
+use volcomp_runtime::{Model, PathSettings};
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
-use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
+use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -74,29 +72,15 @@ fn two(same_channel: bool) -> Two {
     );
     let model = Model::new(&first.model, guard.fading).expect("built in");
     let mut seen = Vec::new();
-    let mut channels = Vec::new();
     let mut paths = Vec::new();
     for (index, controller) in [first.controller, second.controller]
         .into_iter()
         .enumerate()
     {
         seen.push(Arc::new(Mutex::new(Seen::default())));
-        let controller: Box<dyn Controller> = Box::new(Watched {
-            inner: controller,
-            seen: Arc::clone(&seen[index]),
-        });
-        let config = PathConfig {
-            proves: false,
-            ..path_config()
-        };
-        let mut path = assemble::path(controller, &model, &guard, &config, PERIOD, &mut channels)
-            .expect("built in");
-        path.channel = if same_channel {
-            0
-        } else {
-            u32::try_from(index).expect("two")
-        };
-        paths.push(path);
+        let channel = if same_channel { 0 } else { index };
+        let controller = Watched::new(controller, &seen[index]).on(&format!("channel {channel}"));
+        paths.push(path(controller, &model, &guard, &unproven()));
     }
     let bench = Bench {
         cycle: cycle(model, paths, &guard, Box::new(first.thermometer), &clock),
@@ -181,34 +165,18 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
         };
         let (lines, _, _) = lines.start();
         let [seen, second] = [0, 1].map(|_| Arc::new(Mutex::new(Seen::default())));
-        let mut channels = Vec::new();
-        let mut path = |controller: Box<dyn Controller>, fixed: Vec<(AxisName, f64)>| {
-            let config = PathConfig {
-                proves: false,
-                fixed,
-                ..path_config()
-            };
-            assemble::path(controller, &model, &guard, &config, PERIOD, &mut channels)
-                .expect("built in")
-        };
-        let others = fixed.map_or(Vec::new(), |at| {
-            vec![(AxisName::Y, at), (AxisName::Z, 500.0)]
+        let others = fixed.map_or(BTreeMap::new(), |at| {
+            let named = [(AxisName::Y, at), (AxisName::Z, 500.0)];
+            named.map(|(name, at)| (name, Displacement::Length(Mm(at)))).into()
         });
+        let settings = PathSettings {
+            fixed: others,
+            ..unproven()
+        };
+        let first = Watched::new(simulation.controller, &seen);
         let paths = vec![
-            path(
-                Box::new(Watched {
-                    inner: simulation.controller,
-                    seen: Arc::clone(&seen),
-                }),
-                Vec::new(),
-            ),
-            path(
-                Box::new(Watched {
-                    inner: lines,
-                    seen: Arc::clone(&second),
-                }),
-                others,
-            ),
+            path(first, &model, &guard, &unproven()),
+            path(Watched::new(lines, &second), &model, &guard, &settings),
         ];
         let mut bench = Bench {
             cycle: cycle(
@@ -287,19 +255,10 @@ fn every_axis_gets_its_own_correction() {
         };
         let (control, thermometer, controls) = control.start();
         let seen = Arc::new(Mutex::new(Seen::default()));
-        let mut guard = simulate::guard();
-        guard.rotary = Some(guard.linear);
+        let guard = simulate::guard();
         let model = Model::new(&machine, guard.fading).expect("shipped");
-        let config = PathConfig {
-            proves: false,
-            ..path_config()
-        };
-        let controller = Box::new(Watched {
-            inner: control,
-            seen: Arc::clone(&seen),
-        });
-        let path = assemble::path(controller, &model, &guard, &config, PERIOD, &mut Vec::new())
-            .expect("fits");
+        let controller = Watched::new(control, &seen);
+        let path = path(controller, &model, &guard, &unproven());
         let mut bench = Bench {
             cycle: cycle(model, vec![path], &guard, Box::new(thermometer), &clock),
             clock,

@@ -5,19 +5,16 @@ use std::{
     time::Duration,
 };
 
-use volcomp_gateway::{
-    assemble::{self, PathConfig},
-    model::Model,
-    simulate::{self, Simulation},
-};
+use volcomp_gateway::simulate::{self, Simulation};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
     Clock, Fault, Reason, Temperature, Thermometer,
     inject::{Faults, Faulty},
 };
+use volcomp_runtime::Model;
 use volcomp_vocabulary::PerChannel;
 
-use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path_config};
+use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
 /// 500 um/s in 4 ms and one step.
@@ -210,27 +207,13 @@ fn random_faults_of_the_wire_never_make_a_step() {
             ..Faults::default()
         };
         let faulty = Faulty::new(simulation.controller, wire, seed);
-        let controller = Watched {
-            inner: faulty,
-            seen: Arc::clone(&seen),
-        };
+        let controller = Watched::new(faulty, &seen);
         let model = Model::new(&simulation.model, guard.fading).expect("built in");
-        let config = PathConfig {
-            proves: false,
-            ..path_config()
-        };
-        let path = assemble::path(
-            Box::new(controller),
-            &model,
-            &guard,
-            &config,
-            PERIOD,
-            &mut Vec::new(),
-        );
+        let path = path(controller, &model, &guard, &unproven());
         let mut bench = Bench {
             cycle: cycle(
                 model,
-                vec![path.expect("built in")],
+                vec![path],
                 &guard,
                 Box::new(simulation.thermometer),
                 &clock,

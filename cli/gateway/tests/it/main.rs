@@ -1,11 +1,14 @@
 //! The gateway: its cycle on a simulated machine, and the program as others see it.
 
+mod agreement;
 mod audit;
 mod bench;
 mod browser;
 mod clock;
 mod cycle;
+mod documents;
 mod faults;
+mod five_axes;
 mod fuzz_corpus;
 mod http;
 mod process;

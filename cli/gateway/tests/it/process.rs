@@ -323,7 +323,7 @@ fn a_second_signal_leaves_at_once() {
     assert_eq!(program.end(), Some(0));
     assert!(begun.elapsed() < Duration::from_secs(2));
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
-    assert!(audit.contains("\"what\":\"stopped\"") && audit.contains("\"left\""));
+    assert!(audit.contains("\"what\":\"stopped\"") && audit.contains("\"left_um\""));
 }
 
 #[test]
@@ -452,12 +452,12 @@ fn the_documented_configuration_is_right() {
     let text = std::fs::read_to_string(root.join("debian/gateway.toml")).expect("there");
     let config = dir.path().join("G.toml");
     std::fs::write(&config, text).expect("writable");
-    let lines = volcomp_gateway::run::check(&config);
-    let notes = lines.unwrap_or_else(|e| panic!("{e}")).join("\n");
-    assert!(
-        notes.contains("focas://192.0.2.10:8193: axes XYZ"),
-        "{notes}"
-    );
+    crate::program::token_file(dir.path());
+    let config = volcomp_gateway::config::Config::read(&config).unwrap_or_else(|e| panic!("{e}"));
+    let plan = volcomp_gateway::plan::Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
+    let text = plan.text();
+    assert!(text.contains("focas://192.0.2.10:8193"), "{text}");
+    assert!(text.contains("axes X Y Z"), "{text}");
 }
 
 #[test]

@@ -1,60 +1,58 @@
-//! One controller with its guard, as a cycle sees it.
+//! One controller with its guard, as a cycle sees it. State: the guard, and what the controller said last.
 
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{Guard, Inputs, Output, Reading, Reasons, Request};
 use volcomp_port::{Controller, Fault, Snapshot};
-
 use volcomp_vocabulary::{PerAxis, PerChannel};
 
-use crate::cycle::Asked;
+use crate::{asked::Asked, error::PlanError, plan::PathPlan};
 
-/// Another gateway is believed for so long after it was seen.
+/// A second gateway that was seen is reported for so long.
 const OTHER_GATEWAY_FOR: Duration = Duration::from_secs(5);
 
 /// One controller with its guard.
 pub struct ControlPath {
-    /// The controller.
-    pub controller: Box<dyn Controller>,
-    /// Its guard.
-    pub guard: Guard,
-    /// For each of its axes the place in the machine.
-    pub machine_axis: PerChannel<usize>,
-    /// Machine axes that stand where the configuration says, mm and rad.
-    pub fixed: PerAxis<Option<f64>>,
-    /// Paths with the same number replace one another.
-    pub channel: u32,
-    /// What is always to be told of it: unwatched, blind to others.
-    pub notes: Reasons,
+    pub(crate) controller: Box<dyn Controller>,
+    pub(crate) guard: Guard,
+    /// The place in the machine of each axis of the controller.
+    pub(crate) machine_axis: PerChannel<usize>,
+    /// Machine axes that stand at a stated position, mm and rad.
+    pub(crate) fixed: PerAxis<Option<f64>>,
+    /// Paths with the same number replace one another, others add.
+    pub(crate) channel: u32,
+    /// What is always to be reported of it: that nothing watches it, that it does not see other gateways.
+    notes: Reasons,
     reading: Option<Snapshot>,
-    /// Positions without correction, as they held.
+    /// Positions without correction, as they held at `taken`.
     positions: PerChannel<f64>,
     taken: Option<Duration>,
     other_gateway: Option<Duration>,
 }
 
 impl ControlPath {
-    /// A path before its first cycle.
-    pub fn new(
-        controller: Box<dyn Controller>,
-        guard: Guard,
-        machine_axis: PerChannel<usize>,
-        fixed: PerAxis<Option<f64>>,
-        channel: u32,
-        notes: Reasons,
-    ) -> Self {
-        Self {
+    /// A path before its first cycle: an open controller and its plan.
+    ///
+    /// # Errors
+    /// Limits that a guard refuses: none for a plan that was not changed since it was made.
+    pub fn new(controller: Box<dyn Controller>, plan: &PathPlan) -> Result<Self, PlanError> {
+        let guard = Guard::new(plan.limits).map_err(|source| PlanError::Limits {
+            device: plan.description.device.clone(),
+            axis: None,
+            source,
+        })?;
+        Ok(Self {
             controller,
             guard,
-            machine_axis,
-            fixed,
-            channel,
-            notes,
+            machine_axis: plan.machine_axis,
+            fixed: plan.fixed,
+            channel: 0,
+            notes: plan.notes,
             reading: None,
             positions: PerChannel::ZERO,
             taken: None,
             other_gateway: None,
-        }
+        })
     }
 
     /// How many axes it has.

@@ -1,43 +1,33 @@
 //! One cycle: positions, thermal state, model, guard, correction. Nothing here allocates, locks or logs.
+//!
+//! State: the paths with their guards, which path is active, the directions of travel, the thermal lags of the model.
 
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    DirectionMemory, MAX_PATHS, Output, PathHealth, Reasons, Request, Selector, SensorCheck,
-    SensorLimits, State as GuardState,
+    DirectionMemory, Limits, MAX_PATHS, Output, PathHealth, Reasons, Request, Selector,
+    State as GuardState,
 };
 use volcomp_kinematics::State;
-use volcomp_port::{Quality, Thermometer};
-
-use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
+use volcomp_port::Description;
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
 
 use crate::{
-    model::Model,
-    path::ControlPath,
-    report::{MAX_SENSORS, Report, SensorReport},
+    asked::Asked, error::PlanError, model::Model, path::ControlPath, report::Report,
+    sensors::Sensors,
 };
 
-/// The last motion of an axis counts from here on: 5 um, and 5e-4 deg.
+/// Travel after which a direction counts as turned: of linear axes 5 µm.
 const REVERSAL_MM: f64 = 0.005;
+/// Travel after which a direction counts as turned: of rotary axes 5e-4 deg.
 const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
 
-/// What a cycle is asked besides.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Asked {
-    /// What somebody asked for.
-    pub request: Option<Request>,
-    /// Why arming is forbidden, if it is.
-    pub forbids: Reasons,
-    /// What is to be told besides.
-    pub notes: Reasons,
-}
-
-/// How long the exchanges and the rest of a cycle took.
+/// How long the parts of a cycle took.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spent {
-    /// With controllers.
+    /// Exchanges with controllers.
     pub exchange: Duration,
-    /// By the thread's CPU clock, without them.
+    /// The rest, by the CPU clock of the thread.
     pub own: Duration,
 }
 
@@ -49,13 +39,13 @@ pub struct Cycle {
     /// The active path was switched and is to be armed.
     taking_over: bool,
     directions: PerAxis<DirectionMemory>,
-    thermometers: Vec<Box<dyn Thermometer>>,
-    checks: Vec<SensorCheck>,
-    sensor_limits: SensorLimits,
-    /// For each sensor of the model the place among the temperatures.
+    sensors: Sensors,
+    /// For each sensor of the model its place among the temperatures.
     sensor_of_model: Vec<Option<usize>>,
     model_degc: Vec<Option<f64>>,
     degraded: bool,
+    /// Where the machine was commanded in this cycle; `None` while a position is not known.
+    commanded: Option<State>,
     last: Option<Duration>,
     start: Instant,
     period: Duration,
@@ -70,111 +60,97 @@ struct Place {
     oldest: Option<Duration>,
 }
 
-/// Temperatures and what is asked of them.
-pub struct Sensors {
-    /// The thermometers.
-    pub thermometers: Vec<Box<dyn Thermometer>>,
-    /// What each may say.
-    pub limits: SensorLimits,
-}
-
-impl Sensors {
-    /// All names, in order.
-    pub fn names(&self) -> Vec<String> {
-        self.thermometers
-            .iter()
-            .flat_map(|thermometer| thermometer.names().iter().cloned())
-            .take(MAX_SENSORS)
-            .collect()
-    }
-}
-
 impl Cycle {
-    /// Puts it together: one path at least, [`MAX_PATHS`] at the most.
+    /// A cycle over some paths in the order of preference; a better path takes over again when it was usable for
+    /// `hand_back`.
+    ///
+    /// # Errors
+    /// No path, or more than [`MAX_PATHS`].
     pub fn new(
         model: Box<Model>,
         mut paths: Vec<ControlPath>,
         hand_back: Duration,
         sensors: Sensors,
         period: Duration,
-    ) -> Self {
-        paths.truncate(MAX_PATHS);
-        let names = sensors.names();
-        let mut cycle = Self {
-            sensor_of_model: Vec::new(),
-            model_degc: Vec::new(),
-            checks: vec![SensorCheck::default(); names.len()],
+    ) -> Result<Self, PlanError> {
+        if !(1..=MAX_PATHS).contains(&paths.len()) {
+            return Err(PlanError::Paths { found: paths.len() });
+        }
+        number_channels(&mut paths);
+        let (sensor_of_model, model_degc) = sensor_places(&model, &sensors.names());
+        Ok(Self {
+            sensor_of_model,
+            model_degc,
             model,
             paths,
             selector: Selector::new(hand_back),
             taking_over: false,
             directions: PerAxis::default(),
-            thermometers: sensors.thermometers,
-            sensor_limits: sensors.limits,
+            sensors,
             degraded: false,
+            commanded: None,
             last: None,
             start: Instant::now(),
             period,
             report: Report::default(),
-        };
-        (cycle.sensor_of_model, cycle.model_degc) = sensor_places(&cycle.model, &names);
-        cycle
+        })
     }
 
-    /// Its clock began at `start`, not when it was made: for clocks that a test counts.
+    /// Lets the clock begin at `start` instead of when the cycle was made: for clocks that a test counts.
     #[must_use]
     pub fn with_start(mut self, start: Instant) -> Self {
         self.start = start;
         self
     }
 
-    /// What was applied when the program ended, machine's order: for controllers that cannot be asked.
+    /// What was applied when the program ended (mm, rad), for controllers that cannot be asked what they hold.
     pub fn restore(&mut self, correction: &PerAxis<f64>) {
         for path in &mut self.paths {
             let mut applied = PerChannel::ZERO;
-            for (into, machine_axis) in applied
-                .iter_mut()
-                .zip(path.machine_axis)
-                .take(path.guard.limits().count)
-            {
+            let places = applied.iter_mut().zip(path.machine_axis);
+            for (into, machine_axis) in places.take(path.guard.limits().count) {
                 *into = correction[machine_axis];
             }
             path.guard.restore(&applied);
         }
     }
 
-    /// What the last cycle told.
+    /// What the last cycle reports.
     pub fn report(&self) -> &Report {
         &self.report
     }
 
-    /// The paths.
-    pub fn paths(&self) -> &[ControlPath] {
-        &self.paths
+    /// What the drivers say of the controllers, in the order of the paths.
+    pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
+        self.paths.iter().map(|path| path.controller.description())
     }
 
-    /// When its clock began.
+    /// When the clock of the cycle began.
     pub fn start(&self) -> Instant {
         self.start
     }
 
-    /// Another model from the next cycle on, with the places of its sensors; `replacement` becomes the old one,
-    /// to be freed elsewhere.
+    /// Takes another model from the next cycle on; `replacement` holds the old one afterwards, to be freed elsewhere.
     pub fn swap_model(&mut self, replacement: &mut Replacement) {
         std::mem::swap(&mut self.model, &mut replacement.model);
         std::mem::swap(&mut self.sensor_of_model, &mut replacement.sensor_of_model);
         std::mem::swap(&mut self.model_degc, &mut replacement.model_degc);
     }
 
-    /// Other limits for the path at `index`; refused ones leave the old.
-    pub fn set_limits(&mut self, index: usize, limits: &volcomp_guard::Limits) {
+    /// Takes other limits for the path at `index`; limits that its guard refuses leave the old ones.
+    pub fn set_limits(&mut self, index: usize, limits: &Limits) {
         if let Some(path) = self.paths.get_mut(index) {
-            // Checked before it was sent.
+            // Whoever sends limits has checked them.
             let _ = path.guard.set_limits(*limits);
         }
     }
 
-    /// One cycle, begun at `now`.
+    /// Counts periods that were missed.
+    pub fn count_overruns(&mut self, missed: u64) {
+        self.report.overruns += missed;
+    }
+
+    /// Runs one cycle, begun at `now`. `own_clock` is the CPU clock of the thread.
     pub fn run(
         &mut self,
         now: Instant,
@@ -198,7 +174,7 @@ impl Cycle {
         }
     }
 
-    /// Every controller says where it is, the active one first.
+    /// Asks every controller where it is, the active one first.
     fn read_all(&mut self, now: Instant, since_start: Duration) {
         let active = self.selector.active();
         let deadline = now + self.patience(active);
@@ -229,42 +205,21 @@ impl Cycle {
         self.report.faults += u64::from(!answered);
     }
 
-    /// Temperatures, their checks, the lags, and the model with them: in every cycle, since work that is done
-    /// seldom finds nothing of it in the caches and makes the longest cycles.
+    /// Temperatures, the lags, and the model with them: in every cycle, since work that is done seldom finds nothing
+    /// of it in the caches and makes the longest cycles.
     fn thermal(&mut self, since_start: Duration, dt: Duration) {
-        let mut place = 0;
-        for thermometer in &mut self.thermometers {
-            for latest in thermometer.latest() {
-                let Some((check, told)) = self
-                    .checks
-                    .get_mut(place)
-                    .zip(self.report.sensors.get_mut(place))
-                else {
-                    break;
-                };
-                let taken = latest
-                    .taken
-                    .map(|taken| taken.saturating_duration_since(self.start));
-                let degc = latest
-                    .degc
-                    .filter(|_| !matches!(latest.quality, Quality::Bad(_)));
-                let found = check.check(since_start, degc, taken, &self.sensor_limits);
-                *told = sensor_report(found);
-                place += 1;
-            }
-        }
+        self.sensors
+            .read(since_start, self.start, &mut self.report.sensors);
         for (degc, place) in self.model_degc.iter_mut().zip(&self.sensor_of_model) {
             *degc = place
                 .and_then(|place| self.report.sensors.get(place))
                 .and_then(|sensor| sensor.degc);
         }
-        self.model.thermal.step(dt.as_secs_f64(), &self.model_degc);
-        self.degraded = self.model.thermal.is_degraded();
-        self.model.thermal.apply(&mut self.model.compiled);
+        self.degraded = self.model.step(dt.as_secs_f64(), &self.model_degc);
     }
 
     /// Positions of every machine axis as the path at `index` may use them: its own, else those of another path
-    /// that are fresh, else what is fixed.
+    /// that are fresh, else what is stated as fixed.
     fn place_for(&self, index: usize, now: Duration) -> Place {
         let path = &self.paths[index];
         let mut place = Place::default();
@@ -305,7 +260,7 @@ impl Cycle {
         }
     }
 
-    /// Which path corrects from now on, and why not another one that should.
+    /// Chooses the path that corrects from now on. Gives why another one that should correct may not.
     fn select(&mut self, now: Duration) -> Reasons {
         let state = self.paths[self.selector.active()].guard.state();
         // A fault is for a person to look at.
@@ -321,26 +276,26 @@ impl Cycle {
         Reasons::OTHER_CHANNEL_UNKNOWN.when(choice.blocked && state.is_armed())
     }
 
-    /// What the model wants at a place, machine's order, mm and rad.
+    /// The correction that the model asks for at a place, mm and rad.
     fn wanted(&mut self, place: &Place) -> (PerAxis<f64>, Reasons) {
         let mut state = State::default();
-        state.q[..MAX_AXES].copy_from_slice(&place.positions[..]);
+        for (q, position) in state.q.iter_mut().zip(&place.positions) {
+            *q = *position;
+        }
         self.approach(&mut state, place.known);
         (self.report.positions, self.report.known) = (place.positions, place.known);
-        if !self.is_complete(place) {
-            return (
-                PerAxis::ZERO,
-                Reasons::AXIS_UNKNOWN.when(place.oldest.is_some()),
-            );
+        self.commanded = self.is_complete(place).then_some(state);
+        if self.commanded.is_none() {
+            let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
+            return (PerAxis::ZERO, unknown);
         }
-        self.report.error = self.model.compiled.evaluate(&state).into_six();
         let (wanted, singular) = self.model.correction(&state);
-        let outside = !self.model.compiled.outside_range(&state).is_empty();
+        let outside = self.model.is_outside_range(&state);
         let notes = Reasons::SINGULAR.when(singular) | Reasons::OUTSIDE_RANGE.when(outside);
         (wanted, notes)
     }
 
-    /// Which path corrects, what the model wants, what each guard makes of it.
+    /// Which path corrects, what the model asks for, what each guard makes of it.
     fn decide(&mut self, now: Duration, asked: &Asked) -> [Output; MAX_PATHS] {
         let before = self.selector.active();
         let mut notes = self.select(now);
@@ -366,17 +321,16 @@ impl Cycle {
         outputs
     }
 
-    /// In which direction each axis came, from positions without correction.
+    /// From which direction each axis came, from positions without correction.
     fn approach(&mut self, state: &mut State, known: u16) {
-        for (index, (memory, name)) in self.directions.iter_mut().zip(&self.model.axes).enumerate()
-        {
+        let axes = self.directions.iter_mut().zip(&self.model.axes);
+        for (index, (memory, name)) in axes.enumerate() {
             if known >> index & 1 == 0 {
                 continue;
             }
-            let threshold = if name.is_rotary() {
-                REVERSAL_RAD
-            } else {
-                REVERSAL_MM
+            let threshold = match name.kind() {
+                AxisKind::Linear => REVERSAL_MM,
+                AxisKind::Rotary => REVERSAL_RAD,
             };
             state.approach[index] = memory.at(state.q[index], threshold);
         }
@@ -433,7 +387,8 @@ impl Cycle {
     fn tell(&mut self, since_start: Duration, asked: &Asked, outputs: &[Output; MAX_PATHS]) {
         let active = self.selector.active();
         let output = &outputs[active];
-        self.report.correction = PerAxis::ZERO;
+        let report = &mut self.report;
+        report.correction = PerAxis::ZERO;
         let channel = self.paths[active].channel;
         for (index, (path, output)) in self.paths.iter().zip(outputs).enumerate() {
             // Another path on the same channel is replaced by the active one.
@@ -441,21 +396,21 @@ impl Cycle {
                 continue;
             }
             for i in 0..path.count() {
-                self.report.correction[path.machine_axis[i]] += output.correction[i];
+                report.correction[path.machine_axis[i]] += output.correction[i];
             }
         }
-        self.report.cycle += 1;
-        self.report.now = since_start;
-        self.report.state = output.state;
-        self.report.active = active;
-        self.report.held_back = output.held_back;
-        self.report.reasons =
+        let errors = self
+            .commanded
+            .map(|state| self.model.errors(&state, &report.correction));
+        report.error = errors.map(|[without, _]| without);
+        report.residual = errors.map(|[_, with]| with);
+        report.cycle += 1;
+        report.now = since_start;
+        report.state = output.state;
+        report.active = active;
+        report.held_back = output.held_back;
+        report.reasons =
             output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
-    }
-
-    /// Periods that were missed.
-    pub fn count_overruns(&mut self, missed: u64) {
-        self.report.overruns += missed;
     }
 }
 
@@ -467,7 +422,7 @@ pub struct Replacement {
 }
 
 impl Replacement {
-    /// For temperatures of these names.
+    /// A model for temperatures of these names.
     pub fn new(model: Box<Model>, names: &[String]) -> Self {
         let (sensor_of_model, model_degc) = sensor_places(&model, names);
         Self {
@@ -478,29 +433,21 @@ impl Replacement {
     }
 }
 
+/// Paths whose controllers name the same channel get the same number.
+fn number_channels(paths: &mut [ControlPath]) {
+    for index in 0..paths.len() {
+        let name = &paths[index].controller.description().channel;
+        let first = paths
+            .iter()
+            .position(|path| path.controller.description().channel == *name);
+        paths[index].channel = u32::try_from(first.unwrap_or(index)).unwrap_or(u32::MAX);
+    }
+}
+
 fn sensor_places(model: &Model, names: &[String]) -> (Vec<Option<usize>>, Vec<Option<f64>>) {
-    let wanted = model.thermal.sensors();
+    let wanted = model.sensors();
     let places = wanted
         .iter()
         .map(|wanted| names.iter().position(|name| name == wanted));
     (places.collect(), vec![None; wanted.len()])
-}
-
-fn sensor_report(found: Result<f64, volcomp_guard::Rejected>) -> SensorReport {
-    use volcomp_guard::Rejected;
-    match found {
-        Ok(degc) => SensorReport {
-            degc: Some(degc),
-            flaw: 0,
-        },
-        Err(rejected) => {
-            let flaw = match rejected {
-                Rejected::Broken => 1,
-                Rejected::Stale => 2,
-                Rejected::OutOfRange => 3,
-                Rejected::Jumping => 4,
-            };
-            SensorReport { degc: None, flaw }
-        }
-    }
 }

@@ -1,0 +1,281 @@
+//! The devices of a configuration: what they are, told without opening them, and opened.
+
+use std::time::Duration;
+
+use volcomp_can::{
+    BridgeConfig, CanController, CanSocket, CanThermometer, SignalTable, temperature_names,
+};
+use volcomp_devices::{
+    Address, Scheme, digital_lines, digital_modules, focas_config, gpio_port, signal_table,
+    thermometer, thermometer_names,
+};
+use volcomp_digital_io::{CorrectionWord, DigitalAxis, DigitalController, PositionWord, Wiring};
+use volcomp_focas::{FocasConfig, FocasController};
+use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
+use volcomp_runtime::PathSettings;
+use volcomp_vocabulary::Displacement;
+
+use crate::config::{ControllerConfig, ThermometerConfig};
+
+/// A bridge on CAN tells what is applied in messages of its own, so late at the most.
+const CAN_READ_BACK: Duration = Duration::from_millis(60);
+/// Positions of a CAN bridge that are older are stale.
+const CAN_STALE: Duration = Duration::from_millis(100);
+/// Temperatures of a CAN bridge that are older are stale.
+const CAN_TEMPERATURE_STALE: Duration = Duration::from_secs(10);
+/// The step of a correction on digital lines where the configuration states none.
+const LINE_STEP_UM: f64 = 1.0;
+/// The step of a correction of a rotary axis on digital lines where the configuration states none: 0.001 deg.
+const LINE_STEP_DEG: f64 = 1e-3;
+
+/// One controller as it is configured, not opened.
+#[derive(Clone, Debug)]
+pub struct ControllerDevice {
+    address: Address,
+    kind: Kind,
+}
+
+#[derive(Clone, Debug)]
+enum Kind {
+    Focas(Box<FocasConfig>),
+    Can(BridgeConfig),
+    Lines(Lines),
+}
+
+/// One axis on digital lines.
+#[derive(Clone, Debug)]
+struct Lines {
+    channel: String,
+    wiring: Wiring,
+    coherence: volcomp_digital_io::Coherence,
+    axis: DigitalAxis,
+}
+
+impl ControllerDevice {
+    /// The controller of a `[[controller]]`.
+    ///
+    /// # Errors
+    /// A URL or keys that make no sense, a DBC file that cannot be read.
+    pub fn new(config: &ControllerConfig) -> Result<Self, DeviceError> {
+        let address = Address::parse(&config.url)?;
+        let channel = |default: &str| config.channel.clone().unwrap_or_else(|| default.to_owned());
+        let kind = match address.scheme {
+            Scheme::Focas => Kind::Focas(Box::new(focas(&address, config)?)),
+            Scheme::Can => Kind::Can(BridgeConfig {
+                table: signal_table(&address)?,
+                channel: channel("can"),
+                axes: config.axes.clone(),
+                includes_correction: config.includes_correction,
+                stale_after: CAN_STALE,
+            }),
+            Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => {
+                Kind::Lines(lines(config, channel("digital"))?)
+            }
+        };
+        Ok(Self { address, kind })
+    }
+
+    /// What the driver says of it, without opening it.
+    ///
+    /// # Errors
+    /// A configuration that the driver refuses.
+    pub fn describe(&self) -> Result<Description, DeviceError> {
+        match &self.kind {
+            Kind::Focas(config) => config.describe(),
+            Kind::Can(config) => config.describe(&CanSocket::device_of(&self.address.host)),
+            Kind::Lines(lines) => Ok(lines
+                .on(digital_lines(&self.address)?)?
+                .description()
+                .clone()),
+        }
+    }
+
+    /// Opens it. Connections are made in the background; a CAN interface and GPIO lines must be there.
+    ///
+    /// # Errors
+    /// A device that cannot be opened.
+    pub fn open(&self) -> Result<Box<dyn Controller>, DeviceError> {
+        Ok(match &self.kind {
+            Kind::Focas(config) => Box::new(FocasController::new((**config).clone())?),
+            Kind::Can(config) => Box::new(CanController::new(
+                CanSocket::open(&self.address.host)?,
+                config,
+            )?),
+            Kind::Lines(lines) if self.address.scheme == Scheme::Gpio => {
+                Box::new(lines.on(gpio_port(&self.address)?)?)
+            }
+            Kind::Lines(lines) => Box::new(lines.on(digital_modules(&self.address)?)?),
+        })
+    }
+
+    /// What is decided about it besides its driver, for cycles of this length.
+    pub fn settings(&self, config: &ControllerConfig, period: Duration) -> PathSettings {
+        let is_digital = matches!(self.kind, Kind::Lines(_));
+        let behind = match self.kind {
+            Kind::Can(_) => CAN_READ_BACK,
+            Kind::Focas(_) | Kind::Lines(_) => period,
+        };
+        let cycles = behind.as_nanos().div_ceil(period.as_nanos().max(1));
+        PathSettings {
+            fixed: config
+                .fixed
+                .iter()
+                .map(|(name, at)| (*name, Displacement::from_coordinate(name.kind(), *at)))
+                .collect(),
+            unwatched: config.unwatched,
+            proves: config.proves.unwrap_or(!is_digital),
+            position_step: match &self.kind {
+                Kind::Lines(lines) => lines.position_step(),
+                Kind::Focas(_) | Kind::Can(_) => 0.0,
+            },
+            read_back_cycles: usize::try_from(cycles)
+                .unwrap_or(usize::MAX)
+                .clamp(1, volcomp_runtime::guard::MOST_READ_BACK_CYCLES),
+        }
+    }
+
+    /// Whether the step of corrections is told by the device itself.
+    pub fn tells_resolution(&self) -> bool {
+        matches!(self.kind, Kind::Can(_))
+    }
+}
+
+fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, DeviceError> {
+    let mut focas = focas_config(address, &config.axes)?;
+    if let Some(channel) = &config.channel {
+        focas.channel.clone_from(channel);
+    }
+    if let Some((first, width)) = config.area {
+        (focas.shift.first, focas.shift.width) = (first, width);
+    }
+    if let Some(um) = config.resolution_um {
+        focas.shift.count_mm = um * 1e-3;
+    }
+    if let Some(urad) = config.resolution_urad {
+        focas.shift.count_rad = urad * 1e-6;
+    }
+    focas.heartbeat = config.heartbeat;
+    if let Some(referenced) = config.referenced {
+        focas.referenced = referenced;
+    }
+    focas.includes_correction = config.includes_correction;
+    Ok(focas)
+}
+
+fn lines(config: &ControllerConfig, channel: String) -> Result<Lines, DeviceError> {
+    let [name] = config.axes[..] else {
+        let what = format!(
+            "axes: found {} axes, expected one: these lines carry one position",
+            config.axes.len()
+        );
+        return Err(DeviceError::new(&*config.url, what, "name one axis"));
+    };
+    let words = &config.digital;
+    let step = if name.is_rotary() {
+        config
+            .resolution_urad
+            .map_or(LINE_STEP_DEG.to_radians(), |urad| urad * 1e-6)
+    } else {
+        config.resolution_um.unwrap_or(LINE_STEP_UM) * 1e-3
+    };
+    Ok(Lines {
+        channel,
+        wiring: Wiring {
+            position: (0..words.position_bits).collect(),
+            correction: (0..words.correction_bits).collect(),
+            ..Wiring::default()
+        },
+        coherence: words.coherence,
+        axis: DigitalAxis {
+            position: PositionWord {
+                bits: words.position_bits,
+                code: words.position_code,
+                mm_per_count: words.position_mm_per_count,
+                zero_mm: words.position_zero_mm,
+            },
+            correction: CorrectionWord {
+                bits: words.correction_bits,
+                code: words.correction_code,
+                mm_per_count: step,
+            },
+            includes_correction: config.includes_correction,
+            ..DigitalAxis::published(name)
+        },
+    })
+}
+
+impl Lines {
+    fn on<D: DigitalIo>(&self, io: D) -> Result<DigitalController<D>, DeviceError> {
+        DigitalController::new(
+            io,
+            self.channel.clone(),
+            self.wiring.clone(),
+            self.coherence,
+            vec![self.axis],
+        )
+    }
+
+    fn position_step(&self) -> f64 {
+        self.axis.position.mm_per_count
+    }
+}
+
+/// One thermometer as it is configured, not opened.
+#[derive(Clone, Debug)]
+pub struct ThermometerDevice {
+    address: Address,
+    /// The table of signals, on CAN.
+    table: Option<SignalTable>,
+    names: Vec<String>,
+}
+
+impl ThermometerDevice {
+    /// The thermometer of a `[[thermometer]]`.
+    ///
+    /// # Errors
+    /// A URL or names that make no sense, a device without temperatures.
+    pub fn new(config: &ThermometerConfig) -> Result<Self, DeviceError> {
+        let address = Address::parse(&config.url)?;
+        let (table, names) = match address.scheme {
+            Scheme::Modbus | Scheme::ModbusRtu => {
+                (None, thermometer_names(&address, &config.names)?)
+            }
+            Scheme::Can => {
+                let table = signal_table(&address)?;
+                let names = temperature_names(&table, &config.url)?;
+                (Some(table), names)
+            }
+            Scheme::Focas | Scheme::Gpio => {
+                return Err(address.wrong(
+                    "this device has no temperatures",
+                    "expected modbus://, modbus-rtu:// or can://",
+                ));
+            }
+        };
+        Ok(Self {
+            address,
+            table,
+            names,
+        })
+    }
+
+    /// The names of its sensors, in the order in which it tells them.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Opens it. Connections are made in the background; a CAN interface must be there.
+    ///
+    /// # Errors
+    /// A device that cannot be opened.
+    pub fn open(&self) -> Result<Box<dyn Thermometer>, DeviceError> {
+        Ok(match &self.table {
+            Some(table) => Box::new(CanThermometer::new(
+                CanSocket::open(&self.address.host)?,
+                table,
+                CAN_TEMPERATURE_STALE,
+            )?),
+            None => Box::new(thermometer(&self.address, &self.names)?),
+        })
+    }
+}

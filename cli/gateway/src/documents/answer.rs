@@ -1,0 +1,76 @@
+//! What the gateway answers when it is told to arm, disarm, acknowledge or reload.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::StateName;
+
+/// The body of a request that confirms a model; requests without a body confirm none.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Confirmation {
+    /// The hash of the model that a person confirms, as it stood in [`Question::model`].
+    #[serde(default)]
+    pub confirm: Option<String>,
+}
+
+/// One answer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Answer {
+    /// The model must be confirmed first (status 409).
+    Question(Question),
+    /// The state after the request: it took effect (200) or not (409).
+    Settled(Settled),
+    /// The configuration was read again (200).
+    Reloaded(Reloaded),
+    /// The request was refused (400 to 503).
+    Refusal(Refusal),
+}
+
+/// A change of model that a person must confirm by repeating the request with the model's hash.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Question {
+    /// The hash of the new model.
+    pub model: String,
+    /// How far the correction of a linear axis moves at the worst corner of the work space, µm; null for a machine
+    /// with other axes.
+    pub worst_corner_um: Option<f64>,
+    /// How far the correction of a rotary axis moves at the worst corner, µrad; null for a machine with other axes.
+    pub worst_corner_urad: Option<f64>,
+    /// Moves up to this need no confirmation, µm.
+    pub confirm_um: f64,
+    /// Moves up to this need no confirmation, µrad; null where no rotary axis has limits.
+    pub confirm_urad: Option<f64>,
+}
+
+/// The state after a request.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Settled {
+    /// The state.
+    pub state: StateName,
+    /// Why it is what it is.
+    pub reasons: Vec<String>,
+}
+
+/// The model after a reload.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Reloaded {
+    /// Its hash.
+    pub model: String,
+}
+
+/// Why a request was refused.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Refusal {
+    /// The reason, in words.
+    pub error: String,
+}
+
+impl Refusal {
+    /// A refusal for this reason.
+    pub fn new(error: impl Into<String>) -> Self {
+        Self {
+            error: error.into(),
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! Every JSON document of the gateway, as plain structs: the state, the answers to requests, the records of the audit
+//! log, the plan that `check --json` prints, the history and the error map of the dashboard.
+//!
+//! The structs are the only place where the shape of a document is decided. Their JSON Schemas are shipped in
+//! `docs/schema/`; a test holds the files to the structs, and documents of a running gateway to the files.
+
+mod answer;
+mod history;
+mod map;
+mod plan;
+mod record;
+mod state;
+
+pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
+pub use history::{History, HistoryPoint};
+pub use map::{ErrorMap, MapAxis};
+pub use plan::{
+    AuditPlan, AxisPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
+    PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+};
+pub use record::{Broken, Details, Event, LastOutput, Record, Start, StateChange, Stop};
+pub use state::{
+    ByAxis, ControllerState, CycleTimes, MachineState, SensorState, StateName, Status,
+    StretchTimes, round,
+};
+
+use schemars::{Schema, schema_for};
+
+/// The file name and the JSON Schema of every document, in the order in which they stand in `docs/schema/`.
+pub fn schemas() -> Vec<(&'static str, Schema)> {
+    vec![
+        ("gateway-answer.json", schema_for!(Answer)),
+        ("gateway-audit-record.json", schema_for!(Record)),
+        ("gateway-check.json", schema_for!(PlanDocument)),
+        ("gateway-confirmation.json", schema_for!(Confirmation)),
+        ("gateway-error.json", schema_for!(CheckFailure)),
+        ("gateway-history.json", schema_for!(History)),
+        ("gateway-last-output.json", schema_for!(LastOutput)),
+        ("gateway-map.json", schema_for!(ErrorMap)),
+        ("gateway-state.json", schema_for!(Status)),
+    ]
+}

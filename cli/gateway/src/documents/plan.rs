@@ -1,0 +1,208 @@
+//! What a configuration means: the document of `check --json`.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use super::ByAxis;
+
+/// Where a value comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// The configuration file states it.
+    Configuration,
+    /// The configuration does not state it; this is the gateway's default.
+    Default,
+    /// The device states it: its signals, its profile, its driver.
+    Device,
+}
+
+/// A value and where it comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Stated<T> {
+    /// The value.
+    pub value: T,
+    /// Where it comes from.
+    pub source: Source,
+}
+
+/// What a configuration means.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PlanDocument {
+    /// What a person should know before the first start, in words: nothing here forbids the start.
+    pub notes: Vec<String>,
+    /// The machine.
+    pub machine: MachinePlan,
+    /// The time of a cycle, ms.
+    pub cycle_ms: Stated<f64>,
+    /// Whether it arms itself after the start.
+    pub auto_arm: Stated<bool>,
+    /// What the guard allows for every controller; null without `[guard]`: it does not arm then.
+    pub guard: Option<GuardPlan>,
+    /// The controllers in the order of preference.
+    pub controllers: Vec<ControllerPlan>,
+    /// The thermometers.
+    pub thermometers: Vec<ThermometerPlan>,
+    /// The sensors that thermal terms of the machine name.
+    pub sensors: Vec<SensorPlan>,
+    /// The dashboard.
+    pub dashboard: DashboardPlan,
+    /// The audit log.
+    pub audit: AuditPlan,
+}
+
+/// The machine of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MachinePlan {
+    /// The machine file.
+    pub file: String,
+    /// Its name.
+    pub name: String,
+    /// The checksum of its content.
+    pub hash: String,
+    /// Its structure code.
+    pub structure: String,
+    /// The letters of its axes in the order X Y Z A B C U V W.
+    #[schemars(with = "Vec<String>")]
+    pub axes: Vec<AxisName>,
+}
+
+/// What the guard allows for every controller.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GuardPlan {
+    /// Positions that are older are held, ms.
+    pub hold_ms: Stated<f64>,
+    /// Positions that are older ramp the correction to zero, ms.
+    pub zero_after_ms: Stated<f64>,
+    /// The time of a ramp, s.
+    pub ramp_s: Stated<f64>,
+    /// The longest time that a stop may ramp out, s.
+    pub stop_s: Stated<f64>,
+    /// How long a better controller must be usable before it takes over again, s.
+    pub hand_back_s: Stated<f64>,
+    /// The fastest change of a temperature, K in a minute.
+    pub max_degc_per_min: Stated<f64>,
+    /// The lowest and the highest temperature that is believed, °C.
+    pub range_degc: Stated<[f64; 2]>,
+    /// A temperature that is older is stale, s.
+    pub temperature_stale_s: Stated<f64>,
+}
+
+/// One controller of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ControllerPlan {
+    /// Its device URL.
+    pub url: String,
+    /// The name of the channel by which its corrections reach the axes.
+    pub channel: Stated<String>,
+    /// Whether the control's side notices when the gateway stops.
+    pub watched: bool,
+    /// Whether a second gateway on this controller is noticed.
+    pub sees_other_gateways: bool,
+    /// The shortest cycle that it keeps up with, ms.
+    pub shortest_cycle_ms: f64,
+    /// Its axes in the order X Y Z A B C U V W.
+    pub axes: Vec<AxisPlan>,
+    /// Machine axes that it does not show and that stand at this position: mm, deg.
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub fixed: ByAxis,
+}
+
+/// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AxisPlan {
+    /// Its letter.
+    #[schemars(with = "String")]
+    pub name: AxisName,
+    /// `linear` or `rotary`.
+    pub kind: String,
+    /// The unit of the numbers below: `µm` or `µrad`.
+    pub unit: String,
+    /// The largest correction.
+    pub limit: Stated<f64>,
+    /// Corrections above are reported.
+    pub warn: Stated<f64>,
+    /// The largest change of the correction in a second.
+    pub slew_per_s: Stated<f64>,
+    /// The largest change of the slew in a second; null: not limited.
+    pub accel_per_s2: Stated<Option<f64>>,
+    /// A change of model that moves a corner further needs a confirmation.
+    pub confirm: Stated<f64>,
+    /// The smallest step of a correction.
+    pub resolution: Stated<f64>,
+    /// The shift at arming that shows whether positions contain the correction; 0: not made.
+    pub test_shift: f64,
+    /// Whether reported positions contain the correction.
+    pub includes_correction: Stated<bool>,
+}
+
+impl AxisPlan {
+    /// The unit of corrections of this kind of axis, as people read it.
+    pub fn unit_of(kind: AxisKind) -> &'static str {
+        match kind {
+            AxisKind::Linear => "µm",
+            AxisKind::Rotary => "µrad",
+        }
+    }
+}
+
+/// One thermometer of a plan.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ThermometerPlan {
+    /// Its device URL.
+    pub url: String,
+    /// The names of its sensors.
+    pub sensors: Vec<String>,
+}
+
+/// A sensor that thermal terms name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SensorPlan {
+    /// Its name.
+    pub name: String,
+    /// The thermal terms that it feeds, such as `expansion EXX`.
+    pub feeds: Vec<String>,
+    /// The thermometer that measures it; null: none, and its terms are left out.
+    pub thermometer: Option<String>,
+}
+
+/// The dashboard of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DashboardPlan {
+    /// Where it listens.
+    pub listen: Stated<String>,
+    /// Whether it speaks TLS.
+    pub tls: bool,
+    /// Whether reading needs a token.
+    pub reading_needs_token: bool,
+    /// The tokens that are known, without the secret.
+    pub tokens: Vec<TokenPlan>,
+}
+
+/// A token of a plan.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct TokenPlan {
+    /// Whose it is.
+    pub name: String,
+    /// `view` or `operate`.
+    pub role: String,
+}
+
+/// The audit log of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AuditPlan {
+    /// Its folder.
+    pub dir: Stated<String>,
+}
+
+/// What went wrong, on standard error where `--json` was given.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckFailure {
+    /// The message.
+    pub error: String,
+    /// The exit status: 1 the work failed, 2 the configuration or the call is wrong.
+    pub status: u8,
+}

@@ -1,0 +1,123 @@
+//! Records of the audit log, and the file with the last output.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{ByAxis, StateName};
+
+/// One line of the audit log, behind its checksum.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Record {
+    /// The number of the record, from 1, going on over the files of the log.
+    pub seq: u64,
+    /// Which boot of the computer, as the kernel names it.
+    pub boot: String,
+    /// Monotonic time since that boot, s.
+    pub monotonic_s: f64,
+    /// Wall time, ISO 8601 in UTC.
+    pub time: String,
+    /// Who asked for it: the name of a token, `signal`, `auto_arm`, or `gateway` for what happened by itself.
+    pub who: String,
+    /// What happened.
+    pub what: String,
+    /// What else belongs to it.
+    pub details: Details,
+    /// The checksum of the record before; empty in the first.
+    pub previous: String,
+}
+
+/// What belongs to a record.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Details {
+    /// The hash of the machine file that corrects.
+    pub model: String,
+    /// What happened in particular.
+    pub what: Event,
+}
+
+/// What happened in particular.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Event {
+    /// The gateway started.
+    Start(Start),
+    /// The state of the guard changed.
+    StateChange(StateChange),
+    /// The gateway stopped.
+    Stop(Stop),
+    /// The configuration was read again.
+    Reload {
+        /// The hash of the model before.
+        from: String,
+        /// The hash of the model after.
+        to: String,
+    },
+    /// A request, with the state that it found.
+    Request {
+        /// The state when it came.
+        state: StateName,
+    },
+    /// Why something was refused.
+    Refused(String),
+    /// Nothing more.
+    Nothing,
+}
+
+/// What the gateway found when it started.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Start {
+    /// Whole records in the current file of the log.
+    pub records: u64,
+    /// Bytes of a record that was half written, cut off.
+    pub cut_bytes: u64,
+    /// A log that did not belong together, put aside.
+    pub broken: Option<Broken>,
+    /// The version of the gateway.
+    pub version: String,
+}
+
+/// A file of the log whose chain was broken.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Broken {
+    /// The first line that does not belong to the chain.
+    pub line: u64,
+    /// The name under which the file was put aside.
+    pub aside: String,
+}
+
+/// A change of the state of the guard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StateChange {
+    /// The state from now on.
+    pub state: StateName,
+    /// The place of the controller that corrects, from 0.
+    pub controller: usize,
+    /// Why, sorted by letter.
+    pub reasons: Vec<String>,
+    /// The number of the cycle.
+    pub cycle: u64,
+}
+
+/// How the gateway left the machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Stop {
+    /// The state at the end.
+    pub state: StateName,
+    /// The correction that stayed applied to each linear axis, µm.
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub left_um: ByAxis,
+    /// The correction that stayed applied to each rotary axis, µrad.
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub left_urad: ByAxis,
+}
+
+/// The file `output.json` beside the log: the last output, for controllers that cannot be asked what they hold.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LastOutput {
+    /// The boot in which it was written: after another boot it is not used.
+    pub boot: String,
+    /// The output of each axis in the order of the machine's chain: mm for linear axes, rad for rotary ones.
+    pub correction: Vec<f64>,
+}

@@ -1,0 +1,222 @@
+//! The state of the gateway: what `GET /api/state` answers, what the metrics are made of, what `status` prints.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use volcomp_vocabulary::AxisName;
+
+/// A value for each axis, listed in the order X Y Z A B C U V W.
+pub type ByAxis = BTreeMap<AxisName, f64>;
+
+/// What the guard does, as one word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StateName {
+    /// Nothing is written to the control.
+    Disarmed,
+    /// The correction ramps in; before that a test shift may be made.
+    Arming,
+    /// The correction follows the model.
+    Compensating,
+    /// The last correction is held.
+    Holding,
+    /// The correction ramps to zero.
+    RampingOut,
+    /// Something is wrong that a person must look at; the correction ramps to zero.
+    Faulted,
+    /// The control thread has stopped telling: what is applied now is not known.
+    Unknown,
+}
+
+impl StateName {
+    /// Every name, in the order of the metrics.
+    pub const ALL: [Self; 7] = [
+        Self::Disarmed,
+        Self::Arming,
+        Self::Compensating,
+        Self::Holding,
+        Self::RampingOut,
+        Self::Faulted,
+        Self::Unknown,
+    ];
+
+    /// The name as it stands in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Disarmed => "disarmed",
+            Self::Arming => "arming",
+            Self::Compensating => "compensating",
+            Self::Holding => "holding",
+            Self::RampingOut => "ramping-out",
+            Self::Faulted => "faulted",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+impl From<volcomp_guard::State> for StateName {
+    fn from(state: volcomp_guard::State) -> Self {
+        use volcomp_guard::State;
+        match state {
+            State::Disarmed => Self::Disarmed,
+            State::Arming(_) => Self::Arming,
+            State::Compensating => Self::Compensating,
+            State::Holding(_) => Self::Holding,
+            State::RampingOut(_) => Self::RampingOut,
+            State::Faulted(_) => Self::Faulted,
+        }
+    }
+}
+
+/// The state of the gateway at one cycle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Status {
+    /// What the guard does; `unknown` when the control thread has told nothing for some time.
+    pub state: StateName,
+    /// Why the state is what it is, and what else is to be known.
+    pub reasons: Vec<String>,
+    /// Whether it corrects, or will again by itself.
+    pub armed: bool,
+    /// Whether it arms itself after the start.
+    pub auto_arm: bool,
+    /// Whether the machine is the built-in simulation.
+    pub simulated: bool,
+    /// The machine whose model corrects.
+    pub machine: MachineState,
+    /// The controller that corrects.
+    pub controller: Option<ControllerState>,
+    /// Positions of the linear axes without the correction, mm. An axis whose position is not known is left out.
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub positions_mm: ByAxis,
+    /// Positions of the rotary axes without the correction, deg.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub positions_deg: ByAxis,
+    /// The correction that is applied to each linear axis, µm.
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub correction_um: ByAxis,
+    /// The correction that is applied to each rotary axis, µrad.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub correction_urad: ByAxis,
+    /// The correction of each linear axis that the model asks for, before limits and ramps, µm.
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub wanted_um: ByAxis,
+    /// The correction of each rotary axis that the model asks for, before limits and ramps, µrad.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub wanted_urad: ByAxis,
+    /// The position error of the tool tip without correction by the model, µm in workpiece axes; null while
+    /// positions are not known.
+    pub error_um: Option<[f64; 3]>,
+    /// The rotation error of the tool without correction by the model, µrad about the workpiece axes.
+    pub error_urad: Option<[f64; 3]>,
+    /// The direction error of the tool axis without correction by the model, µrad in workpiece axes; only on
+    /// machines with rotary axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_axis_urad: Option<[f64; 3]>,
+    /// The position error that the model leaves with the applied correction, µm in workpiece axes.
+    pub residual_um: Option<[f64; 3]>,
+    /// The direction error of the tool axis that the model leaves with the applied correction, µrad in workpiece
+    /// axes; only on machines with rotary axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_axis_urad: Option<[f64; 3]>,
+    /// What the simulated machine really misses without correction, µm; only in the simulation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub true_error_um: Option<[f64; 3]>,
+    /// What the simulated machine really misses with the applied correction, µm; only in the simulation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub true_residual_um: Option<[f64; 3]>,
+    /// The temperatures in the order of the configuration.
+    pub temperatures: Vec<SensorState>,
+    /// Cycles so far in which slew or acceleration limits held the correction back.
+    pub held_back: u64,
+    /// Exchanges with controllers so far that failed.
+    pub faults: u64,
+    /// Time from the start of the control thread to the cycle that is told, s.
+    pub uptime_s: f64,
+    /// Age of what is told, ms.
+    pub age_ms: f64,
+    /// How long cycles took.
+    pub cycle: CycleTimes,
+}
+
+/// The machine whose model corrects.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct MachineState {
+    /// Its name in the machine file.
+    pub name: String,
+    /// The checksum of the machine file's content.
+    pub hash: String,
+    /// The letters of its axes in the order X Y Z A B C U V W.
+    #[schemars(with = "Vec<String>")]
+    pub axes: Vec<AxisName>,
+}
+
+/// The controller that corrects.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ControllerState {
+    /// Its device URL.
+    pub device: String,
+    /// The name of the channel by which its corrections reach the axes.
+    pub channel: String,
+    /// Its place among the configured controllers, from 0.
+    pub number: usize,
+}
+
+/// One temperature.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SensorState {
+    /// The name of the sensor.
+    pub name: String,
+    /// °C; null when it is not used.
+    pub degc: Option<f64>,
+    /// `good` when it is used, else `bad`.
+    pub quality: String,
+    /// Why it is not used.
+    pub reason: Option<String>,
+}
+
+/// How long cycles took, whole cycles and their parts, over the last some thousand cycles.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CycleTimes {
+    /// Cycles so far.
+    pub count: u64,
+    /// The configured time of a cycle, µs.
+    pub period_us: f64,
+    /// Half of the cycles took no longer than this, µs.
+    pub p50_us: f64,
+    /// 99 % of the cycles took no longer than this, µs.
+    pub p99_us: f64,
+    /// The longest cycle, µs.
+    pub max_us: f64,
+    /// Periods that were missed so far.
+    pub overruns: u64,
+    /// The gateway's own work in a cycle by the CPU clock of its thread, without exchanges.
+    pub own: StretchTimes,
+    /// From the deadline to the first instruction of a cycle.
+    pub wake: StretchTimes,
+    /// Exchanges with controllers.
+    pub exchange: StretchTimes,
+    /// How many cycles took how long: upper edge (µs) and count of each bin, edges doubling.
+    pub histogram_us: Vec<(f64, u64)>,
+}
+
+/// Quantiles of one part of the cycle, µs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StretchTimes {
+    /// Half of the cycles took no longer than this, µs.
+    pub p50_us: f64,
+    /// 99 % of the cycles took no longer than this, µs.
+    pub p99_us: f64,
+    /// The longest, µs.
+    pub max_us: f64,
+}
+
+/// Rounds to three digits behind the point: what documents show.
+pub fn round(value: f64) -> f64 {
+    let rounded = (value * 1e3).round() / 1e3;
+    // Adding zero turns −0 into 0.
+    rounded + 0.0
+}

@@ -1,0 +1,50 @@
+//! What the routes of the dashboard share.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicUsize, Ordering},
+    mpsc::SyncSender,
+};
+
+use super::tokens::Tokens;
+use crate::{published::Published, request::Asked};
+
+/// The largest number of event streams at one time.
+pub(super) const MAX_STREAMS: usize = 16;
+
+/// What the routes share.
+pub struct Dashboard {
+    /// What is shown.
+    pub published: Published,
+    /// The number of configured controllers.
+    pub controllers: usize,
+    /// Where requests to the service go.
+    pub asks: SyncSender<Asked>,
+    /// Who may do what.
+    pub tokens: Tokens,
+    /// Host names, besides addresses, under which browsers may ask.
+    pub hosts: Vec<String>,
+    /// Whether reading needs a token, since others can reach the dashboard.
+    pub reading_needs_token: bool,
+    /// The number of event streams that are open.
+    pub streams: AtomicUsize,
+}
+
+/// A place among the event streams, given back with it.
+pub(super) struct StreamSlot(Arc<Dashboard>);
+
+impl StreamSlot {
+    pub(super) fn take(dashboard: &Arc<Dashboard>) -> Option<Self> {
+        let more = |open| (open < MAX_STREAMS).then_some(open + 1);
+        let taken = dashboard
+            .streams
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
+        taken.ok().map(|_| Self(Arc::clone(dashboard)))
+    }
+}
+
+impl Drop for StreamSlot {
+    fn drop(&mut self) {
+        self.0.streams.fetch_sub(1, Ordering::AcqRel);
+    }
+}

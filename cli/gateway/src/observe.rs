@@ -1,0 +1,190 @@
+//! From the report of a cycle to the state that others see.
+
+use std::time::Duration;
+
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_port::Description;
+use volcomp_runtime::{Model, Report, SENSOR_TEXTS, ToolError};
+use volcomp_vocabulary::{AxisKind, Displacement, PerAxis};
+
+use crate::{
+    documents::{
+        ByAxis, ControllerState, CycleTimes, MachineState, SensorState, StateName, Status,
+        StretchTimes, round,
+    },
+    simulate::Truth,
+    times::{Stretch, Times},
+};
+
+/// A report that is older by this is no longer shown, however short the cycles are.
+const STALE_AFTER: Duration = Duration::from_millis(250);
+/// A report that is older by so many periods is no longer shown.
+const STALE_PERIODS: u32 = 3;
+
+/// What stays the same while a gateway runs.
+pub(crate) struct Facts<'a> {
+    /// The model.
+    pub model: &'a Model,
+    /// The controllers in order.
+    pub controllers: &'a [Description],
+    /// The names of the temperatures.
+    pub sensors: &'a [String],
+    /// What a simulated machine really misses.
+    pub truth: Option<&'a Truth>,
+    /// Whether it arms itself.
+    pub auto_arm: bool,
+    /// The time of a cycle.
+    pub cycle: Duration,
+}
+
+/// The state at a report that is `age` old. When that is too old, nothing is said of where the machine is and what is
+/// applied: the state is `unknown`.
+pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times, age: Duration) -> Status {
+    let model = facts.model;
+    let is_silent = age > STALE_AFTER.max(facts.cycle * STALE_PERIODS);
+    let mut axes = model.axes.clone();
+    axes.sort_unstable();
+    let mut status = Status {
+        state: report.state.into(),
+        reasons: report.reasons.texts().map(str::to_owned).collect(),
+        armed: report.state.is_armed(),
+        auto_arm: facts.auto_arm,
+        simulated: facts.truth.is_some(),
+        machine: MachineState {
+            name: model.name.clone(),
+            hash: model.hash.clone(),
+            axes,
+        },
+        controller: facts
+            .controllers
+            .get(report.active)
+            .map(|controller| ControllerState {
+                device: controller.device.clone(),
+                channel: controller.channel.clone(),
+                number: report.active,
+            }),
+        positions_mm: ByAxis::new(),
+        positions_deg: ByAxis::new(),
+        correction_um: ByAxis::new(),
+        correction_urad: ByAxis::new(),
+        wanted_um: ByAxis::new(),
+        wanted_urad: ByAxis::new(),
+        error_um: None,
+        error_urad: None,
+        error_axis_urad: None,
+        residual_um: None,
+        residual_axis_urad: None,
+        true_error_um: None,
+        true_residual_um: None,
+        temperatures: temperatures(facts, report, is_silent),
+        held_back: report.held_back,
+        faults: report.faults,
+        uptime_s: round(report.now.as_secs_f64()),
+        age_ms: round(age.as_secs_f64() * 1e3),
+        cycle: cycle(facts, report, times),
+    };
+    if is_silent {
+        status.state = StateName::Unknown;
+        status.reasons = vec![format!("no cycle for {:.0} ms", age.as_secs_f64() * 1e3)];
+        return status;
+    }
+    let known = |index: usize| report.known >> index & 1 == 1;
+    let all = |_: usize| true;
+    let micro = Displacement::um_or_urad;
+    [status.positions_mm, status.positions_deg] =
+        by_kind(model, &report.positions, known, Displacement::mm_or_deg);
+    [status.correction_um, status.correction_urad] = by_kind(model, &report.correction, all, micro);
+    [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, known, micro);
+    errors(&mut status, facts, report);
+    status
+}
+
+/// The correction that is applied, µm of linear and µrad of rotary axes.
+pub(crate) fn correction(model: &Model, report: &Report) -> [ByAxis; 2] {
+    by_kind(
+        model,
+        &report.correction,
+        |_| true,
+        Displacement::um_or_urad,
+    )
+}
+
+/// Values of linear axes, then those of rotary ones.
+fn by_kind(
+    model: &Model,
+    values: &PerAxis<f64>,
+    known: impl Fn(usize) -> bool,
+    shown: impl Fn(Displacement) -> f64,
+) -> [ByAxis; 2] {
+    [AxisKind::Linear, AxisKind::Rotary].map(|kind| {
+        let axes = model.axes.iter().zip(values).enumerate();
+        axes.filter(|(index, (name, _))| name.kind() == kind && known(*index))
+            .map(|(_, (name, value))| (*name, round(shown(Displacement::new(kind, *value)))))
+            .collect()
+    })
+}
+
+fn errors(status: &mut Status, facts: &Facts<'_>, report: &Report) {
+    let um = |mm: [f64; 3]| mm.map(|mm| round(mm * 1e3));
+    let urad = |rad: [f64; 3]| rad.map(|rad| round(rad * 1e6));
+    let has_axis = facts.model.has_rotary_axes();
+    let axis = |error: ToolError| has_axis.then(|| urad(error.axis_rad));
+    status.error_um = report.error.map(|error| um(error.position_mm));
+    status.error_urad = report.error.map(|error| urad(error.rotation_rad));
+    status.error_axis_urad = report.error.and_then(axis);
+    status.residual_um = report.residual.map(|error| um(error.position_mm));
+    status.residual_axis_urad = report.residual.and_then(axis);
+    if let Some(truth) = facts.truth.filter(|_| report.error.is_some()) {
+        let sensors = report.sensors.iter().take(facts.sensors.len());
+        let degc: Vec<f64> = sensors.map(|sensor| sensor.degc.unwrap_or(20.0)).collect();
+        let um = |v: Vector3<f64>| um(v.into());
+        status.true_error_um = Some(um(truth.error(&report.positions, &degc)));
+        let residual = truth.residual(&report.positions, &report.correction, &degc);
+        status.true_residual_um = Some(um(residual));
+    }
+}
+
+fn temperatures(facts: &Facts<'_>, report: &Report, is_silent: bool) -> Vec<SensorState> {
+    let pairs = facts.sensors.iter().zip(&report.sensors);
+    pairs
+        .map(|(name, sensor)| {
+            let flaw = usize::from(sensor.flaw);
+            let text = (flaw > 0).then(|| SENSOR_TEXTS.get(flaw).copied().unwrap_or("bad"));
+            let (degc, reason) = if is_silent {
+                (None, Some("no cycle"))
+            } else {
+                (sensor.degc, text)
+            };
+            SensorState {
+                name: name.clone(),
+                degc: degc.map(round),
+                quality: if degc.is_some() { "good" } else { "bad" }.to_owned(),
+                reason: reason.map(str::to_owned),
+            }
+        })
+        .collect()
+}
+
+fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
+    let stretch = |stretch: &Stretch| {
+        let [p50_us, p99_us, max_us] = [0.5, 0.99, 1.0].map(|q| round(stretch.quantile_us(q)));
+        StretchTimes {
+            p50_us,
+            p99_us,
+            max_us,
+        }
+    };
+    let whole = stretch(&times.whole);
+    CycleTimes {
+        count: report.cycle,
+        period_us: round(facts.cycle.as_secs_f64() * 1e6),
+        p50_us: whole.p50_us,
+        p99_us: whole.p99_us,
+        max_us: whole.max_us,
+        overruns: report.overruns,
+        own: stretch(&times.own),
+        wake: stretch(&times.wake),
+        exchange: stretch(&times.exchange),
+        histogram_us: times.whole.bins_us(),
+    }
+}

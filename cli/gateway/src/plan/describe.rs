@@ -1,0 +1,310 @@
+//! A plan as a document: values in the user's units, and where each comes from.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use volcomp_port::{Description, Heartbeat};
+use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};
+use volcomp_vocabulary::{AxisName, Displacement};
+
+use super::{Devices, Plan};
+use crate::{
+    config::{Config, ControllerConfig},
+    devices::ControllerDevice,
+    documents::{
+        AuditPlan, AxisPlan, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan, PlanDocument,
+        SensorPlan, Source, Stated, ThermometerPlan, TokenPlan, round,
+    },
+};
+
+pub(super) fn document(plan: &Plan) -> PlanDocument {
+    let config = &plan.config;
+    let controllers = controllers(plan);
+    let sensors = sensors(plan);
+    let mut axes = plan.model.axes.clone();
+    axes.sort_unstable();
+    PlanDocument {
+        notes: notes(plan, &sensors),
+        machine: MachinePlan {
+            file: config.machine.display().to_string(),
+            name: plan.model.name.clone(),
+            hash: plan.model.hash.clone(),
+            structure: plan.structure.clone(),
+            axes,
+        },
+        cycle_ms: stated(config, "cycle_ms", round(config.cycle.as_secs_f64() * 1e3)),
+        auto_arm: stated(config, "auto_arm", config.auto_arm),
+        guard: config.guard.as_ref().map(|guard| of_guard(config, guard)),
+        controllers,
+        thermometers: thermometers(plan),
+        sensors,
+        dashboard: DashboardPlan {
+            listen: stated(
+                config,
+                "dashboard.listen",
+                config.dashboard.listen.to_string(),
+            ),
+            tls: plan.tls.is_some(),
+            reading_needs_token: !config.dashboard.listen.ip().is_loopback(),
+            tokens: plan
+                .tokens
+                .holders()
+                .map(|holder| TokenPlan {
+                    name: holder.name.clone(),
+                    role: holder.role.name().to_owned(),
+                })
+                .collect(),
+        },
+        audit: AuditPlan {
+            dir: stated(config, "audit.dir", config.audit_dir.display().to_string()),
+        },
+    }
+}
+
+/// A value that the configuration states or leaves to its default.
+fn stated<T>(config: &Config, key: &str, value: T) -> Stated<T> {
+    let source = if config.states(key) {
+        Source::Configuration
+    } else {
+        Source::Default
+    };
+    Stated { value, source }
+}
+
+fn of_guard(config: &Config, guard: &GuardSettings) -> GuardPlan {
+    let temperatures = &guard.temperatures;
+    let seconds = |key: &str, time: std::time::Duration, factor: f64| {
+        stated(
+            config,
+            &format!("guard.{key}"),
+            round(time.as_secs_f64() * factor),
+        )
+    };
+    GuardPlan {
+        hold_ms: seconds("hold_ms", guard.hold, 1e3),
+        zero_after_ms: seconds("zero_after_ms", guard.zero_after, 1e3),
+        ramp_s: seconds("ramp_s", guard.ramp, 1.0),
+        stop_s: seconds("stop_s", guard.stop, 1.0),
+        hand_back_s: seconds("hand_back_s", guard.hand_back, 1.0),
+        max_degc_per_min: stated(
+            config,
+            "guard.max_degc_per_min",
+            temperatures.max_degc_per_min,
+        ),
+        range_degc: stated(config, "guard.range_degc", temperatures.range_degc),
+        temperature_stale_s: seconds("temperature_stale_s", temperatures.stale, 1.0),
+    }
+}
+
+fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
+    let config = &plan.config;
+    let Devices::Configured { controllers, .. } = &plan.devices else {
+        return plan
+            .paths
+            .iter()
+            .map(|path| {
+                let channel = Stated {
+                    value: path.description.channel.clone(),
+                    source: Source::Device,
+                };
+                of_controller(plan, path, channel, BTreeMap::new(), |_, _| Source::Device)
+            })
+            .collect();
+    };
+    let all = plan.paths.iter().zip(&config.controllers).zip(controllers);
+    all.enumerate()
+        .map(|(index, ((path, controller), device))| {
+            let key = |key: &str| format!("controller.{index}.{key}");
+            let channel = stated(config, &key("channel"), path.description.channel.clone());
+            let source = |name: AxisName, what: &str| {
+                source_of(config, device, &key(&of_kind(name, what, controller)))
+            };
+            of_controller(plan, path, channel, controller.fixed.clone(), source)
+        })
+        .collect()
+}
+
+/// The key of a value of one axis in a `[[controller]]`.
+fn of_kind(name: AxisName, what: &str, _controller: &ControllerConfig) -> String {
+    match what {
+        "resolution" if name.is_rotary() => "resolution_urad".to_owned(),
+        "resolution" => "resolution_um".to_owned(),
+        other => other.to_owned(),
+    }
+}
+
+fn source_of(config: &Config, device: &ControllerDevice, key: &str) -> Source {
+    let is_resolution = key.contains(".resolution_");
+    if is_resolution && device.tells_resolution() {
+        Source::Device
+    } else {
+        stated(config, key, ()).source
+    }
+}
+
+fn of_controller(
+    plan: &Plan,
+    path: &PathPlan,
+    channel: Stated<String>,
+    fixed: BTreeMap<AxisName, f64>,
+    source: impl Fn(AxisName, &str) -> Source,
+) -> ControllerPlan {
+    let description: &Description = &path.description;
+    let mut axes: Vec<AxisPlan> = description
+        .axes
+        .iter()
+        .enumerate()
+        .filter_map(|(place, axis)| {
+            let settings = plan.guard.of(axis.name)?;
+            Some(AxisPlan {
+                resolution: Stated {
+                    value: round(axis.resolution.um_or_urad()),
+                    source: source(axis.name, "resolution"),
+                },
+                includes_correction: Stated {
+                    value: axis.includes_correction,
+                    source: source(axis.name, "includes_correction"),
+                },
+                test_shift: round(
+                    Displacement::new(axis.kind(), path.limits.test_shift[place]).um_or_urad(),
+                ),
+                ..of_axis(&plan.config, axis.name, &settings)
+            })
+        })
+        .collect();
+    axes.sort_unstable_by_key(|axis| axis.name);
+    ControllerPlan {
+        url: description.device.clone(),
+        channel,
+        watched: description.heartbeat == Heartbeat::Watched,
+        sees_other_gateways: description.sees_other_gateways,
+        shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
+        axes,
+        fixed,
+    }
+}
+
+/// The limits of one axis; step and test shift are those of its controller and not yet known here.
+fn of_axis(config: &Config, name: AxisName, settings: &AxisSettings<Displacement>) -> AxisPlan {
+    let unit = if name.is_rotary() { "urad" } else { "um" };
+    let value = |value: Displacement| round(value.um_or_urad());
+    let from = |key: &str| format!("guard.{key}");
+    let accel = settings.accel_per_s2.um_or_urad();
+    AxisPlan {
+        name,
+        kind: name.kind().name().to_owned(),
+        unit: AxisPlan::unit_of(name.kind()).to_owned(),
+        limit: stated(
+            config,
+            &from(&format!("limit_{unit}")),
+            value(settings.limit),
+        ),
+        warn: stated(config, &from(&format!("warn_{unit}")), value(settings.warn)),
+        slew_per_s: stated(
+            config,
+            &from(&format!("slew_{unit}_per_s")),
+            value(settings.slew_per_s),
+        ),
+        accel_per_s2: stated(
+            config,
+            &from(&format!("accel_{unit}_per_s2")),
+            accel.is_finite().then(|| round(accel)),
+        ),
+        confirm: stated(
+            config,
+            &from(&format!("confirm_{unit}")),
+            value(settings.confirm),
+        ),
+        resolution: Stated {
+            value: 0.0,
+            source: Source::Device,
+        },
+        test_shift: 0.0,
+        includes_correction: Stated {
+            value: false,
+            source: Source::Default,
+        },
+    }
+}
+
+fn thermometers(plan: &Plan) -> Vec<ThermometerPlan> {
+    let Devices::Configured { thermometers, .. } = &plan.devices else {
+        return vec![ThermometerPlan {
+            url: "simulated".to_owned(),
+            sensors: plan.sensors.clone(),
+        }];
+    };
+    let both = thermometers.iter().zip(&plan.config.thermometers);
+    both.map(|(device, config)| ThermometerPlan {
+        url: config.url.clone(),
+        sensors: device.names().to_vec(),
+    })
+    .collect()
+}
+
+/// The sensors that the machine's terms name, and those that only a thermometer has.
+fn sensors(plan: &Plan) -> Vec<SensorPlan> {
+    let thermometers = thermometers(plan);
+    let measured_by = |name: &str| {
+        let has = |thermometer: &&ThermometerPlan| thermometer.sensors.iter().any(|s| s == name);
+        thermometers.iter().find(has).map(|t| t.url.clone())
+    };
+    let names: BTreeSet<&String> = plan.model.sensors().iter().chain(&plan.sensors).collect();
+    names
+        .into_iter()
+        .map(|name| SensorPlan {
+            name: name.clone(),
+            feeds: feeds(plan, name),
+            thermometer: measured_by(name),
+        })
+        .collect()
+}
+
+fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
+    let expansion = plan.thermal.expansion.iter();
+    let expansion = expansion
+        .filter(|term| term.sensor == sensor)
+        .map(|term| format!("expansion {}", term.error));
+    let drift = plan.thermal.drift.iter();
+    let drift = drift
+        .filter(|term| term.sensors.contains_key(sensor))
+        .map(|term| format!("drift {}", term.error));
+    expansion.chain(drift).collect()
+}
+
+/// What a person should know before the first start.
+fn notes(plan: &Plan, sensors: &[SensorPlan]) -> Vec<String> {
+    let config = &plan.config;
+    let mut notes = Vec::new();
+    if config.guard.is_none() {
+        notes.push("[guard] is missing: it will not arm".to_owned());
+    }
+    let shown = |name: &AxisName| {
+        let mut controllers = config.controllers.iter();
+        config.controllers.is_empty()
+            || controllers.any(|c| c.axes.contains(name) || c.fixed.contains_key(name))
+    };
+    for name in plan.model.axes.iter().filter(|name| !shown(name)) {
+        notes.push(format!(
+            "axis {name}: no controller shows it and `fixed` does not say where it stands: it will not arm"
+        ));
+    }
+    for path in &plan.paths {
+        if path.description.heartbeat == Heartbeat::Unwatched {
+            notes.push(format!(
+                "{}: nothing at the control ramps the correction out when the gateway stops",
+                path.description.device
+            ));
+        }
+    }
+    for sensor in sensors.iter().filter(|sensor| sensor.thermometer.is_none()) {
+        notes.push(format!(
+            "no thermometer has the sensor {}: its thermal terms ({}) are left out",
+            sensor.name,
+            sensor.feeds.join(", ")
+        ));
+    }
+    if plan.tokens.is_empty() {
+        notes.push("no token: nobody can arm over HTTP".to_owned());
+    }
+    notes
+}

@@ -1,0 +1,316 @@
+//! What a configuration means: everything that can be decided and checked without opening a device. The daemon opens
+//! a plan, `check` prints it, a reload compares it with the one that runs.
+
+use std::{sync::Arc, time::Duration};
+
+use volcomp_model::{Machine, Thermal};
+use volcomp_port::{Clock, Controller, Description};
+use volcomp_runtime::{
+    ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings, PlanError,
+    Sensors, guard::Limits,
+};
+
+use crate::{
+    config::Config,
+    devices::{ControllerDevice, ThermometerDevice},
+    documents::PlanDocument,
+    error::GatewayError,
+    http::{Tls, Tokens, tls},
+    simulate::{self, Simulation, Truth},
+};
+
+mod describe;
+mod text;
+
+/// A configuration with everything that it names, checked. No device has been opened.
+pub struct Plan {
+    /// The configuration.
+    pub config: Config,
+    /// The machine.
+    pub model: Model,
+    /// The tokens of the dashboard.
+    pub tokens: Tokens,
+    /// The certificate of the dashboard; `None`: without TLS.
+    pub tls: Option<Tls>,
+    /// The names of the temperatures, in order.
+    pub sensors: Vec<String>,
+    structure: String,
+    thermal: Thermal,
+    guard: GuardSettings,
+    paths: Vec<PathPlan>,
+    devices: Devices,
+}
+
+/// What will be opened.
+enum Devices {
+    Configured {
+        controllers: Vec<ControllerDevice>,
+        thermometers: Vec<ThermometerDevice>,
+    },
+    Simulated(Box<Simulation>),
+}
+
+/// A plan whose devices are open.
+pub struct Opened {
+    /// The configuration.
+    pub config: Config,
+    /// The cycle.
+    pub cycle: Cycle,
+    /// A copy of the model that the cycle has.
+    pub model: Arc<Model>,
+    /// What the drivers say of the controllers, in order.
+    pub controllers: Vec<Description>,
+    /// The names of the temperatures, in order.
+    pub sensors: Vec<String>,
+    /// What the simulated machine really misses.
+    pub truth: Option<Truth>,
+    /// The tokens of the dashboard.
+    pub tokens: Tokens,
+    /// The certificate of the dashboard; `None`: without TLS.
+    pub tls: Option<Tls>,
+}
+
+impl Plan {
+    /// Checks a configuration and everything that it names.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn new(config: Config) -> Result<Self, GatewayError> {
+        let guard = config.guard.clone().unwrap_or_else(simulate::guard);
+        let (devices, machine) = if config.controllers.is_empty() {
+            let simulation = Simulation::new(Clock::system())?;
+            let machine = simulation.model.clone();
+            (Devices::Simulated(Box::new(simulation)), machine)
+        } else {
+            let machine = Machine::read(&config.machine)?;
+            (configured(&config)?, machine)
+        };
+        let model = Model::new(&machine, guard.fading)?;
+        let paths = paths(&config, &devices, &model, &guard)?;
+        let sensors = devices.sensors();
+        if sensors.len() > MAX_SENSORS {
+            return Err(GatewayError::Plan {
+                file: config.file,
+                source: PlanError::TooManySensors {
+                    found: sensors.len(),
+                },
+            });
+        }
+        let (tokens, tls) = dashboard(&config)?;
+        if config.audit_dir.exists() && !config.audit_dir.is_dir() {
+            return Err(GatewayError::AuditDir {
+                dir: config.audit_dir,
+            });
+        }
+        Ok(Self {
+            structure: machine.chain().structure().to_string(),
+            thermal: machine.thermal.clone(),
+            config,
+            model,
+            tokens,
+            tls,
+            sensors,
+            guard,
+            paths,
+            devices,
+        })
+    }
+
+    /// What the guard of each controller allows, in order.
+    pub fn limits(&self) -> Vec<Limits> {
+        self.paths.iter().map(|path| path.limits).collect()
+    }
+
+    /// Opens the devices and puts the cycle together.
+    ///
+    /// # Errors
+    /// A device that cannot be opened.
+    pub fn open(self) -> Result<Opened, GatewayError> {
+        let plan = |source| GatewayError::Plan {
+            file: self.config.file.clone(),
+            source,
+        };
+        let (controllers, thermometers, truth) =
+            self.devices.open().map_err(GatewayError::Device)?;
+        let paths = controllers
+            .into_iter()
+            .zip(&self.paths)
+            .map(|(controller, path)| ControlPath::new(controller, path))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(plan)?;
+        let cycle = Cycle::new(
+            Box::new(self.model.clone()),
+            paths,
+            self.guard.hand_back,
+            Sensors::new(thermometers, self.guard.temperatures),
+            self.config.cycle,
+        )
+        .map_err(plan)?;
+        Ok(Opened {
+            controllers: self.paths.into_iter().map(|p| p.description).collect(),
+            config: self.config,
+            cycle,
+            model: Arc::new(self.model),
+            sensors: self.sensors,
+            truth,
+            tokens: self.tokens,
+            tls: self.tls,
+        })
+    }
+
+    /// The plan as `check --json` prints it.
+    pub fn document(&self) -> PlanDocument {
+        describe::document(self)
+    }
+
+    /// The plan as `check` prints it.
+    pub fn text(&self) -> String {
+        text::text(&self.document(), &self.config)
+    }
+}
+
+impl Devices {
+    fn sensors(&self) -> Vec<String> {
+        match self {
+            Self::Configured { thermometers, .. } => thermometers
+                .iter()
+                .flat_map(|thermometer| thermometer.names().iter().cloned())
+                .collect(),
+            Self::Simulated(simulation) => {
+                use volcomp_port::Thermometer;
+                simulation.thermometer.names().to_vec()
+            }
+        }
+    }
+
+    #[expect(clippy::type_complexity, reason = "three parts of one answer")]
+    fn open(
+        self,
+    ) -> Result<
+        (
+            Vec<Box<dyn Controller>>,
+            Vec<Box<dyn volcomp_port::Thermometer>>,
+            Option<Truth>,
+        ),
+        volcomp_port::DeviceError,
+    > {
+        match self {
+            Self::Configured {
+                controllers,
+                thermometers,
+            } => Ok((
+                controllers
+                    .iter()
+                    .map(ControllerDevice::open)
+                    .collect::<Result<_, _>>()?,
+                thermometers
+                    .iter()
+                    .map(ThermometerDevice::open)
+                    .collect::<Result<_, _>>()?,
+                None,
+            )),
+            Self::Simulated(simulation) => Ok((
+                vec![Box::new(simulation.controller)],
+                vec![Box::new(simulation.thermometer)],
+                Some(simulation.truth),
+            )),
+        }
+    }
+}
+
+fn configured(config: &Config) -> Result<Devices, GatewayError> {
+    let wrong = |source| GatewayError::DeviceConfig {
+        file: config.file.clone(),
+        source,
+    };
+    for (index, controller) in config.controllers.iter().enumerate() {
+        let before = &config.controllers[..index];
+        if before.iter().any(|other| other.url == controller.url) {
+            return Err(GatewayError::DeviceTwice {
+                file: config.file.clone(),
+                url: controller.url.clone(),
+            });
+        }
+    }
+    let controllers = config
+        .controllers
+        .iter()
+        .map(|controller| ControllerDevice::new(controller).map_err(wrong))
+        .collect::<Result<_, _>>()?;
+    let mut thermometers = Vec::new();
+    for thermometer in &config.thermometers {
+        let device = ThermometerDevice::new(thermometer).map_err(wrong)?;
+        // A device that tells its own names need not be told all of them.
+        let strange = |name: &&String| !device.names().contains(name);
+        if let Some(found) = thermometer.names.iter().find(strange) {
+            return Err(GatewayError::SensorNames {
+                file: config.file.clone(),
+                url: thermometer.url.clone(),
+                found: found.clone(),
+                expected: device.names().to_vec(),
+            });
+        }
+        thermometers.push(device);
+    }
+    Ok(Devices::Configured {
+        controllers,
+        thermometers,
+    })
+}
+
+fn paths(
+    config: &Config,
+    devices: &Devices,
+    model: &Model,
+    guard: &GuardSettings,
+) -> Result<Vec<PathPlan>, GatewayError> {
+    let period: Duration = config.cycle;
+    let path = |description: Description, settings: &PathSettings| {
+        PathPlan::new(description, model, guard, settings, period).map_err(|source| {
+            GatewayError::Plan {
+                file: config.file.clone(),
+                source,
+            }
+        })
+    };
+    match devices {
+        Devices::Simulated(simulation) => Ok(vec![path(
+            simulation.controller.description().clone(),
+            &PathSettings::default(),
+        )?]),
+        Devices::Configured { controllers, .. } => controllers
+            .iter()
+            .zip(&config.controllers)
+            .map(|(device, controller)| {
+                let description =
+                    device
+                        .describe()
+                        .map_err(|source| GatewayError::DeviceConfig {
+                            file: config.file.clone(),
+                            source,
+                        })?;
+                path(description, &device.settings(controller, period))
+            })
+            .collect(),
+    }
+}
+
+/// Tokens and certificate. Where others can reach the dashboard it needs both.
+fn dashboard(config: &Config) -> Result<(Tokens, Option<Tls>), GatewayError> {
+    let dashboard = &config.dashboard;
+    let listen = dashboard.listen;
+    let tls = dashboard
+        .tls
+        .as_ref()
+        .map(|(certificate, key)| tls::acceptor(certificate, key))
+        .transpose()?;
+    let is_local = listen.ip().is_loopback();
+    if !is_local && tls.is_none() {
+        return Err(GatewayError::NoTls { listen });
+    }
+    let tokens = Tokens::load(dashboard.token_file.as_deref())?;
+    if !is_local && tokens.is_empty() {
+        return Err(GatewayError::NoToken { listen });
+    }
+    Ok((tokens, tls))
+}

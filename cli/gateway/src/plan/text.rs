@@ -1,0 +1,210 @@
+//! A plan for a terminal of 80 columns.
+
+use std::path::Path;
+
+use crate::{
+    config::Config,
+    documents::{AxisPlan, ControllerPlan, GuardPlan, PlanDocument, Source, Stated},
+};
+
+/// Lines of a label, a value, and where the value comes from.
+struct Lines {
+    file: String,
+    text: String,
+}
+
+pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
+    let mut lines = Lines {
+        file: name_of(&config.file),
+        text: String::new(),
+    };
+    lines.plain("machine", &plan.machine.name);
+    lines.plain("  file", &plan.machine.file);
+    lines.plain("  checksum", &plan.machine.hash);
+    lines.plain("  structure", &plan.machine.structure);
+    let axes: Vec<String> = plan.machine.axes.iter().map(ToString::to_string).collect();
+    lines.plain("  axes", &axes.join(" "));
+    lines.stated("cycle", &plan.cycle_ms, |ms| format!("{ms} ms"));
+    lines.stated("arms itself", &plan.auto_arm, |yes| yes_no(*yes).to_owned());
+    if let Some(guard) = &plan.guard {
+        lines.guard(guard);
+    }
+    for (index, controller) in plan.controllers.iter().enumerate() {
+        lines.controller(index + 1, controller, plan.guard.is_some());
+    }
+    for thermometer in &plan.thermometers {
+        lines.plain("thermometer", &thermometer.url);
+        lines.plain("  sensors", &thermometer.sensors.join(", "));
+    }
+    for sensor in &plan.sensors {
+        let feeds = if sensor.feeds.is_empty() {
+            "shown only; no thermal term uses it".to_owned()
+        } else {
+            sensor.feeds.join(", ")
+        };
+        lines.plain(&format!("sensor {}", sensor.name), &feeds);
+    }
+    lines.stated("dashboard", &plan.dashboard.listen, Clone::clone);
+    lines.plain("  TLS", yes_no(plan.dashboard.tls));
+    let needs = if plan.dashboard.reading_needs_token {
+        "needs a token"
+    } else {
+        "open to programs on this computer"
+    };
+    lines.plain("  reading", needs);
+    for token in &plan.dashboard.tokens {
+        lines.plain(&format!("  token {}", token.name), &token.role);
+    }
+    lines.stated("audit log", &plan.audit.dir, Clone::clone);
+    for note in &plan.notes {
+        lines.note(note);
+    }
+    lines.text
+}
+
+impl Lines {
+    fn plain(&mut self, label: &str, value: &str) {
+        let line = format!("{label:<22}{value}");
+        self.text += line.trim_end();
+        self.text += "\n";
+    }
+
+    /// A value, and behind it where it comes from.
+    fn stated<T>(&mut self, label: &str, value: &Stated<T>, show: impl Fn(&T) -> String) {
+        let from = match value.source {
+            Source::Configuration => self.file.as_str(),
+            Source::Default => "default",
+            Source::Device => "device",
+        };
+        let line = format!("{label:<22}{:<30}{from}", show(&value.value));
+        self.text += line.trim_end();
+        self.text += "\n";
+    }
+
+    /// A note over as many lines as it needs.
+    fn note(&mut self, note: &str) {
+        let mut line = "note:".to_owned();
+        for word in note.split(' ') {
+            if line.chars().count() + 1 + word.chars().count() > 79 {
+                self.text += &line;
+                self.text += "\n";
+                line = "     ".to_owned();
+            }
+            line += " ";
+            line += word;
+        }
+        self.text += &line;
+        self.text += "\n";
+    }
+
+    fn guard(&mut self, guard: &GuardPlan) {
+        let ms = |ms: &f64| format!("{ms} ms");
+        let s = |s: &f64| format!("{s} s");
+        self.plain("guard", "");
+        self.stated("  hold after", &guard.hold_ms, ms);
+        self.stated("  zero after", &guard.zero_after_ms, ms);
+        self.stated("  ramp", &guard.ramp_s, s);
+        self.stated("  stop within", &guard.stop_s, s);
+        self.stated("  hand back after", &guard.hand_back_s, s);
+        self.stated("  temperatures", &guard.range_degc, |[low, high]| {
+            format!("{low} to {high} °C")
+        });
+        self.stated("  change at most", &guard.max_degc_per_min, |k| {
+            format!("{k} K/min")
+        });
+        self.stated("  stale after", &guard.temperature_stale_s, s);
+    }
+
+    fn controller(&mut self, number: usize, controller: &ControllerPlan, has_limits: bool) {
+        self.plain(&format!("controller {number}"), &controller.url);
+        self.stated("  channel", &controller.channel, Clone::clone);
+        self.plain(
+            "  heartbeat",
+            if controller.watched {
+                "watched"
+            } else {
+                "not watched"
+            },
+        );
+        self.plain(
+            "  other gateways",
+            if controller.sees_other_gateways {
+                "noticed"
+            } else {
+                "not noticed"
+            },
+        );
+        self.plain(
+            "  shortest cycle",
+            &format!("{} ms", controller.shortest_cycle_ms),
+        );
+        // Axes for which the same holds stand together.
+        let mut groups: Vec<(String, &AxisPlan)> = Vec::new();
+        for axis in &controller.axes {
+            let same = |(_, first): &&mut (String, &AxisPlan)| {
+                AxisPlan {
+                    name: axis.name,
+                    ..(*first).clone()
+                } == *axis
+            };
+            match groups.iter_mut().find(same) {
+                Some((letters, _)) => *letters += &format!(" {}", axis.name),
+                None => groups.push((axis.name.to_string(), axis)),
+            }
+        }
+        for (letters, axis) in groups {
+            let axes = if letters.contains(' ') {
+                "axes"
+            } else {
+                "axis"
+            };
+            self.plain(&format!("  {axes} {letters}"), &axis.kind);
+            self.axis(axis, has_limits);
+        }
+        for (name, at) in &controller.fixed {
+            let unit = if name.is_rotary() { "deg" } else { "mm" };
+            self.plain(&format!("  axis {name}"), &format!("stands at {at} {unit}"));
+        }
+    }
+
+    fn axis(&mut self, axis: &AxisPlan, has_limits: bool) {
+        let unit = &axis.unit;
+        let show = |value: &f64| format!("{value} {unit}");
+        if has_limits {
+            self.stated("    limit", &axis.limit, show);
+            self.stated("    warning above", &axis.warn, show);
+            self.stated("    slew", &axis.slew_per_s, |v| format!("{v} {unit}/s"));
+            self.stated(
+                "    acceleration",
+                &axis.accel_per_s2,
+                |accel| match accel {
+                    Some(accel) => format!("{accel} {unit}/s²"),
+                    None => "not limited".to_owned(),
+                },
+            );
+            self.stated("    confirm above", &axis.confirm, show);
+            let shift = if axis.test_shift == 0.0 {
+                "not made".to_owned()
+            } else {
+                show(&axis.test_shift)
+            };
+            self.plain("    test shift", &shift);
+        }
+        self.stated("    step", &axis.resolution, show);
+        self.stated("    shows correction", &axis.includes_correction, |yes| {
+            yes_no(*yes).to_owned()
+        });
+    }
+}
+
+fn yes_no(yes: bool) -> &'static str {
+    if yes { "yes" } else { "no" }
+}
+
+fn name_of(file: &str) -> String {
+    let path = Path::new(file);
+    path.file_name().map_or_else(
+        || file.to_owned(),
+        |name| name.to_string_lossy().into_owned(),
+    )
+}

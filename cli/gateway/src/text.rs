@@ -1,0 +1,69 @@
+//! The state of a gateway for a terminal of 80 columns.
+
+use crate::documents::{ByAxis, Status};
+
+/// The state in lines.
+pub fn text(status: &Status) -> String {
+    let mut lines = Vec::new();
+    let mut add = |title: &str, text: String| {
+        if !text.is_empty() {
+            lines.push(format!("{title:<18}{text}"));
+        }
+    };
+    let controller = status.controller.as_ref();
+    add("state", status.state.name().to_owned());
+    add("because", status.reasons.join(", "));
+    add("machine", status.machine.name.clone());
+    add(
+        "controller",
+        controller.map_or(String::new(), |controller| controller.device.clone()),
+    );
+    add("position, mm", by_axis(&status.positions_mm, 3));
+    add("position, deg", by_axis(&status.positions_deg, 4));
+    add("correction, µm", by_axis(&status.correction_um, 1));
+    add("correction, µrad", by_axis(&status.correction_urad, 1));
+    add("tip error, µm", pair(status.error_um, status.residual_um));
+    add(
+        "axis error, µrad",
+        pair(status.error_axis_urad, status.residual_axis_urad),
+    );
+    for sensor in &status.temperatures {
+        let degc = sensor
+            .degc
+            .map_or("-".to_owned(), |degc| format!("{degc:.1} °C"));
+        let why = sensor
+            .reason
+            .as_ref()
+            .map_or(String::new(), |why| format!(" ({why})"));
+        add("temperature", format!("{} {degc}{why}", sensor.name));
+    }
+    let cycle = &status.cycle;
+    add(
+        "cycles",
+        format!(
+            "{}, 50 % within {:.0} µs, 99 % within {:.0} µs, {} overruns",
+            cycle.count, cycle.p50_us, cycle.p99_us, cycle.overruns
+        ),
+    );
+    lines.join("\n") + "\n"
+}
+
+fn by_axis(values: &ByAxis, digits: usize) -> String {
+    let words: Vec<String> = values
+        .iter()
+        .map(|(name, value)| format!("{name} {value:.digits$}"))
+        .collect();
+    words.join("  ")
+}
+
+/// The length of an error of the model, without and with correction.
+fn pair(without: Option<[f64; 3]>, with: Option<[f64; 3]>) -> String {
+    let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    without.zip(with).map_or(String::new(), |(without, with)| {
+        format!(
+            "{:.1} without correction, {:.1} with it (by the model)",
+            length(without),
+            length(with)
+        )
+    })
+}

@@ -1,0 +1,92 @@
+//! JSON documents are those of the shipped schemas.
+
+use std::path::PathBuf;
+
+use serde_json::Value;
+use volcomp_gateway::documents::schemas;
+
+use crate::{
+    process::{configuration, control},
+    program::{Program, path},
+};
+
+fn folder() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/schema")
+}
+
+/// Every shipped schema is that of the struct. `SCHEMAS=overwrite` writes them.
+#[test]
+fn shipped_schemas_are_those_of_the_structs() {
+    for (name, schema) in schemas() {
+        let file = folder().join(name);
+        let text = serde_json::to_string_pretty(&schema).expect("JSON") + "\n";
+        if std::env::var_os("SCHEMAS").is_some_and(|what| what == "overwrite") {
+            std::fs::create_dir_all(folder()).expect("writable");
+            std::fs::write(&file, &text).expect("writable");
+        }
+        let shipped = std::fs::read_to_string(&file).unwrap_or_default();
+        assert!(
+            shipped == text,
+            "{name} differs from its struct: run this test with SCHEMAS=overwrite"
+        );
+    }
+}
+
+fn validate(name: &str, document: &Value) {
+    let text = std::fs::read_to_string(folder().join(name)).expect("shipped");
+    let schema: Value = serde_json::from_str(&text).expect("JSON");
+    let validator = jsonschema::validator_for(&schema).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let errors: Vec<String> = validator
+        .iter_errors(document)
+        .map(|e| format!("{}: {e}", e.instance_path()))
+        .collect();
+    assert!(errors.is_empty(), "{name}: {errors:?} in {document}");
+}
+
+/// The documents of a running gateway, of its log and of `check` fit their schemas.
+#[test]
+fn live_documents_fit_their_schemas() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    let state = program.wait_for("compensating");
+    validate("gateway-state.json", &state);
+    validate("gateway-map.json", &program.get("/api/map").json());
+    let history = program.get("/api/history").json();
+    validate("gateway-history.json", &history);
+    assert!(!history["points"].as_array().expect("a list").is_empty());
+    for (request, body) in [
+        ("disarm", ""),
+        ("acknowledge", ""),
+        ("reload", ""),
+        ("arm", "{\"confirm\": \"sha256:00\"}"),
+        ("arm", "[]"),
+    ] {
+        let answer = program.post(&format!("/api/{request}"), body).json();
+        validate("gateway-answer.json", &answer);
+    }
+    let check = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+        .args(["check", path(&config), "--json"])
+        .output()
+        .expect("built");
+    let plan: Value = serde_json::from_slice(&check.stdout).expect("one document");
+    validate("gateway-check.json", &plan);
+    assert_eq!(plan["controllers"][0]["axes"][0]["limit"]["source"], "configuration");
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    let log = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+    let mut whats = Vec::new();
+    for line in log.lines() {
+        let (_, record) = line.split_once(' ').expect("a checksum first");
+        let record: Value = serde_json::from_str(record).expect("JSON");
+        validate("gateway-audit-record.json", &record);
+        whats.push(record["what"].as_str().expect("text").to_owned());
+    }
+    for what in ["started", "state", "disarm", "reload", "stopped"] {
+        assert!(whats.iter().any(|w| w == what), "{what} in {whats:?}");
+    }
+    let output = std::fs::read_to_string(dir.path().join("audit/output.json")).expect("written");
+    let output: Value = serde_json::from_str(&output).expect("JSON");
+    validate("gateway-last-output.json", &output);
+}

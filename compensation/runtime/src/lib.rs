@@ -1,0 +1,32 @@
+#![doc = include_str!("../README.md")]
+
+mod asked;
+mod clock;
+mod cycle;
+mod error;
+mod model;
+mod path;
+mod plan;
+mod realtime;
+mod report;
+mod schedule;
+mod sensors;
+mod settings;
+
+pub use asked::Asked;
+pub use clock::{monotonic, thread_time, tick};
+pub use cycle::{Cycle, Replacement, Spent};
+pub use error::{PlanError, StartError};
+pub use model::Model;
+pub use path::ControlPath;
+pub use plan::{PathPlan, SHIFT_STEPS, limits};
+pub use realtime::{Handle, Order, start};
+pub use report::{Change, MAX_SENSORS, Report, SENSOR_TEXTS, SensorReport, Timing, ToolError};
+pub use schedule::schedule;
+pub use sensors::Sensors;
+pub use settings::{AxisSettings, GuardSettings, PathSettings, Realtime};
+
+/// The guard, whose requests, states and reasons a caller handles.
+pub use volcomp_guard as guard;
+/// The ports, which a caller implements or takes from a driver.
+pub use volcomp_port as port;

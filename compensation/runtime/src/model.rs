@@ -1,0 +1,184 @@
+//! The machine as a cycle computes with it. State: the lags of its thermal terms.
+
+use volcomp_kinematics::{Pose, State, nalgebra::Vector3, skew_part};
+use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis};
+
+use crate::report::ToolError;
+
+/// A compiled machine with its thermal terms. Boxed, and handed to the cycle as a whole.
+#[derive(Clone)]
+pub struct Model {
+    /// The name in the machine file.
+    pub name: String,
+    /// The checksum of the machine file's content.
+    pub hash: String,
+    /// The machine file, written again.
+    pub text: String,
+    /// Its axes in machine order.
+    pub axes: Vec<AxisName>,
+    /// The travel of each axis, mm or deg.
+    pub travel: Vec<[f64; 2]>,
+    /// Whether the direction of the tool axis can be corrected: with two rotary axes or more.
+    pub corrects_tool_axis: bool,
+    compiled: CompiledMachine,
+    thermal: ThermalState,
+}
+
+impl Model {
+    /// Compiles a machine.
+    ///
+    /// # Errors
+    /// Curves that cannot be compiled, thermal terms of axes that are not there.
+    pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
+        let joints = machine.chain().joints();
+        let axes: Vec<AxisName> = joints.iter().map(|joint| joint.name).collect();
+        Ok(Self {
+            name: machine.name.clone(),
+            hash: machine.checksum(),
+            text: machine.to_toml(),
+            travel: machine.axes().iter().map(|axis| axis.travel).collect(),
+            corrects_tool_axis: axes.iter().filter(|name| name.is_rotary()).count() >= 2,
+            axes,
+            compiled: machine.compile(Tolerance::default())?,
+            thermal: ThermalState::new(machine, fading)?,
+        })
+    }
+
+    /// The place of an axis in machine order.
+    pub fn index_of(&self, name: AxisName) -> Option<usize> {
+        self.axes.iter().position(|known| *known == name)
+    }
+
+    /// Whether an axis turns.
+    pub fn has_rotary_axes(&self) -> bool {
+        self.axes.iter().any(|name| name.is_rotary())
+    }
+
+    /// The sensors that thermal terms name, in the order of [`step`](Self::step).
+    pub fn sensors(&self) -> &[String] {
+        self.thermal.sensors()
+    }
+
+    /// Goes on by `dt_s` with the temperature (°C) of each sensor, `None` for one that is missing. Whether a term has
+    /// to do without its sensor. Allocates nothing.
+    pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) -> bool {
+        self.thermal.step(dt_s, degc);
+        self.thermal.apply(&mut self.compiled);
+        self.thermal.is_degraded()
+    }
+
+    /// Whether a curve is evaluated outside its range at a state.
+    pub fn is_outside_range(&self, state: &State) -> bool {
+        !self.compiled.outside_range(state).is_empty()
+    }
+
+    /// The correction (mm, rad, to be added to the command) at a state: two first-order steps, the second with the
+    /// errors where the first leads. And whether a direction of the tool axis cannot be corrected there.
+    pub fn correction(&self, state: &State) -> (PerAxis<f64>, bool) {
+        let first = self.compiled.first_order(state);
+        let mut there = *state;
+        for (q, delta) in there.q.iter_mut().zip(&first.delta) {
+            *q += delta;
+        }
+        let second = self.compiled.first_order(&there);
+        (second.delta, second.singular && self.corrects_tool_axis)
+    }
+
+    /// The error of the tool at a state, in workpiece axes: first without correction, then with `correction` (mm, rad)
+    /// added to the command. The second is the way that the correction moves the ideal tool through the chain, and the
+    /// error of the machine where it leads. Allocates nothing.
+    pub fn errors(&self, state: &State, correction: &PerAxis<f64>) -> [ToolError; 2] {
+        let mut there = *state;
+        for (q, delta) in there.q.iter_mut().zip(correction) {
+            *q += delta;
+        }
+        let chain = self.compiled.chain();
+        let commanded = chain.ideal_pose(state);
+        let reached = chain.ideal_pose(&there);
+        [
+            self.error_against(&commanded, &commanded, state),
+            self.error_against(&commanded, &reached, &there),
+        ]
+    }
+
+    /// The error against the ideal pose `commanded` when the axes stand at `state`, whose ideal pose is `reached`.
+    fn error_against(&self, commanded: &Pose, reached: &Pose, state: &State) -> ToolError {
+        let chain = self.compiled.chain();
+        let (tip, axis) = (chain.tool_tip_mm(), chain.tool_axis());
+        let error = self.compiled.evaluate(state);
+        let rotation = Vector3::from(error.rotation_rad);
+        let moved = reached.transform_point(&tip) - commanded.transform_point(&tip);
+        let turned = (reached.rotation - commanded.rotation) * axis;
+        let tilted = rotation.cross(&(reached.rotation * axis));
+        let turn = skew_part(&(reached.rotation * commanded.rotation.transpose()));
+        ToolError {
+            position_mm: (moved + Vector3::from(error.position_mm)).into(),
+            rotation_rad: (turn + rotation).into(),
+            axis_rad: (turned + tilted).into(),
+        }
+    }
+
+    /// The corners of the work space, mm and rad.
+    pub fn corners(&self) -> impl Iterator<Item = State> + '_ {
+        let count = self.axes.len().min(MAX_AXES);
+        (0..1_usize << count).map(move |corner| {
+            let mut state = State::default();
+            let axes = self.travel.iter().zip(&self.axes).enumerate();
+            for (q, (axis, (travel, name))) in state.q.iter_mut().zip(axes) {
+                let end = travel[corner >> axis & 1];
+                *q = Displacement::from_coordinate(name.kind(), end).mm_or_rad();
+            }
+            state
+        })
+    }
+
+    /// The machine as it is when temperatures (°C, by the name of the sensor) have been steady for long.
+    #[must_use]
+    pub fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
+        let mut warm = self.clone();
+        let degc: Vec<Option<f64>> = self.sensors().iter().map(|name| degc(name)).collect();
+        warm.step(0.0, &degc);
+        warm
+    }
+
+    /// How far the correction at the worst corner moves when `other` takes the place of this model: mm of a linear
+    /// axis and rad of a rotary axis. Infinite where the axes differ.
+    pub fn worst_corner(&self, other: &Self) -> [f64; 2] {
+        if self.axes != other.axes {
+            return [f64::INFINITY; 2];
+        }
+        let mut worst = [0.0_f64; 2];
+        for state in self.corners().chain(other.corners()) {
+            let (before, after) = (self.correction(&state).0, other.correction(&state).0);
+            for (index, name) in self.axes.iter().enumerate() {
+                let moved = (after[index] - before[index]).abs();
+                let kind = usize::from(name.is_rotary());
+                worst[kind] = worst[kind].max(if moved.is_nan() { f64::INFINITY } else { moved });
+            }
+        }
+        worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A change that shows only when the machine is warm.
+    #[test]
+    fn corners_are_compared_warm_too() {
+        let model = |um_per_m_k: f64| {
+            let text = format!(
+                "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 1000.0]\n[axes.Y]\ntravel = [0.0, 1.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = {um_per_m_k}\n"
+            );
+            let machine = Machine::parse(&text, "m").expect("valid");
+            Model::new(&machine, Fading::default()).expect("compiles")
+        };
+        let (old, new) = (model(10.0), model(20.0));
+        assert_eq!(old.worst_corner(&new), [0.0; 2]);
+        let warm = |model: &Model| model.warmed(|_| Some(25.0));
+        let [mm, rad] = warm(&old).worst_corner(&warm(&new));
+        assert!((mm - 0.05).abs() < 1e-5 && rad == 0.0, "{mm}");
+    }
+}

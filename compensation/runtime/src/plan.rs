@@ -1,0 +1,151 @@
+//! What settings mean for one controller of one machine: every check that needs no device.
+
+use std::time::Duration;
+
+use volcomp_guard::{AxisLimits, Limits, Reasons};
+use volcomp_port::{Axis, Description, Heartbeat};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis, PerChannel};
+
+use crate::{
+    error::PlanError,
+    model::Model,
+    settings::{AxisSettings, GuardSettings, PathSettings},
+};
+
+/// The test shift is at least so many steps of the position and of the correction: a smaller one proves nothing.
+pub const SHIFT_STEPS: f64 = 4.0;
+
+/// One controller of a plan: checked against machine and settings, not opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathPlan {
+    /// What the driver says of the controller.
+    pub description: Description,
+    /// What the guard allows, mm and rad.
+    pub limits: Limits,
+    /// The place in the machine of each axis of the controller.
+    pub machine_axis: PerChannel<usize>,
+    /// Machine axes that stand at a stated position, mm and rad.
+    pub fixed: PerAxis<Option<f64>>,
+    /// What is always to be reported of this path.
+    pub notes: Reasons,
+}
+
+impl PathPlan {
+    /// Checks what a driver says of a controller against machine and settings.
+    ///
+    /// # Errors
+    /// What does not fit.
+    pub fn new(
+        description: Description,
+        model: &Model,
+        guard: &GuardSettings,
+        settings: &PathSettings,
+        period: Duration,
+    ) -> Result<Self, PlanError> {
+        let device = || description.device.clone();
+        let mut machine_axis = PerChannel([0; MAX_AXES]);
+        for (place, axis) in machine_axis.iter_mut().zip(&description.axes) {
+            *place = model
+                .index_of(axis.name)
+                .ok_or_else(|| PlanError::NoSuchAxis {
+                    device: device(),
+                    axis: axis.name,
+                    machine: model.name.clone(),
+                    axes: model.axes.clone(),
+                })?;
+        }
+        let mut fixed = PerAxis([None; MAX_AXES]);
+        for (name, at) in &settings.fixed {
+            let index = model
+                .index_of(*name)
+                .ok_or_else(|| PlanError::NoSuchFixedAxis {
+                    device: device(),
+                    axis: *name,
+                    machine: model.name.clone(),
+                    axes: model.axes.clone(),
+                })?;
+            fixed[index] = Some(at.mm_or_rad());
+        }
+        let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
+        match (description.heartbeat, settings.unwatched) {
+            (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
+            (Heartbeat::Unwatched, true) => notes |= Reasons::UNWATCHED,
+            (Heartbeat::Watched, _) => {}
+        }
+        if description.shortest_cycle > period {
+            let ms = |time: Duration| time.as_secs_f64() * 1e3;
+            return Err(PlanError::CycleTooShort {
+                device: device(),
+                found_ms: ms(period),
+                shortest_ms: ms(description.shortest_cycle),
+            });
+        }
+        Ok(Self {
+            limits: limits(&description, guard, settings, period)?,
+            machine_axis,
+            fixed,
+            notes,
+            description,
+        })
+    }
+}
+
+/// What the guard of a controller allows.
+///
+/// # Errors
+/// Rotary axes without limits, or limits that a guard refuses.
+pub fn limits(
+    description: &Description,
+    guard: &GuardSettings,
+    settings: &PathSettings,
+    period: Duration,
+) -> Result<Limits, PlanError> {
+    let mut axes = [AxisLimits::NONE; MAX_AXES];
+    let mut test_shift = PerChannel::ZERO;
+    for ((into, shift), axis) in axes.iter_mut().zip(&mut test_shift).zip(&description.axes) {
+        let of_kind = guard
+            .of(axis.name)
+            .ok_or_else(|| PlanError::NoRotaryLimits {
+                device: description.device.clone(),
+                axis: axis.name,
+            })?;
+        *into = axis_limits(axis, &of_kind);
+        let asked = of_kind.test_shift.mm_or_rad();
+        let wanted = asked.max(SHIFT_STEPS * axis.step().max(settings.position_step));
+        if settings.proves && asked > 0.0 && wanted <= into.limit {
+            *shift = wanted;
+        }
+    }
+    let limits = Limits {
+        axes,
+        count: description.axes.len(),
+        period,
+        hold: guard.hold,
+        zero_after: guard.zero_after,
+        ramp: guard.ramp,
+        test_shift,
+        read_back_cycles: settings.read_back_cycles,
+    };
+    limits.check().map_err(|source| PlanError::Limits {
+        device: description.device.clone(),
+        axis: axis_of(description, source.axis),
+        source,
+    })?;
+    Ok(limits)
+}
+
+fn axis_of(description: &Description, place: Option<usize>) -> Option<AxisName> {
+    Some(description.axes.get(place?)?.name)
+}
+
+fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
+    let guard = guard.map(Displacement::mm_or_rad);
+    AxisLimits {
+        limit: guard.limit,
+        warn: guard.warn,
+        slew_per_s: guard.slew_per_s,
+        accel_per_s2: guard.accel_per_s2,
+        resolution: axis.step(),
+        includes_correction: axis.includes_correction,
+    }
+}

@@ -1,0 +1,117 @@
+//! What a cycle reports: plain data of fixed size, copied out without a lock.
+
+use std::time::Duration;
+
+use volcomp_guard::{Reasons, State};
+use volcomp_vocabulary::PerAxis;
+
+/// The largest number of temperatures of one machine.
+pub const MAX_SENSORS: usize = 64;
+
+/// One temperature as the cycle uses it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SensorReport {
+    /// °C; `None` when the temperature is not used.
+    pub degc: Option<f64>,
+    /// Why it is not used: an index of [`SENSOR_TEXTS`], 0 for a temperature that is used.
+    pub flaw: u8,
+}
+
+/// Why a temperature is not used, by [`SensorReport::flaw`].
+pub const SENSOR_TEXTS: [&str; 5] = ["", "broken or silent", "stale", "out of range", "jumping"];
+
+/// The error of the tool at one position, in workpiece axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToolError {
+    /// Actual minus ideal position of the tool tip, mm.
+    pub position_mm: [f64; 3],
+    /// Rotation of the actual against the ideal tool, rad about the workpiece axes.
+    pub rotation_rad: [f64; 3],
+    /// Actual minus ideal direction of the tool axis: the difference of two unit vectors, rad.
+    pub axis_rad: [f64; 3],
+}
+
+/// What one cycle reports. Values by axis stand in machine order: mm for linear axes, rad for rotary ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The number of the cycle, from 1.
+    pub cycle: u64,
+    /// When the cycle began, since the clock of the cycle began.
+    pub now: Duration,
+    /// The state of the guard of the active path.
+    pub state: State,
+    /// Why the state is what it is, and what else is to be known.
+    pub reasons: Reasons,
+    /// The place of the path that corrects.
+    pub active: usize,
+    /// Positions without correction, mm and rad.
+    pub positions: PerAxis<f64>,
+    /// Which positions are known: bit 0 is the first axis of the machine.
+    pub known: u16,
+    /// The correction that the model asks for, mm and rad.
+    pub wanted: PerAxis<f64>,
+    /// The correction that is applied, mm and rad.
+    pub correction: PerAxis<f64>,
+    /// The error of the model without correction; `None` while a position is not known.
+    pub error: Option<ToolError>,
+    /// The error that the model leaves with the applied correction; `None` while a position is not known.
+    pub residual: Option<ToolError>,
+    /// Cycles so far in which slew or acceleration limits held the output back.
+    pub held_back: u64,
+    /// Exchanges so far that failed, of every path.
+    pub faults: u64,
+    /// Periods so far that were missed.
+    pub overruns: u64,
+    /// Temperatures in the order of the thermometers and their sensors.
+    pub sensors: [SensorReport; MAX_SENSORS],
+}
+
+impl Default for Report {
+    fn default() -> Self {
+        Self {
+            cycle: 0,
+            now: Duration::ZERO,
+            state: State::Disarmed,
+            reasons: Reasons::NONE,
+            active: 0,
+            positions: PerAxis::ZERO,
+            known: 0,
+            wanted: PerAxis::ZERO,
+            correction: PerAxis::ZERO,
+            error: None,
+            residual: None,
+            held_back: 0,
+            faults: 0,
+            overruns: 0,
+            sensors: [SensorReport::default(); MAX_SENSORS],
+        }
+    }
+}
+
+/// A change of the guard's state or of the active path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// The number of the cycle that changed it.
+    pub cycle: u64,
+    /// The state from that cycle on.
+    pub state: State,
+    /// Why.
+    pub reasons: Reasons,
+    /// The place of the path that corrects from that cycle on.
+    pub active: usize,
+}
+
+/// How long one cycle took, ns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Timing {
+    /// From the deadline to the first instruction of the cycle.
+    pub wake_ns: u64,
+    /// The whole cycle, exchanges included.
+    pub whole_ns: u64,
+    /// Exchanges with controllers.
+    pub exchange_ns: u64,
+    /// The cycle's own work by the CPU clock of its thread, without exchanges.
+    pub own_ns: u64,
+    /// Periods that were missed after this cycle.
+    pub missed: u32,
+}

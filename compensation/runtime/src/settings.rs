@@ -1,0 +1,157 @@
+//! What a person decides about a correction: limits, times, thread. Plain data in the units of the configuration.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use volcomp_guard::SensorLimits;
+use volcomp_model::Fading;
+use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
+
+/// What is allowed to the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisSettings<U> {
+    /// The largest correction.
+    pub limit: U,
+    /// Corrections above are reported.
+    pub warn: U,
+    /// The largest change of the correction in a second.
+    pub slew_per_s: U,
+    /// The largest change of the slew in a second; infinite: not limited.
+    pub accel_per_s2: U,
+    /// A change of model that moves the correction at a corner of the work space by more needs a confirmation.
+    pub confirm: U,
+    /// The shift at arming that shows whether positions contain the correction; 0: not made.
+    pub test_shift: U,
+}
+
+/// What is allowed to every controller of a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuardSettings {
+    /// Of linear axes.
+    pub linear: AxisSettings<Um>,
+    /// Of rotary axes; `None` where no controller has one.
+    pub rotary: Option<AxisSettings<Urad>>,
+    /// Positions that are older are held.
+    pub hold: Duration,
+    /// Positions that are older ramp the correction to zero.
+    pub zero_after: Duration,
+    /// The time of a ramp; at least 20 cycles are taken.
+    pub ramp: Duration,
+    /// The longest time that a stop of the program may ramp out.
+    pub stop: Duration,
+    /// How long a better controller must be usable before it takes over again.
+    pub hand_back: Duration,
+    /// Which temperatures are believed.
+    pub temperatures: SensorLimits,
+    /// What becomes of thermal terms whose sensor is missing.
+    pub fading: Fading,
+}
+
+impl GuardSettings {
+    /// Limits of linear axes, with the times that the gateway has where a configuration states none: positions are
+    /// held for 50 ms and ramp the correction to zero after 500 ms, a ramp takes 500 ms.
+    pub fn new(linear: AxisSettings<Um>) -> Self {
+        Self {
+            linear,
+            rotary: None,
+            hold: Duration::from_millis(50),
+            zero_after: Duration::from_millis(500),
+            ramp: Duration::from_millis(500),
+            stop: Duration::from_secs(5),
+            hand_back: Duration::from_secs(2),
+            temperatures: SensorLimits::default(),
+            fading: Fading::default(),
+        }
+    }
+
+    /// What is allowed to axes of the kind of `axis`, as lengths or angles; `None` without limits for that kind.
+    pub fn of(&self, axis: AxisName) -> Option<AxisSettings<Displacement>> {
+        if axis.is_rotary() {
+            self.rotary
+                .map(|rotary| rotary.map(|angle| Displacement::Angle(angle.to_rad())))
+        } else {
+            Some(
+                self.linear
+                    .map(|length| Displacement::Length(length.to_mm())),
+            )
+        }
+    }
+}
+
+impl AxisSettings<Um> {
+    /// Limits of linear axes without a limit of the acceleration, and without a test shift.
+    pub fn new(limit: Um, slew_per_s: Um) -> Self {
+        Self {
+            limit,
+            warn: limit,
+            slew_per_s,
+            accel_per_s2: Um(f64::INFINITY),
+            confirm: limit,
+            test_shift: Um(0.0),
+        }
+    }
+}
+
+impl AxisSettings<Urad> {
+    /// Limits of rotary axes without a limit of the acceleration, and without a test shift.
+    pub fn new(limit: Urad, slew_per_s: Urad) -> Self {
+        Self {
+            limit,
+            warn: limit,
+            slew_per_s,
+            accel_per_s2: Urad(f64::INFINITY),
+            confirm: limit,
+            test_shift: Urad(0.0),
+        }
+    }
+}
+
+impl<U> AxisSettings<U> {
+    /// The same settings in other units.
+    pub fn map<V>(self, convert: impl Fn(U) -> V) -> AxisSettings<V> {
+        AxisSettings {
+            limit: convert(self.limit),
+            warn: convert(self.warn),
+            slew_per_s: convert(self.slew_per_s),
+            accel_per_s2: convert(self.accel_per_s2),
+            confirm: convert(self.confirm),
+            test_shift: convert(self.test_shift),
+        }
+    }
+}
+
+/// What is decided about one controller path besides its driver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathSettings {
+    /// Machine axes that the controller does not show and that stand at this position.
+    pub fixed: BTreeMap<AxisName, Displacement>,
+    /// Whether it is accepted that nothing on the control's side notices when the program stops.
+    pub unwatched: bool,
+    /// Whether the test shift at arming is made.
+    pub proves: bool,
+    /// The smallest step that its reported positions show, mm or rad; 0: finer than that of the correction.
+    pub position_step: f64,
+    /// How many writes its read-back may be behind, from 1.
+    pub read_back_cycles: usize,
+}
+
+impl Default for PathSettings {
+    /// Every axis is shown, something watches, the test shift is made, the read-back is one write behind.
+    fn default() -> Self {
+        Self {
+            fixed: BTreeMap::new(),
+            unwatched: false,
+            proves: true,
+            position_step: 0.0,
+            read_back_cycles: 1,
+        }
+    }
+}
+
+/// How the control thread is scheduled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Realtime {
+    /// The priority of SCHED_FIFO, 1 to 99; 0: none is asked for.
+    pub priority: u8,
+    /// The processor on which the thread stays; `None`: any.
+    pub cpu: Option<usize>,
+}

@@ -1,0 +1,12 @@
+//! The runtime on simulated machines whose time the tests count.
+
+mod embed;
+mod errors;
+mod plan;
+mod quiet;
+mod rig;
+mod thread;
+
+/// Ends the run on an allocation where one is forbidden.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

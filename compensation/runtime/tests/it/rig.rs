@@ -1,0 +1,108 @@
+//! A five-axis machine with a control that names its axes in another order, at one position.
+
+use std::{path::Path, sync::Arc, time::Duration};
+
+use volcomp_model::Machine;
+use volcomp_port::{Axis, Clock, Controller, simulated};
+use volcomp_runtime::{
+    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report,
+    Sensors, guard::Request,
+};
+use volcomp_vocabulary::{AxisName, Displacement, PerChannel, Um, Urad};
+
+pub(crate) const PERIOD: Duration = Duration::from_millis(4);
+pub(crate) const NAMES: [AxisName; 5] = [
+    AxisName::Z,
+    AxisName::B,
+    AxisName::X,
+    AxisName::C,
+    AxisName::Y,
+];
+
+/// The five-axis machine of the examples.
+pub(crate) fn machine() -> Machine {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
+    Machine::read(&file).expect("shipped")
+}
+
+pub(crate) fn guard() -> GuardSettings {
+    let mut guard = GuardSettings::new(AxisSettings::<Um>::new(Um(250.0), Um(500.0)));
+    guard.rotary = Some(AxisSettings::<Urad>::new(Urad(250.0), Urad(500.0)));
+    guard
+}
+
+/// A control that stands at a place, coordinates in mm and deg in the order of [`NAMES`].
+pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedController {
+    let mut to = PerChannel::ZERO;
+    for ((to, name), at) in to.iter_mut().zip(NAMES).zip(place) {
+        *to = Displacement::from_coordinate(name.kind(), at).mm_or_rad();
+    }
+    let machine = simulated::Machine {
+        axes: NAMES
+            .map(|name| Axis {
+                name,
+                includes_correction: false,
+                resolution: Displacement::new(name.kind(), 1e-8),
+            })
+            .to_vec(),
+        program: vec![simulated::Move {
+            to,
+            feed_per_s: 1.0,
+            dwell: Duration::from_secs(3600),
+        }],
+        acceleration_per_s2: 1.0,
+        sensors: Vec::new(),
+        truth: Arc::new(|_, _| PerChannel::ZERO),
+        clock: clock.clone(),
+    };
+    machine.start().0
+}
+
+/// A cycle at a place, and its time.
+pub(crate) struct Rig {
+    pub(crate) cycle: Cycle,
+    pub(crate) clock: Clock,
+}
+
+impl Rig {
+    pub(crate) fn at(place: [f64; 5]) -> Self {
+        let clock = Clock::manual();
+        let guard = guard();
+        let model = Model::new(&machine(), guard.fading).expect("shipped");
+        let control = control(place, &clock);
+        let described = control.description().clone();
+        let plan = PathPlan::new(described, &model, &guard, &PathSettings::default(), PERIOD);
+        let path = ControlPath::new(Box::new(control), &plan.expect("fits")).expect("fits");
+        let sensors = Sensors::new(Vec::new(), guard.temperatures);
+        let cycle = Cycle::new(
+            Box::new(model),
+            vec![path],
+            guard.hand_back,
+            sensors,
+            PERIOD,
+        );
+        Self {
+            cycle: cycle.expect("one path").with_start(clock.start()),
+            clock,
+        }
+    }
+
+    /// One cycle.
+    pub(crate) fn step(&mut self, request: Option<Request>) -> Report {
+        self.clock.advance(PERIOD);
+        let asked = Asked {
+            request,
+            ..Asked::default()
+        };
+        self.cycle
+            .run(self.clock.now(), &asked, &mut || Duration::ZERO);
+        *self.cycle.report()
+    }
+
+    pub(crate) fn run(&mut self, cycles: u32) -> Report {
+        (1..cycles).for_each(|_| {
+            self.step(None);
+        });
+        self.step(None)
+    }
+}
