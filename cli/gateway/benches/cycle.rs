@@ -25,9 +25,15 @@ fn cycles(criterion: &mut Criterion) {
     let plan = PathPlan::new(described, &model, &guard, &settings, PERIOD).expect("built in");
     let path = ControlPath::new(Box::new(simulation.controller), &plan).expect("built in");
     let sensors = Sensors::new(vec![Box::new(simulation.thermometer)], guard.temperatures);
-    let mut cycle = Cycle::new(Box::new(model), vec![path], guard.hand_back, sensors, PERIOD)
-        .expect("one path")
-        .with_start(clock.start());
+    let mut cycle = Cycle::new(
+        Box::new(model),
+        vec![path],
+        guard.hand_back,
+        sensors,
+        PERIOD,
+    )
+    .expect("one path")
+    .with_start(clock.start());
     let mut asked = Asked {
         request: Some(Request::Arm),
         ..Asked::default()

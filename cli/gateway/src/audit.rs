@@ -179,7 +179,7 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
 pub struct Verified {
     /// Whole records that belong to the chain.
     pub records: u64,
-    /// Bytes of them.
+    /// How many bytes they take.
     pub end: usize,
     /// The first line that is whole and yet not of the chain.
     pub broken: Option<u64>,

@@ -14,7 +14,7 @@ pub enum GatewayError {
     /// A place in the configuration or the machine file.
     #[error(transparent)]
     Place(#[from] InputError),
-    /// The machine file.
+    /// A machine file that does not make a machine.
     #[error(transparent)]
     Model(ModelError),
     /// The configuration cannot be read as text.
@@ -23,7 +23,7 @@ pub enum GatewayError {
     /// Controllers, machine and limits do not fit together.
     #[error("{file}: {source}")]
     Plan {
-        /// The configuration file.
+        /// The path of the configuration file.
         file: String,
         /// What does not fit.
         source: PlanError,
@@ -31,7 +31,7 @@ pub enum GatewayError {
     /// What a configuration says of a device makes no sense; found without opening it.
     #[error("{file}: {source}")]
     DeviceConfig {
-        /// The configuration file.
+        /// The path of the configuration file.
         file: String,
         /// What makes no sense.
         source: DeviceError,
@@ -39,9 +39,9 @@ pub enum GatewayError {
     /// Two controllers are the same device.
     #[error("{file}: {url} stands in two [[controller]], expected one for each device")]
     DeviceTwice {
-        /// The configuration file.
+        /// The path of the configuration file.
         file: String,
-        /// The device.
+        /// The URL of the device.
         url: String,
     },
     /// The names of a thermometer's sensors are not those that the device has.
@@ -49,9 +49,9 @@ pub enum GatewayError {
         "{file}: {url}: names: found {found:?}, expected some of {expected:?}, the sensors of this device"
     )]
     SensorNames {
-        /// The configuration file.
+        /// The path of the configuration file.
         file: String,
-        /// The device.
+        /// The URL of the device.
         url: String,
         /// The name that the device does not have.
         found: String,
@@ -63,7 +63,7 @@ pub enum GatewayError {
         "[dashboard] listen = {listen}: others can reach this address, so tls_certificate and tls_key are needed (volcomp-gateway tls-init makes a pair)"
     )]
     NoTls {
-        /// The address.
+        /// The address and port.
         listen: SocketAddr,
     },
     /// Other computers can reach the dashboard, and nobody has a token.
@@ -71,15 +71,15 @@ pub enum GatewayError {
         "[dashboard] listen = {listen}: others can reach this address, so reading needs a token: token_file is missing or empty"
     )]
     NoToken {
-        /// The address.
+        /// The address and port.
         listen: SocketAddr,
     },
     /// A certificate or key that is none, or that do not belong together.
     #[error("{}: {source}", file.display())]
     Certificate {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
-        /// What is wrong.
+        /// What is wrong with it.
         source: CertificateError,
     },
     /// Names for which no certificate can be made.
@@ -87,13 +87,13 @@ pub enum GatewayError {
     CertificateNames {
         /// The names, as they were given.
         names: String,
-        /// What is wrong.
+        /// What is wrong with it.
         source: rcgen::Error,
     },
     /// A line of the token file.
     #[error("{}:{line}: {source}", file.display())]
     Token {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// The line, from 1.
         line: usize,
@@ -103,15 +103,15 @@ pub enum GatewayError {
     /// A token file that others may read.
     #[error("{}: found mode {mode:03o}, expected 600: others may read the tokens", file.display())]
     TokenMode {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
-        /// Its mode.
+        /// The mode of the file.
         mode: u32,
     },
     /// The folder of the audit log is no folder.
     #[error("[audit] dir: {} is no folder", dir.display())]
     AuditDir {
-        /// What was found.
+        /// The path that was found.
         dir: PathBuf,
     },
     /// A reload that cannot be done while the gateway runs.
@@ -120,9 +120,9 @@ pub enum GatewayError {
     /// A file that cannot be read.
     #[error("{file}: cannot be read: {source}")]
     Read {
-        /// The file.
+        /// The path of the file.
         file: String,
-        /// Why.
+        /// Why it cannot be.
         source: io::Error,
     },
     /// A device that cannot be opened.
@@ -131,7 +131,7 @@ pub enum GatewayError {
     /// Another gateway on this computer corrects the same device.
     #[error("{url}: another gateway on this computer corrects it")]
     Locked {
-        /// The device.
+        /// The URL of the device.
         url: String,
     },
     /// The control thread does not start.
@@ -140,17 +140,17 @@ pub enum GatewayError {
     /// A running gateway refuses to answer, or answers with no state.
     #[error("gateway at {address}: {what}")]
     Answer {
-        /// Its address.
+        /// The address and port of the gateway.
         address: SocketAddr,
-        /// What it answers.
+        /// What was wrong with the answer.
         what: String,
     },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
-        /// What was tried.
+        /// What was to be done.
         what: String,
-        /// Why it failed.
+        /// Why the operating system refused it.
         source: io::Error,
     },
 }
@@ -171,7 +171,7 @@ pub enum CertificateError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TokenError {
-    /// Not three words.
+    /// A line that has not three words.
     #[error("found {0} words, expected NAME ROLE TOKEN")]
     Words(usize),
     /// A role that is not known.
@@ -197,21 +197,21 @@ pub enum ReloadError {
     /// Without limits nothing may be corrected.
     #[error("{file}: [guard] is missing")]
     NoGuard {
-        /// The configuration file.
+        /// The path of the configuration file.
         file: String,
     },
     /// A key that is fixed while the gateway runs.
     #[error("{file}: {key} changed: restart the gateway for that")]
     Changed {
-        /// The configuration file.
+        /// The path of the configuration file.
         file: String,
         /// The key or table.
         key: FixedKey,
     },
-    /// Another machine.
+    /// The machine file has other axes.
     #[error("{}: other axes than before: restart the gateway for that", machine.display())]
     OtherAxes {
-        /// The machine file.
+        /// The path of the machine file.
         machine: PathBuf,
     },
 }
@@ -219,13 +219,13 @@ pub enum ReloadError {
 /// A part of the configuration that is fixed while the gateway runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FixedKey {
-    /// The controllers.
+    /// The tables `[[controller]]`.
     Controller,
-    /// The thermometers.
+    /// The tables `[[thermometer]]`.
     Thermometer,
     /// The time of a cycle.
     CycleMs,
-    /// The dashboard.
+    /// The table `[dashboard]`: address, tokens, certificate.
     Dashboard,
     /// The folder of the audit log.
     Audit,

@@ -23,7 +23,7 @@ const STALE_PERIODS: u32 = 3;
 
 /// What stays the same while a gateway runs.
 pub(crate) struct Facts<'a> {
-    /// The model.
+    /// The model that corrects.
     pub model: &'a Model,
     /// The controllers in order.
     pub controllers: &'a [Description],

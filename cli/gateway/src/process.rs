@@ -4,15 +4,15 @@ use std::{fs::File, io::Write};
 
 use rustix::mm::{MlockAllFlags, mlockall};
 
-/// Memory stays in, the processor stays awake: for the whole process. What could not be had, in words.
+/// Memory that stays locked and processors that stay awake, for the whole process and as long as this lives.
 pub struct Process {
     _awake: Option<File>,
-    /// What could not be had.
+    /// What the operating system refused, in words.
     pub lacking: Vec<String>,
 }
 
 impl Process {
-    /// Asks for both.
+    /// Asks the operating system for both.
     pub fn prepare() -> Self {
         let mut lacking = Vec::new();
         let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;

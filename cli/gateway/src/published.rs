@@ -13,7 +13,7 @@ use crate::{
 /// The side of the dashboard.
 #[derive(Clone)]
 pub struct Published {
-    /// The state.
+    /// The latest state, and when it changes.
     pub status: watch::Receiver<Arc<Status>>,
     shared: Arc<Shared>,
 }
@@ -51,14 +51,14 @@ impl Publisher {
         self.status.send_replace(Arc::new(status));
     }
 
-    /// Publishes another model.
+    /// Publishes another model, for the error map.
     pub fn set_model(&self, model: Arc<Model>) {
         *lock(&self.shared.model) = model;
     }
 }
 
 impl Published {
-    /// The latest state.
+    /// The state that was published last.
     pub fn latest(&self) -> Arc<Status> {
         Arc::clone(&self.status.borrow())
     }
@@ -68,7 +68,7 @@ impl Published {
         Arc::clone(&lock(&self.shared.model))
     }
 
-    /// The last minutes.
+    /// The trend of the last minutes.
     pub fn history(&self) -> History {
         lock(&self.shared.trend).history()
     }

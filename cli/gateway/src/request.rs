@@ -9,7 +9,7 @@ use crate::documents::Answer;
 pub enum Ask {
     /// Correct; with the hash of a model that a person confirms.
     Arm(Option<String>),
-    /// Stop correcting.
+    /// Ramp the correction to zero and stop correcting.
     Disarm,
     /// The cause of a fault is mended.
     Acknowledge,
@@ -33,6 +33,6 @@ pub struct Reply {
     /// 200 for a request that took effect, 409 for one that did not, 422 for a configuration that is wrong, 503 while
     /// the control thread takes no orders.
     pub status: u16,
-    /// The document.
+    /// The document of the answer.
     pub answer: Answer,
 }

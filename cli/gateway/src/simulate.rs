@@ -37,9 +37,9 @@ pub struct Truth {
 
 /// The simulated machine and what belongs to it.
 pub struct Simulation {
-    /// Its controller.
+    /// The controller of the machine.
     pub controller: SimulatedController,
-    /// Its thermometer.
+    /// The thermometer of the machine.
     pub thermometer: SimulatedThermometer,
     /// What a test may do to it.
     pub controls: Arc<Controls>,
@@ -79,7 +79,7 @@ impl Truth {
         }
     }
 
-    /// What it misses (mm) at coordinates (mm) and temperatures of its sensors (degC).
+    /// What it misses (mm) at coordinates (mm) and temperatures of its sensors (°C).
     pub fn error(&self, positions: &PerAxis<f64>, degc: &[f64]) -> Vector3<f64> {
         let temperatures: Temperatures = self
             .sensors

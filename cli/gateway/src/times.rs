@@ -43,12 +43,12 @@ impl Stretch {
         }
     }
 
-    /// A quantile, us.
+    /// A quantile of the last stretch, µs.
     pub(crate) fn quantile_us(&self, quantile: f64) -> f64 {
         self.latest().value_at_quantile(quantile) as f64 * 1e-3
     }
 
-    /// Counts in bins that double: upper edge (us) and count.
+    /// Counts in bins that double: upper edge (µs) and count.
     pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
         let edges = (0..20).map(|power| 500_u64 << power);
         edges
@@ -62,25 +62,25 @@ impl Stretch {
     }
 }
 
-/// Of the whole cycle, own work, wake-up, exchanges.
+/// The times of whole cycles and of their parts.
 #[derive(Default)]
 pub(crate) struct Times {
-    /// From waking to done.
+    /// The whole cycle, from waking to done.
     pub whole: Stretch,
-    /// Own work by the CPU clock.
+    /// The gateway's own work by the CPU clock.
     pub own: Stretch,
-    /// From deadline to waking.
+    /// From the deadline to waking.
     pub wake: Stretch,
-    /// With controllers.
+    /// The exchanges with controllers.
     pub exchange: Stretch,
-    /// Cycles so far.
+    /// The number of cycles so far.
     pub count: u64,
-    /// Periods missed so far.
+    /// The number of periods missed so far.
     pub overruns: u64,
 }
 
 impl Times {
-    /// Takes a cycle.
+    /// Counts the times of one cycle.
     pub(crate) fn add(&mut self, timing: &Timing) {
         self.whole.add(timing.whole_ns);
         self.own.add(timing.own_ns);

@@ -1,16 +1,20 @@
 "use strict";
 /* global drawLines, drawBars, drawMap */
 
-const SPAN_S = 120, HOLD_MS = 1000, LOST_AFTER_MS = 2000;
+const HOLD_MS = 1000, LOST_AFTER_MS = 2000;
+// A reduction in % of an error below this says nothing: µm.
+const LEAST_FOR_PERCENT_UM = 1;
+const LETTERS = "XYZABCUVW";
 const element = (id) => document.getElementById(id);
-const trend = { before: [], after: [] };
-let map = null, mapAxes = null, lastHeard = 0, current = null;
+const trend = { span_s: 120, points: [] };
+let map = null, lastHeard = 0, current = null;
 
 // The token stays in this tab only; it is never in an address.
 const token = () => sessionStorage.getItem("token") || "";
 const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
 
-const length = (v) => Math.hypot(...v);
+const length = (v) => (v ? Math.hypot(...v) : null);
+const inOrder = (names) => [...names].sort((a, b) => LETTERS.indexOf(a) - LETTERS.indexOf(b));
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
 
 function text(id, value) {
@@ -25,28 +29,32 @@ function make(tag, name, parent) {
   return made;
 }
 
+const KINDS = [
+  { unit: "mm", small: "um", digits: 3 },
+  { unit: "deg", small: "urad", digits: 4 },
+];
+
 function showAxes(state) {
-  const rows = [["mm", "um", 3], ["deg", "urad", 4]].flatMap(([unit, small, digits]) =>
-    Object.keys(state[`correction_${small}`] || {}).map((name) => ({
-      name, digits, unit, small,
-      position: (state[`positions_${unit}`] || {})[name],
-      correction: state[`correction_${small}`][name],
-    })));
   const list = element("axes");
-  for (const row of rows) {
-    let card = list.querySelector(`[data-axis="${row.name}"]`);
+  const names = inOrder(state.machine.axes);
+  for (const card of [...list.children]) if (!names.includes(card.dataset.axis)) card.remove();
+  for (const name of names) {
+    const { unit, small, digits } = KINDS["ABC".includes(name) ? 1 : 0];
+    let card = list.querySelector(`[data-axis="${name}"]`);
     if (!card) {
       card = make("div", "axis", list);
-      card.dataset.axis = row.name;
-      make("div", "name", card).textContent = row.name;
-      for (const [kind, unit] of [["position", row.unit], ["correction", row.small.replace("u", "µ")]]) {
+      card.dataset.axis = name;
+      make("div", "name", card).textContent = name;
+      for (const [kind, shown] of [["position", unit], ["correction", small.replace("u", "µ")]]) {
         const cell = make("div", kind, card);
         make("span", "value", cell);
-        make("small", "", cell).textContent = ` ${unit}`;
+        make("small", "", cell).textContent = ` ${shown}`;
       }
     }
-    card.querySelector(".position .value").textContent = fixed(row.position, row.digits);
-    card.querySelector(".correction .value").textContent = (row.correction > 0 ? "+" : "") + fixed(row.correction, 1);
+    const position = (state[`positions_${unit}`] || {})[name];
+    const correction = (state[`correction_${small}`] || {})[name];
+    card.querySelector(".position .value").textContent = fixed(position, digits);
+    card.querySelector(".correction .value").textContent = (correction > 0 ? "+" : "") + fixed(correction, 1);
   }
 }
 
@@ -63,24 +71,63 @@ function showTemperatures(list) {
   if (list.length === 0 && body.rows.length === 0) make("td", "", body.insertRow()).textContent = "no thermometer is configured";
 }
 
-function showError(state) {
-  // On a real machine nobody knows what is left: what the model corrects, and what of it is not applied.
-  const before = state.true_error_um || state.error_um;
-  const axes = Object.keys(state.correction_um);
-  const after = state.residual_um || axes.map((name) => (state.wanted_um[name] || 0) - state.correction_um[name]);
-  const now = state.uptime_s;
-  if (trend.before.length && trend.before[trend.before.length - 1][0] > now) trend.before = trend.after = [];
-  for (const [name, value] of [["before", length(before)], ["after", length(after)]]) {
-    trend[name] = trend[name].filter((point) => point[0] > now - SPAN_S).concat([[now, value]]);
-  }
-  drawLines(element("trend"), now, SPAN_S, [
-    { points: trend.before, colour: "#b3261e" },
-    { points: trend.after, colour: "#0b6e3a" },
+/** A state as a point of the trend: lengths, of the simulated machine the true ones. */
+function pointOf(state) {
+  return {
+    at_s: state.uptime_s,
+    error_um: length(state.true_error_um || state.error_um),
+    residual_um: length(state.true_residual_um || state.residual_um),
+    error_axis_urad: length(state.error_axis_urad),
+    residual_axis_urad: length(state.residual_axis_urad),
+  };
+}
+
+function addPoint(point) {
+  const last = trend.points[trend.points.length - 1];
+  if (last && point.at_s < last.at_s) trend.points = [];
+  if (last && point.at_s === last.at_s) trend.points.pop();
+  trend.points.push(point);
+  while (trend.points[0].at_s < point.at_s - trend.span_s) trend.points.shift();
+}
+
+function mean(key) {
+  const known = trend.points.map((point) => point[key]).filter(Number.isFinite);
+  return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : null;
+}
+
+function showTrend(canvas, without, with_) {
+  const points = (key) => trend.points.map((point) => [point.at_s, Number.isFinite(point[key]) ? point[key] : null]);
+  const now = trend.points.length ? trend.points[trend.points.length - 1].at_s : 0;
+  drawLines(element(canvas), now, trend.span_s, [
+    { points: points(without), colour: "#b3261e" },
+    { points: points(with_), colour: "#0b6e3a" },
   ]);
-  const mean = (points) => points.reduce((sum, point) => sum + point[1], 0) / points.length;
-  const [b, a] = [mean(trend.before), mean(trend.after)];
-  const what = state.residual_um ? "" : " (of the model; what is really left needs a measurement)";
-  text("reduction", `now ${fixed(length(before), 1)} → ${fixed(length(after), 1)} µm; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} µm, ${fixed(100 * (a / Math.max(b, 1e-9) - 1), 0)} %${what}`);
+}
+
+/** "now 12.3 → 0.8 µm; mean 10.1 → 0.9 µm, −91 %": no percentage of what is hardly an error. */
+function inWords(now, without, with_, unit, least) {
+  if (!Number.isFinite(now[without])) return "unknown: a position is missing";
+  const [b, a] = [mean(without), mean(with_)];
+  const percent = b > least ? `, ${fixed(100 * (a / b - 1), 0)} %` : "";
+  return `now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
+}
+
+function showError(state) {
+  if (state.state === "unknown") {
+    for (const id of ["reduction", "axis-reduction"]) text(id, "unknown: the control thread tells nothing");
+    return;
+  }
+  const now = pointOf(state);
+  addPoint(now);
+  const hasAxis = Number.isFinite(now.error_axis_urad);
+  element("axis-panel").hidden = !hasAxis;
+  showTrend("trend", "error_um", "residual_um");
+  const what = state.true_residual_um ? " (of the simulated machine)" : " (by the model; what is really left needs a measurement)";
+  text("reduction", inWords(now, "error_um", "residual_um", "µm", LEAST_FOR_PERCENT_UM) + what);
+  if (hasAxis) {
+    showTrend("axis-trend", "error_axis_urad", "residual_axis_urad");
+    text("axis-reduction", inWords(now, "error_axis_urad", "residual_axis_urad", "µrad", LEAST_FOR_PERCENT_UM) + " (by the model)");
+  }
 }
 
 function showCycle(cycle) {
@@ -90,17 +137,21 @@ function showCycle(cycle) {
 }
 
 function showMap() {
-  if (!map || !map.error_um || !current) return;
-  const here = map.axes.map(({ name, travel }) => (current.positions_mm[name] - travel[0]) / (travel[1] - travel[0]));
-  const largest = drawMap(element("map"), map.error_um, here.some(Number.isNaN) ? null : here);
-  text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}, the others as they stand`);
-  text("map-scale", `white 0, dark ${largest} µm; the cross is where the machine stands`);
+  if (!map || !current) return;
+  element("map-panel").hidden = map.axes.length < 2;
+  if (map.axes.length < 2) return;
+  const here = map.axes.map(({ name }) => current.positions_mm[name]);
+  const largest = drawMap(element("map"), map.error_um, map.axes, here.every(Number.isFinite) ? here : null);
+  const others = inOrder(current.machine.axes).filter((name) => !map.axes.some((axis) => axis.name === name));
+  const stand = others.length ? `, ${others.join(" ")} as they stand` : "";
+  text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}${stand}`);
+  text("map-scale", `without correction, by the model: light 0, dark ${largest} µm; the cross is where the machine stands`);
 }
 
 function showButtons(state) {
   const may = token() !== "";
   element("arm").disabled = !may || state.armed || state.state === "faulted";
-  element("disarm").disabled = !may || !state.armed;
+  element("disarm").disabled = !may || !(state.armed || state.state === "unknown");
   element("acknowledge").disabled = !may || state.state !== "faulted";
   element("reload").disabled = !may;
 }
@@ -112,7 +163,7 @@ function show(state) {
   text("state", state.state.replace("-", " "));
   text("reasons", state.reasons.join(" · "));
   text("machine-name", state.machine.name);
-  text("controller", state.controller && !state.simulated ? state.controller.device : "");
+  text("controller", state.controller && !state.simulated ? `${state.controller.device}` : "");
   element("simulated").hidden = !state.simulated;
   document.title = `${state.state} – ${state.machine.name}`;
   showAxes(state);
@@ -123,10 +174,14 @@ function show(state) {
   showButtons(state);
 }
 
+/** Nothing is known any more: no number of before stays on the page. */
 function lost(why) {
   element("banner").dataset.state = "lost";
   text("state", "no connection");
   text("reasons", why);
+  for (const value of document.querySelectorAll("#axes .value")) value.textContent = "–";
+  for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
+  for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
   for (const button of document.querySelectorAll("#operate > button")) button.disabled = true;
 }
 
@@ -140,6 +195,7 @@ async function listen() {
       } else if (!response.ok) {
         lost(`the gateway answers ${response.status}`);
       } else {
+        await fillTrend();
         await follow(response.body.getReader());
       }
     } catch {
@@ -162,6 +218,20 @@ async function follow(reader) {
       const data = event.split("\n").filter((l) => l.startsWith("data:")).map((l) => l.slice(5)).join("\n");
       if (data) show(JSON.parse(data));
     }
+  }
+}
+
+/** The trend from before the page was opened. */
+async function fillTrend() {
+  try {
+    const response = await fetch("/api/history", { headers: headers(), cache: "no-store" });
+    if (!response.ok) return;
+    const history = await response.json();
+    const first = trend.points.length ? trend.points[0].at_s : Infinity;
+    trend.span_s = history.span_s;
+    trend.points = history.points.filter((point) => point.at_s < first).concat(trend.points);
+  } catch {
+    // The stream tells that the gateway is gone.
   }
 }
 

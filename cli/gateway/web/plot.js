@@ -24,7 +24,7 @@ function roundUp(value) {
   return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.999);
 }
 
-/** Series of [seconds, value] over the last `span` seconds up to `now`. */
+/** Series of [seconds, value or null] over the last `span` seconds up to `now`. */
 function drawLines(canvas, now, span, series) {
   const { context, width, height } = surface(canvas);
   const left = 44, bottom = height - 22;
@@ -47,13 +47,23 @@ function drawLines(canvas, now, span, series) {
   context.textAlign = "center";
   context.textBaseline = "alphabetic";
   for (let ago = 0; ago <= span; ago += span / 4) {
-    context.fillText(ago === 0 ? "now" : `-${ago} s`, Math.min(Math.max(x(now - ago), left + 16), width - 18), height - 4);
+    context.fillText(ago === 0 ? "now" : `−${ago} s`, Math.min(Math.max(x(now - ago), left + 16), width - 18), height - 4);
   }
   for (const { points, colour } of series) {
     context.strokeStyle = colour;
     context.lineWidth = 2.5;
     context.beginPath();
-    points.forEach(([t, v], index) => (index === 0 ? context.moveTo(x(t), y(v)) : context.lineTo(x(t), y(v))));
+    // A value that is not known leaves a gap.
+    let down = false;
+    for (const [t, v] of points) {
+      if (v === null) {
+        down = false;
+      } else {
+        if (down) context.lineTo(x(t), y(v));
+        else context.moveTo(x(t), y(v));
+        down = true;
+      }
+    }
     context.stroke();
   }
 }
@@ -87,23 +97,61 @@ function shade(share) {
   return `rgb(${mixed.join(",")})`;
 }
 
-/** Rows of values over two axes, and where the machine stands in shares of their travels. Returns the largest. */
-function drawMap(canvas, rows, here) {
+/** Round positions within [low, high], some `count` of them. */
+function ticks([low, high], count) {
+  const step = roundUp((high - low) / count);
+  const first = Math.ceil(low / step);
+  const last = Math.floor(high / step);
+  return Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => (first + i) * step);
+}
+
+/**
+ * Rows of values over the travels of two axes ({name, travel}), with their positions in mm, and a cross at `here`
+ * ([mm, mm] or null). Returns the value of the darkest shade.
+ */
+function drawMap(canvas, rows, [across, up], here) {
   const { context, width, height } = surface(canvas);
   const largest = roundUp(Math.max(...rows.flat()));
-  const [wide, tall] = [width / rows[0].length, height / rows.length];
+  const left = 58, bottom = height - 40, top = 10, right = width - 14;
+  const x = (mm) => left + (right - left) * (mm - across.travel[0]) / (across.travel[1] - across.travel[0]);
+  const y = (mm) => bottom - (bottom - top) * (mm - up.travel[0]) / (up.travel[1] - up.travel[0]);
+  const [wide, tall] = [(right - left) / rows[0].length, (bottom - top) / rows.length];
   rows.forEach((row, j) => row.forEach((value, i) => {
     context.fillStyle = shade(Math.min(1, value / largest));
-    context.fillRect(i * wide, height - (j + 1) * tall, wide + 1, tall + 1);
+    context.fillRect(left + i * wide, bottom - (j + 1) * tall, wide + 1, tall + 1);
   }));
+  context.strokeStyle = line;
+  context.lineWidth = 1;
+  context.strokeRect(left, top, right - left, bottom - top);
+  context.fillStyle = soft;
+  context.textBaseline = "alphabetic";
+  context.textAlign = "center";
+  const number = (mm) => String(mm).replace("-", "−");
+  for (const mm of ticks(across.travel, (right - left) / 90)) {
+    context.fillRect(x(mm) - 0.5, bottom, 1, 5);
+    context.fillText(number(mm), Math.min(x(mm), width - 18), bottom + 18);
+  }
+  context.fillText(`${across.name}, mm`, (left + right) / 2, height - 4);
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  for (const mm of ticks(up.travel, (bottom - top) / 50)) {
+    context.fillRect(left - 5, y(mm) - 0.5, 5, 1);
+    context.fillText(number(mm), left - 8, Math.max(y(mm), 8));
+  }
+  context.save();
+  context.translate(11, (top + bottom) / 2);
+  context.rotate(-Math.PI / 2);
+  context.textAlign = "center";
+  context.fillText(`${up.name}, mm`, 0, 0);
+  context.restore();
   if (here) {
-    const [x, y] = [here[0] * width, height - here[1] * height];
+    const [cx, cy] = [x(here[0]), y(here[1])];
     context.strokeStyle = "#fff";
     context.lineWidth = 6;
-    cross(context, x, y);
+    cross(context, cx, cy);
     context.strokeStyle = ink;
     context.lineWidth = 3;
-    cross(context, x, y);
+    cross(context, cx, cy);
   }
   return largest;
 }

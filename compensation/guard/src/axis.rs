@@ -8,16 +8,16 @@ const HYSTERESIS_STEPS: f64 = 0.6;
 /// The correction of one axis, mm or rad: state of the guard.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Follower {
-    /// Before the quantiser.
+    /// The correction before the quantiser, mm or rad.
     smooth: f64,
-    /// Its change in a second.
+    /// The change of `smooth` in a second.
     rate: f64,
-    /// After the quantiser: what is written.
+    /// The correction after the quantiser, which is written.
     output: f64,
 }
 
 impl Follower {
-    /// Stands at what a controller has applied.
+    /// A follower that stands at what a controller has applied.
     pub fn at(applied: f64) -> Self {
         Self {
             smooth: applied,
@@ -26,17 +26,17 @@ impl Follower {
         }
     }
 
-    /// What is written.
+    /// The correction that is written: a multiple of the step.
     pub fn output(&self) -> f64 {
         self.output
     }
 
-    /// Before the quantiser.
+    /// The correction before the quantiser.
     pub fn smooth(&self) -> f64 {
         self.smooth
     }
 
-    /// Stays where it is: nothing is written.
+    /// Stays where it is, since nothing is written.
     pub fn stop(&mut self) {
         self.rate = 0.0;
     }

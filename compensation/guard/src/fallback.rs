@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-/// Paths at the most.
+/// The largest number of paths to one machine.
 pub const MAX_PATHS: usize = 4;
 
 /// What a cycle knows of one path, in the order of preference.
@@ -17,12 +17,12 @@ pub struct PathHealth {
     pub held_is_known: bool,
 }
 
-/// The answer.
+/// Which path corrects, and why not another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// The path that corrects.
+    /// The place of the path that corrects.
     pub active: usize,
-    /// Another one than before.
+    /// Whether it is another one than in the cycle before.
     pub switched: bool,
     /// The next one may not take over, since nobody knows what another channel holds.
     pub blocked: bool,
@@ -46,7 +46,7 @@ impl Selector {
         }
     }
 
-    /// The active path.
+    /// The place of the path that corrects.
     pub fn active(&self) -> usize {
         self.active
     }

@@ -13,7 +13,7 @@ use crate::{
     written::Written,
 };
 
-/// Adopted read-backs in a row, without a write that stuck between, that make a fault.
+/// So many adopted read-backs in a row, without a write between that was there afterwards, make a fault.
 const MOST_ADOPTED: u32 = 3;
 /// A cycle counts as so many periods at the most.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
@@ -35,31 +35,31 @@ pub struct Reading {
     pub emergency_stop: bool,
 }
 
-/// What a cycle knows.
+/// What a guard is told in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
-    /// Monotonic time.
+    /// When the cycle began, on a monotonic clock.
     pub now: Duration,
     /// What the controller said; `None`: it did not.
     pub reading: Option<Reading>,
     /// The correction that the model wants, mm and rad; `None`: it has none.
     pub target: Option<PerChannel<f64>>,
-    /// What somebody asked for since the last cycle.
+    /// What a person or program asked for since the last cycle.
     pub request: Option<Request>,
-    /// Why arming is forbidden, if it is.
+    /// Why arming is forbidden; empty where it is allowed.
     pub forbids: Reasons,
 }
 
-/// What comes of a cycle.
+/// What a guard decides in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
     pub correction: PerChannel<f64>,
     /// Whether it is to be written, and the heartbeat with it.
     pub write: bool,
-    /// The state.
+    /// The state after this cycle.
     pub state: State,
-    /// Why.
+    /// Why the state is what it is.
     pub reasons: Reasons,
     /// Cycles so far in which slew or acceleration held the output back.
     pub held_back: u64,
@@ -89,7 +89,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard, disarmed.
+    /// A guard that is disarmed, its output zero.
     ///
     /// # Errors
     /// Limits that make no sense.
@@ -142,12 +142,12 @@ impl Guard {
         self.lost_writes = (self.lost_writes + 1).min(MOST_READ_BACK_CYCLES);
     }
 
-    /// The limits.
+    /// The limits that hold now.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// The state.
+    /// The state after the last cycle.
     pub fn state(&self) -> State {
         self.state
     }
@@ -157,7 +157,7 @@ impl Guard {
         self.axes.map(|axis| axis.output())
     }
 
-    /// One cycle.
+    /// Decides one cycle: the correction to write, and the state.
     pub fn cycle(&mut self, inputs: &Inputs) -> Output {
         let dt = self.elapsed(inputs.now);
         let reading = inputs.reading.filter(|reading| self.is_finite(reading));

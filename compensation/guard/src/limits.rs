@@ -7,7 +7,7 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 /// What is allowed to one axis: lengths in mm, angles of rotary axes in rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
-    /// The largest correction.
+    /// The largest correction, in either direction.
     pub limit: f64,
     /// Corrections above are reported.
     pub warn: f64,
@@ -95,13 +95,13 @@ impl core::fmt::Display for Quantity {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: found {found}, expected {expected}")]
 pub struct LimitsError {
-    /// Which number.
+    /// Which number is wrong.
     pub what: Quantity,
     /// The place of the axis, where the number is that of an axis.
     pub axis: Option<usize>,
     /// What was found, in the unit of [`Quantity`].
     pub found: f64,
-    /// What was expected.
+    /// What was expected, in words.
     pub expected: &'static str,
 }
 
@@ -177,7 +177,7 @@ impl AxisLimits {
 }
 
 impl Limits {
-    /// Checks every number.
+    /// Checks every number of the limits.
     ///
     /// # Errors
     /// The first number that is wrong.

@@ -1,4 +1,4 @@
-//! Why a state is what it is, as a set.
+//! Why the state of a guard is what it is, as a set.
 
 use core::ops::{BitOr, BitOrAssign};
 
@@ -39,7 +39,7 @@ reasons! {
     NOT_A_NUMBER = 9, "not a number";
     /// What the controller has applied is not what was written: ramping from there.
     READ_BACK = 10, "controller's correction changed";
-    /// What is written does not stick.
+    /// What is written is not there afterwards, several times in a row.
     DOES_NOT_STICK = 11, "correction does not stick";
     /// Positions do not contain the correction as configured.
     CONTRADICTION = 12, "positions contradict includes_correction";
@@ -49,7 +49,7 @@ reasons! {
     NOT_PROVEN = 14, "test shift is off";
     /// A correction is applied while disarmed.
     CORRECTION_LEFT = 15, "a correction is applied";
-    /// A temperature is left out.
+    /// A temperature that the model uses is missing.
     DEGRADED = 16, "degraded";
     /// A position is outside the range that was measured.
     OUTSIDE_RANGE = 17, "outside the measured range";
@@ -67,7 +67,7 @@ reasons! {
     OVERRUNS = 23, "cycle overruns";
     /// Another controller path stands in.
     FALLBACK = 24, "fallback controller";
-    /// What another channel holds is not known.
+    /// No other path may take over, since nobody knows what the silent one still applies.
     OTHER_CHANNEL_UNKNOWN = 25, "other channel unknown";
     /// Whether a second gateway is there cannot be seen.
     CANNOT_SEE_OTHERS = 26, "cannot see other gateways";
@@ -78,10 +78,10 @@ reasons! {
 }
 
 impl Reasons {
-    /// No reason.
+    /// The set without any reason.
     pub const NONE: Self = Self(0);
 
-    /// Those that say something and stand against nothing.
+    /// The reasons that only inform: none of them forbids arming.
     pub const DOES_NOT_FORBID: Self = Self(
         Self::WARN.0
             | Self::LIMITED.0
@@ -97,39 +97,39 @@ impl Reasons {
             | Self::SINGULAR.0,
     );
 
-    /// Whether there is none.
+    /// Whether the set holds no reason.
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether all of `other` are among them.
+    /// Whether the set holds every reason of `other`.
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 
-    /// These where `condition`, else none.
+    /// The set where `condition` holds, else the empty set.
     #[must_use]
     pub fn when(self, condition: bool) -> Self {
         if condition { self } else { Self::NONE }
     }
 
-    /// Without `other`.
+    /// The set without the reasons of `other`.
     #[must_use]
     pub fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
 
-    /// As a number.
+    /// The set as a number, for atomics and rings.
     pub fn bits(self) -> u64 {
         self.0
     }
 
-    /// From a number of [`bits`](Self::bits).
+    /// The set of a number that [`bits`](Self::bits) gave.
     pub fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
 
-    /// Each one in words.
+    /// Each reason of the set in words.
     pub fn texts(self) -> impl Iterator<Item = &'static str> {
         Self::ALL
             .iter()

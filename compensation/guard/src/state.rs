@@ -1,20 +1,20 @@
-//! The states and the one function that leads from one to the next.
+//! The states of a guard, and the one function that leads from one to the next.
 
 use crate::Reasons;
 
-/// What a guard does now.
+/// What a guard does at present.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum State {
-    /// Nothing is written.
+    /// Nothing is written to the controller.
     #[default]
     Disarmed,
-    /// On the way to compensating.
+    /// The correction is on its way in.
     Arming(Phase),
     /// The correction follows the model.
     Compensating,
     /// The last correction is held.
     Holding(Hold),
-    /// On the way to zero.
+    /// The correction is on its way to zero.
     RampingOut(End),
     /// Something is wrong that a person must look at; the correction ramps to zero.
     Faulted(Cause),
@@ -43,16 +43,16 @@ pub enum Hold {
 /// What comes when the correction is zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// Disarmed.
+    /// The guard is disarmed.
     Disarmed,
-    /// Waiting for positions.
+    /// The guard waits for positions, still armed.
     Lost,
 }
 
 /// Why a guard is faulted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// What is written does not stick.
+    /// What is written is not there afterwards.
     DoesNotStick,
     /// Positions contain the correction, and should not, or the other way round.
     Contradiction,
@@ -61,7 +61,7 @@ pub enum Cause {
 /// What a person or program asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Correct.
+    /// Begin to correct, with the test shift where it is wanted.
     Arm,
     /// Correct in place of another path, in the middle of work: without the test shift.
     TakeOver,
@@ -85,19 +85,19 @@ pub(crate) struct Facts {
     pub(crate) interlocked: bool,
     /// Positions or target are older than `hold`.
     pub(crate) stale: bool,
-    /// Older than `zero_after`.
+    /// Positions or target are older than `zero_after`.
     pub(crate) lost: bool,
     /// What the controller has applied changed by itself.
     pub(crate) changed: bool,
-    /// Arming is forbidden.
+    /// Whether something forbids arming.
     pub(crate) forbidden: bool,
-    /// The ramp is through.
+    /// The ramp has reached its end.
     pub(crate) ramped: bool,
     /// The output is zero on every axis.
     pub(crate) zero: bool,
     /// The proof at arming is wanted.
     pub(crate) proves: bool,
-    /// How it went.
+    /// How the proof at arming went; `None`: not finished.
     pub(crate) proven: Option<bool>,
     /// Several writes in a row did not stick.
     pub(crate) does_not_stick: bool,
@@ -106,7 +106,7 @@ pub(crate) struct Facts {
 }
 
 impl State {
-    /// Its name.
+    /// The name as it stands in JSON and on the dashboard.
     pub fn name(self) -> &'static str {
         match self {
             Self::Disarmed => "disarmed",
@@ -136,7 +136,7 @@ impl State {
         }
     }
 
-    /// The next state.
+    /// The state that follows from the facts of a cycle.
     pub(crate) fn next(self, facts: &Facts) -> Self {
         let ramping_in = Self::Arming(Phase::Ramping);
         if self.is_armed() {

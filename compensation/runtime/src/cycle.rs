@@ -10,11 +10,11 @@ use volcomp_guard::{
 };
 use volcomp_kinematics::State;
 use volcomp_port::Description;
-use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
+use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
 use crate::{
-    asked::Asked, error::PlanError, model::Model, path::ControlPath, report::Report,
-    sensors::Sensors,
+    asked::Asked, error::PlanError, model::Model, path::ControlPath, place::Place,
+    replacement::Replacement, report::Report, sensors::Sensors,
 };
 
 /// Travel after which a direction counts as turned: of linear axes 5 µm.
@@ -25,7 +25,7 @@ const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
 /// How long the parts of a cycle took.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spent {
-    /// Exchanges with controllers.
+    /// The exchanges with controllers.
     pub exchange: Duration,
     /// The rest, by the CPU clock of the thread.
     pub own: Duration,
@@ -33,16 +33,13 @@ pub struct Spent {
 
 /// Everything that a cycle works on.
 pub struct Cycle {
-    model: Box<Model>,
+    model: Replacement,
     paths: Vec<ControlPath>,
     selector: Selector,
     /// The active path was switched and is to be armed.
     taking_over: bool,
     directions: PerAxis<DirectionMemory>,
     sensors: Sensors,
-    /// For each sensor of the model its place among the temperatures.
-    sensor_of_model: Vec<Option<usize>>,
-    model_degc: Vec<Option<f64>>,
     degraded: bool,
     /// Where the machine was commanded in this cycle; `None` while a position is not known.
     commanded: Option<State>,
@@ -50,14 +47,6 @@ pub struct Cycle {
     start: Instant,
     period: Duration,
     report: Report,
-}
-
-/// Positions of the machine, mm and rad; which are known, as bits; when the oldest held.
-#[derive(Default)]
-struct Place {
-    positions: PerAxis<f64>,
-    known: u16,
-    oldest: Option<Duration>,
 }
 
 impl Cycle {
@@ -77,11 +66,8 @@ impl Cycle {
             return Err(PlanError::Paths { found: paths.len() });
         }
         number_channels(&mut paths);
-        let (sensor_of_model, model_degc) = sensor_places(&model, &sensors.names());
         Ok(Self {
-            sensor_of_model,
-            model_degc,
-            model,
+            model: Replacement::new(model, &sensors.names()),
             paths,
             selector: Selector::new(hand_back),
             taking_over: false,
@@ -132,9 +118,7 @@ impl Cycle {
 
     /// Takes another model from the next cycle on; `replacement` holds the old one afterwards, to be freed elsewhere.
     pub fn swap_model(&mut self, replacement: &mut Replacement) {
-        std::mem::swap(&mut self.model, &mut replacement.model);
-        std::mem::swap(&mut self.sensor_of_model, &mut replacement.sensor_of_model);
-        std::mem::swap(&mut self.model_degc, &mut replacement.model_degc);
+        std::mem::swap(&mut self.model, replacement);
     }
 
     /// Takes other limits for the path at `index`; limits that its guard refuses leave the old ones.
@@ -210,49 +194,18 @@ impl Cycle {
     fn thermal(&mut self, since_start: Duration, dt: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        for (degc, place) in self.model_degc.iter_mut().zip(&self.sensor_of_model) {
-            *degc = place
-                .and_then(|place| self.report.sensors.get(place))
-                .and_then(|sensor| sensor.degc);
-        }
-        self.degraded = self.model.step(dt.as_secs_f64(), &self.model_degc);
-    }
-
-    /// Positions of every machine axis as the path at `index` may use them: its own, else those of another path
-    /// that are fresh, else what is stated as fixed.
-    fn place_for(&self, index: usize, now: Duration) -> Place {
-        let path = &self.paths[index];
-        let mut place = Place::default();
-        let axes = place.positions.iter_mut().zip(path.fixed).enumerate();
-        for (axis, (position, fixed)) in axes.take(self.model.axes.len()) {
-            let fresh = || self.paths.iter().filter(|other| other.is_fresh(now));
-            let others = || fresh().find_map(|other| other.position_of(axis));
-            if let Some((seen, taken)) = path.position_of(axis).or_else(others) {
-                *position = seen;
-                place.oldest = Some(place.oldest.map_or(taken, |oldest| oldest.min(taken)));
-            } else if let Some(fixed) = fixed {
-                *position = fixed;
-            } else {
-                continue;
-            }
-            place.known |= 1 << axis;
-        }
-        place
-    }
-
-    fn is_complete(&self, place: &Place) -> bool {
-        place.known == u16::MAX >> (16 - self.model.axes.len().min(MAX_AXES))
+        self.degraded = self.model.warm(dt, &self.report.sensors);
     }
 
     /// Whether a path could correct now.
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
-        let place = self.place_for(index, now);
+        let place = Place::seen_by(&self.paths, index, self.model.axes.len(), now);
         let young = |oldest| now.saturating_sub(oldest) <= path.guard.limits().hold;
         // A stop or an alarm of the active path is held, not fled from.
         let stays = index == self.selector.active();
         PathHealth {
-            usable: self.is_complete(&place)
+            usable: place.is_complete(self.model.axes.len())
                 && place.oldest.is_some_and(young)
                 && (stays || path.is_free()),
             channel: path.channel,
@@ -284,7 +237,7 @@ impl Cycle {
         }
         self.approach(&mut state, place.known);
         (self.report.positions, self.report.known) = (place.positions, place.known);
-        self.commanded = self.is_complete(place).then_some(state);
+        self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
         if self.commanded.is_none() {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
             return (PerAxis::ZERO, unknown);
@@ -300,7 +253,7 @@ impl Cycle {
         let before = self.selector.active();
         let mut notes = self.select(now);
         let active = self.selector.active();
-        let place = self.place_for(active, now);
+        let place = Place::seen_by(&self.paths, active, self.model.axes.len(), now);
         let (wanted, of_model) = self.wanted(&place);
         notes |= of_model | Reasons::FALLBACK.when(active != 0);
         self.report.wanted = wanted;
@@ -310,7 +263,10 @@ impl Cycle {
             // Those that do not correct let go.
             let (target, oldest) = if index == active {
                 let share = || self.share(index, &wanted);
-                (self.is_complete(&place).then(share), place.oldest)
+                (
+                    place.is_complete(self.model.axes.len()).then(share),
+                    place.oldest,
+                )
             } else {
                 (Some(PerChannel::ZERO), None)
             };
@@ -414,25 +370,6 @@ impl Cycle {
     }
 }
 
-/// A model with what belongs to it in a cycle.
-pub struct Replacement {
-    model: Box<Model>,
-    sensor_of_model: Vec<Option<usize>>,
-    model_degc: Vec<Option<f64>>,
-}
-
-impl Replacement {
-    /// A model for temperatures of these names.
-    pub fn new(model: Box<Model>, names: &[String]) -> Self {
-        let (sensor_of_model, model_degc) = sensor_places(&model, names);
-        Self {
-            model,
-            sensor_of_model,
-            model_degc,
-        }
-    }
-}
-
 /// Paths whose controllers name the same channel get the same number.
 fn number_channels(paths: &mut [ControlPath]) {
     for index in 0..paths.len() {
@@ -442,12 +379,4 @@ fn number_channels(paths: &mut [ControlPath]) {
             .position(|path| path.controller.description().channel == *name);
         paths[index].channel = u32::try_from(first.unwrap_or(index)).unwrap_or(u32::MAX);
     }
-}
-
-fn sensor_places(model: &Model, names: &[String]) -> (Vec<Option<usize>>, Vec<Option<f64>>) {
-    let wanted = model.sensors();
-    let places = wanted
-        .iter()
-        .map(|wanted| names.iter().position(|name| name == wanted));
-    (places.collect(), vec![None; wanted.len()])
 }

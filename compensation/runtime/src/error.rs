@@ -10,7 +10,7 @@ pub enum PlanError {
     /// A controller has an axis that the machine lacks.
     #[error("{device}: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchAxis {
-        /// The device.
+        /// The device as the driver names it.
         device: String,
         /// The axis of the controller.
         axis: AxisName,
@@ -22,7 +22,7 @@ pub enum PlanError {
     /// The position of an axis is stated that the machine lacks.
     #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchFixedAxis {
-        /// The device.
+        /// The device as the driver names it.
         device: String,
         /// The axis whose position is stated.
         axis: AxisName,
@@ -36,7 +36,7 @@ pub enum PlanError {
         "{device}: nothing at the control ramps the correction out when the gateway stops: name a heartbeat that the control watches, or state unwatched = true"
     )]
     Unwatched {
-        /// The device.
+        /// The device as the driver names it.
         device: String,
     },
     /// The device cannot keep up with the cycle.
@@ -44,7 +44,7 @@ pub enum PlanError {
         "{device}: cycle_ms: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
     )]
     CycleTooShort {
-        /// The device.
+        /// The device as the driver names it.
         device: String,
         /// The configured time of a cycle, ms.
         found_ms: f64,
@@ -54,15 +54,15 @@ pub enum PlanError {
     /// A rotary axis is to be corrected, and nothing is allowed to rotary axes.
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits {
-        /// The device.
+        /// The device as the driver names it.
         device: String,
-        /// The rotary axis.
+        /// The axis without limits.
         axis: AxisName,
     },
     /// A limit is not allowed.
     #[error("{}", limits_text(.device, *.axis, .source))]
     Limits {
-        /// The device.
+        /// The device as the driver names it.
         device: String,
         /// The axis, where the limit is that of an axis.
         axis: Option<AxisName>,

@@ -26,7 +26,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Compiles a machine.
+    /// Compiles a machine and its thermal terms.
     ///
     /// # Errors
     /// Curves that cannot be compiled, thermal terms of axes that are not there.

@@ -15,8 +15,9 @@ use volcomp_guard::{Limits, Reasons, Request, State};
 use crate::{
     asked::Asked,
     clock::{Deadlines, monotonic, thread_time},
-    cycle::{Cycle, Replacement},
+    cycle::Cycle,
     error::StartError,
+    replacement::Replacement,
     report::{Change, Report, Timing},
     schedule::{STACK, schedule, touch_stack},
     settings::Realtime,
@@ -110,7 +111,7 @@ impl Handle {
         self.start
     }
 
-    /// Ends the thread.
+    /// Ends the thread and waits until it has ended.
     pub fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {

@@ -95,7 +95,7 @@ pub struct Change {
     pub cycle: u64,
     /// The state from that cycle on.
     pub state: State,
-    /// Why.
+    /// Why the state is what it is.
     pub reasons: Reasons,
     /// The place of the path that corrects from that cycle on.
     pub active: usize,
@@ -108,7 +108,7 @@ pub struct Timing {
     pub wake_ns: u64,
     /// The whole cycle, exchanges included.
     pub whole_ns: u64,
-    /// Exchanges with controllers.
+    /// The exchanges with controllers.
     pub exchange_ns: u64,
     /// The cycle's own work by the CPU clock of its thread, without exchanges.
     pub own_ns: u64,

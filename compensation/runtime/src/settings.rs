@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
 /// What is allowed to the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisSettings<U> {
-    /// The largest correction.
+    /// The largest correction, in either direction.
     pub limit: U,
     /// Corrections above are reported.
     pub warn: U,
@@ -26,7 +26,7 @@ pub struct AxisSettings<U> {
 /// What is allowed to every controller of a machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuardSettings {
-    /// Of linear axes.
+    /// What is allowed to linear axes.
     pub linear: AxisSettings<Um>,
     /// Of rotary axes; `None` where no controller has one.
     pub rotary: Option<AxisSettings<Urad>>,

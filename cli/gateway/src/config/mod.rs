@@ -32,7 +32,7 @@ pub struct Config {
     pub file: String,
     /// The keys that the file states; the others have their defaults.
     pub stated: BTreeSet<String>,
-    /// The machine file.
+    /// The path of the machine file.
     pub machine: PathBuf,
     /// The time of a cycle.
     pub cycle: Duration,
@@ -42,9 +42,9 @@ pub struct Config {
     pub guard: Option<GuardSettings>,
     /// The controllers in the order of preference; none: the built-in simulation.
     pub controllers: Vec<ControllerConfig>,
-    /// The thermometers.
+    /// The thermometers, in order.
     pub thermometers: Vec<ThermometerConfig>,
-    /// The dashboard.
+    /// The dashboard and its protection.
     pub dashboard: DashboardConfig,
     /// The folder of the audit log.
     pub audit_dir: PathBuf,
@@ -55,7 +55,7 @@ pub struct Config {
 /// One table `[[controller]]`: a path to the machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerConfig {
-    /// Its device URL.
+    /// The URL of the device.
     pub url: String,
     /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
     pub channel: Option<String>,
@@ -117,16 +117,16 @@ impl Default for DigitalConfig {
     }
 }
 
-/// One table `[[thermometer]]`.
+/// One table `[[thermometer]]`: a device with temperatures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermometerConfig {
-    /// Its device URL.
+    /// The URL of the device.
     pub url: String,
     /// The names of its sensors, in the order of its channels.
     pub names: Vec<String>,
 }
 
-/// The table `[dashboard]`.
+/// The table `[dashboard]`: where it listens, and who may use it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DashboardConfig {
     /// The address and port on which it listens.

@@ -13,7 +13,7 @@ pub struct Confirmation {
     pub confirm: Option<String>,
 }
 
-/// One answer.
+/// The answer to one request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Answer {
@@ -46,7 +46,7 @@ pub struct Question {
 /// The state after a request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Settled {
-    /// The state.
+    /// The state after the request.
     pub state: StateName,
     /// Why it is what it is.
     pub reasons: Vec<String>,
@@ -55,7 +55,7 @@ pub struct Settled {
 /// The model after a reload.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Reloaded {
-    /// Its hash.
+    /// The hash of the model that corrects now.
     pub model: String,
 }
 

@@ -18,7 +18,7 @@ pub struct ErrorMap {
 /// One axis of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MapAxis {
-    /// Its letter.
+    /// The letter of the axis.
     #[schemars(with = "String")]
     pub name: AxisName,
     /// The ends of its travel, mm.

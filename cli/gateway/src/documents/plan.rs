@@ -23,7 +23,7 @@ pub enum Source {
 /// A value and where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stated<T> {
-    /// The value.
+    /// The value in the unit of its key.
     pub value: T,
     /// Where it comes from.
     pub source: Source,
@@ -34,7 +34,7 @@ pub struct Stated<T> {
 pub struct PlanDocument {
     /// What a person should know before the first start, in words: nothing here forbids the start.
     pub notes: Vec<String>,
-    /// The machine.
+    /// The machine that is corrected.
     pub machine: MachinePlan,
     /// The time of a cycle, ms.
     pub cycle_ms: Stated<f64>,
@@ -44,26 +44,26 @@ pub struct PlanDocument {
     pub guard: Option<GuardPlan>,
     /// The controllers in the order of preference.
     pub controllers: Vec<ControllerPlan>,
-    /// The thermometers.
+    /// The thermometers in the order of the configuration.
     pub thermometers: Vec<ThermometerPlan>,
     /// The sensors that thermal terms of the machine name.
     pub sensors: Vec<SensorPlan>,
-    /// The dashboard.
+    /// The dashboard and who may use it.
     pub dashboard: DashboardPlan,
-    /// The audit log.
+    /// Where the audit log is kept.
     pub audit: AuditPlan,
 }
 
 /// The machine of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MachinePlan {
-    /// The machine file.
+    /// The path of the machine file.
     pub file: String,
-    /// Its name.
+    /// The name as the file states it.
     pub name: String,
     /// The checksum of its content.
     pub hash: String,
-    /// Its structure code.
+    /// The structure code of the machine.
     pub structure: String,
     /// The letters of its axes in the order X Y Z A B C U V W.
     #[schemars(with = "Vec<String>")]
@@ -94,7 +94,7 @@ pub struct GuardPlan {
 /// One controller of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerPlan {
-    /// Its device URL.
+    /// The URL of the device.
     pub url: String,
     /// The name of the channel by which its corrections reach the axes.
     pub channel: Stated<String>,
@@ -114,14 +114,14 @@ pub struct ControllerPlan {
 /// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AxisPlan {
-    /// Its letter.
+    /// The letter of the axis.
     #[schemars(with = "String")]
     pub name: AxisName,
-    /// `linear` or `rotary`.
+    /// The kind of the axis: `linear` or `rotary`.
     pub kind: String,
     /// The unit of the numbers below: `µm` or `µrad`.
     pub unit: String,
-    /// The largest correction.
+    /// The largest correction, in either direction.
     pub limit: Stated<f64>,
     /// Corrections above are reported.
     pub warn: Stated<f64>,
@@ -152,7 +152,7 @@ impl AxisPlan {
 /// One thermometer of a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ThermometerPlan {
-    /// Its device URL.
+    /// The URL of the device.
     pub url: String,
     /// The names of its sensors.
     pub sensors: Vec<String>,
@@ -161,7 +161,7 @@ pub struct ThermometerPlan {
 /// A sensor that thermal terms name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SensorPlan {
-    /// Its name.
+    /// The name as the file states it.
     pub name: String,
     /// The thermal terms that it feeds, such as `expansion EXX`.
     pub feeds: Vec<String>,
@@ -172,7 +172,7 @@ pub struct SensorPlan {
 /// The dashboard of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DashboardPlan {
-    /// Where it listens.
+    /// The address and port on which it listens.
     pub listen: Stated<String>,
     /// Whether it speaks TLS.
     pub tls: bool,
@@ -185,23 +185,23 @@ pub struct DashboardPlan {
 /// A token of a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct TokenPlan {
-    /// Whose it is.
+    /// The name of its holder.
     pub name: String,
-    /// `view` or `operate`.
+    /// What it allows: `view` or `operate`.
     pub role: String,
 }
 
 /// The audit log of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditPlan {
-    /// Its folder.
+    /// The folder of the log.
     pub dir: Stated<String>,
 }
 
 /// What went wrong, on standard error where `--json` was given.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct CheckFailure {
-    /// The message.
+    /// What is wrong, in words.
     pub error: String,
     /// The exit status: 1 the work failed, 2 the configuration or the call is wrong.
     pub status: u8,

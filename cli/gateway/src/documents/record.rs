@@ -20,7 +20,7 @@ pub struct Record {
     pub time: String,
     /// Who asked for it: the name of a token, `signal`, `auto_arm`, or `gateway` for what happened by itself.
     pub who: String,
-    /// What happened.
+    /// What happened, in a few words.
     pub what: String,
     /// What else belongs to it.
     pub details: Details,
@@ -41,11 +41,11 @@ pub struct Details {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Event {
-    /// The gateway started.
+    /// The start of the gateway.
     Start(Start),
     /// The state of the guard changed.
     StateChange(StateChange),
-    /// The gateway stopped.
+    /// The end of the gateway.
     Stop(Stop),
     /// The configuration was read again.
     Reload {
@@ -61,7 +61,7 @@ pub enum Event {
     },
     /// Why something was refused.
     Refused(String),
-    /// Nothing more.
+    /// Nothing more to be said.
     Nothing,
 }
 

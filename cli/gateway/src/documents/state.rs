@@ -157,7 +157,7 @@ pub struct MachineState {
 /// The controller that corrects.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerState {
-    /// Its device URL.
+    /// The URL of the device.
     pub device: String,
     /// The name of the channel by which its corrections reach the axes.
     pub channel: String,
@@ -165,7 +165,7 @@ pub struct ControllerState {
     pub number: usize,
 }
 
-/// One temperature.
+/// One temperature as it is used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SensorState {
     /// The name of the sensor.
@@ -181,7 +181,7 @@ pub struct SensorState {
 /// How long cycles took, whole cycles and their parts, over the last some thousand cycles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CycleTimes {
-    /// Cycles so far.
+    /// The number of cycles so far.
     pub count: u64,
     /// The configured time of a cycle, µs.
     pub period_us: f64,
@@ -197,7 +197,7 @@ pub struct CycleTimes {
     pub own: StretchTimes,
     /// From the deadline to the first instruction of a cycle.
     pub wake: StretchTimes,
-    /// Exchanges with controllers.
+    /// The exchanges with controllers in a cycle.
     pub exchange: StretchTimes,
     /// How many cycles took how long: upper edge (µs) and count of each bin, edges doubling.
     pub histogram_us: Vec<(f64, u64)>,
@@ -210,7 +210,7 @@ pub struct StretchTimes {
     pub p50_us: f64,
     /// 99 % of the cycles took no longer than this, µs.
     pub p99_us: f64,
-    /// The longest, µs.
+    /// The longest of all, µs.
     pub max_us: f64,
 }
 

@@ -71,7 +71,7 @@ const PAGES: [(&str, &str, &str); 5] = [
     ),
 ];
 
-/// All routes.
+/// The routes of pages, reading and operating.
 pub(super) fn router(dashboard: Shared) -> Router {
     let read = Router::new()
         .route("/api/state", get(state))

@@ -14,7 +14,7 @@ pub(super) const MAX_STREAMS: usize = 16;
 
 /// What the routes share.
 pub struct Dashboard {
-    /// What is shown.
+    /// What the service publishes.
     pub published: Published,
     /// The number of configured controllers.
     pub controllers: usize,

@@ -24,7 +24,7 @@ const ADDRESSES: usize = 1024;
 /// What a token allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// Reading.
+    /// Reading state, history, map and metrics.
     View,
     /// Reading, arming, disarming, acknowledging and reloading.
     Operate,
@@ -154,7 +154,7 @@ impl Tokens {
     /// Lets a request in: whoever holds the token, if it allows `needed`. All tokens are compared, in the same time.
     ///
     /// # Errors
-    /// Why not.
+    /// Why the request is not let in.
     pub fn check(&self, from: IpAddr, token: Option<&str>, needed: Role) -> Result<Holder, Denied> {
         if self.holders.is_empty() {
             return Err(Denied::NoneConfigured);

@@ -24,9 +24,9 @@ mod text;
 
 /// A configuration with everything that it names, checked. No device has been opened.
 pub struct Plan {
-    /// The configuration.
+    /// The configuration that it follows from.
     pub config: Config,
-    /// The machine.
+    /// The machine with its thermal terms.
     pub model: Model,
     /// The tokens of the dashboard.
     pub tokens: Tokens,
@@ -52,9 +52,9 @@ enum Devices {
 
 /// A plan whose devices are open.
 pub struct Opened {
-    /// The configuration.
+    /// The configuration that it follows from.
     pub config: Config,
-    /// The cycle.
+    /// The cycle, before its first run.
     pub cycle: Cycle,
     /// A copy of the model that the cycle has.
     pub model: Arc<Model>,
@@ -104,7 +104,7 @@ impl Plan {
         }
         Ok(Self {
             structure: machine.chain().structure().to_string(),
-            thermal: machine.thermal.clone(),
+            thermal: machine.thermal().clone(),
             config,
             model,
             tokens,

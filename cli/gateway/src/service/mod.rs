@@ -32,11 +32,11 @@ const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 
 /// What a service is made of.
 pub struct Parts {
-    /// The control thread.
+    /// The control thread, running.
     pub handle: Handle,
     /// How the gateway was called.
     pub options: Options,
-    /// The configuration.
+    /// The configuration that holds now.
     pub config: Config,
     /// The controllers, in order.
     pub controllers: Vec<Description>,
@@ -46,7 +46,7 @@ pub struct Parts {
     pub model: Arc<Model>,
     /// What a simulated machine really misses.
     pub truth: Option<Truth>,
-    /// The audit log.
+    /// The audit log, open.
     pub audit: AuditLog,
     /// What forbids arming from the start.
     pub forbids: Reasons,
@@ -75,7 +75,7 @@ struct Watchdog {
 }
 
 impl Service {
-    /// Puts it together.
+    /// Puts a service together around a control thread.
     pub fn new(parts: Parts, publisher: Publisher, asked: Receiver<Asked>) -> Self {
         let now = Instant::now();
         let mut service = Self {

@@ -37,10 +37,7 @@ struct Wrong {
     says: &'static str,
 }
 
-const fn wrong(
-    changes: &'static [(&'static str, &'static str)],
-    says: &'static str,
-) -> Wrong {
+const fn wrong(changes: &'static [(&'static str, &'static str)], says: &'static str) -> Wrong {
     Wrong {
         changes,
         machine: MACHINE,
@@ -54,38 +51,63 @@ const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]
 const CASES: &[Wrong] = &[
     // Limits of rotary axes.
     Wrong {
-        changes: &[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\", \"Z\", \"B\", \"C\"]")],
+        changes: &[(
+            "[\"X\", \"Y\", \"Z\"]",
+            "[\"X\", \"Y\", \"Z\", \"B\", \"C\"]",
+        )],
         machine: FIVE,
         says: "limit_urad",
     },
     // Heartbeats: of FOCAS, of digital lines, of a CAN table without a counter.
-    wrong(&[("heartbeat = { pmc = \"R\", at = 120 }", "")], "unwatched = true"),
     wrong(
-        &[(FOCAS, "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6")],
+        &[("heartbeat = { pmc = \"R\", at = 120 }", "")],
         "unwatched = true",
     ),
     wrong(
-        &[(FOCAS, "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }")],
+        &[(
+            FOCAS,
+            "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
+        )],
+        "unwatched = true",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }",
+        )],
         "unwatched = true",
     ),
     // Cycles that are shorter than the device's shortest.
-    wrong(&[("cycle_ms = 4.0", "cycle_ms = 0.5")], "cycle_ms: found 0.5 ms"),
     wrong(
-        &[
-            (FOCAS, "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6"),
-        ],
+        &[("cycle_ms = 4.0", "cycle_ms = 0.5")],
+        "cycle_ms: found 0.5 ms",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
+        )],
         "cycle_ms: found 4 ms",
     ),
     // Axes.
     wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"W\"]")], "axis W"),
-    wrong(&[("heartbeat", "fixed = { C = 0.0 }\nheartbeat")], "fixed: axis C"),
     wrong(
-        &[(FOCAS, "url = \"can://can9?dbc=deg.dbc\"\naxes = [\"X\"]\nunwatched = true")],
+        &[("heartbeat", "fixed = { C = 0.0 }\nheartbeat")],
+        "fixed: axis C",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=deg.dbc\"\naxes = [\"X\"]\nunwatched = true",
+        )],
         "X",
     ),
     wrong(&[(FOCAS, "url = \"can://can9\"\naxes = [\"V\"]")], "V_POS"),
     wrong(
-        &[(FOCAS, "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\", \"Y\"]\nunwatched = true")],
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\", \"Y\"]\nunwatched = true",
+        )],
         "found 2 axes",
     ),
     // Limits against the step of the device, and against one another.
@@ -98,40 +120,127 @@ const CASES: &[Wrong] = &[
         "limit_um of axis X: found 150 µm",
     ),
     // Devices: keys of the URL, profiles, files, lines.
-    wrong(&[("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99")], "path"),
-    wrong(&[("focas://127.0.0.1:1", "tcp://127.0.0.1:1")], "tcp"),
-    wrong(&[(FOCAS, "url = \"can://can9?dbc=missing.dbc\"\naxes = [\"X\"]")], "missing.dbc"),
-    wrong(&[(FOCAS, "url = \"gpio://?position=a:0-14\"\naxes = [\"X\"]\nunwatched = true")], "correction is missing"),
     wrong(
-        &[(FOCAS, "url = \"gpio://?position=a:0-3&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true")],
+        &[("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99")],
+        "path",
+    ),
+    wrong(&[("focas://127.0.0.1:1", "tcp://127.0.0.1:1")], "tcp"),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=missing.dbc\"\naxes = [\"X\"]",
+        )],
+        "missing.dbc",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-14\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "correction is missing",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-3&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
+        )],
         "gpio a and b",
     ),
-    wrong(&[(FOCAS, "url = \"modbus://127.0.0.1:1?profile=PTA8C04\"\naxes = [\"X\"]\nunwatched = true")], "no digital lines"),
     wrong(
-        &[("[[thermometer]]", "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]")],
+        &[(
+            FOCAS,
+            "url = \"modbus://127.0.0.1:1?profile=PTA8C04\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "no digital lines",
+    ),
+    wrong(
+        &[(
+            "[[thermometer]]",
+            "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
+        )],
         "stands in two [[controller]]",
     ),
     // Thermometers.
-    wrong(&[("modbus://127.0.0.1:1?unit=1&profile=PTA8C04", "focas://127.0.0.1:1")], "no temperatures"),
+    wrong(
+        &[(
+            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+            "focas://127.0.0.1:1",
+        )],
+        "no temperatures",
+    ),
     wrong(&[("&profile=PTA8C04", "&profile=NONE")], "NONE"),
     wrong(&[("&profile=PTA8C04", "")], "no profile is named"),
-    wrong(&[("profile=PTA8C04", "profile=WAGO-750-461"), ("\"column\"]", "\"column\", \"x\", \"y\"]")], "4 names for the 2 channels"),
-    wrong(&[("[\"bed\", \"column\"]", "[\"bed\", \"bed\"]")], "stands twice"),
-    wrong(&[("modbus://127.0.0.1:1?unit=1&profile=PTA8C04", "can://can9?dbc=bare.dbc")], "_TEMP"),
-    wrong(&[("modbus://127.0.0.1:1?unit=1&profile=PTA8C04", "can://can9"), ("\"column\"]", "\"nowhere\"]")], "nowhere"),
-    // The dashboard: TLS, tokens.
-    wrong(&[("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"")], "tls-init"),
     wrong(
-        &[("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"\ntls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\""), ("token_file = \"tokens\"", "")],
+        &[
+            ("profile=PTA8C04", "profile=WAGO-750-461"),
+            ("\"column\"]", "\"column\", \"x\", \"y\"]"),
+        ],
+        "4 names for the 2 channels",
+    ),
+    wrong(
+        &[("[\"bed\", \"column\"]", "[\"bed\", \"bed\"]")],
+        "stands twice",
+    ),
+    wrong(
+        &[(
+            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+            "can://can9?dbc=bare.dbc",
+        )],
+        "_TEMP",
+    ),
+    wrong(
+        &[
+            ("modbus://127.0.0.1:1?unit=1&profile=PTA8C04", "can://can9"),
+            ("\"column\"]", "\"nowhere\"]"),
+        ],
+        "nowhere",
+    ),
+    // The dashboard: TLS, tokens.
+    wrong(
+        &[("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"")],
+        "tls-init",
+    ),
+    wrong(
+        &[
+            (
+                "listen = \"127.0.0.1:0\"",
+                "listen = \"0.0.0.0:0\"\ntls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"",
+            ),
+            ("token_file = \"tokens\"", ""),
+        ],
         "reading needs a token",
     ),
-    wrong(&[("token_file", "tls_certificate = \"none.pem\"\ntls_key = \"none.pem\"\ntoken_file")], "none.pem"),
-    wrong(&[("token_file", "tls_certificate = \"tokens\"\ntls_key = \"key.pem\"\ntoken_file")], "tokens"),
-    wrong(&[("token_file = \"tokens\"", "token_file = \"nobody\"")], "nobody"),
-    wrong(&[("token_file = \"tokens\"", "token_file = \"open\"")], "mode 644"),
-    wrong(&[("token_file = \"tokens\"", "token_file = \"short\"")], "128 bits"),
+    wrong(
+        &[(
+            "token_file",
+            "tls_certificate = \"none.pem\"\ntls_key = \"none.pem\"\ntoken_file",
+        )],
+        "none.pem",
+    ),
+    wrong(
+        &[(
+            "token_file",
+            "tls_certificate = \"tokens\"\ntls_key = \"key.pem\"\ntoken_file",
+        )],
+        "tokens",
+    ),
+    wrong(
+        &[("token_file = \"tokens\"", "token_file = \"nobody\"")],
+        "nobody",
+    ),
+    wrong(
+        &[("token_file = \"tokens\"", "token_file = \"open\"")],
+        "mode 644",
+    ),
+    wrong(
+        &[("token_file = \"tokens\"", "token_file = \"short\"")],
+        "128 bits",
+    ),
     // The audit log.
-    wrong(&[("[dashboard]", "[audit]\ndir = \"tokens\"\n[dashboard]")], "is no folder"),
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"tokens\"\n[dashboard]")],
+        "is no folder",
+    ),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),
     Wrong {
@@ -153,7 +262,11 @@ fn folder() -> tempfile::TempDir {
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(mode)).expect("ours");
     };
     token_file(dir.path());
-    write("open", "anna operate 0123456789abcdef0123456789abcdef\n", 0o644);
+    write(
+        "open",
+        "anna operate 0123456789abcdef0123456789abcdef\n",
+        0o644,
+    );
     write("short", "anna operate 0123\n", 0o600);
     write("bare.dbc", BARE, 0o644);
     write("deg.dbc", &BARE.replace("\"um\"", "\"deg\""), 0o644);
@@ -175,18 +288,30 @@ fn check_and_the_daemon_refuse_alike() {
     let config = dir.path().join("G.toml");
     for case in CASES {
         std::fs::write(dir.path().join("machine.toml"), case.machine).expect("writable");
-        let text = case.changes.iter().fold(RIGHT.to_owned(), |text, (from, to)| {
-            assert!(text.contains(from), "{from}");
-            text.replace(from, to)
-        });
+        let text = case
+            .changes
+            .iter()
+            .fold(RIGHT.to_owned(), |text, (from, to)| {
+                assert!(text.contains(from), "{from}");
+                text.replace(from, to)
+            });
         // Files of URLs are relative to where a program was started.
         std::fs::write(&config, &text).expect("writable");
         let check = call(dir.path(), &["check", path(&config)]);
         let daemon = call(dir.path(), &["--config", path(&config)]);
-        let [said, refused] = [&check, &daemon].map(|o| String::from_utf8_lossy(&o.stderr).into_owned());
+        let [said, refused] =
+            [&check, &daemon].map(|o| String::from_utf8_lossy(&o.stderr).into_owned());
         assert_eq!(said, refused, "{text}");
-        assert!(said.contains(case.says), "{said} for {} in {text}", case.says);
-        assert_eq!([check.status.code(), daemon.status.code()], [Some(2); 2], "{said}");
+        assert!(
+            said.contains(case.says),
+            "{said} for {} in {text}",
+            case.says
+        );
+        assert_eq!(
+            [check.status.code(), daemon.status.code()],
+            [Some(2); 2],
+            "{said}"
+        );
     }
 }
 
@@ -196,11 +321,19 @@ fn a_wrong_configuration_is_told_as_json() {
     let dir = folder();
     let config = dir.path().join("G.toml");
     std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
-    std::fs::write(&config, RIGHT.replace("heartbeat = { pmc = \"R\", at = 120 }", "")).expect("writable");
+    std::fs::write(
+        &config,
+        RIGHT.replace("heartbeat = { pmc = \"R\", at = 120 }", ""),
+    )
+    .expect("writable");
     let output = call(dir.path(), &["check", path(&config), "--json"]);
     let error: serde_json::Value = serde_json::from_slice(&output.stderr).expect("one object");
     assert_eq!(error["status"], 2);
-    assert!(error["error"].as_str().is_some_and(|text| text.contains("unwatched = true")));
+    assert!(
+        error["error"]
+            .as_str()
+            .is_some_and(|text| text.contains("unwatched = true"))
+    );
 }
 
 /// What the plan says of a controller is what the open controller says of itself.

@@ -20,7 +20,8 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!((found.records, found.cut_bytes), (0, 0));
     let mut log = log.rotating_at(1000);
     for number in 0..60 {
-        log.append("anna", "test", details(&number.to_string())).expect("room");
+        log.append("anna", "test", details(&number.to_string()))
+            .expect("room");
     }
     let mut files: Vec<_> = std::fs::read_dir(dir.path())
         .expect("readable")
@@ -53,7 +54,8 @@ fn a_tail_torn_anywhere_is_cut() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut log, _) = AuditLog::open(dir.path()).expect("new");
     for number in 0..3 {
-        log.append("anna", "test", details(&number.to_string())).expect("room");
+        log.append("anna", "test", details(&number.to_string()))
+            .expect("room");
     }
     drop(log);
     let path = dir.path().join("audit.log");

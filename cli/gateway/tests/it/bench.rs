@@ -100,8 +100,8 @@ pub(crate) fn path(
     settings: &PathSettings,
 ) -> ControlPath {
     let described = controller.description().clone();
-    let plan = PathPlan::new(described, model, guard, settings, PERIOD)
-        .unwrap_or_else(|e| panic!("{e}"));
+    let plan =
+        PathPlan::new(described, model, guard, settings, PERIOD).unwrap_or_else(|e| panic!("{e}"));
     ControlPath::new(Box::new(controller), &plan).unwrap_or_else(|e| panic!("{e}"))
 }
 

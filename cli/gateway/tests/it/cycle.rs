@@ -10,7 +10,7 @@ use volcomp_gateway::simulate::{self, Simulation};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{Clock, Controller, Fault};
 use volcomp_runtime::{Model, PathSettings};
-use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
 use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path, unproven};
 
@@ -167,7 +167,9 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
         let [seen, second] = [0, 1].map(|_| Arc::new(Mutex::new(Seen::default())));
         let others = fixed.map_or(BTreeMap::new(), |at| {
             let named = [(AxisName::Y, at), (AxisName::Z, 500.0)];
-            named.map(|(name, at)| (name, Displacement::Length(Mm(at)))).into()
+            named
+                .map(|(name, at)| (name, Displacement::Length(Mm(at))))
+                .into()
         });
         let settings = PathSettings {
             fixed: others,

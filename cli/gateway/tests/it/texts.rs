@@ -41,7 +41,10 @@ fn status_fits_a_small_terminal() {
     });
     let status: Status = serde_json::from_value(state).expect("a state");
     let text = text::text(&status);
-    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 80),
+        "{text}"
+    );
     insta::assert_snapshot!(text);
 }
 
@@ -69,6 +72,9 @@ names = ["bed", "spindle"]
     let plan = Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
     let folder = dir.path().display().to_string();
     let text = plan.text().replace(&folder, "FOLDER");
-    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 80),
+        "{text}"
+    );
     insta::assert_snapshot!(text);
 }

@@ -1,0 +1,116 @@
+//! A five-axis machine behind the simulated control: what is told of its rotary axes.
+
+use std::sync::Arc;
+
+use serde_json::Value;
+use volcomp_focas::simulator::{Options, Simulator, World};
+
+use crate::program::{Program, path, token_file};
+
+const MACHINE: &str = include_str!("../../../../examples/five-axis.toml");
+
+/// A control that stands at one place (mm, deg) of a five-axis machine.
+fn control() -> Simulator {
+    let mut world = World::new(&['X', 'Y', 'Z', 'B', 'C']);
+    world.motion = Arc::new(|_| vec![200.0, 300.0, -100.0, 40.0, 50.0]);
+    Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
+}
+
+fn length(value: &Value) -> f64 {
+    let parts = value.as_array().expect("three numbers");
+    let squares = parts.iter().map(|x| x.as_f64().expect("a number").powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+/// With nothing applied the error with correction is that without; what is applied makes it smaller; and the record of
+/// a stop that left a correction names every axis.
+#[test]
+fn errors_and_what_is_left_are_told_of_every_axis() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
+    token_file(dir.path());
+    let text = format!(
+        r#"
+machine = "machine.toml"
+cycle_ms = 4.0
+[guard]
+limit_um = 150.0
+slew_um_per_s = 500.0
+limit_urad = 200.0
+slew_urad_per_s = 500.0
+hold_ms = 500
+zero_after_ms = 3000
+ramp_s = 0.5
+stop_s = 0
+test_shift_um = 0
+test_shift_urad = 0
+[[controller]]
+url = "focas://{}"
+axes = ["X", "Y", "Z", "B", "C"]
+resolution_urad = 1.0
+area = {{ pmc = "R", first = 100, width = 2 }}
+heartbeat = {{ pmc = "R", at = 120 }}
+[dashboard]
+token_file = "tokens"
+"#,
+        control.address()
+    );
+    let config = dir.path().join("G.toml");
+    std::fs::write(&config, text).expect("writable");
+    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    let state = program
+        .wait(|state| state["error_um"].is_array())
+        .expect("it sees the machine");
+    assert_eq!(state["state"], "disarmed");
+    assert_eq!(state["error_um"], state["residual_um"]);
+    assert_eq!(state["error_axis_urad"], state["residual_axis_urad"]);
+    assert!(length(&state["error_um"]) > 5.0, "{state}");
+    let axes: Vec<&String> = state["positions_deg"]
+        .as_object()
+        .expect("axes")
+        .keys()
+        .collect();
+    assert_eq!(axes, ["B", "C"]);
+    assert_eq!(
+        state["machine"]["axes"],
+        serde_json::json!(["X", "Y", "Z", "B", "C"])
+    );
+    assert_eq!(program.post("/api/arm", "").status, 200);
+    let armed = program.wait_for("compensating");
+    assert!(
+        length(&armed["residual_um"]) < 0.2 * length(&armed["error_um"]),
+        "{armed}"
+    );
+    let metrics = program.get("/metrics").body;
+    assert!(
+        metrics.contains("volcomp_correction_urad{axis=\"B\"}"),
+        "{metrics}"
+    );
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    let log = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+    let (_, record) = log
+        .lines()
+        .last()
+        .and_then(|line| line.split_once(' '))
+        .expect("a record");
+    let record: Value = serde_json::from_str(record).expect("JSON");
+    assert_eq!(record["what"], "stopped");
+    let left = &record["details"]["what"];
+    for (key, name) in [
+        ("left_um", "X"),
+        ("left_um", "Y"),
+        ("left_um", "Z"),
+        ("left_urad", "B"),
+        ("left_urad", "C"),
+    ] {
+        assert!(left[key][name].is_number(), "{key} {name} in {left}");
+    }
+    assert!(
+        left["left_urad"]["B"]
+            .as_f64()
+            .is_some_and(|urad| urad != 0.0),
+        "{left}"
+    );
+}

@@ -1,0 +1,47 @@
+//! Where the machine stands, from what the controllers show.
+
+use std::time::Duration;
+
+use volcomp_vocabulary::{MAX_AXES, PerAxis};
+
+use crate::path::ControlPath;
+
+/// Positions of the machine as one path may use them.
+#[derive(Default)]
+pub(crate) struct Place {
+    /// Positions without correction, mm and rad.
+    pub(crate) positions: PerAxis<f64>,
+    /// Which positions are known, as bits: bit 0 is the first axis.
+    pub(crate) known: u16,
+    /// When the oldest position that was shown held; `None`: none was shown.
+    pub(crate) oldest: Option<Duration>,
+}
+
+impl Place {
+    /// The positions of so many machine axes as the path at `index` may use them: its own, else those of another path
+    /// that are fresh, else what is stated as fixed.
+    pub(crate) fn seen_by(paths: &[ControlPath], index: usize, axes: usize, now: Duration) -> Self {
+        let path = &paths[index];
+        let mut place = Self::default();
+        let positions = place.positions.iter_mut().zip(path.fixed).enumerate();
+        for (axis, (position, fixed)) in positions.take(axes) {
+            let fresh = || paths.iter().filter(|other| other.is_fresh(now));
+            let others = || fresh().find_map(|other| other.position_of(axis));
+            if let Some((seen, taken)) = path.position_of(axis).or_else(others) {
+                *position = seen;
+                place.oldest = Some(place.oldest.map_or(taken, |oldest| oldest.min(taken)));
+            } else if let Some(fixed) = fixed {
+                *position = fixed;
+            } else {
+                continue;
+            }
+            place.known |= 1 << axis;
+        }
+        place
+    }
+
+    /// Whether the position of each of so many axes is known.
+    pub(crate) fn is_complete(&self, axes: usize) -> bool {
+        self.known == u16::MAX >> (16 - axes.min(MAX_AXES))
+    }
+}
