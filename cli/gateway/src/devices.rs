@@ -13,7 +13,7 @@ use volcomp_digital_io::{CorrectionWord, DigitalAxis, DigitalController, Positio
 use volcomp_focas::{FocasConfig, FocasController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::PathSettings;
-use volcomp_vocabulary::Displacement;
+use volcomp_vocabulary::{Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
 
@@ -81,7 +81,7 @@ impl ControllerDevice {
     /// A configuration that the driver refuses.
     pub fn describe(&self) -> Result<Description, DeviceError> {
         match &self.kind {
-            Kind::Focas(config) => config.describe(),
+            Kind::Focas(config) => config.describe().map_err(|error| error.of(config.device())),
             Kind::Can(config) => config.describe(&CanSocket::device_of(&self.address.host)),
             Kind::Lines(lines) => Ok(lines
                 .on(digital_lines(&self.address)?)?
@@ -149,10 +149,10 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
         (focas.shift.first, focas.shift.width) = (first, width);
     }
     if let Some(um) = config.resolution_um {
-        focas.shift.count_mm = um * 1e-3;
+        focas.shift.count_linear = Um(um).to_mm();
     }
     if let Some(urad) = config.resolution_urad {
-        focas.shift.count_rad = urad * 1e-6;
+        focas.shift.count_rotary = Urad(urad).to_rad();
     }
     focas.heartbeat = config.heartbeat;
     if let Some(referenced) = config.referenced {

@@ -7,6 +7,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad};
 
 use crate::{
     answers::PositionKind,
+    error::FocasError,
     pmc::{PmcAddress, PmcArea, Width},
 };
 
@@ -96,17 +97,22 @@ impl FocasConfig {
         }
     }
 
-    pub(crate) fn device(&self) -> String {
+    /// The device as messages name it.
+    pub fn device(&self) -> String {
         format!("focas://{}:{}", self.host, self.port)
     }
 
-    pub(crate) fn description(&self) -> Description {
+    /// What the controller of this configuration is, without connecting.
+    ///
+    /// # Errors
+    /// No axis, an axis that stands twice, a count that moves an axis by no positive distance.
+    pub fn describe(&self) -> Result<Description, FocasError> {
         let axis = |&name: &AxisName| Axis {
             name,
             includes_correction: self.includes_correction,
             resolution: self.shift.count(name.kind()),
         };
-        Description {
+        let description = Description {
             device: self.device(),
             channel: self.channel.clone(),
             axes: self.axes.iter().map(axis).collect(),
@@ -116,6 +122,8 @@ impl FocasConfig {
             },
             sees_other_gateways: self.heartbeat.is_some(),
             shortest_cycle: Duration::from_millis(1),
-        }
+        };
+        description.check()?;
+        Ok(description)
     }
 }

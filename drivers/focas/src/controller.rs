@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use volcomp_port::{Controller, Description, DeviceError, Fault, Snapshot, Supply};
 use volcomp_vocabulary::PerChannel;
 
-use crate::{config::FocasConfig, error::FocasError, link::Link, plan::Abilities};
+use crate::{config::FocasConfig, link::Link, plan::Abilities};
 
 /// A control that is corrected. The connection is made, and made again, on a thread of its own.
 pub struct FocasController {
@@ -21,10 +21,8 @@ impl FocasController {
     /// The axes of the configuration make no sense, or there is no thread for the connection.
     pub fn new(config: FocasConfig) -> Result<Self, DeviceError> {
         let device = config.device();
-        let (description, backoff) = (config.description(), config.backoff);
-        description
-            .check()
-            .map_err(|unfit| FocasError::from(unfit).of(&*device))?;
+        let backoff = config.backoff;
+        let description = config.describe().map_err(|error| error.of(&*device))?;
         let of_device = device.clone();
         // Every trouble is logged once, not at every try.
         let mut logged = String::new();
