@@ -1,21 +1,51 @@
-//! What went wrong, said on standard error, and the exit status.
+//! Why the program stops, how it says so on standard error, and the exit status.
 
 use std::{fmt::Display, io::IsTerminal, path::Path};
 
+use anstyle::{AnsiColor, Style};
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use volcomp_calibrate::CalibrateError;
-use volcomp_document::InputError;
+use volcomp_document::{InputError, ReadError};
+use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
+
+use crate::answers::failure::{Document, Error, Kind};
+
+const ERROR: Style = AnsiColor::Red.on_default().bold();
 
 /// Why the program stops.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// The input or the call is wrong: status 2.
+    /// The command line cannot be read: status 2.
+    Call(String),
+    /// The value of an option or the content of a file is wrong: status 2.
     Input(String),
-    /// A place in a file is wrong: status 2, shown with its line on a terminal.
+    /// A file is wrong as a whole or at a line: status 2.
+    File(Box<FileFailure>),
+    /// A place in a TOML file is wrong: status 2, shown with its line on a terminal.
     Place(Box<InputError>),
     /// The work failed: status 1.
     Work(String),
+    /// A file could not be written while the work went on: status 1.
+    WorkOn {
+        /// The file.
+        file: String,
+        /// What the operating system said.
+        message: String,
+    },
+}
+
+/// What is wrong in a file.
+#[derive(Debug)]
+pub(crate) struct FileFailure {
+    /// The file as it was named in the call.
+    pub(crate) file: String,
+    /// The line, from 1, where it is known.
+    pub(crate) line: Option<u64>,
+    /// The key or column, where it is known.
+    pub(crate) key: Option<String>,
+    /// The whole message with file, line and key.
+    pub(crate) message: String,
 }
 
 impl Failure {
@@ -23,20 +53,100 @@ impl Failure {
         Self::Input(message.to_string())
     }
 
-    /// A file could not be read or written.
-    pub(crate) fn work_on(path: &Path, error: &impl Display) -> Self {
-        Self::Work(format!("{}: {error}", path.display()))
+    /// A file is wrong as a whole; `what` is said behind its name.
+    pub(crate) fn in_file(path: &Path, what: impl Display) -> Self {
+        let file = path.display().to_string();
+        Self::File(Box::new(FileFailure {
+            message: format!("{file}: {what}"),
+            file,
+            line: None,
+            key: None,
+        }))
     }
 
-    pub(crate) fn status(&self) -> u8 {
-        match self {
-            Self::Input(_) | Self::Place(_) => 2,
-            Self::Work(_) => 1,
+    /// A line of a file is wrong; `key` names the column, empty where the whole line is meant.
+    pub(crate) fn in_line(path: &Path, line: u64, key: &str, what: impl Display) -> Self {
+        let file = path.display().to_string();
+        let column = if key.is_empty() {
+            String::new()
+        } else {
+            format!("{key}: ")
+        };
+        Self::File(Box::new(FileFailure {
+            message: format!("{file}:{line}: {column}{what}"),
+            file,
+            line: Some(line),
+            key: (!key.is_empty()).then(|| key.to_owned()),
+        }))
+    }
+
+    /// A file could not be written.
+    pub(crate) fn work_on(path: &Path, error: &impl Display) -> Self {
+        Self::WorkOn {
+            file: path.display().to_string(),
+            message: error.to_string(),
         }
     }
 
-    /// One unbroken line, or on a terminal the place in the file with it.
-    pub(crate) fn report(&self) {
+    /// The exit status that a script sees.
+    pub(crate) fn status(&self) -> u8 {
+        match self.kind() {
+            Kind::Call | Kind::Input => 2,
+            Kind::Work => 1,
+        }
+    }
+
+    fn kind(&self) -> Kind {
+        match self {
+            Self::Call(_) => Kind::Call,
+            Self::Input(_) | Self::File(_) | Self::Place(_) => Kind::Input,
+            Self::Work(_) | Self::WorkOn { .. } => Kind::Work,
+        }
+    }
+
+    fn message(&self) -> String {
+        match self {
+            Self::Call(message) | Self::Input(message) | Self::Work(message) => message.clone(),
+            Self::File(failure) => failure.message.clone(),
+            Self::Place(place) => place.to_string(),
+            Self::WorkOn { file, message } => format!("{file}: {message}"),
+        }
+    }
+
+    fn document(&self) -> Document {
+        let (file, line, key) = match self {
+            Self::Call(_) | Self::Input(_) | Self::Work(_) => (None, None, None),
+            Self::File(failure) => (
+                Some(failure.file.clone()),
+                failure.line,
+                failure.key.clone(),
+            ),
+            Self::Place(place) => (
+                Some(place.file.clone()),
+                Some(place.line as u64),
+                Some(place.key.clone()).filter(|key| !key.is_empty()),
+            ),
+            Self::WorkOn { file, .. } => (Some(file.clone()), None, None),
+        };
+        Document {
+            error: Error {
+                kind: self.kind(),
+                message: self.message(),
+                file,
+                line,
+                key,
+            },
+        }
+    }
+
+    /// Writes to standard error: one JSON object, one unbroken line, or on a terminal the place in the file.
+    pub(crate) fn report(&self, json: bool) {
+        if json {
+            // Texts and numbers always become JSON; without it the message still stands there.
+            let document = serde_json::to_string(&self.document());
+            eprintln!("{}", document.unwrap_or_else(|_| self.message()));
+            return;
+        }
         match self {
             Self::Place(place) if std::io::stderr().is_terminal() => {
                 let label = LabeledSpan::at(place.span.clone(), "here");
@@ -44,16 +154,37 @@ impl Failure {
                 let source = NamedSource::new(&place.file, place.text.to_string());
                 eprintln!("{:?}", Report::new(diagnostic).with_source_code(source));
             }
-            Self::Place(place) => eprintln!("error: {place}"),
-            Self::Input(message) | Self::Work(message) => eprintln!("error: {message}"),
+            _ => anstream::eprintln!("{ERROR}error:{ERROR:#} {}", self.message()),
         }
+    }
+}
+
+impl From<InputError> for Failure {
+    fn from(place: InputError) -> Self {
+        Self::Place(Box::new(place))
+    }
+}
+
+impl From<ReadError> for Failure {
+    fn from(error: ReadError) -> Self {
+        let message = error.to_string();
+        let (ReadError::System { file, .. } | ReadError::Encoding { file, .. }) = error else {
+            return Self::Input(message);
+        };
+        Self::File(Box::new(FileFailure {
+            file,
+            line: None,
+            key: None,
+            message,
+        }))
     }
 }
 
 impl From<ModelError> for Failure {
     fn from(error: ModelError) -> Self {
         match error {
-            ModelError::Input(place) => Self::Place(Box::new(place)),
+            ModelError::Input(place) => place.into(),
+            ModelError::Read(error) => error.into(),
             other => Self::input(other),
         }
     }
@@ -62,9 +193,42 @@ impl From<ModelError> for Failure {
 impl From<CalibrateError> for Failure {
     fn from(error: CalibrateError) -> Self {
         match error {
-            CalibrateError::Input(place) => Self::Place(Box::new(place)),
+            CalibrateError::Input(place) => place.into(),
             CalibrateError::Machine(error) => error.into(),
+            CalibrateError::Read(error) => error.into(),
+            CalibrateError::Measurement(error) => error.into(),
             other => Self::input(other),
         }
+    }
+}
+
+impl From<MetrologyError> for Failure {
+    fn from(error: MetrologyError) -> Self {
+        Self::from(&error)
+    }
+}
+
+impl From<&MetrologyError> for Failure {
+    /// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
+    fn from(error: &MetrologyError) -> Self {
+        let message = error.to_string();
+        let (file, line, key) = match error {
+            MetrologyError::Encoding(at)
+            | MetrologyError::Kind(at)
+            | MetrologyError::Structure(at)
+            | MetrologyError::Number(at) => (&at.file, Some(at.line as u64), Some(at.what.clone())),
+            MetrologyError::Unreadable { file, .. }
+            | MetrologyError::Directory { file }
+            | MetrologyError::Extension { file, .. }
+            | MetrologyError::TooLarge { file, .. }
+            | MetrologyError::Empty { file, .. } => (file, None, None),
+            _ => return Self::Input(message),
+        };
+        Self::File(Box::new(FileFailure {
+            file: file.clone(),
+            line,
+            key,
+            message,
+        }))
     }
 }

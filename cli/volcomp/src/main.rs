@@ -1,26 +1,46 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
 
+mod answers;
 mod commands;
+mod compensation;
 mod demo;
+mod examples;
 mod failure;
 mod output;
 mod points;
 mod progress;
+mod table;
 
-use std::{io::IsTerminal, process::ExitCode};
+use std::{ffi::OsStr, io::IsTerminal, process::ExitCode};
 
-use clap::{Parser, Subcommand};
+use anstyle::{AnsiColor, Style};
+use clap::{CommandFactory, Parser, Subcommand, builder::Styles};
 
 use crate::{commands::Answer, failure::Failure};
 
+/// Colours of the help and of messages about the call.
+const STYLES: Styles = Styles::styled()
+    .header(Style::new().bold().underline())
+    .usage(Style::new().bold().underline())
+    .literal(AnsiColor::Cyan.on_default().bold())
+    .placeholder(AnsiColor::Cyan.on_default())
+    .error(AnsiColor::Red.on_default().bold())
+    .valid(AnsiColor::Green.on_default())
+    .invalid(AnsiColor::Yellow.on_default());
+
+const NOTE: Style = AnsiColor::Yellow.on_default().bold();
+
 /// Measure, model and remove the volumetric error of machine tools.
 ///
-/// Positions in mm and deg, errors in um and urad, temperatures in degC.
+/// Positions are in mm and deg, errors in µm and µrad, temperatures in °C.
 /// Exit status: 0 done, 1 the work failed, 2 the input or the call is wrong.
 #[derive(Parser)]
-#[command(version, propagate_version = true)]
+#[command(version, propagate_version = true, styles = STYLES, max_term_width = 80)]
+#[command(
+    after_help = "volcomp COMMAND --help shows what a command reads and writes, with examples."
+)]
 struct Arguments {
-    /// Print one JSON document on standard output instead of tables
+    /// Print one JSON document on standard output instead of tables; an error is one JSON object on standard error
     #[arg(long, global = true)]
     json: bool,
     /// Say on standard error what is read, chosen and written
@@ -32,22 +52,47 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    #[command(after_help = examples::CHECK)]
+    Check(commands::check::Arguments),
+    #[command(after_help = examples::ERROR)]
     Error(commands::error::Arguments),
+    #[command(after_help = examples::CORRECT)]
     Correct(commands::correct::Arguments),
+    #[command(after_help = examples::DIAGONALS)]
     Diagonals(commands::diagonals::Arguments),
+    #[command(after_help = examples::MAP)]
     Map(commands::map::Arguments),
+    #[command(after_help = examples::FIT)]
     Fit(commands::fit::Arguments),
+    #[command(after_help = examples::FIT_THERMAL)]
     FitThermal(commands::fit_thermal::Arguments),
+    #[command(after_help = examples::ISO230)]
     Iso230(commands::iso230::Arguments),
+    #[command(after_help = examples::CALIBRATE)]
     Calibrate(commands::calibrate::Arguments),
+    #[command(after_help = examples::SIMULATE)]
     Simulate(commands::simulate::Arguments),
+    #[command(after_help = examples::DEMO)]
     Demo(commands::demo::Arguments),
+    #[command(after_help = examples::INSPECT)]
     Inspect(commands::inspect::Arguments),
+    #[command(after_help = examples::PROBE)]
     Probe(commands::probe::Arguments),
+    #[command(after_help = examples::COMPILE)]
+    Compile(commands::compile::Arguments),
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(commands::completions::Arguments),
+    #[command(hide = true)]
+    Man(commands::generate::Arguments),
+    #[command(hide = true)]
+    Schema(commands::generate::Arguments),
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return not_parsed(&error),
+    };
     if arguments.verbose {
         tracing_subscriber::fmt()
             .with_writer(std::io::stderr)
@@ -59,6 +104,7 @@ fn main() -> ExitCode {
     }
     output::clean_up_when_interrupted();
     let answer = match &arguments.command {
+        Command::Check(a) => commands::check::run(a),
         Command::Error(a) => commands::error::run(a),
         Command::Correct(a) => commands::correct::run(a),
         Command::Diagonals(a) => commands::diagonals::run(a),
@@ -71,19 +117,40 @@ fn main() -> ExitCode {
         Command::Demo(a) => commands::demo::run(a),
         Command::Inspect(a) => commands::inspect::run(a),
         Command::Probe(a) => commands::probe::run(a),
+        Command::Compile(a) => commands::compile::run(a),
+        Command::Completions(a) => commands::completions::run(a, &mut Arguments::command()),
+        Command::Man(a) => commands::generate::man(a, Arguments::command()),
+        Command::Schema(a) => commands::generate::schemas(a),
     };
     match answer.and_then(|answer| print(&answer, arguments.json)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            failure.report();
+            failure.report(arguments.json);
             ExitCode::from(failure.status())
         }
     }
 }
 
+/// Help and version on standard output; a wrong call on standard error, as JSON where it was asked for.
+fn not_parsed(error: &clap::Error) -> ExitCode {
+    let json = std::env::args_os().any(|argument| argument == OsStr::new("--json"));
+    if !(json && error.use_stderr()) {
+        // A closed standard output or standard error leaves nothing to say and nobody to say it to.
+        let _ = error.print();
+        return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+    }
+    let text = error.render().to_string();
+    let paragraphs = text.trim().split("\n\n");
+    let said = paragraphs.filter(|p| !p.starts_with("Usage:") && !p.starts_with("For more"));
+    let said = said.collect::<Vec<_>>().join("\n\n");
+    let failure = Failure::Call(said.trim_start_matches("error: ").to_owned());
+    failure.report(true);
+    ExitCode::from(failure.status())
+}
+
 fn print(answer: &Answer, json: bool) -> Result<(), Failure> {
     for note in &answer.notes {
-        eprintln!("note: {note}");
+        anstream::eprintln!("{NOTE}note:{NOTE:#} {note}");
     }
     let text = if json {
         format!("{}\n", answer.json)

@@ -11,9 +11,10 @@ use tempfile::{NamedTempFile, TempDir};
 
 use crate::failure::Failure;
 
-/// Writes to standard output; a reader that has gone away is no failure.
+/// Writes to standard output; a reader that has gone away is no failure. Bold heads reach a terminal only, and not
+/// where `NO_COLOR` is set.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    let mut out = io::stdout().lock();
+    let mut out = anstream::AutoStream::auto(io::stdout().lock());
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::Work(format!("standard output: {e}")))
@@ -22,7 +23,7 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// What is taken away when the program is interrupted: unfinished files, temporary folders.
+/// Unfinished files and temporary folders, which are removed when the program is interrupted.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
@@ -48,7 +49,7 @@ pub(crate) fn clean_up_when_interrupted() {
     }
 }
 
-/// A folder that goes with the program.
+/// A folder that is removed when the program ends.
 pub(crate) struct TemporaryFolder(TempDir);
 
 impl TemporaryFolder {
@@ -113,7 +114,7 @@ impl OutputFile {
         })
     }
 
-    /// Adds to the file.
+    /// Adds bytes to the end of the file.
     pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {
             Some(writer) => writer

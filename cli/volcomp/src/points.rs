@@ -3,23 +3,30 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde_json::{Value, json};
+use volcomp_document::{Column, CsvTable};
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::failure::Failure;
+use crate::{answers::OneOrMany, failure::Failure};
 
 /// The machine and what is in its spindle.
 #[derive(Args)]
 pub(crate) struct MachineArguments {
     /// Machine file (TOML)
-    #[arg(long, short)]
+    #[arg(long, short, value_name = "FILE")]
     pub(crate) machine: PathBuf,
-    /// A tool of the machine file's table `tools`
+    #[command(flatten)]
+    pub(crate) spindle: SpindleArguments,
+}
+
+/// What decides about the errors of a machine besides its file.
+#[derive(Args)]
+pub(crate) struct SpindleArguments {
+    /// Tool from the machine file's table `tools`; without it the tool of `[tool]`
     #[arg(long)]
     pub(crate) tool: Option<String>,
-    /// Temperatures of the machine's sensors: NAME=DEGC,…
+    /// Temperatures of the machine's sensors, °C: NAME=DEGC,…
     #[arg(long, value_delimiter = ',')]
     pub(crate) temperature: Vec<String>,
 }
@@ -31,8 +38,9 @@ pub(crate) struct PointArguments {
     /// One position: X=100,Y=200,Z=-50 (mm, deg); axes not named stand at 0
     #[arg(long, conflicts_with = "points", allow_hyphen_values = true)]
     pub(crate) at: Option<String>,
-    /// Many positions: a CSV file whose header is axis letters
-    #[arg(long)]
+    /// Many positions: a CSV file whose header has axis letters; other columns are passed through, and `;` and decimal
+    /// commas are read
+    #[arg(long, value_name = "FILE")]
     pub(crate) points: Option<PathBuf>,
 }
 
@@ -47,33 +55,45 @@ pub(crate) struct ApproachArguments {
 /// One position asked for, or many.
 pub(crate) enum States {
     One(State),
-    Many(Vec<State>),
+    Many(PointFile),
+}
+
+/// Positions from a CSV file, which may have other columns too.
+pub(crate) struct PointFile {
+    pub(crate) table: CsvTable,
+    /// One state for each row of the table.
+    states: Vec<State>,
 }
 
 impl States {
-    /// Evaluates every state: the document (one row, or a list under `points`) and the rows.
-    pub(crate) fn evaluate<R>(
-        &self,
-        evaluate: impl Fn(&State) -> R,
-        json: impl Fn(&R) -> Value,
-    ) -> (Value, Vec<R>) {
+    /// Every position, in the order of the rows.
+    pub(crate) fn states(&self) -> &[State] {
         match self {
-            Self::One(state) => {
-                let row = evaluate(state);
-                (json(&row), vec![row])
-            }
-            Self::Many(states) => {
-                let rows: Vec<R> = states.iter().map(evaluate).collect();
-                let points: Vec<Value> = rows.iter().map(json).collect();
-                (json!({ "points": points }), rows)
-            }
+            Self::One(state) => std::slice::from_ref(state),
+            Self::Many(file) => &file.states,
+        }
+    }
+
+    /// The document: the one answer, or a list under `points`.
+    pub(crate) fn document<T>(&self, mut answers: Vec<T>) -> OneOrMany<T> {
+        match (self, answers.len()) {
+            (Self::One(_), 1) => OneOrMany::One(answers.swap_remove(0)),
+            _ => OneOrMany::Many { points: answers },
         }
     }
 }
 
 impl MachineArguments {
+    /// The machine with the tool in its spindle, and the temperatures of its sensors.
     pub(crate) fn read(&self) -> Result<(Machine, Temperatures), Failure> {
-        let mut machine = Machine::read(&self.machine)?;
+        self.spindle.read(&self.machine)
+    }
+}
+
+impl SpindleArguments {
+    /// Reads a machine file and puts the tool into its spindle.
+    pub(crate) fn read(&self, path: &Path) -> Result<(Machine, Temperatures), Failure> {
+        let mut machine = Machine::read(path)?;
         if let Some(tool) = &self.tool {
             machine.select_tool(tool)?;
         }
@@ -121,10 +141,9 @@ impl PointArguments {
         };
         match (&self.at, &self.points) {
             (_, Some(path)) => {
-                let states = read_points(machine, path)?;
-                Ok(States::Many(
-                    states.into_iter().map(with_approach).collect(),
-                ))
+                let mut file = read_points(machine, path)?;
+                file.states = file.states.into_iter().map(with_approach).collect();
+                Ok(States::Many(file))
             }
             (at, None) => {
                 let coordinates = parse_at(at.as_deref().unwrap_or_default())?;
@@ -173,46 +192,33 @@ fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     Ok(coordinates)
 }
 
-/// Reads a CSV file whose header is axis letters.
-fn read_points(machine: &Machine, path: &Path) -> Result<Vec<State>, Failure> {
-    let file = path.display();
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(|e| Failure::input(format!("{file}: {e}")))?;
-    let header = reader
-        .headers()
-        .map_err(|e| Failure::input(format!("{file}: {e}")))?
-        .clone();
-    let mut axes = Vec::new();
-    for name in &header {
-        let name = axis(&format!("{file}:1"), name)?;
-        if axes.contains(&name) {
-            return Err(Failure::Input(format!(
-                "{file}:1: axis {name} stands twice"
-            )));
+/// Reads a CSV file whose header has axis letters, one position a row.
+fn read_points(machine: &Machine, path: &Path) -> Result<PointFile, Failure> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Failure::in_file(path, format_args!("cannot be read: {e}")))?;
+    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    let mut axes: Vec<(AxisName, Column)> = Vec::new();
+    for name in AxisName::ALL {
+        if let Some(column) = table.column(&name.to_string())? {
+            machine
+                .index_of(name)
+                .map_err(|e| table.header_error(e.to_string()))?;
+            axes.push((name, column));
         }
-        machine
-            .index_of(name)
-            .map_err(|e| Failure::input(format!("{file}:1: {e}")))?;
-        axes.push(name);
     }
     if axes.is_empty() {
-        let message = format!("{file}: found an empty file, expected a header of axis letters");
-        return Err(Failure::Input(message));
+        let expected = "found no axis letter, expected at least one of X Y Z A B C U V W";
+        return Err(table.header_error(expected).into());
     }
     let mut states = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| Failure::input(format!("{file}: {e}")))?;
-        let line = record.position().map_or(0, csv::Position::line);
+    for row in table.rows() {
         let mut coordinates = Vec::new();
-        for (&name, text) in axes.iter().zip(&record) {
-            let place = format!("{file}:{line}: {name}");
-            coordinates.push((name, number(&place, text, text)?));
+        for &(name, column) in &axes {
+            coordinates.push((name, row.cell(column).number()?));
         }
         states.push(machine.state(&coordinates)?);
     }
-    Ok(states)
+    Ok(PointFile { table, states })
 }
 
 fn items(text: &str) -> impl Iterator<Item = &str> {

@@ -116,6 +116,11 @@ impl CsvTable {
         self.separator
     }
 
+    /// Whether numbers of the table have a decimal comma.
+    pub fn has_decimal_comma(&self) -> bool {
+        self.decimal_comma_line.is_some()
+    }
+
     /// The line of the header, from 1.
     pub fn header_line(&self) -> usize {
         self.header.line

@@ -1,20 +1,22 @@
 //! `volcomp diagonals`: the body diagonals of ISO 230-6 on the model.
 
-use serde_json::{Map, Value, json};
-use volcomp_kinematics::{CorrectionOptions, State};
-use volcomp_model::{corrected, diagonals};
+use volcomp_model::{ModelError, diagonals};
 
-use super::{Answer, table, table_text, thermal_note};
-use crate::{failure::Failure, points::MachineArguments};
+use super::{Answer, fixed, table, table_text, thermal_note};
+use crate::{
+    answers::diagonals::{Diagonal, Diagonals},
+    compensation::{Compensation, CompensationArguments},
+    failure::Failure,
+    points::MachineArguments,
+};
 
 /// The body diagonals of ISO 230-6: deviation along each, zero at its first target
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,
-    /// With the correction applied
-    #[arg(long)]
-    compensated: bool,
+    #[command(flatten)]
+    compensation: CompensationArguments,
     /// Targets on a diagonal, both ends included
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=100_000))]
     points: u32,
@@ -22,43 +24,49 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
-    let source = machine.source(&temperatures);
-    let options = CorrectionOptions::default();
-    let command = |state: &State| {
-        if arguments.compensated {
-            corrected(
-                state,
-                &machine.correction_at(state, &temperatures, &options).delta,
-            )
-        } else {
-            *state
-        }
-    };
+    let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
+    let actual = compensation.actual();
+    let source = actual.source(&temperatures);
     let points = arguments.points as usize;
-    let found = diagonals(&machine, &source, points, command).map_err(|_| {
-        Failure::Input(format!(
-            "{}: structure `{}`, expected the axes X, Y and Z for body diagonals",
-            arguments.machine.machine.display(),
-            machine.chain().structure()
-        ))
-    })?;
-    let mut json = Map::new();
-    let mut table = table(&["diagonal", "range um", "at the end um"]);
+    let found = diagonals(actual, &source, points, |state| compensation.command(state)).map_err(
+        |error| match error {
+            ModelError::NoSuchAxis { .. } => Failure::in_file(
+                &arguments.machine.machine,
+                format_args!(
+                    "structure `{}`, expected the axes X, Y and Z for body diagonals",
+                    machine.chain().structure()
+                ),
+            ),
+            other => other.into(),
+        },
+    )?;
+    let mut table = table(&["diagonal", "range µm", "at the end µm"]);
     for diagonal in &found {
         let last = diagonal.deviation_um.last().copied().unwrap_or(0.0);
         table.add_row([
             diagonal.name.to_owned(),
-            format!("{:.3}", diagonal.range_um),
-            format!("{last:.3}"),
+            fixed(diagonal.range_um, 3),
+            fixed(last, 3),
         ]);
-        json.insert(
-            diagonal.name.to_owned(),
-            json!({ "deviation_um": diagonal.deviation_um, "range_um": diagonal.range_um }),
-        );
     }
-    Ok(Answer {
-        json: Value::Object(json),
-        text: table_text(&table),
-        notes: thermal_note(&machine, &temperatures).into_iter().collect(),
-    })
+    let [ppp, npp, pnp, ppn] = ["PPP", "NPP", "PNP", "PPN"].map(|name| {
+        let named = found.iter().find(|diagonal| diagonal.name == name);
+        // The model gives all four.
+        named.map_or_else(Diagonal::default, |diagonal| Diagonal {
+            deviation_um: diagonal.deviation_um.clone(),
+            range_um: diagonal.range_um,
+        })
+    });
+    let document = Diagonals {
+        ppp,
+        npp,
+        pnp,
+        ppn,
+        compensated: compensation.document(),
+    };
+    Answer::new(
+        &document,
+        table_text(&table) + &compensation.words(),
+        thermal_note(&machine, &temperatures).into_iter().collect(),
+    )
 }

@@ -3,29 +3,32 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use serde_json::{Value, json};
+use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
     Fit, FitError, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto, fit_polynomial,
 };
-use volcomp_metrology::{MetrologyError, read_file};
+use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
 use volcomp_model::write_curve;
 
 use super::{Answer, table, table_text};
-use crate::failure::Failure;
+use crate::{
+    answers::fit::{Fit as Document, Point, Spread},
+    failure::Failure,
+};
 
 /// Fits a curve to the mean deviation at each target
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Measurement file: .csv, .rtl, .rta
     data: PathBuf,
-    /// Kind of curve
+    /// Kind of curve: polynomial, Chebyshev series, moving least squares or smoothing B-spline
     #[arg(long)]
     method: Method,
-    /// Order of the polynomials
+    /// Order of the polynomials (poly, chebyshev, mls)
     #[arg(long, default_value_t = 4)]
     order: usize,
-    /// Half width of the weight, as a share of the range (mls)
+    /// Half width of the weight as a share of the measured range, above 0 (mls) [default: 1/3]
     #[arg(long, default_value_t = 1.0 / 3.0, hide_default_value = true)]
     support: f64,
     /// Shape of the Gaussian weight (mls)
@@ -34,7 +37,7 @@ pub(crate) struct Arguments {
     /// Choose order and support by the leave-one-out error (mls)
     #[arg(long)]
     auto: bool,
-    /// The residual that --auto has to meet, um or urad
+    /// The residual that --auto has to meet, µm, or µrad where the file is in µrad
     #[arg(long, requires = "auto")]
     residual_um: Option<f64>,
     /// Coordinates at which to print the curve: 0,100,200
@@ -76,16 +79,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "no order and support meets the residual asked for: the best is shown".to_owned(),
         );
     }
-    Ok(Answer {
-        json: json(&fit, &values)?,
-        text: text(&fit, &values),
+    let unit = measurement.unit.unwrap_or(DeviationUnit::Um);
+    Answer::new(
+        &document(&fit, &values, unit)?,
+        text(&fit, &values, unit),
         notes,
-    })
+    )
 }
 
 /// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
 pub(super) fn reading(error: &MetrologyError) -> Failure {
-    Failure::input(error)
+    Failure::from(error)
 }
 
 fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
@@ -104,21 +108,27 @@ fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     }
 }
 
-fn json(fit: &Fit, values: &[(f64, f64)]) -> Result<Value, Failure> {
-    let values: Vec<Value> = values
-        .iter()
-        .map(|(at, value)| json!({ "at": at, "value_um": value }))
-        .collect();
-    let mut json = json!({
-        "curve": curve_json(&fit.curve)?,
-        "residual_um": { "min": fit.min(), "max": fit.max(), "rms": fit.rms() },
-        "leave_one_out_um": fit.leave_one_out_rms,
-        "values": values,
-    });
-    if let Some(meets) = fit.meets_required {
-        json["meets_required"] = json!(meets);
-    }
-    Ok(json)
+fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Document, Failure> {
+    let angular = unit == DeviationUnit::Urad;
+    let residual = Spread {
+        min: fit.min(),
+        max: fit.max(),
+        rms: fit.rms(),
+    };
+    let point = |&(at, value)| Point {
+        at,
+        value_um: (!angular).then_some(value),
+        value_urad: angular.then_some(value),
+    };
+    Ok(Document {
+        curve: curve_json(&fit.curve)?,
+        residual_um: (!angular).then_some(residual),
+        residual_urad: angular.then_some(residual),
+        leave_one_out_um: (!angular).then_some(fit.leave_one_out_rms),
+        leave_one_out_urad: angular.then_some(fit.leave_one_out_rms),
+        values: values.iter().map(point).collect(),
+        meets_required: fit.meets_required,
+    })
 }
 
 /// The curve as the machine file has it, in JSON: read back from what would be written there.
@@ -130,9 +140,13 @@ fn curve_json(curve: &Curve) -> Result<Value, Failure> {
     serde_json::to_value(&table["curve"]).map_err(|e| Failure::Work(e.to_string()))
 }
 
-fn text(fit: &Fit, values: &[(f64, f64)]) -> String {
+fn text(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> String {
+    let symbol = match unit {
+        DeviationUnit::Urad => "µrad",
+        DeviationUnit::Um => "µm",
+    };
     let mut text = format!(
-        "{}\nresidual {:.3} to {:.3}, rms {:.3}; leave-one-out {:.3}\n",
+        "{}\nresidual {:.3} to {:.3} {symbol}, rms {:.3} {symbol}; LOO error {:.3} {symbol}\n",
         write_curve(&fit.curve),
         fit.min(),
         fit.max(),
@@ -140,10 +154,11 @@ fn text(fit: &Fit, values: &[(f64, f64)]) -> String {
         fit.leave_one_out_rms
     );
     if !values.is_empty() {
-        let mut table = table(&["at", "value"]);
+        let mut table = table(&["at", symbol]);
         for (at, value) in values {
             table.add_row([format!("{at}"), format!("{value:.3}")]);
         }
+        text += "\n";
         text += &table_text(&table);
     }
     text

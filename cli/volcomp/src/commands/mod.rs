@@ -1,12 +1,16 @@
-//! One module for each command: arguments, the JSON document, the text for people.
+//! One module for each command: its arguments, its answer as a document and as text for people.
 
 pub(crate) mod calibrate;
+pub(crate) mod check;
+pub(crate) mod compile;
+pub(crate) mod completions;
 pub(crate) mod correct;
 pub(crate) mod demo;
 pub(crate) mod diagonals;
 pub(crate) mod error;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
+pub(crate) mod generate;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
@@ -15,12 +19,13 @@ pub(crate) mod simulate;
 
 use std::path::Path;
 
-use comfy_table::{CellAlignment, Table, presets};
+use serde::Serialize;
 use serde_json::Value;
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisKind;
 
+pub(crate) use crate::table::{fixed, table, table_text};
 use crate::{failure::Failure, output::OutputFile};
 
 /// What a command found.
@@ -33,22 +38,20 @@ pub(crate) struct Answer {
     pub(crate) notes: Vec<String>,
 }
 
-/// A table of numbers: first column left, the others right.
-fn table(header: &[&str]) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING);
-    table.set_header(header.to_vec());
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
+impl Answer {
+    /// An answer from a document of [`answers`](crate::answers).
+    pub(crate) fn new(
+        document: &impl Serialize,
+        text: String,
+        notes: Vec<String>,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            json: serde_json::to_value(document)
+                .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?,
+            text,
+            notes,
+        })
     }
-    table
-}
-
-/// A table as text, without blanks at the ends of lines.
-fn table_text(table: &Table) -> String {
-    table
-        .lines()
-        .fold(String::new(), |text, line| text + line.trim_end() + "\n")
 }
 
 /// Writes a whole file; it appears by rename.
@@ -58,15 +61,17 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     file.finish()
 }
 
+/// mm in µm.
 fn micrometres(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e3).into()
 }
 
+/// rad in µrad.
 fn microradians(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e6).into()
 }
 
-/// mm or rad of a joint in µm or µrad.
+/// mm or rad of an axis in µm or µrad.
 fn micro(kind: AxisKind, value: f64) -> f64 {
     match kind {
         AxisKind::Linear => value * 1e3,
@@ -74,12 +79,28 @@ fn micro(kind: AxisKind, value: f64) -> f64 {
     }
 }
 
-/// Names the sensors whose thermal terms are left out.
+/// mm or rad of an axis in mm or deg.
+fn in_degrees(kind: AxisKind, value: f64) -> f64 {
+    match kind {
+        AxisKind::Linear => value,
+        AxisKind::Rotary => value.to_degrees(),
+    }
+}
+
+/// The unit of a correction of an axis, as people read it.
+fn micro_symbol(kind: AxisKind) -> &'static str {
+    match kind {
+        AxisKind::Linear => "µm",
+        AxisKind::Rotary => "µrad",
+    }
+}
+
+/// Names the sensors whose thermal terms count nothing.
 fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let mut missing = machine.thermal().sensors();
     missing.retain(|name| !temperatures.contains_key(*name));
     (!missing.is_empty()).then(|| {
         let names = missing.join(", ");
-        format!("no temperature given for {names}: thermal terms with them are left out")
+        format!("no temperature given for {names}: thermal terms with them are left out (--temperature NAME=°C)")
     })
 }

@@ -76,11 +76,11 @@ fn wrong_files_and_calls_end_with_status_2() {
         ("t1_degc,ch1_um\n0,20\n", "no column time_s"),
         (
             "time_s,t1_degc,ch1_um\n0,20,1\n1,x,2\n",
-            "line 3, t1_degc: found `x`",
+            ":3: t1_degc: found `x`",
         ),
         (
             "time_s,t1_degc,ch1_um\n5,20,1\n1,20,2\n",
-            "line 3: the time goes back",
+            ":3: time_s: the time goes back",
         ),
         (
             "time_s,t1_degc,ch1_um\n0,20,1\n1,20,2\n",

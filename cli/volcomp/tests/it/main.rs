@@ -1,9 +1,13 @@
 //! The real program: what it prints, its JSON, its exit status.
 
 mod answers;
+mod check;
+mod correct;
 mod fit_thermal;
+mod help;
 mod map;
 mod probe;
+mod schema;
 mod whole_way;
 mod wrong_input;
 

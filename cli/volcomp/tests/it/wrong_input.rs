@@ -176,11 +176,7 @@ fn broken_files_are_named_with_their_line_unbroken() {
     let place = format!("error: {path}:23: errors.EC0Y: found nan, expected a finite number\n");
     assert_eq!(message, place);
     for (name, bytes, expected) in [
-        (
-            "points.csv",
-            &b"X,Q\n1,2\n"[..],
-            "points.csv:1: found axis `Q`",
-        ),
+        ("points.csv", &b"P,Q\n1,2\n"[..], "found no axis letter"),
         (
             "points.csv",
             b"X,Y\n1,2\n1,nan\n",
@@ -188,7 +184,8 @@ fn broken_files_are_named_with_their_line_unbroken() {
         ),
         ("points.csv", b"X,Y\n1\n", "points.csv"),
         ("points.csv", b"", "points.csv"),
-        ("points.csv", b"X,X\n1,2\n", "axis X stands twice"),
+        ("points.csv", b"X,X\n1,2\n", "column `X` stands twice"),
+        ("points.csv", b"X,A\n1,2\n", "has no axis A"),
     ] {
         let path = written(folder.path(), name, bytes);
         let message = refused(&["error", "-m", GANTRY, "--points", &path]);

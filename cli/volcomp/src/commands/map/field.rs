@@ -4,7 +4,7 @@ use std::{fmt::Write, path::Path};
 
 use volcomp_model::MapGrid;
 
-use super::Node;
+use super::work::Node;
 use crate::{failure::Failure, output::OutputFile};
 
 /// What a file holds of each node besides its place: names and units of six columns in two vectors.

@@ -1,25 +1,39 @@
 //! `volcomp map`: the error on a grid over the travels, and its uncertainty.
 
 mod field;
+mod model;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod uncertainty;
+mod work;
 
-use std::{fmt::Write, path::PathBuf, str::FromStr};
+use std::{fmt::Write, path::PathBuf};
 
-use rayon::prelude::*;
-use serde_json::{Map, Value, json};
-use volcomp_calibrate::{CalibrationFile, calibrate};
-use volcomp_kinematics::{Form, State, volumetric_error};
-use volcomp_model::{Ensemble, Machine, MapGrid, Temperatures, Tolerance};
+use volcomp_kinematics::Form;
+use volcomp_model::MapGrid;
 
-use self::field::{Field, TextFormat};
-use super::{Answer, thermal_note};
-use crate::{failure::Failure, points::MachineArguments, progress};
-
-/// Nodes that one core takes at a time.
-const CHUNK: usize = 4096;
+use self::{
+    field::Field,
+    model::Model,
+    uncertainty::{ensemble, read_calibration},
+    work::{Largest, Node, Work},
+};
+use super::{Answer, fixed, thermal_note};
+use crate::{
+    answers::{
+        ByAxis,
+        map::{Map, Uncertainty},
+    },
+    compensation::{Compensation, CompensationArguments},
+    failure::Failure,
+    points::MachineArguments,
+};
 
 /// The volumetric map: the error on a grid over the travels of X, Y and Z
+///
+/// Other axes stand at 0. The compiled machine is used unless --exact or another --model is given: its curves are
+/// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. Ctrl-C leaves no
+/// unfinished file.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -30,94 +44,49 @@ pub(crate) struct Arguments {
     /// File for the field: .csv, .vti (VTK image data), .vtr (VTK rectilinear grid), .parquet
     #[arg(long, short)]
     output: Option<PathBuf>,
-    /// Form of the model: exact, htm, twist, or compiled: first order, for maps of many nodes
-    #[arg(long, default_value = "exact")]
-    model: Model,
-    /// Calibration file whose readings are drawn again and again: adds the standard uncertainty (k = 1)
+    /// Form of the model: compiled, exact (rigid transforms), htm (small-angle matrices) or twist (first order)
+    /// [default: compiled; exact with a correction]
+    #[arg(long)]
+    model: Option<Model>,
+    /// The exact form of the model, as --model exact
+    #[arg(long, conflicts_with = "model")]
+    exact: bool,
+    #[command(flatten)]
+    compensation: CompensationArguments,
+    /// Calibration file whose readings are drawn again and again, on all cores: adds the standard uncertainty (k = 1)
     #[arg(long, value_name = "CALIBRATION")]
     uncertainty: Option<PathBuf>,
-    /// How often they are drawn
+    /// How many calibrations are drawn
     #[arg(long, default_value_t = 200, requires = "uncertainty", value_parser = clap::value_parser!(u64).range(2..=100_000))]
     trials: u64,
-    /// Seed of the draws: the same gives the same digits on any number of cores
+    /// Seed of the draws: the same seed gives the same digits on any number of cores
     #[arg(long, default_value_t = 1, requires = "uncertainty")]
     seed: u64,
 }
 
-/// How the error at a node is computed.
-#[derive(Clone, Copy, Debug)]
-enum Model {
-    Form(Form),
-    Compiled,
-}
-
-impl FromStr for Model {
-    type Err = &'static str;
-
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        match name {
-            "compiled" => Ok(Self::Compiled),
-            _ => name
-                .parse()
-                .map(Self::Form)
-                .map_err(|_| "unknown model form, expected exact, htm, twist or compiled"),
-        }
-    }
-}
-
-/// One node of the map: mm and rad, in workpiece axes.
-#[derive(Clone, Copy)]
-struct Node {
-    at_mm: [f64; 3],
-    error: [f64; 6],
-    /// Standard uncertainty.
-    uncertainty: Option<[f64; 6]>,
-}
-
-impl Node {
-    fn in_file_units(&self) -> [f64; 6] {
-        in_file_units(&self.error)
-    }
-
-    fn uncertainty_in_file_units(&self) -> [f64; 6] {
-        in_file_units(&self.uncertainty.unwrap_or_default())
-    }
-}
-
-/// mm and rad in um and urad.
-fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
-    let [x, y, z, a, b, c] = six;
-    [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
-}
-
-type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
-
-impl Model {
-    fn errors<'a>(
-        self,
-        machine: &'a Machine,
-        temperatures: &Temperatures,
-    ) -> Result<ErrorAt<'a>, Failure> {
-        match self {
-            Self::Form(form) => {
-                let source = machine.source(temperatures);
-                Ok(Box::new(move |state| {
-                    let found = volumetric_error(machine.chain(), &source, state, form);
-                    let (p, r) = (found.position_mm, found.rotation_rad);
-                    [p.x, p.y, p.z, r.x, r.y, r.z]
-                }))
+impl Arguments {
+    /// The form of the model: a correction is applied in the exact form only.
+    fn model(&self) -> Result<Model, Failure> {
+        let exact = Model::Form(Form::Exact);
+        match self.model.or(self.exact.then_some(exact)) {
+            Some(model) if model != exact && self.compensation.is_asked_for() => {
+                Err(Failure::Input(format!(
+                    "--model: found {}, expected exact: a correction is applied in the exact form only",
+                    model.name()
+                )))
             }
-            Self::Compiled => {
-                let compiled = machine.compile_at(Tolerance::default(), temperatures)?;
-                Ok(Box::new(move |state| compiled.evaluate(state).into_six()))
-            }
+            Some(model) => Ok(model),
+            None if self.compensation.is_asked_for() => Ok(exact),
+            None => Ok(Model::Compiled),
         }
     }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let counts = parse_grid(&arguments.grid)?;
+    let model = arguments.model()?;
     let (machine, temperatures) = arguments.machine.read()?;
+    let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let mut notes: Vec<String> = thermal_note(&machine, &temperatures).into_iter().collect();
     let calibration = match &arguments.uncertainty {
         Some(path) => Some(read_calibration(path, &machine, &mut notes)?),
@@ -131,7 +100,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let work = Work {
         machine: &machine,
-        errors: arguments.model.errors(&machine, &temperatures)?,
+        errors: if arguments.compensation.is_asked_for() {
+            Box::new(|state| compensation.residual(state))
+        } else {
+            model.errors(&machine, &temperatures)?
+        },
         ensemble: ensemble.as_ref(),
         grid: &grid,
     };
@@ -140,231 +113,93 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         field.begin(pass)?;
         work.go_through(pass, &mut field, &mut largest)?;
     }
+    drop(work);
     field.finish()?;
-    Ok(answer(arguments, &grid, &largest, notes))
+    let document = document(arguments, model, &grid, &largest, &compensation)?;
+    let text = text(arguments, &document, &compensation);
+    Answer::new(&document, text, notes)
 }
 
-/// What is needed for a node.
-struct Work<'a> {
-    machine: &'a Machine,
-    errors: ErrorAt<'a>,
-    ensemble: Option<&'a Ensemble>,
-    grid: &'a MapGrid,
-}
-
-impl Work<'_> {
-    /// Every node once: in chunks on all cores, written in order.
-    fn go_through(
-        &self,
-        pass: usize,
-        field: &mut Field,
-        largest: &mut Largest,
-    ) -> Result<(), Failure> {
-        let bar = progress::bar(self.grid.len(), "nodes");
-        let format = field.text_format().map(|(format, _)| format);
-        let count = self.grid.len();
-        let at_once = CHUNK * 4 * rayon::current_num_threads();
-        for from in (0..count).step_by(at_once) {
-            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(CHUNK).collect();
-            let chunks: Vec<Chunk> = starts
-                .into_par_iter()
-                .map(|start| self.chunk(start..count.min(start + CHUNK), pass, format))
-                .collect();
-            for chunk in &chunks {
-                field.write(&chunk.nodes, &chunk.text)?;
-                largest.take(&chunk.largest);
-                bar.inc(chunk.nodes.len() as u64);
-            }
-        }
-        bar.finish_and_clear();
-        Ok(())
-    }
-
-    fn chunk(
-        &self,
-        nodes: core::ops::Range<usize>,
-        pass: usize,
-        format: Option<TextFormat>,
-    ) -> Chunk {
-        let nodes: Vec<Node> = nodes.map(|index| self.node(index)).collect();
-        let mut largest = Largest::default();
-        for node in &nodes {
-            largest.see(node);
-        }
-        let lines = |format: TextFormat| format.lines(pass, self.grid.axes.len(), &nodes);
-        Chunk {
-            text: format.map(lines).unwrap_or_default(),
-            largest,
-            nodes,
-        }
-    }
-
-    fn node(&self, index: usize) -> Node {
-        let (at_mm, state) = self.grid.node(self.machine, index);
-        Node {
-            at_mm,
-            error: (self.errors)(&state),
-            uncertainty: self.ensemble.map(|e| e.standard_uncertainty(&state)),
-        }
-    }
-}
-
-struct Chunk {
-    nodes: Vec<Node>,
-    text: String,
-    largest: Largest,
-}
-
-/// The nodes with the largest error and the largest uncertainty, of equals the first.
-#[derive(Default)]
-struct Largest {
-    error: Option<(f64, Node)>,
-    uncertainty: Option<(f64, Node)>,
-}
-
-impl Largest {
-    fn see(&mut self, node: &Node) {
-        keep(&mut self.error, length(&node.error), node);
-        if let Some(uncertainty) = &node.uncertainty {
-            keep(&mut self.uncertainty, length(uncertainty), node);
-        }
-    }
-
-    fn take(&mut self, other: &Self) {
-        for (into, found) in [
-            (&mut self.error, &other.error),
-            (&mut self.uncertainty, &other.uncertainty),
-        ] {
-            if let Some((length, node)) = found {
-                keep(into, *length, node);
-            }
-        }
-    }
-}
-
-fn keep(most: &mut Option<(f64, Node)>, length: f64, node: &Node) {
-    if most.as_ref().is_none_or(|(before, _)| length > *before) {
-        *most = Some((length, *node));
-    }
-}
-
-/// Of the position, mm.
-fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
-    (x * x + y * y + z * z).sqrt()
-}
-
-fn read_calibration(
-    path: &std::path::Path,
-    machine: &Machine,
-    notes: &mut Vec<String>,
-) -> Result<CalibrationFile, Failure> {
-    let file = CalibrationFile::read(path)?;
-    let (found, expected) = (
-        file.machine.chain().structure(),
-        machine.chain().structure(),
-    );
-    if found != expected {
-        return Err(Failure::Input(format!(
-            "{}: found the structure `{found}`, expected `{expected}` of --machine",
-            path.display()
-        )));
-    }
-    let single: Vec<String> = file
-        .without_scatter()
-        .map(|line| line.file.display().to_string())
-        .collect();
-    if !single.is_empty() {
-        notes.push(format!(
-            "one run only, no scatter known: {}; state reading_um or reading_urad in [uncertainty]",
-            single.join(", ")
-        ));
-    }
-    Ok(file)
-}
-
-/// Calibrations of readings drawn again, with the tool of the map.
-fn ensemble(
-    file: &CalibrationFile,
+fn document(
     arguments: &Arguments,
-    mapped: &Machine,
-) -> Result<Ensemble, Failure> {
-    let bar = progress::bar(0, "calibrations drawn");
-    bar.set_length(arguments.trials);
-    let trial = |trial: u64| {
-        let mut machine = calibrate(&file.varied(arguments.seed, trial), |_, _| {})?.machine;
-        machine.use_tool_of(mapped)?;
-        let compiled = machine.compile(Tolerance::from_nm(10.0))?;
-        bar.inc(1);
-        Ok::<_, Failure>(compiled)
-    };
-    let trials = (0..arguments.trials).into_par_iter().map(trial);
-    let machines = trials.collect::<Result<Vec<_>, _>>()?;
-    bar.finish_and_clear();
-    // At least two trials, all of one structure: clap and `read_calibration` see to it.
-    Ensemble::new(machines)
-        .ok_or_else(|| Failure::Work("the drawn calibrations differ in structure".to_owned()))
-}
-
-fn answer(arguments: &Arguments, grid: &MapGrid, largest: &Largest, notes: Vec<String>) -> Answer {
-    let counts: Vec<usize> = grid.nodes_mm.iter().map(Vec::len).collect();
-    let mut json = json!({ "counts": counts, "nodes": grid.len() });
-    let mut text = format!("{} nodes\n", grid.len());
-    if let Some((length, node)) = &largest.error {
-        let six = node.in_file_units();
-        describe(&mut text, "largest error", *length, &six, grid, node);
-        json["largest_um"] = json!(length * 1e3);
-        json["at"] = place(grid, node);
-        json["position_um"] = json!(six[..3]);
-        json["rotation_urad"] = json!(six[3..]);
-    }
-    if let Some((length, node)) = &largest.uncertainty {
-        let six = node.uncertainty_in_file_units();
-        let what = "largest standard uncertainty";
-        describe(&mut text, what, *length, &six, grid, node);
-        json["uncertainty"] = json!({
-            "trials": arguments.trials,
-            "seed": arguments.seed,
-            "largest_um": length * 1e3,
-            "at": place(grid, node),
-            "position_um": six[..3],
-            "rotation_urad": six[3..],
-        });
-    }
-    if let Some(path) = &arguments.output {
-        json["file"] = json!(path.display().to_string());
-    }
-    Answer { json, text, notes }
-}
-
-fn place(grid: &MapGrid, node: &Node) -> Value {
-    let named = grid.axes.iter().zip(node.at_mm);
-    let at: Map<String, Value> = named
-        .map(|(name, place)| (name.to_string(), json!(place)))
-        .collect();
-    Value::Object(at)
-}
-
-fn describe(
-    text: &mut String,
-    what: &str,
-    length_mm: f64,
-    six: &[f64; 6],
+    model: Model,
     grid: &MapGrid,
-    node: &Node,
-) {
-    let named = grid.axes.iter().zip(node.at_mm);
-    let at: Vec<String> = named
-        .map(|(name, place)| format!("{name}={place}"))
-        .collect();
+    largest: &Largest,
+    compensation: &Compensation<'_>,
+) -> Result<Map, Failure> {
+    let (length, node) = largest.error.ok_or_else(|| {
+        Failure::Work("the map has no node with an error that is a number".to_owned())
+    })?;
+    let [x, y, z, a, b, c] = node.in_file_units();
+    Ok(Map {
+        counts: grid.nodes_mm.iter().map(Vec::len).collect(),
+        nodes: grid.len(),
+        model: model.name(),
+        tolerance_nm: model.tolerance_nm(),
+        largest_um: length * 1e3,
+        at: place(grid, &node),
+        position_um: [x, y, z],
+        rotation_urad: [a, b, c],
+        uncertainty: largest.uncertainty.map(|(length, node)| {
+            let [x, y, z, a, b, c] = node.uncertainty_in_file_units();
+            Uncertainty {
+                trials: arguments.trials,
+                seed: arguments.seed,
+                largest_um: length * 1e3,
+                at: place(grid, &node),
+                position_um: [x, y, z],
+                rotation_urad: [a, b, c],
+            }
+        }),
+        compensated: compensation.document(),
+        file: arguments.output.as_ref().map(|p| p.display().to_string()),
+    })
+}
+
+fn place(grid: &MapGrid, node: &Node) -> ByAxis {
+    grid.axes.iter().copied().zip(node.at_mm).collect()
+}
+
+fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> String {
+    let counts: Vec<String> = map.counts.iter().map(ToString::to_string).collect();
+    let mut text = format!("{} nodes ({})\n", map.nodes, counts.join(" x "));
+    let error = if arguments.compensation.is_asked_for() {
+        "largest remaining error"
+    } else {
+        "largest error"
+    };
+    describe(&mut text, error, map.largest_um, map.position_um, &map.at);
+    if let Some(u) = &map.uncertainty {
+        let what = "largest standard uncertainty";
+        describe(&mut text, what, u.largest_um, u.position_um, &u.at);
+    }
+    // Writing to a String cannot fail.
+    let _ = match map.tolerance_nm {
+        Some(nm) => writeln!(
+            text,
+            "compiled machine: curves within {nm} nm and {nm} nrad, errors to first order\n\
+             (--exact: all orders)"
+        ),
+        None => writeln!(text, "form of the model: {}", map.model),
+    };
+    if let Some(file) = &map.file {
+        let _ = writeln!(text, "field in {file}");
+    }
+    text + &compensation.words()
+}
+
+fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], at: &ByAxis) {
+    let at = at.0.iter().map(|(name, place)| format!("{name}={place}"));
+    let at: Vec<String> = at.collect();
+    // Writing to a String cannot fail.
     let _ = writeln!(
         text,
-        "{what} {:.3} um [{:.3}, {:.3}, {:.3}] at {}",
-        length_mm * 1e3,
-        six[0],
-        six[1],
-        six[2],
+        "{what} {length_um:.3} µm [{}, {}, {}]\n  at {}",
+        fixed(x, 3),
+        fixed(y, 3),
+        fixed(z, 3),
         at.join(" ")
-    ); // writing to a String cannot fail
+    );
 }
 
 fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {

@@ -1,0 +1,142 @@
+//! What `volcomp check` answers.
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_vocabulary::{AxisName, ErrorName};
+
+use super::ByAxis;
+
+/// The document of `volcomp check`: the machine as it is understood.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Check {
+    /// The machine file.
+    pub(crate) file: String,
+    /// Name of the machine.
+    pub(crate) name: String,
+    /// Structure code from the workpiece to the tool.
+    pub(crate) structure: String,
+    /// The chain as a drawing in text.
+    pub(crate) sketch: String,
+    /// The axes, in the order X Y Z A B C U V W.
+    pub(crate) axes: Vec<Axis>,
+    /// The tool that is in the spindle.
+    pub(crate) tool: Tool,
+    /// Names of the tools that can be put into the spindle with `--tool`.
+    pub(crate) tools: Vec<String>,
+    /// Workpiece origin at machine zero, mm in MCS.
+    pub(crate) workpiece_origin_mm: [f64; 3],
+    /// The errors that are there and not zero, axis by axis.
+    pub(crate) errors: Vec<Size>,
+    /// Errors that the machine file states as zero.
+    #[schemars(with = "Vec<String>")]
+    pub(crate) zero: Vec<ErrorName>,
+    /// Errors that the machine file does not state: they count as zero.
+    #[schemars(with = "Vec<String>")]
+    pub(crate) not_stated: Vec<ErrorName>,
+    /// Axes with assembly errors that are not zero.
+    pub(crate) assembly: Vec<Assembly>,
+    /// The thermal terms; null where there are none.
+    pub(crate) thermal: Option<Thermal>,
+    /// The error at machine zero.
+    pub(crate) home: Place,
+    /// The error at every corner of the travels of X, Y and Z, other axes at 0.
+    pub(crate) corners: Vec<Place>,
+}
+
+/// One axis.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Axis {
+    /// Its letter.
+    #[schemars(with = "String")]
+    pub(crate) name: AxisName,
+    /// `linear` or `rotary`.
+    pub(crate) kind: String,
+    /// What it carries: `workpiece` or `tool`.
+    pub(crate) carries: String,
+    /// Unit of `travel` and `modulo`: `mm` or `deg`.
+    pub(crate) unit: String,
+    /// Lower and upper end of travel, mm or deg.
+    pub(crate) travel: [f64; 2],
+    /// Period that brings the coordinate into travel before curves are looked up, deg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) modulo: Option<f64>,
+    /// Unit direction in MCS.
+    pub(crate) direction: [f64; 3],
+    /// Point at machine zero, mm in MCS: on the line of a rotary axis; where a linear axis's errors are stated.
+    pub(crate) point_mm: [f64; 3],
+    /// What a positive motion does, in words.
+    pub(crate) motion: String,
+}
+
+/// The tool at machine zero.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Tool {
+    /// The tool of `--tool`; null: the tool of `[tool]`.
+    pub(crate) name: Option<String>,
+    /// Tool tip, mm in MCS.
+    pub(crate) tip_mm: [f64; 3],
+    /// Unit direction from the tip to the spindle, in MCS.
+    pub(crate) axis: [f64; 3],
+}
+
+/// One error and its size.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Size {
+    /// Its name after ISO 230-1.
+    #[schemars(with = "String")]
+    pub(crate) name: ErrorName,
+    /// Its name in words.
+    pub(crate) meaning: String,
+    /// `um` or `urad`.
+    pub(crate) unit: String,
+    /// Smallest value over travel, in `unit`; a location error has the same smallest and largest value.
+    pub(crate) smallest: f64,
+    /// Largest value over travel, in `unit`.
+    pub(crate) largest: f64,
+    /// Where the value with the largest size stands, mm or deg; not there for a location error.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) at: Option<ByAxis>,
+}
+
+/// The six assembly errors of an axis.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Assembly {
+    /// The axis.
+    #[schemars(with = "String")]
+    pub(crate) axis: AxisName,
+    /// Displacements along X, Y and Z, µm.
+    pub(crate) position_um: [f64; 3],
+    /// Rotations about X, Y and Z, µrad.
+    pub(crate) rotation_urad: [f64; 3],
+}
+
+/// The thermal terms in short.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Thermal {
+    /// Temperature at which the curves hold, °C.
+    pub(crate) reference_degc: f64,
+    /// Names of the sensors.
+    pub(crate) sensors: Vec<String>,
+    /// Errors with an expansion term.
+    #[schemars(with = "Vec<String>")]
+    pub(crate) expansion: Vec<ErrorName>,
+    /// Errors with a drift term.
+    #[schemars(with = "Vec<String>")]
+    pub(crate) drift: Vec<ErrorName>,
+}
+
+/// The tool and its error at one position.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Place {
+    /// Where the axes stand, mm or deg.
+    pub(crate) at: ByAxis,
+    /// Ideal tool tip from the workpiece origin, in workpiece axes, mm.
+    pub(crate) tip_mm: [f64; 3],
+    /// Actual minus ideal tool tip, in workpiece axes, µm.
+    pub(crate) position_um: [f64; 3],
+    /// Rotation of the tool, in workpiece axes, µrad.
+    pub(crate) rotation_urad: [f64; 3],
+    /// Axes that stand outside their travel there.
+    #[schemars(with = "Vec<String>")]
+    pub(crate) outside_travel: Vec<AxisName>,
+}

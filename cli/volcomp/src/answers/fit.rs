@@ -1,0 +1,53 @@
+//! What `volcomp fit` answers.
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value;
+
+/// The document of `volcomp fit`. A file in µm fills the keys that end in `_um`, one in µrad those in `_urad`.
+#[derive(Debug, Default, Serialize, JsonSchema)]
+pub(crate) struct Fit {
+    /// The curve as it stands in the machine file.
+    pub(crate) curve: Value,
+    /// Readings minus curve, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) residual_um: Option<Spread>,
+    /// Readings minus curve, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) residual_urad: Option<Spread>,
+    /// Root mean square of the leave-one-out errors, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_um: Option<f64>,
+    /// Root mean square of the leave-one-out errors, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_urad: Option<f64>,
+    /// The curve at the coordinates of `--at`.
+    pub(crate) values: Vec<Point>,
+    /// Whether the residual asked for with `--residual-um` is met; only with `--auto --residual-um`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) meets_required: Option<bool>,
+}
+
+/// Residuals in short.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+pub(crate) struct Spread {
+    /// The smallest residual.
+    pub(crate) min: f64,
+    /// The largest residual.
+    pub(crate) max: f64,
+    /// Root mean square of the residuals.
+    pub(crate) rms: f64,
+}
+
+/// The curve at one coordinate.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+pub(crate) struct Point {
+    /// The coordinate, mm or deg.
+    pub(crate) at: f64,
+    /// Value of the curve, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) value_um: Option<f64>,
+    /// Value of the curve, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) value_urad: Option<f64>,
+}

@@ -1,0 +1,63 @@
+//! Every JSON document that the program writes, as a struct with its JSON Schema. One file for each command; `ALL`
+//! lists them, and `docs/schema/` holds the schemas.
+
+pub(crate) mod check;
+pub(crate) mod diagonals;
+pub(crate) mod failure;
+pub(crate) mod fit;
+pub(crate) mod fit_thermal;
+pub(crate) mod map;
+pub(crate) mod position;
+pub(crate) mod program;
+
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, generate::SchemaSettings};
+use serde::Serialize;
+use volcomp_vocabulary::AxisName;
+
+/// The documents by the name of their command: `volcomp-NAME.json` is the file of the schema.
+pub(crate) const ALL: &[(&str, fn() -> Schema)] = &[
+    ("check", schema::<check::Check>),
+    ("compile", schema::<program::Compile>),
+    ("completions", schema::<program::Completions>),
+    ("error", schema::<position::Error>),
+    ("correct", schema::<position::Correct>),
+    ("diagonals", schema::<diagonals::Diagonals>),
+    ("map", schema::<map::Map>),
+    ("fit", schema::<fit::Fit>),
+    ("fit-thermal", schema::<fit_thermal::FitThermal>),
+    ("failure", schema::<failure::Document>),
+];
+
+/// The JSON Schema (draft 2020-12) of a document.
+fn schema<T: JsonSchema>() -> Schema {
+    let settings = SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<T>()
+}
+
+/// Values by axis letter, in the order X Y Z A B C U V W.
+#[derive(Clone, Debug, Default, Serialize, JsonSchema)]
+#[serde(transparent)]
+pub(crate) struct ByAxis(
+    #[schemars(with = "BTreeMap<String, f64>")] pub(crate) BTreeMap<AxisName, f64>,
+);
+
+impl FromIterator<(AxisName, f64)> for ByAxis {
+    fn from_iter<I: IntoIterator<Item = (AxisName, f64)>>(values: I) -> Self {
+        Self(values.into_iter().collect())
+    }
+}
+
+/// One position asked for with `--at`, or many with `--points`.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum OneOrMany<T> {
+    /// The answer at the one position.
+    One(T),
+    /// The answers in the order of the rows.
+    Many {
+        /// One answer for each row.
+        points: Vec<T>,
+    },
+}

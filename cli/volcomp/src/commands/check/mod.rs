@@ -1,0 +1,165 @@
+//! `volcomp check`: a machine file as it is understood.
+
+mod sizes;
+mod sketch;
+mod text;
+mod words;
+
+use std::path::PathBuf;
+
+use volcomp_kinematics::{Form, Side, State};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use self::{sizes::sizes, sketch::sketch};
+use super::{Answer, in_degrees, micrometres, microradians, thermal_note};
+use crate::{
+    answers::check::{Assembly, Axis, Check, Place, Thermal, Tool},
+    failure::Failure,
+    points::SpindleArguments,
+};
+
+/// The machine as it is understood: axes, errors, tool, and the error at home and at the corners
+///
+/// For each axis it says what a positive motion does in the workshop. Compare that with the machine: a wrong sign or a
+/// missing prime shows here.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Machine file (TOML)
+    machine: PathBuf,
+    #[command(flatten)]
+    spindle: SpindleArguments,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
+    let document = document(arguments, &machine, &temperatures);
+    let text = text::text(&document);
+    let notes = thermal_note(&machine, &temperatures).into_iter().collect();
+    Answer::new(&document, text, notes)
+}
+
+fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperatures) -> Check {
+    let chain = machine.chain();
+    let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
+    names.sort_unstable();
+    let sizes = sizes(machine, &names);
+    let place = |state: &State| place(machine, temperatures, state);
+    Check {
+        file: arguments.machine.display().to_string(),
+        name: machine.name.clone(),
+        structure: chain.structure().to_string(),
+        sketch: sketch(chain),
+        axes: axes(machine),
+        tool: Tool {
+            name: arguments.spindle.tool.clone(),
+            tip_mm: chain.tool_tip_mm().into(),
+            axis: chain.tool_axis().into(),
+        },
+        tools: machine.tools().keys().cloned().collect(),
+        workpiece_origin_mm: chain.workpiece_origin_mm().into(),
+        errors: sizes.there,
+        zero: sizes.zero,
+        not_stated: sizes.not_stated,
+        assembly: assembly(machine),
+        thermal: thermal(machine),
+        home: place(&State::default()),
+        corners: corners(machine).iter().map(place).collect(),
+    }
+}
+
+fn axes(machine: &Machine) -> Vec<Axis> {
+    let stated = machine.axes().iter().zip(machine.chain().joints());
+    let mut axes: Vec<Axis> = stated
+        .map(|(axis, joint)| Axis {
+            name: axis.name,
+            kind: joint.kind.name().to_owned(),
+            carries: match joint.side {
+                Side::Workpiece => "workpiece",
+                Side::Tool => "tool",
+            }
+            .to_owned(),
+            unit: match joint.kind {
+                AxisKind::Linear => "mm",
+                AxisKind::Rotary => "deg",
+            }
+            .to_owned(),
+            travel: axis.travel,
+            modulo: axis.modulo,
+            direction: joint.direction.into(),
+            point_mm: joint.point_mm.into(),
+            motion: words::motion(joint),
+        })
+        .collect();
+    axes.sort_unstable_by_key(|axis| axis.name);
+    axes
+}
+
+fn assembly(machine: &Machine) -> Vec<Assembly> {
+    let stated = machine.axes().iter().enumerate();
+    let mut assembly: Vec<Assembly> = stated
+        .filter_map(|(index, axis)| {
+            let [x, y, z, a, b, c] = machine.assembly(index);
+            let found = Assembly {
+                axis: axis.name,
+                position_um: [x, y, z],
+                rotation_urad: [a, b, c],
+            };
+            (machine.assembly(index) != [0.0; 6]).then_some(found)
+        })
+        .collect();
+    assembly.sort_unstable_by_key(|assembly| assembly.axis);
+    assembly
+}
+
+fn thermal(machine: &Machine) -> Option<Thermal> {
+    let thermal = machine.thermal();
+    let sensors = thermal.sensors();
+    (!sensors.is_empty()).then(|| Thermal {
+        reference_degc: thermal.reference_degc,
+        sensors: sensors.into_iter().map(str::to_owned).collect(),
+        expansion: thermal.expansion.iter().map(|term| term.error).collect(),
+        drift: thermal.drift.iter().map(|term| term.error).collect(),
+    })
+}
+
+/// Every corner of the travels of X, Y and Z that the machine has, X fastest; other axes stand at 0.
+fn corners(machine: &Machine) -> Vec<State> {
+    let linear = [AxisName::X, AxisName::Y, AxisName::Z];
+    let linear = linear.into_iter().filter_map(|name| machine.axis(name));
+    let mut corners = vec![Vec::new()];
+    for axis in linear {
+        corners = axis
+            .travel
+            .into_iter()
+            .zip([&corners, &corners])
+            .flat_map(|(end, corners)| {
+                let extended = corners
+                    .iter()
+                    .map(move |corner: &Vec<_>| [&[(axis.name, end)], corner.as_slice()].concat());
+                extended.collect::<Vec<_>>()
+            })
+            .collect();
+    }
+    // Ends of travel are finite and belong to axes that are there.
+    let states = corners
+        .iter()
+        .filter_map(|corner| machine.state(corner).ok());
+    states.collect()
+}
+
+fn place(machine: &Machine, temperatures: &Temperatures, state: &State) -> Place {
+    let error = machine.error_at(state, Form::Exact, temperatures);
+    let joints = machine.chain().joints().iter().zip(&state.q);
+    let mut outside_travel = machine.outside_travel(state);
+    outside_travel.sort_unstable();
+    Place {
+        at: joints
+            .map(|(joint, &q)| (joint.name, in_degrees(joint.kind, q)))
+            .collect(),
+        tip_mm: machine.chain().ideal_tip_mm(state).into(),
+        position_um: micrometres(&error.position_mm),
+        rotation_urad: microradians(&error.rotation_rad),
+        outside_travel,
+    }
+}

@@ -1,0 +1,60 @@
+//! Axes, errors and directions in words.
+
+use volcomp_kinematics::{Joint, Side, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, Component, ErrorName};
+
+const LETTERS: [&str; 3] = ["X", "Y", "Z"];
+
+/// A direction in MCS: `+X`, or its three numbers where it lies along none of X, Y, Z.
+pub(super) fn direction(u: &Vector3<f64>) -> String {
+    for (letter, share) in LETTERS.iter().zip(u.iter()) {
+        if share.abs() > 1.0 - 1e-12 {
+            let sign = if *share > 0.0 { '+' } else { '−' };
+            return format!("{sign}{letter}");
+        }
+    }
+    format!("[{:.4}, {:.4}, {:.4}]", u.x, u.y, u.z)
+}
+
+/// What a positive motion of an axis does, as seen from the workpiece and in the workshop.
+pub(super) fn motion(joint: &Joint) -> String {
+    let name = joint.name;
+    let (to, back) = (direction(&joint.direction), direction(&-joint.direction));
+    match (joint.kind, joint.side) {
+        (AxisKind::Linear, Side::Workpiece) => format!(
+            "+{name}: the tool moves to {to} seen from the workpiece; the table moves to {back}"
+        ),
+        (AxisKind::Linear, Side::Tool) => format!("+{name}: the tool moves to {to}"),
+        (AxisKind::Rotary, Side::Workpiece) => format!(
+            "+{name}: the tool turns right-handed about {to} seen from the workpiece; the table turns right-handed about {back}"
+        ),
+        (AxisKind::Rotary, Side::Tool) => {
+            format!("+{name}: the tool turns right-handed about {to}")
+        }
+    }
+}
+
+/// An error by what it is: `straightness of X in Y`.
+pub(super) fn meaning(error: ErrorName) -> String {
+    let axis = error.axis;
+    let along = LETTERS[error.component.mcs_index()];
+    let own = error.component.mcs_index() == axis.mcs_index();
+    match (error.location, axis.kind(), error.component.is_angular()) {
+        (true, AxisKind::Linear, _) => match (error.component, axis.letter()) {
+            (Component::EC, 'Y') => "squareness of Y to X".to_owned(),
+            (Component::EB, 'Z') => "squareness of Z to X".to_owned(),
+            (Component::EA, 'Z') => "squareness of Z to Y".to_owned(),
+            _ => format!("tilt of the line of {axis} about {along}"),
+        },
+        (true, AxisKind::Rotary, false) => format!("shift of the line of {axis} along {along}"),
+        (true, AxisKind::Rotary, true) => format!("tilt of the line of {axis} about {along}"),
+        (false, AxisKind::Linear, false) if own => format!("positioning of {axis}"),
+        (false, AxisKind::Linear, false) => format!("straightness of {axis} in {along}"),
+        (false, AxisKind::Linear, true) if own => format!("roll of {axis}"),
+        (false, AxisKind::Linear, true) => format!("tilt of {axis} about {along}"),
+        (false, AxisKind::Rotary, false) if own => format!("axial motion of {axis}"),
+        (false, AxisKind::Rotary, false) => format!("radial motion of {axis} along {along}"),
+        (false, AxisKind::Rotary, true) if own => format!("angular positioning of {axis}"),
+        (false, AxisKind::Rotary, true) => format!("tilt motion of {axis} about {along}"),
+    }
+}

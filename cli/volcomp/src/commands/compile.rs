@@ -1,0 +1,62 @@
+//! `volcomp compile`: the compiled machine as a file.
+
+use std::path::PathBuf;
+
+use volcomp_model::{Tolerance, evaluator::BLOB_VERSION};
+
+use super::{Answer, thermal_note};
+use crate::{
+    answers::program::Compile, failure::Failure, output::OutputFile, points::SpindleArguments,
+};
+
+/// The compiled machine as a file of bytes, for programs that evaluate it in real time
+///
+/// Curves become piecewise cubics within the tolerance of the machine file's. The file starts with VOLCOMPM, the
+/// version of its format and the SHA-256 of what follows; `volcomp_evaluator::CompiledMachine::from_blob` reads it.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Machine file (TOML)
+    machine: PathBuf,
+    #[command(flatten)]
+    spindle: SpindleArguments,
+    /// File for the compiled machine; it appears when everything is written
+    #[arg(long, short)]
+    output: PathBuf,
+    /// How far a compiled curve may be from its source, nm for displacements and nrad for rotations
+    #[arg(long, value_name = "NM", default_value_t = 1.0)]
+    tolerance_nm: f64,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let nm = arguments.tolerance_nm;
+    if !(nm > 0.0 && nm.is_finite()) {
+        return Err(Failure::Input(format!(
+            "--tolerance-nm: found {nm}, expected a tolerance above 0 nm"
+        )));
+    }
+    let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
+    let mut file = OutputFile::open(&arguments.output)?;
+    let compiled = machine.compile_at(Tolerance::from_nm(nm), &temperatures)?;
+    let blob = compiled.to_blob();
+    file.append(&blob)?;
+    file.finish()?;
+    let document = Compile {
+        file: arguments.output.display().to_string(),
+        bytes: blob.len(),
+        version: BLOB_VERSION,
+        // After VOLCOMPM and the version.
+        sha256: hexadecimal(blob.get(12..44).unwrap_or_default()),
+        tolerance_nm: nm,
+        pieces: compiled.pieces(),
+    };
+    let text = format!(
+        "{}: {} bytes, {} cubic pieces, within {nm} nm and {nm} nrad\nSHA-256 {}\n",
+        document.file, document.bytes, document.pieces, document.sha256
+    );
+    let notes = thermal_note(&machine, &temperatures).into_iter().collect();
+    Answer::new(&document, text, notes)
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

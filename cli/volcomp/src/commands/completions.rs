@@ -1,0 +1,26 @@
+//! `volcomp completions`: what a shell needs to complete the command line.
+
+use clap::Command;
+use clap_complete::{Shell, generate};
+
+use super::Answer;
+use crate::{answers::program::Completions, failure::Failure};
+
+/// A script for a shell that completes commands, options and file names
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The shell
+    shell: Shell,
+}
+
+pub(crate) fn run(arguments: &Arguments, command: &mut Command) -> Result<Answer, Failure> {
+    let mut script = Vec::new();
+    generate(arguments.shell, command, "volcomp", &mut script);
+    let script = String::from_utf8(script)
+        .map_err(|e| Failure::Work(format!("the script of the shell: {e}")))?;
+    let document = Completions {
+        shell: arguments.shell.to_string(),
+        script: script.clone(),
+    };
+    Answer::new(&document, script, Vec::new())
+}

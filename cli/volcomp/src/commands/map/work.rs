@@ -1,0 +1,150 @@
+//! The nodes of a map: gone through on all cores, written in order.
+
+use rayon::prelude::*;
+use volcomp_kinematics::State;
+use volcomp_model::{Ensemble, Machine, MapGrid};
+
+use super::field::{Field, TextFormat};
+use crate::{failure::Failure, progress};
+
+/// Nodes that one core takes at a time.
+const CHUNK: usize = 4096;
+
+/// Computes position (mm) and rotation (rad) at a state.
+pub(super) type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
+
+/// One node of the map: mm and rad, in workpiece axes.
+#[derive(Clone, Copy)]
+pub(super) struct Node {
+    /// Coordinates along the axes of the grid, mm.
+    pub(super) at_mm: [f64; 3],
+    /// Position (mm) and rotation (rad) error.
+    error: [f64; 6],
+    /// Standard uncertainty of the six, where it was asked for.
+    pub(super) uncertainty: Option<[f64; 6]>,
+}
+
+impl Node {
+    pub(super) fn in_file_units(&self) -> [f64; 6] {
+        in_file_units(&self.error)
+    }
+
+    pub(super) fn uncertainty_in_file_units(&self) -> [f64; 6] {
+        in_file_units(&self.uncertainty.unwrap_or_default())
+    }
+}
+
+/// mm and rad in µm and µrad.
+fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
+    let [x, y, z, a, b, c] = six;
+    [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
+}
+
+/// What is needed for a node.
+pub(super) struct Work<'a> {
+    pub(super) machine: &'a Machine,
+    pub(super) errors: ErrorAt<'a>,
+    pub(super) ensemble: Option<&'a Ensemble>,
+    pub(super) grid: &'a MapGrid,
+}
+
+impl Work<'_> {
+    /// Every node once: in chunks on all cores, written in order.
+    pub(super) fn go_through(
+        &self,
+        pass: usize,
+        field: &mut Field,
+        largest: &mut Largest,
+    ) -> Result<(), Failure> {
+        let bar = progress::bar(self.grid.len(), "nodes");
+        let format = field.text_format().map(|(format, _)| format);
+        let count = self.grid.len();
+        let at_once = CHUNK * 4 * rayon::current_num_threads();
+        for from in (0..count).step_by(at_once) {
+            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(CHUNK).collect();
+            let chunks: Vec<Chunk> = starts
+                .into_par_iter()
+                .map(|start| self.chunk(start..count.min(start + CHUNK), pass, format))
+                .collect();
+            for chunk in &chunks {
+                field.write(&chunk.nodes, &chunk.text)?;
+                largest.take(&chunk.largest);
+                bar.inc(chunk.nodes.len() as u64);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    fn chunk(
+        &self,
+        nodes: core::ops::Range<usize>,
+        pass: usize,
+        format: Option<TextFormat>,
+    ) -> Chunk {
+        let nodes: Vec<Node> = nodes.map(|index| self.node(index)).collect();
+        let mut largest = Largest::default();
+        for node in &nodes {
+            largest.see(node);
+        }
+        let lines = |format: TextFormat| format.lines(pass, self.grid.axes.len(), &nodes);
+        Chunk {
+            text: format.map(lines).unwrap_or_default(),
+            largest,
+            nodes,
+        }
+    }
+
+    fn node(&self, index: usize) -> Node {
+        let (at_mm, state) = self.grid.node(self.machine, index);
+        Node {
+            at_mm,
+            error: (self.errors)(&state),
+            uncertainty: self.ensemble.map(|e| e.standard_uncertainty(&state)),
+        }
+    }
+}
+
+struct Chunk {
+    nodes: Vec<Node>,
+    text: String,
+    largest: Largest,
+}
+
+/// The nodes with the largest position error and its largest uncertainty; of equal ones the first.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Largest {
+    pub(super) error: Option<(f64, Node)>,
+    pub(super) uncertainty: Option<(f64, Node)>,
+}
+
+impl Largest {
+    fn see(&mut self, node: &Node) {
+        keep(&mut self.error, length(&node.error), node);
+        if let Some(uncertainty) = &node.uncertainty {
+            keep(&mut self.uncertainty, length(uncertainty), node);
+        }
+    }
+
+    fn take(&mut self, other: &Self) {
+        for (into, found) in [
+            (&mut self.error, &other.error),
+            (&mut self.uncertainty, &other.uncertainty),
+        ] {
+            if let Some((length, node)) = found {
+                keep(into, *length, node);
+            }
+        }
+    }
+}
+
+fn keep(most: &mut Option<(f64, Node)>, length: f64, node: &Node) {
+    if most.as_ref().is_none_or(|(before, _)| length > *before) {
+        *most = Some((length, *node));
+    }
+}
+
+/// Length of the position error, mm.
+fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}

@@ -1,0 +1,166 @@
+//! The correction applied to a command before the error is computed: on the model itself, or on another machine
+//! file that is taken for the truth; rounded to a control's step where one is given.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use volcomp_kinematics::{CorrectionOptions, State, actual_pose, vector_from_rotation};
+use volcomp_model::{Machine, Temperatures, corrected, quantised};
+use volcomp_vocabulary::AxisKind;
+
+use crate::{answers::diagonals::Compensated, failure::Failure, table::folded};
+
+/// How the correction is applied.
+#[derive(Args)]
+pub(crate) struct CompensationArguments {
+    /// Apply the correction that the machine file gives; --truth and --resolution do so too
+    #[arg(long)]
+    pub(crate) compensated: bool,
+    /// Machine file whose errors act on the corrected command: another one than --machine shows what the correction
+    /// of --machine is worth
+    #[arg(long, value_name = "MACHINE")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Round the correction to this step of the control, µm and µrad on rotary axes
+    #[arg(long, value_name = "UM")]
+    pub(crate) resolution: Option<f64>,
+}
+
+impl CompensationArguments {
+    /// Whether a correction is applied at all.
+    pub(crate) fn is_asked_for(&self) -> bool {
+        self.compensated || self.truth.is_some() || self.resolution.is_some()
+    }
+}
+
+/// A machine whose correction is applied, and the machine on which it acts.
+pub(crate) struct Compensation<'a> {
+    machine: &'a Machine,
+    temperatures: &'a Temperatures,
+    options: CorrectionOptions,
+    truth: Option<Machine>,
+    document: Option<Compensated>,
+}
+
+impl<'a> Compensation<'a> {
+    pub(crate) fn new(
+        arguments: &CompensationArguments,
+        machine: &'a Machine,
+        temperatures: &'a Temperatures,
+    ) -> Result<Self, Failure> {
+        if let Some(step) = arguments.resolution
+            && !(step > 0.0 && step.is_finite())
+        {
+            return Err(Failure::Input(format!(
+                "--resolution: found {step}, expected a step above 0 µm"
+            )));
+        }
+        let truth = match &arguments.truth {
+            Some(path) => Some(read_truth(path, machine)?),
+            None => None,
+        };
+        let document = arguments.is_asked_for().then(|| Compensated {
+            truth: arguments.truth.as_ref().map(|p| p.display().to_string()),
+            resolution_um: arguments.resolution,
+        });
+        Ok(Self {
+            machine,
+            temperatures,
+            options: machine.correction_options(),
+            truth,
+            document,
+        })
+    }
+
+    /// The machine whose errors act.
+    pub(crate) fn actual(&self) -> &Machine {
+        self.truth.as_ref().unwrap_or(self.machine)
+    }
+
+    /// The command that is given for a target: the target itself, or with the correction added.
+    pub(crate) fn command(&self, target: &State) -> State {
+        let Some(asked) = &self.document else {
+            return *target;
+        };
+        let found = self
+            .machine
+            .correction_at(target, self.temperatures, &self.options);
+        let delta = match asked.resolution_um {
+            Some(um) => quantised(self.machine, &found.delta, um * 1e-3, um * 1e-6),
+            None => *found.delta,
+        };
+        corrected(target, &delta)
+    }
+
+    /// Position (mm) and rotation (rad) of the tool at the corrected command against the ideal machine at the target,
+    /// in workpiece axes.
+    pub(crate) fn residual(&self, target: &State) -> [f64; 6] {
+        let actual = self.actual();
+        let chain = actual.chain();
+        let source = actual.source(self.temperatures);
+        let [found, ideal] = [
+            actual_pose(chain, &source, &self.command(target)),
+            chain.ideal_pose(target),
+        ];
+        let tip = chain.tool_tip_mm();
+        let position = found.transform_point(&tip) - ideal.transform_point(&tip);
+        let rotation = vector_from_rotation(&(found.rotation * ideal.rotation.transpose()));
+        let [x, y, z]: [f64; 3] = position.into();
+        let [a, b, c]: [f64; 3] = rotation.into();
+        [x, y, z, a, b, c]
+    }
+
+    /// What stands in the JSON document.
+    pub(crate) fn document(&self) -> Option<Compensated> {
+        self.document.clone()
+    }
+
+    /// What the figures are worth, as a paragraph below them; empty without a correction.
+    pub(crate) fn words(&self) -> String {
+        let Some(asked) = &self.document else {
+            return String::new();
+        };
+        let step = match asked.resolution_um {
+            Some(um) => format!(", rounded to {um} µm and {um} µrad"),
+            None => ", not rounded".to_owned(),
+        };
+        let sentence = match &asked.truth {
+            Some(truth) => format!("With the correction of the model{step}, on {truth}."),
+            None => format!(
+                "With the correction{step}: the model against itself. What it is worth on a machine whose errors are \
+                 not the model's is shown by --truth MACHINE."
+            ),
+        };
+        format!("\n{}", folded(&sentence, ""))
+    }
+}
+
+/// Reads the machine that is taken for the truth and puts the model's tool into it.
+fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Failure> {
+    let mut truth = Machine::read(path)?;
+    let (found, expected) = (truth.chain(), machine.chain());
+    let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {
+        Err(Failure::in_file(
+            path,
+            format_args!("{what} is `{found}`, expected `{expected}` as in --machine"),
+        ))
+    };
+    if found.structure() != expected.structure() {
+        return differs("structure", &found.structure(), &expected.structure());
+    }
+    for (found, expected) in found.joints().iter().zip(expected.joints()) {
+        let name = found.name;
+        let shown = |v: &[f64; 3]| format!("[{}, {}, {}]", v[0], v[1], v[2]);
+        let [direction, asked] = [found.direction.into(), expected.direction.into()];
+        if direction != asked {
+            let what = format!("direction of axis {name}");
+            return differs(&what, &shown(&direction), &shown(&asked));
+        }
+        let [point, asked] = [found.point_mm.into(), expected.point_mm.into()];
+        if found.kind == AxisKind::Rotary && point != asked {
+            let what = format!("point of axis {name}");
+            return differs(&what, &shown(&point), &shown(&asked));
+        }
+    }
+    truth.use_tool_of(machine)?;
+    Ok(truth)
+}

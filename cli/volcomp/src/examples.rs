@@ -1,0 +1,77 @@
+//! The examples at the end of each command's help. The files they name are those of the repository's `examples/`
+//! and of `volcomp demo -o FOLDER`; a test runs every line.
+
+pub(crate) const CHECK: &str = "\
+Examples:
+  volcomp check gantry.toml
+  volcomp check mill.toml --tool T5";
+
+pub(crate) const ERROR: &str = "\
+Examples:
+  volcomp error -m gantry.toml --at X=1000,Y=500,Z=-50
+  volcomp error -m gantry.toml --points points.csv --temperature scale_x=22.5";
+
+pub(crate) const CORRECT: &str = "\
+Examples:
+  volcomp correct -m five-axis.toml --at X=100,Y=50,B=30,C=45
+  volcomp correct -m gantry.toml --points points.csv -o corrected.csv";
+
+pub(crate) const DIAGONALS: &str = "\
+Examples:
+  volcomp diagonals -m gantry.toml
+  volcomp diagonals -m calibrated.toml --truth truth.toml --resolution 1";
+
+pub(crate) const MAP: &str = "\
+Examples:
+  volcomp map -m gantry.toml --grid 21x21x21 -o map.vti
+  volcomp map -m calibrated.toml --grid 5x5x5 --truth truth.toml";
+
+pub(crate) const FIT: &str = "\
+Examples:
+  volcomp fit exx.rtl --method mls --auto --residual-um 1
+  volcomp fit exx.rtl --method chebyshev --order 5 --at 0,4000";
+
+pub(crate) const FIT_THERMAL: &str = "\
+Examples:
+  volcomp fit-thermal spindle.csv --displacement ch1_um --error EZZ
+  volcomp fit-thermal spindle.csv --lags 0,300,1800 --select";
+
+pub(crate) const ISO230: &str = "\
+Examples:
+  volcomp iso230 exx.rtl
+  volcomp --json iso230 eay.rta";
+
+pub(crate) const CALIBRATE: &str = "\
+Examples:
+  volcomp calibrate calibration.toml -o machine-new.toml
+  volcomp --json calibrate calibration.toml -o machine-new.toml";
+
+pub(crate) const SIMULATE: &str = "\
+Examples:
+  volcomp simulate shop.toml -o lasers
+  volcomp --json simulate shop.toml -o lasers";
+
+pub(crate) const DEMO: &str = "\
+Examples:
+  volcomp demo
+  volcomp demo -o demo --seed 7";
+
+pub(crate) const INSPECT: &str = "\
+Examples:
+  volcomp inspect exx.rtl
+  volcomp --json inspect eay.rta";
+
+pub(crate) const PROBE: &str = "\
+Examples:
+  volcomp probe focas://127.0.0.1:8193
+  volcomp --json probe focas://127.0.0.1:8193 --within 1";
+
+pub(crate) const COMPILE: &str = "\
+Examples:
+  volcomp compile gantry.toml -o gantry.blob
+  volcomp compile mill.toml --tool T5 --tolerance-nm 10 -o mill.blob";
+
+pub(crate) const COMPLETIONS: &str = "\
+Examples:
+  volcomp completions bash > volcomp.bash
+  volcomp completions zsh > _volcomp";

@@ -1,0 +1,164 @@
+//! `volcomp check` and `volcomp compile`.
+
+use std::fs;
+
+use serde_json::json;
+
+use crate::{json, refused, root, text, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+
+#[test]
+fn a_machine_is_told_as_it_is_understood() {
+    insta::assert_snapshot!("check", text(&["check", GANTRY]));
+    insta::assert_snapshot!("check_trunnion", text(&["check", "examples/trunnion.toml"]));
+    for machine in ["gantry", "five-axis", "mill", "trunnion"] {
+        let shown = text(&["check", &format!("examples/{machine}.toml")]);
+        for line in shown.lines() {
+            assert!(line.chars().count() <= 80, "{machine}: {line}");
+        }
+    }
+}
+
+/// Sizes against the polynomial of the file, and errors at a corner against `volcomp error`.
+#[test]
+fn sizes_and_corners_are_those_of_the_file() {
+    let answer = json(&["check", GANTRY]);
+    let size = |name: &str| {
+        let errors = answer["errors"].as_array().expect("a list");
+        let found = errors.iter().find(|e| e["name"] == name).cloned();
+        found.unwrap_or_else(|| panic!("{name} is not there"))
+    };
+    let exx = size("EXX");
+    let expected = 0.0073 * 8000.0 - 2.1e-7 * 8000.0 * 8000.0;
+    assert!((exx["largest"].as_f64().expect("a number") - expected).abs() < 1e-9);
+    assert_eq!(exx["at"], json!({ "X": 8000.0 }));
+    // The forward and the backward branch, 0 and 2.5 µm at Z = 0, 30 and 32.5 µm at the top.
+    assert_eq!(size("EZZ")["largest"], json!(32.5));
+    // A grid over Y and Z has its largest size at a node.
+    let ezy = size("EZY");
+    assert_eq!(ezy["smallest"], json!(-24.0));
+    assert_eq!(ezy["at"], json!({ "Y": 2000.0, "Z": 2500.0 }));
+    assert_eq!(size("EC0Y")["largest"], json!(12.0));
+    let not_stated = answer["not_stated"].as_array().expect("a list");
+    assert!(not_stated.contains(&json!("EB0Z")) && !not_stated.contains(&json!("EA0Z")));
+    let corners = answer["corners"].as_array().expect("a list");
+    assert_eq!(corners.len(), 8);
+    for corner in corners {
+        let at = &corner["at"];
+        let call = format!("X={},Y={},Z={}", at["X"], at["Y"], at["Z"]);
+        let error = json(&["error", "-m", GANTRY, "--at", &call]);
+        assert_eq!(corner["position_um"], error["position_um"], "{call}");
+    }
+    assert_eq!(corners[1]["at"], json!({ "X": 8000.0, "Y": 0.0, "Z": 0.0 }));
+}
+
+/// The words must follow the structure: what stands left of `b` carries the workpiece.
+#[test]
+fn positive_motions_are_told_for_table_and_spindle() {
+    let motion = |machine: &str, axis: &str| {
+        let answer = json(&["check", &format!("examples/{machine}.toml")]);
+        let axes = answer["axes"].as_array().expect("a list").clone();
+        let found = axes.into_iter().find(|a| a["name"] == axis).expect("there");
+        found["motion"].as_str().expect("words").to_owned()
+    };
+    assert!(motion("gantry", "X").contains("the table moves to −X"));
+    assert!(!motion("gantry", "Y").contains("table"));
+    assert!(motion("trunnion", "C").contains("the table turns right-handed about −Z"));
+    assert!(motion("five-axis", "B").ends_with("the tool turns right-handed about +Y"));
+}
+
+#[test]
+fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("machine.toml");
+    let machine = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [5, 100]\n\
+        [errors]\nEXX = { poly = [0.0] }\nEC0Y = 0.0\n[assembly]\nY = [1, 0, 0, 0, 0, 2]\n";
+    fs::write(&path, machine).expect("written");
+    let path = path.display().to_string();
+    let answer = json(&["check", &path]);
+    assert_eq!(answer["zero"], json!(["EXX", "EC0Y"]));
+    assert_eq!(answer["errors"], json!([]));
+    assert_eq!(answer["home"]["outside_travel"], json!(["Y"]));
+    assert_eq!(
+        answer["assembly"][0]["rotation_urad"],
+        json!([0.0, 0.0, 2.0])
+    );
+    assert_eq!(answer["corners"].as_array().map(Vec::len), Some(4));
+    let shown = text(&["check", &path]);
+    for words in [
+        "stated as zero: EXX EC0Y",
+        "Home lies outside the travel of Y",
+        "assembly of Y",
+    ] {
+        assert!(shown.contains(words), "{shown}");
+    }
+}
+
+#[test]
+fn a_wrong_machine_file_is_named_with_its_line_and_key() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("machine.toml");
+    let file = path.display().to_string();
+    let right = fs::read_to_string(root().join(GANTRY)).expect("read");
+    for (from, to, expected) in [
+        (
+            "structure = \"w X' b Y Z t\"",
+            "structure = \"w X' Y Z t\"",
+            ":3: structure",
+        ),
+        (
+            "travel = [0.0, 4000.0]",
+            "travel = [4000.0, 0.0]",
+            "axes.Y.travel",
+        ),
+        ("EC0Y = 12.0", "EC0Q = 12.0", "EC0Q"),
+        ("EC0Y = 12.0", "EC0Y = [1, 2]", "errors.EC0Y"),
+        ("tip = [0.0, 0.0, -150.0]", "tip = [0.0, 0.0]", "tool.tip"),
+        ("name = \"gantry-8000\"", "nam = \"gantry-8000\"", "nam"),
+        ("[thermal]", "[thermal", "machine.toml:"),
+    ] {
+        assert!(right.contains(from), "{from}");
+        fs::write(&path, right.replace(from, to)).expect("written");
+        let message = refused(&["check", &file]);
+        assert!(message.starts_with(&format!("error: {file}:")), "{message}");
+        assert!(message.contains(expected), "{to}: {message}");
+    }
+    assert!(refused(&["check", "examples"]).contains("examples: cannot be read"));
+    assert!(refused(&["check", GANTRY, "--tool", "T9"]).contains("no tool `T9`"));
+}
+
+/// The bytes are those that the evaluator reads, and give the error of the exact form to first order.
+#[test]
+fn a_compiled_machine_is_read_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("m.blob");
+    let name = path.display().to_string();
+    let answer = json(&["compile", GANTRY, "-o", &name]);
+    let bytes = fs::read(&path).expect("written");
+    assert_eq!(answer["bytes"], json!(bytes.len()));
+    let machine = volcomp_model::CompiledMachine::from_blob(&bytes).expect("a machine");
+    let mut state = volcomp_kinematics::State::default();
+    state.q[0] = 1000.0;
+    let found = machine.evaluate(&state).into_six();
+    assert!((found[0] * 1e3 - (7.3 - 0.21)).abs() < 0.01, "{found:?}");
+    // The hash is that of what follows the head.
+    let hash = answer["sha256"].as_str().expect("digits");
+    assert_eq!(hash.len(), 64);
+    let again = json(&["compile", GANTRY, "-o", &name]);
+    assert_eq!(again["sha256"], hash);
+    let other = json(&[
+        "compile",
+        GANTRY,
+        "-o",
+        &name,
+        "--temperature",
+        "scale_x=25",
+    ]);
+    assert_ne!(other["sha256"], hash);
+    assert!(refused(&["compile", GANTRY, "-o", &name, "--tolerance-nm", "0"]).contains("above 0"));
+    assert!(refused(&["compile", GANTRY, "-o", "nowhere/m.blob"]).contains("cannot be written"));
+    assert!(refused(&["compile", GANTRY, "-o", "/dev/full"]).contains("ordinary file"));
+    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
+    assert_eq!(volcomp(&["compile", GANTRY]).status.code(), Some(2));
+}

@@ -1,0 +1,250 @@
+//! Corrections: corrected positions, CSV in and out, what lies outside, another machine as the truth.
+
+use std::fs;
+
+use serde_json::json;
+
+use crate::{json, refused, root, text, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+
+#[test]
+fn a_point_beyond_travel_or_range_is_told() {
+    let answer = json(&["correct", "-m", GANTRY, "--at", "X=9000,Z=-1"]);
+    assert_eq!(answer["outside_travel"], json!(["X", "Z"]));
+    assert_eq!(answer["outside_range"], json!(["EXX", "EYX", "EZY", "EZZ"]));
+    let inside = json(&["correct", "-m", GANTRY, "--at", "X=100"]);
+    assert_eq!(
+        (&inside["outside_travel"], &inside["outside_range"]),
+        (&json!([]), &json!([]))
+    );
+    for command in ["error", "correct"] {
+        let shown = text(&[command, "-m", GANTRY, "--at", "X=9000,Z=-1"]);
+        assert!(
+            shown.contains("travel X Z, range EXX EYX EZY EZZ"),
+            "{shown}"
+        );
+        let output = volcomp(&[command, "-m", GANTRY, "--at", "X=9000,Z=-1"]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains("one position lies beyond"), "{said}");
+    }
+}
+
+/// Three linear axes have no tool axis to correct, so nothing is said about it; JSON keeps the model's word.
+#[test]
+fn singular_is_spoken_of_only_where_rotary_axes_could_correct() {
+    let points = "X,Y\n0,0\n100,0\n";
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("points.csv").display().to_string();
+    fs::write(&path, points).expect("written");
+    let shown = text(&["correct", "-m", GANTRY, "--points", &path]);
+    assert!(
+        !shown.contains("correctable") && !shown.contains("singular"),
+        "{shown}"
+    );
+    assert_eq!(
+        json(&["correct", "-m", GANTRY, "--at", "X=1"])["singular"],
+        json!(true)
+    );
+    // B = 0: the tool axis lies along C, which can then not turn it.
+    let shown = text(&["correct", "-m", "examples/five-axis.toml", "--at", "X=1"]);
+    assert!(shown.contains("singular"), "{shown}");
+    let shown = text(&[
+        "correct",
+        "-m",
+        "examples/five-axis.toml",
+        "--at",
+        "X=1,B=30",
+    ]);
+    assert!(!shown.contains("singular"), "{shown}");
+}
+
+#[test]
+fn a_corrected_position_is_command_and_correction() {
+    let answer = json(&[
+        "correct",
+        "-m",
+        "examples/five-axis.toml",
+        "--at",
+        "X=100,B=30,C=45",
+    ]);
+    for (axis, per_unit) in [("X", 1e3), ("B", 1e6 * std::f64::consts::PI / 180.0)] {
+        let number = |key: &str| answer[key][axis].as_f64().expect("a number");
+        let difference = (number("corrected") - number("command")) * per_unit;
+        assert!(
+            (difference - number("correction")).abs() < 1e-6,
+            "{axis}: {answer}"
+        );
+    }
+    let axes: Vec<&String> = answer["correction"]
+        .as_object()
+        .expect("an object")
+        .keys()
+        .collect();
+    assert_eq!(axes, ["X", "Y", "Z", "B", "C"]);
+}
+
+#[test]
+fn chosen_axes_alone_move() {
+    let answer = json(&[
+        "correct",
+        "-m",
+        GANTRY,
+        "--at",
+        "X=1000,Y=500",
+        "--axes",
+        "X,Y",
+    ]);
+    assert_eq!(answer["correction"]["Z"], json!(0.0));
+    assert_ne!(answer["correction"]["X"], json!(0.0));
+    // The name of this option before.
+    let before = json(&[
+        "correct",
+        "-m",
+        GANTRY,
+        "--at",
+        "X=1000,Y=500",
+        "--correct",
+        "X,Y",
+    ]);
+    assert_eq!(before, answer);
+    for wrong in ["X,X", "Q", "XY", "A"] {
+        refused(&["correct", "-m", GANTRY, "--at", "X=1", "--axes", wrong]);
+    }
+}
+
+#[test]
+fn other_columns_and_decimal_commas_pass_through_to_the_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (points, out) = (path("points.csv"), path("out.csv"));
+    fs::write(
+        &points,
+        "N;X;Y;remark\r\n10;1000,0;0;\"drill; first\"\r\n20;0;500,5;\r\n",
+    )
+    .expect("written");
+    let answer = json(&["correct", "-m", GANTRY, "--points", &points, "-o", &out]);
+    let written = fs::read_to_string(&out).expect("written");
+    let lines: Vec<&str> = written.lines().collect();
+    assert_eq!(lines.len(), 3);
+    assert!(
+        lines[0].starts_with(
+            "N;X;Y;remark;X_corrected_mm;Y_corrected_mm;Z_corrected_mm;X_correction_um;"
+        ),
+        "{written}"
+    );
+    assert!(
+        lines[1].starts_with("10;1000,0;0;\"drill; first\";"),
+        "{written}"
+    );
+    let corrected: f64 = lines[2]
+        .split(';')
+        .nth(5)
+        .expect("a cell")
+        .replace(',', ".")
+        .parse()
+        .expect("a number");
+    let expected = answer["points"][1]["corrected"]["Y"]
+        .as_f64()
+        .expect("a number");
+    assert!(
+        (corrected - expected).abs() < 1e-9,
+        "{corrected} {expected}"
+    );
+    // With points and commas, and one position alone.
+    fs::write(&points, "remark,X\na,1\n").expect("written");
+    json(&["correct", "-m", GANTRY, "--points", &points, "-o", &out]);
+    assert!(
+        fs::read_to_string(&out)
+            .expect("written")
+            .starts_with("remark,X,X_corrected_mm")
+    );
+    json(&[
+        "correct",
+        "-m",
+        "examples/five-axis.toml",
+        "--at",
+        "X=1,C=9",
+        "-o",
+        &out,
+    ]);
+    let written = fs::read_to_string(&out).expect("written");
+    assert!(written.starts_with("X,Y,Z,B,C,X_corrected_mm,Y_corrected_mm,Z_corrected_mm,B_corrected_deg,C_corrected_deg,"), "{written}");
+    assert!(
+        refused(&[
+            "correct",
+            "-m",
+            GANTRY,
+            "--at",
+            "X=1",
+            "-o",
+            "nowhere/o.csv"
+        ])
+        .contains("cannot be written")
+    );
+}
+
+/// Against itself a model shows zero, and the output says that this proves nothing. Against another machine it shows
+/// what is left: the difference of the two, here 10 µm of positioning over the travel of X.
+#[test]
+fn a_model_against_itself_is_called_so_and_another_truth_shows() {
+    let shown = text(&["diagonals", "-m", GANTRY, "--compensated"]);
+    assert!(shown.contains("the model against itself"), "{shown}");
+    assert!(!text(&["diagonals", "-m", GANTRY]).contains("against itself"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = folder.path().join("truth.toml").display().to_string();
+    let machine = fs::read_to_string(root().join(GANTRY)).expect("read");
+    let other = machine.replace(
+        "EXX = { poly = [0.0, 0.0073,",
+        "EXX = { poly = [0.0, 0.00855,",
+    );
+    assert_ne!(other, machine);
+    fs::write(&truth, other).expect("written");
+    let answer = json(&["diagonals", "-m", GANTRY, "--truth", &truth]);
+    // X runs over 8000 of the diagonal's √(8000² + 4000² + 2500²) mm.
+    let share = 8000.0 / (8000.0_f64.powi(2) + 4000.0_f64.powi(2) + 2500.0_f64.powi(2)).sqrt();
+    for name in ["PPP", "NPP", "PNP", "PPN"] {
+        let range = answer[name]["range_um"].as_f64().expect("a number");
+        assert!((range - 10.0 * share).abs() < 0.01, "{name}: {range}");
+    }
+    assert_eq!(answer["compensated"]["truth"], json!(truth));
+    let shown = text(&["diagonals", "-m", GANTRY, "--truth", &truth]);
+    assert!(!shown.contains("against itself"), "{shown}");
+    let map = json(&["map", "-m", GANTRY, "--grid", "5x3x3", "--truth", &truth]);
+    let largest = map["largest_um"].as_f64().expect("a number");
+    assert!((largest - 10.0).abs() < 0.01, "{largest}");
+    assert_eq!(map["at"]["X"], json!(8000.0));
+    let itself = text(&["map", "-m", GANTRY, "--grid", "5x3x3", "--compensated"]);
+    assert!(itself.contains("the model against itself"), "{itself}");
+    let rounded = json(&["map", "-m", GANTRY, "--grid", "9x9x9", "--resolution", "2"]);
+    let largest = rounded["largest_um"].as_f64().expect("a number");
+    // Half a step on each of three axes at the most.
+    assert!(
+        (0.9..=3.0_f64.sqrt() + 0.01).contains(&largest),
+        "{largest}"
+    );
+    for (arguments, expected) in [
+        (["--resolution", "0"], "above 0"),
+        (["--truth", "examples/mill.toml"], "structure is"),
+        (["--truth", "nowhere.toml"], "nowhere.toml: cannot be read"),
+    ] {
+        for command in [
+            &["diagonals", "-m", GANTRY][..],
+            &["map", "-m", GANTRY, "--grid", "2x2x2"],
+        ] {
+            let message = refused(&[command, &arguments].concat());
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+    let message = refused(&[
+        "map",
+        "-m",
+        GANTRY,
+        "--grid",
+        "2x2x2",
+        "--compensated",
+        "--model",
+        "twist",
+    ]);
+    assert!(message.contains("expected exact"), "{message}");
+}

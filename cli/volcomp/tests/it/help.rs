@@ -1,0 +1,157 @@
+//! The help: every command has two examples, and every example runs.
+
+use std::{fs, process::Command, sync::Arc};
+
+use volcomp_focas::simulator::{Options, Simulator, World};
+
+use crate::{json, root, text};
+
+/// The commands that `volcomp --help` lists.
+pub(crate) fn commands() -> Vec<String> {
+    let help = text(&["--help"]);
+    let listed = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty());
+    let named = listed.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    let names = named.filter_map(|line| line.split_whitespace().next());
+    names
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
+}
+
+fn examples(command: &str) -> Vec<String> {
+    let help = text(&[command, "--help"]);
+    let block = help.lines().skip_while(|line| *line != "Examples:").skip(1);
+    block.map(|line| line.trim().to_owned()).collect()
+}
+
+/// A folder with the files that the examples name: those of `examples/` and of the demo.
+fn scratch() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    json(&["demo", "-o", &folder.path().display().to_string()]);
+    for entry in fs::read_dir(root().join("examples")).expect("the examples") {
+        let path = entry.expect("an entry").path();
+        if path.is_file() {
+            let name = path.file_name().expect("a name");
+            fs::copy(&path, folder.path().join(name)).expect("copied");
+        }
+    }
+    let points = "N,X,Y,Z\n10,100,200,0\n20,8000,4000,2500\n";
+    fs::write(folder.path().join("points.csv"), points).expect("written");
+    let spindle = root().join("fitting/fit/tests/data/spindle-2min.csv");
+    fs::copy(spindle, folder.path().join("spindle.csv")).expect("copied");
+    folder
+}
+
+#[test]
+fn every_command_has_two_examples_that_run() {
+    let folder = scratch();
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = Arc::new(|_| vec![0.0; 3]);
+    let simulator =
+        Simulator::start("127.0.0.1:0", Options::default(), world).expect("a free port");
+    let address = simulator.address().to_string();
+    let program = std::path::Path::new(env!("CARGO_BIN_EXE_volcomp"));
+    let path = format!(
+        "{}:{}",
+        program.parent().expect("a folder").display(),
+        std::env::var("PATH").expect("a path")
+    );
+    let commands = commands();
+    assert!(commands.len() >= 15, "{commands:?}");
+    for command in commands {
+        let examples = examples(&command);
+        assert_eq!(examples.len(), 2, "volcomp {command} --help: {examples:?}");
+        for example in examples {
+            assert!(
+                example.split_whitespace().any(|word| word == command),
+                "{example}"
+            );
+            let output = Command::new("sh")
+                .args(["-c", &example.replace("127.0.0.1:8193", &address)])
+                .env("PATH", &path)
+                .current_dir(folder.path())
+                .output()
+                .expect("a shell");
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{example}\n{said}");
+            let shown = String::from_utf8_lossy(&output.stdout);
+            assert!(!shown.is_empty() || example.contains('>'), "{example}");
+            let tables = !example.contains("--json") && !example.contains("fit");
+            for line in shown.lines().filter(|_| tables) {
+                assert!(line.chars().count() <= 80, "{example}\n{line}");
+            }
+        }
+    }
+}
+
+#[test]
+fn help_fits_eighty_columns_and_speaks_of_micrometres() {
+    for command in commands().iter().map(String::as_str).chain([""]) {
+        let call = [command, "--help"];
+        let help = text(if command.is_empty() {
+            &call[1..]
+        } else {
+            &call
+        });
+        for line in help.lines() {
+            assert!(line.chars().count() <= 80, "{command}: {line}");
+            // Values that are typed as they stand.
+            if line.contains("possible values") {
+                continue;
+            }
+            for word in line.split(|c: char| !c.is_alphanumeric() && c != '_' && c != '-') {
+                assert!(!["um", "urad", "degC"].contains(&word), "{command}: {line}");
+            }
+        }
+    }
+}
+
+#[test]
+fn completions_know_the_commands() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = text(&["completions", shell]);
+        for command in commands() {
+            assert!(script.contains(&command), "{shell}: {command}");
+        }
+    }
+    let document = json(&["completions", "bash"]);
+    assert_eq!(document["shell"], "bash");
+}
+
+/// The man pages and schemas of the repository are those of this program. To write them again:
+/// `cargo run -p volcomp -- man docs/man` and `cargo run -p volcomp -- schema docs/schema`.
+#[test]
+fn man_pages_and_schemas_of_the_repository_are_up_to_date() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (command, kept) in [("man", "docs/man"), ("schema", "docs/schema")] {
+        let made = folder.path().join(command);
+        let document = json(&[command, &made.display().to_string()]);
+        let files = document["files"].as_array().expect("a list");
+        for name in files.iter().map(|name| name.as_str().expect("a name")) {
+            let made = fs::read_to_string(made.join(name)).expect("made");
+            let there = fs::read_to_string(root().join(kept).join(name)).ok();
+            assert_eq!(
+                there,
+                Some(made),
+                "{kept}/{name} is old: volcomp {command} {kept}"
+            );
+        }
+        // None of a command that is gone.
+        let ours = |name: &str| name == "volcomp.1" || name.starts_with("volcomp-");
+        let others = |name: &str| name.starts_with("volcomp-gateway");
+        let kept = fs::read_dir(root().join(kept)).expect("a folder");
+        let kept = kept.map(|entry| {
+            entry
+                .expect("an entry")
+                .file_name()
+                .into_string()
+                .expect("UTF-8")
+        });
+        let count = kept.filter(|name| ours(name) && !others(name)).count();
+        assert_eq!(count, files.len());
+    }
+}

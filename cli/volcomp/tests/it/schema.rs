@@ -1,0 +1,185 @@
+//! Every JSON document against its schema in `docs/schema/`.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::{help::commands, json, root, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+const SPINDLE: &str = "fitting/fit/tests/data/spindle-2min.csv";
+const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
+
+fn validate(name: &str, document: &Value) {
+    let path = root().join(format!("docs/schema/volcomp-{name}.json"));
+    let schema = fs::read_to_string(&path).expect("the schema is there");
+    let schema: Value = serde_json::from_str(&schema).expect("the schema is JSON");
+    let validator = jsonschema::draft202012::new(&schema).expect("the schema is one");
+    let wrong: Vec<String> = validator
+        .iter_errors(document)
+        .map(|e| format!("{}: {e}", e.instance_path()))
+        .collect();
+    assert!(wrong.is_empty(), "{name}: {wrong:?}\n{document}");
+    // A key that the schema does not know is one that nobody documented.
+    let known = schema.to_string();
+    if let Value::Object(keys) = document {
+        for key in keys.keys() {
+            assert!(known.contains(&format!("\"{key}\"")), "{name}: {key}");
+        }
+    }
+}
+
+#[test]
+fn live_documents_follow_their_schemas() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let demo = path("demo");
+    let machine = format!("{demo}/calibrated.toml");
+    let truth = format!("{demo}/truth.toml");
+    let calibration = format!("{demo}/calibration.toml");
+    let points = path("points.csv");
+    fs::write(&points, "X,Y\n0,0\n9000,0\n").expect("written");
+    let blob = path("m.blob");
+    let map = path("map.csv");
+    let fit = format!("{demo}/exx.rtl");
+    let angular = format!("{demo}/eay.rta");
+    json(&["demo", "-o", &demo]);
+    let calls: &[&[&str]] = &[
+        &["check", GANTRY],
+        &["check", "examples/five-axis.toml"],
+        &["compile", GANTRY, "-o", &blob],
+        &["completions", "fish"],
+        &["error", "-m", GANTRY, "--at", "X=1"],
+        &["error", "-m", GANTRY, "--points", &points],
+        &[
+            "correct",
+            "-m",
+            "examples/five-axis.toml",
+            "--at",
+            "X=1,C=9",
+        ],
+        &["correct", "-m", GANTRY, "--points", &points],
+        &["diagonals", "-m", GANTRY],
+        &[
+            "diagonals",
+            "-m",
+            &machine,
+            "--truth",
+            &truth,
+            "--resolution",
+            "1",
+        ],
+        &["map", "-m", GANTRY, "--grid", "3x3x3"],
+        &[
+            "map", "-m", &machine, "--grid", "3x3x3", "--truth", &truth, "-o", &map,
+        ],
+        &[
+            "map",
+            "-m",
+            &machine,
+            "--grid",
+            "3x3x3",
+            "--uncertainty",
+            &calibration,
+            "--trials",
+            "3",
+        ],
+        &[
+            "fit",
+            &fit,
+            "--method",
+            "mls",
+            "--auto",
+            "--residual-um",
+            "1",
+            "--at",
+            "0,100",
+        ],
+        &["fit", &angular, "--method", "bspline"],
+        &["fit-thermal", SPINDLE, "--displacement", "ch1_um"],
+    ];
+    for call in calls {
+        validate(call[0], &json(call));
+    }
+    let known: Vec<&str> = calls.iter().map(|call| call[0]).collect();
+    for entry in fs::read_dir(root().join("docs/schema")).expect("the schemas") {
+        let name = entry
+            .expect("an entry")
+            .file_name()
+            .into_string()
+            .expect("UTF-8");
+        let Some(name) = name
+            .strip_prefix("volcomp-")
+            .and_then(|n| n.strip_suffix(".json"))
+        else {
+            continue;
+        };
+        if name.starts_with("gateway") {
+            continue;
+        }
+        assert!(
+            name == "failure" || commands().iter().any(|c| c == name),
+            "{name}"
+        );
+        assert!(
+            name == "failure" || known.contains(&name),
+            "no call shows {name}"
+        );
+    }
+}
+
+/// The document on standard error of a call that fails.
+fn failure(arguments: &[&str]) -> (Option<i32>, Value) {
+    let output = volcomp(&[&["--json"], arguments].concat());
+    assert!(output.stdout.is_empty(), "{arguments:?}");
+    let said = String::from_utf8(output.stderr).expect("UTF-8");
+    let document =
+        serde_json::from_str(&said).unwrap_or_else(|e| panic!("{arguments:?}: {e}\n{said}"));
+    validate("failure", &document);
+    (output.status.code(), document["error"].clone())
+}
+
+#[test]
+fn a_failure_is_one_object_on_standard_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("machine.toml").display().to_string();
+    let text = fs::read_to_string(root().join(GANTRY)).expect("read");
+    fs::write(&machine, text.replace("EC0Y = 12.0", "EC0Y = nan")).expect("written");
+    let (status, error) = failure(&["check", &machine]);
+    assert_eq!(status, Some(2));
+    assert_eq!(error["kind"], "input");
+    assert_eq!(error["file"], machine);
+    assert!(
+        error["line"].as_u64().is_some_and(|line| line > 10),
+        "{error}"
+    );
+    assert_eq!(error["key"], "errors.EC0Y");
+    assert!(
+        error["message"]
+            .as_str()
+            .is_some_and(|m| m.contains("found nan"))
+    );
+    let points = folder.path().join("points.csv").display().to_string();
+    fs::write(&points, "X;Y\n1;2\n1;x\n").expect("written");
+    let (_, error) = failure(&["error", "-m", GANTRY, "--points", &points]);
+    assert_eq!(
+        (&error["file"], &error["line"], &error["key"]),
+        (&points.into(), &3.into(), &"Y".into())
+    );
+    let (status, error) = failure(&["check", "nowhere.toml"]);
+    assert_eq!((status, &error["file"]), (Some(2), &"nowhere.toml".into()));
+    let (status, error) = failure(&["map", "-m", GANTRY]);
+    assert_eq!((status, &error["kind"]), (Some(2), &"call".into()));
+    let (status, error) = failure(&["nothing"]);
+    assert_eq!((status, &error["kind"]), (Some(2), &"call".into()));
+    let (status, error) = failure(&["probe", "focas://127.0.0.1:1", "--within", "0.5"]);
+    assert_eq!((status, &error["kind"]), (Some(1), &"work".into()));
+    let (status, error) = failure(&["iso230", "nowhere.csv"]);
+    assert_eq!((status, &error["kind"]), (Some(2), &"input".into()));
+    let broken = folder.path().join("broken.csv").display().to_string();
+    fs::write(&broken, "target,run,direction,deviation\n1,1,+,nan\n").expect("written");
+    let (_, error) = failure(&["fit", &broken, "--method", "poly"]);
+    assert_eq!(error["file"], broken);
+    assert_eq!(error["line"], 2);
+    assert_eq!(failure(&["iso230", POSITIONING, "--part", "9"]).0, Some(2));
+}
