@@ -168,8 +168,8 @@ fn every_crate_is_in_the_chapters_on_crates() {
         ".",
     ] {
         for entry in fs::read_dir(root().join(group)).expect("a folder of the repository") {
-            let manifest = entry.expect("an entry").path().join("Cargo.toml");
-            let Ok(text) = fs::read_to_string(manifest) else {
+            let folder = entry.expect("an entry").path();
+            let Ok(text) = fs::read_to_string(folder.join("Cargo.toml")) else {
                 continue;
             };
             let manifest: toml::Table = text.parse().expect("a manifest");
@@ -178,11 +178,18 @@ fn every_crate_is_in_the_chapters_on_crates() {
                 architecture.contains(&format!("| `{name}` |")),
                 "architecture.md: {name}"
             );
-            let is_library = group != "cli";
-            assert!(
-                !is_library || integrators.contains(&format!("## {name}\n")),
-                "integrators.md: {name}"
-            );
+            if group != "cli" {
+                assert!(
+                    integrators.contains(&format!("\n## {name}\n")),
+                    "integrators.md: {name}"
+                );
+                // What the chapter shows of it.
+                let readme = fs::read_to_string(folder.join("README.md")).expect("a README");
+                assert!(
+                    readme.contains("<!-- ANCHOR: example -->\n```rust"),
+                    "README.md of {name}: the first example is not marked"
+                );
+            }
             count += 1;
         }
     }
