@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Guard, LimitsError, Reasons, Request, State};
+use volcomp_guard::{Guard, LimitsError, Quantity, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits};
@@ -120,17 +120,26 @@ fn limits_that_make_no_sense_are_refused() {
         Guard::new(limits).expect_err("refused")
     };
     assert_eq!(check(&|l| l.axes[1].limit = 0.0).axis, Some(1));
-    assert_eq!(check(&|l| l.axes[0].warn = 0.2).what, "warn");
-    assert_eq!(check(&|l| l.axes[0].slew_per_s = f64::NAN).what, "slew");
-    assert_eq!(check(&|l| l.axes[0].accel_per_s2 = 0.0).what, "accel");
-    assert_eq!(check(&|l| l.axes[0].resolution = 0.0).what, "resolution");
-    assert_eq!(check(&|l| l.count = 0).what, "axes");
+    assert_eq!(check(&|l| l.axes[0].warn = 0.2).what, Quantity::Warn);
+    assert_eq!(
+        check(&|l| l.axes[0].slew_per_s = f64::NAN).what,
+        Quantity::Slew
+    );
+    assert_eq!(
+        check(&|l| l.axes[0].accel_per_s2 = 0.0).what,
+        Quantity::Accel
+    );
+    assert_eq!(
+        check(&|l| l.axes[0].resolution = 0.0).what,
+        Quantity::Resolution
+    );
+    assert_eq!(check(&|l| l.count = 0).what, Quantity::Axes);
     assert_eq!(
         check(&|l| l.hold = Duration::from_millis(1)).what,
-        "hold, s"
+        Quantity::Hold
     );
-    assert_eq!(check(&|l| l.zero_after = PERIOD).what, "zero after, s");
-    assert_eq!(check(&|l| l.test_shift[0] = STEP).what, "test shift");
+    assert_eq!(check(&|l| l.zero_after = PERIOD).what, Quantity::ZeroAfter);
+    assert_eq!(check(&|l| l.test_shift[0] = STEP).what, Quantity::TestShift);
 }
 
 #[test]
