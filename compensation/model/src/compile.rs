@@ -55,7 +55,7 @@ impl Machine {
         Ok(compiled)
     }
 
-    /// What the curves over the axis's own coordinate (mm or deg) give, on top of offsets (um, urad).
+    /// What the curves over the axis's own coordinate (mm or deg) give, on top of offsets (µm, µrad).
     fn curve_errors(
         &self,
         axis: usize,

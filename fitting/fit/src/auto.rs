@@ -23,10 +23,8 @@ const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0
 /// Unequal lengths, numbers that are not finite, no reading, a required residual that is not
 /// positive.
 pub fn fit_auto(x: &[f64], u: &[f64], required_residual: Option<f64>) -> Result<Fit, FitError> {
-    readings::check(x, u)?;
+    let targets = readings::checked_targets(x, u, 1, "a curve")?;
     readings::check_required(required_residual)?;
-    let targets = readings::targets(x, u);
-    readings::require(&targets, 1, "a curve")?;
     if let [[_, mean]] = targets[..] {
         let mut fit = Fit::new(Curve::constant(mean)?, x, u, f64::INFINITY);
         fit.meets_required = required_residual.map(|_| true);

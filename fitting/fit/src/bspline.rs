@@ -19,9 +19,7 @@ const LOG_RESOLUTION: f64 = 0.01;
 /// # Errors
 /// Unequal lengths, numbers that are not finite, fewer than 4 different targets.
 pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
-    readings::check(x, u)?;
-    let targets = readings::targets(x, u);
-    readings::require(&targets, 4, "a smoothing spline")?;
+    let targets = readings::checked_targets(x, u, 4, "a smoothing spline")?;
     let knots = uniform_knots(
         targets[0][0],
         targets[targets.len() - 1][0],

@@ -6,6 +6,8 @@ use crate::{Fit, FitError, readings};
 const ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 /// Supports tried, in twentieths of the range.
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
+/// What targets are needed for, in messages.
+const PURPOSE: &str = "moving least squares";
 /// Points between neighbouring critical points at which the weights are checked.
 const SUBDIVISION: u32 = 4;
 
@@ -22,13 +24,8 @@ pub fn fit_mls(
     support: f64,
     shape: f64,
 ) -> Result<Fit, FitError> {
-    readings::check(x, u)?;
-    let targets = readings::targets(x, u);
-    readings::require(
-        &targets,
-        order.saturating_add(1).max(2),
-        "moving least squares",
-    )?;
+    let needed = order.saturating_add(1).max(2);
+    let targets = readings::checked_targets(x, u, needed, PURPOSE)?;
     Ok(Candidate::new(targets, order, support, shape)?.fit(x, u))
 }
 
@@ -49,10 +46,8 @@ pub fn fit_mls_auto(
     shape: f64,
     required_residual: Option<f64>,
 ) -> Result<Fit, FitError> {
-    readings::check(x, u)?;
+    let targets = readings::checked_targets(x, u, 3, PURPOSE)?;
     readings::check_required(required_residual)?;
-    let targets = readings::targets(x, u);
-    readings::require(&targets, 3, "moving least squares")?;
     // The shape is refused here, before it is taken for a lack of candidates.
     MovingLeastSquares::new(targets.clone(), 1, 2.0 * targets.len() as f64, shape)?;
 

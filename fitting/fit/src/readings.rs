@@ -57,6 +57,19 @@ pub(crate) fn targets(x: &[f64], u: &[f64]) -> Vec<[f64; 2]> {
         .collect()
 }
 
+/// Checked readings as the mean of each target, of which `purpose` needs so many.
+pub(crate) fn checked_targets(
+    x: &[f64],
+    u: &[f64],
+    needed: usize,
+    purpose: &'static str,
+) -> Result<Vec<[f64; 2]>, FitError> {
+    check(x, u)?;
+    let targets = targets(x, u);
+    require(&targets, needed, purpose)?;
+    Ok(targets)
+}
+
 pub(crate) fn require(
     targets: &[[f64; 2]],
     needed: usize,

@@ -24,9 +24,7 @@ fn fit_table(
     u: &[f64],
     build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,
 ) -> Result<Fit, FitError> {
-    readings::check(x, u)?;
-    let targets = readings::targets(x, u);
-    readings::require(&targets, 2, "a table")?;
+    let targets = readings::checked_targets(x, u, 2, "a table")?;
     let mut errors = Vec::with_capacity(targets.len());
     for left_out in 1..targets.len() - 1 {
         let mut others = targets.clone();
