@@ -143,7 +143,7 @@ function showMap() {
   const here = map.axes.map(({ name }) => current.positions_mm[name]);
   const largest = drawMap(element("map"), map.error_um, map.axes, here.every(Number.isFinite) ? here : null);
   const others = inOrder(current.machine.axes).filter((name) => !map.axes.some((axis) => axis.name === name));
-  const stand = others.length ? `, ${others.join(" ")} as they stand` : "";
+  const stand = others.length ? `, ${others.join(" ")} as ${others.length === 1 ? "it stands" : "they stand"}` : "";
   text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}${stand}`);
   text("map-scale", `without correction, by the model: light 0, dark ${largest} µm; the cross is where the machine stands`);
 }

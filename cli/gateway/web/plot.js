@@ -46,7 +46,8 @@ function drawLines(canvas, now, span, series) {
   }
   context.textAlign = "center";
   context.textBaseline = "alphabetic";
-  for (let ago = 0; ago <= span; ago += span / 4) {
+  const marks = width < 420 ? 2 : 4;
+  for (let ago = 0; ago <= span; ago += span / marks) {
     context.fillText(ago === 0 ? "now" : `−${ago} s`, Math.min(Math.max(x(now - ago), left + 16), width - 18), height - 4);
   }
   for (const { points, colour } of series) {
@@ -112,7 +113,7 @@ function ticks([low, high], count) {
 function drawMap(canvas, rows, [across, up], here) {
   const { context, width, height } = surface(canvas);
   const largest = roundUp(Math.max(...rows.flat()));
-  const left = 58, bottom = height - 40, top = 10, right = width - 14;
+  const left = 70, bottom = height - 40, top = 10, right = width - 14;
   const x = (mm) => left + (right - left) * (mm - across.travel[0]) / (across.travel[1] - across.travel[0]);
   const y = (mm) => bottom - (bottom - top) * (mm - up.travel[0]) / (up.travel[1] - up.travel[0]);
   const [wide, tall] = [(right - left) / rows[0].length, (bottom - top) / rows.length];
@@ -127,7 +128,7 @@ function drawMap(canvas, rows, [across, up], here) {
   context.textBaseline = "alphabetic";
   context.textAlign = "center";
   const number = (mm) => String(mm).replace("-", "−");
-  for (const mm of ticks(across.travel, (right - left) / 90)) {
+  for (const mm of ticks(across.travel, (right - left) / 55)) {
     context.fillRect(x(mm) - 0.5, bottom, 1, 5);
     context.fillText(number(mm), Math.min(x(mm), width - 18), bottom + 18);
   }
@@ -139,7 +140,7 @@ function drawMap(canvas, rows, [across, up], here) {
     context.fillText(number(mm), left - 8, Math.max(y(mm), 8));
   }
   context.save();
-  context.translate(11, (top + bottom) / 2);
+  context.translate(12, (top + bottom) / 2);
   context.rotate(-Math.PI / 2);
   context.textAlign = "center";
   context.fillText(`${up.name}, mm`, 0, 0);

@@ -8,7 +8,7 @@ use volcomp_port::{
     Snapshot, Temperature, Thermometer,
 };
 
-use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{
     frame::{CanPort, Frame, Received},
@@ -220,10 +220,14 @@ impl<P: CanPort> CanController<P> {
                     .ok_or_else(|| refused(format!("there is no signal {signal}")))
             };
             let position = needed("POS")?;
+            of_kind(&table.messages[position.0].signals[position.1], *name).map_err(refused)?;
             let (message, place) = needed("CORR")?;
             let correction = table.messages[message].signals[place].clone();
-            let to_internal = unit(&correction).map_err(refused)?.0;
+            let to_internal = of_kind(&correction, *name).map_err(refused)?;
             let applied = table.find(&format!("{name}_APPLIED"));
+            if let Some((message, place)) = applied {
+                of_kind(&table.messages[message].signals[place], *name).map_err(refused)?;
+            }
             let applied = applied.map(|at| hear(table, &mut heard, at)).transpose();
             described.push(Axis {
                 name: *name,
@@ -379,6 +383,24 @@ fn unit(signal: &Signal) -> Result<(f64, bool), String> {
             signal.name
         )),
     }
+}
+
+/// What makes mm or rad of a signal of an axis, whose unit must be one of the axis's kind.
+fn of_kind(signal: &Signal, name: AxisName) -> Result<f64, String> {
+    let (to_internal, rotary) = unit(signal)?;
+    if rotary == name.is_rotary() {
+        return Ok(to_internal);
+    }
+    let expected = match name.kind() {
+        AxisKind::Linear => "mm or um",
+        AxisKind::Rotary => "deg, rad or urad",
+    };
+    Err(format!(
+        "signal {} has the unit `{}`, expected {expected}: axis {name} is {}",
+        signal.name,
+        signal.unit,
+        name.kind()
+    ))
 }
 
 /// Adds the message of a signal to those that are heard.

@@ -39,7 +39,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     let all: String = names.iter().map(|name| read(name)).collect();
     let whole = verify(all.as_bytes());
     assert_eq!((whole.end, whole.broken), (all.len(), None));
-    assert!(all.contains("\"details\":59") && !all.contains("\"details\":0,"));
+    assert!(all.contains("\"what\":\"59\"") && !all.contains("\"what\":\"0\""));
     // Opened again it goes on with the next number.
     drop(log);
     let (mut log, found) = AuditLog::open(dir.path()).expect("there");

@@ -208,7 +208,7 @@ fn two_gateways_on_one_controller() {
         .output()
         .expect("built");
     assert_eq!(second.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&second.stderr).contains("another gateway on this host"));
+    assert!(String::from_utf8_lossy(&second.stderr).contains("another gateway on this computer"));
     // As from another host, by another name: the heartbeat moves.
     let other = tempfile::tempdir().expect("writable");
     let config = configuration(other.path(), &control, "");
@@ -360,7 +360,7 @@ fn status_and_check_speak_for_themselves() {
     let config = configuration(dir.path(), &control, "");
     let (status, text, _) = call(&["check", path(&config)]);
     assert_eq!(status, Some(0), "{text}");
-    assert!(text.contains("axes XYZ"), "{text}");
+    assert!(text.contains("axes X Y Z"), "{text}");
     for (from, to, expected) in [
         ("limit_um = 150.0", "limit_um = \"much\"", "guard.limit_um"),
         ("slew_um_per_s = 500.0", "", "slew_um_per_s"),
