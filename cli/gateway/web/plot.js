@@ -87,7 +87,7 @@ function drawBars(canvas, bins) {
     context.fillRect(index * each + 2, bottom - tall, each - 4, tall);
     context.fillStyle = soft;
     const label = edge < 1000 ? `${edge}` : `${Math.round(edge / 1000)}k`;
-    if (each > 34 || index % 2 === 0) context.fillText(label, (index + 0.5) * each, height - 4);
+    if (each > 34 || index % 2 === 0) context.fillText(label, Math.min((index + 0.5) * each, width - 20), height - 4);
   });
 }
 
