@@ -28,9 +28,46 @@ pub(crate) fn text(status: &Status, controllers: usize) -> String {
     ] {
         metric(&mut out, name, "counter", help, &one(value as f64));
     }
+    for (name, help, lines) in gauges(status, controllers) {
+        metric(&mut out, name, "gauge", help, &lines);
+    }
+    for (name, help, times) in [
+        (
+            "cycle_seconds",
+            "Time of a whole cycle over the last some thousand cycles",
+            StretchTimes {
+                p50_us: cycle.p50_us,
+                p99_us: cycle.p99_us,
+                max_us: cycle.max_us,
+            },
+        ),
+        (
+            "own_seconds",
+            "CPU time of a cycle without exchanges",
+            cycle.own,
+        ),
+        (
+            "wake_seconds",
+            "From the deadline to the first instruction of a cycle",
+            cycle.wake,
+        ),
+        (
+            "exchange_seconds",
+            "Exchanges with controllers in a cycle",
+            cycle.exchange,
+        ),
+    ] {
+        metric(&mut out, name, "gauge", help, &quantiles(&times));
+    }
+    out
+}
+
+/// Name, help and lines of what has a value of its own at each state.
+fn gauges(status: &Status, controllers: usize) -> Vec<(&'static str, &'static str, Lines)> {
+    let one = |value: f64| vec![(String::new(), value)];
     let active = status.controller.as_ref();
     let active = active.map_or(f64::NAN, |controller| controller.number as f64);
-    for (name, help, lines) in [
+    vec![
         (
             "state",
             "1 for the state of the gateway, 0 for the others",
@@ -87,34 +124,7 @@ pub(crate) fn text(status: &Status, controllers: usize) -> String {
             "Temperature of a sensor that is used, °C",
             temperatures(status),
         ),
-        (
-            "cycle_seconds",
-            "Time of a whole cycle over the last some thousand cycles",
-            quantiles(&StretchTimes {
-                p50_us: cycle.p50_us,
-                p99_us: cycle.p99_us,
-                max_us: cycle.max_us,
-            }),
-        ),
-        (
-            "own_seconds",
-            "CPU time of a cycle without exchanges",
-            quantiles(&cycle.own),
-        ),
-        (
-            "wake_seconds",
-            "From the deadline to the first instruction of a cycle",
-            quantiles(&cycle.wake),
-        ),
-        (
-            "exchange_seconds",
-            "Exchanges with controllers in a cycle",
-            quantiles(&cycle.exchange),
-        ),
-    ] {
-        metric(&mut out, name, "gauge", help, &lines);
-    }
-    out
+    ]
 }
 
 fn metric(out: &mut String, name: &str, kind: &str, help: &str, lines: &[(String, f64)]) {

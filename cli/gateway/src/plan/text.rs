@@ -90,7 +90,7 @@ impl Lines {
             if line.chars().count() + 1 + word.chars().count() > 79 {
                 self.text += &line;
                 self.text += "\n";
-                line = "     ".to_owned();
+                "     ".clone_into(&mut line);
             }
             line += " ";
             line += word;
@@ -150,7 +150,10 @@ impl Lines {
                 } == *axis
             };
             match groups.iter_mut().find(same) {
-                Some((letters, _)) => *letters += &format!(" {}", axis.name),
+                Some((letters, _)) => {
+                    letters.push(' ');
+                    letters.push(axis.name.letter());
+                }
                 None => groups.push((axis.name.to_string(), axis)),
             }
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use volcomp_guard::Reasons;
 use volcomp_runtime::{Order, Replacement};
 
-use super::Service;
+use super::{Service, requests::no_log};
 use crate::{
     audit::replace_file,
     config::Config,
@@ -59,7 +59,7 @@ impl Service {
             to: plan.model.hash.clone(),
         };
         if !self.log(who, "reload", event) {
-            return Ok(self.no_log(self.last_state));
+            return Ok(no_log(self.last_state));
         }
         self.take(plan);
         Ok(Reply {

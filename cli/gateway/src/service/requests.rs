@@ -77,7 +77,7 @@ impl Service {
         let may = self.log(who, what, Event::Request { state });
         // A full disk forbids arming, never disarming.
         if !may && request == Request::Arm {
-            return self.no_log(before.state);
+            return no_log(before.state);
         }
         if !self.parts.handle.send(Order::Request(request)) {
             return Reply {
@@ -96,11 +96,6 @@ impl Service {
             }
             std::thread::sleep(Duration::from_millis(2));
         }
-    }
-
-    /// The answer when the audit log cannot be written.
-    pub(super) fn no_log(&self, state: State) -> Reply {
-        settled(409, state, Reasons::AUDIT)
     }
 
     pub(super) fn confirmed_path(&self) -> PathBuf {
@@ -160,10 +155,15 @@ impl Service {
         }
         if let Err(e) = replace_file(&path, &self.parts.model.text) {
             tracing::error!("{}: {e}", path.display());
-            return self.no_log(self.last_state);
+            return no_log(self.last_state);
         }
         self.request(who, "arm", Request::Arm, |state| state != State::Disarmed)
     }
+}
+
+/// The answer when the audit log cannot be written.
+pub(super) fn no_log(state: State) -> Reply {
+    settled(409, state, Reasons::AUDIT)
 }
 
 fn settled(status: u16, state: State, reasons: Reasons) -> Reply {
