@@ -9,7 +9,7 @@ use volcomp_devices::{
     Address, Scheme, digital_lines, digital_modules, focas_config, gpio_port, signal_table,
     thermometer, thermometer_names,
 };
-use volcomp_digital_io::{CorrectionWord, DigitalAxis, DigitalController, PositionWord, Wiring};
+use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{FocasConfig, FocasController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::PathSettings;
@@ -23,11 +23,6 @@ const CAN_READ_BACK: Duration = Duration::from_millis(60);
 const CAN_STALE: Duration = Duration::from_millis(100);
 /// Temperatures of a CAN bridge that are older are stale.
 const CAN_TEMPERATURE_STALE: Duration = Duration::from_secs(10);
-/// The step of a correction on digital lines where the configuration states none.
-const LINE_STEP_UM: f64 = 1.0;
-/// The step of a correction of a rotary axis on digital lines where the configuration states none: 0.001 deg.
-const LINE_STEP_DEG: f64 = 1e-3;
-
 /// One controller as it is configured, not opened.
 #[derive(Clone, Debug)]
 pub struct ControllerDevice {
@@ -125,8 +120,8 @@ impl ControllerDevice {
             unwatched: config.unwatched,
             proves: config.proves.unwrap_or(!is_digital),
             position_step: match &self.kind {
-                Kind::Lines(lines) => lines.position_step(),
-                Kind::Focas(_) | Kind::Can(_) => 0.0,
+                Kind::Lines(lines) => Some(lines.position_step()),
+                Kind::Focas(_) | Kind::Can(_) => None,
             },
             read_back_cycles: usize::try_from(cycles)
                 .unwrap_or(usize::MAX)
@@ -168,16 +163,13 @@ fn lines(config: &ControllerConfig, channel: String) -> Result<Lines, DeviceErro
             "axes: found {} axes, expected one: these lines carry one position",
             config.axes.len()
         );
-        return Err(DeviceError::new(&*config.url, what, "name one axis"));
+        return Err(DeviceError::option(&*config.url, what, "name one axis"));
     };
     let words = &config.digital;
-    let step = if name.is_rotary() {
-        config
-            .resolution_urad
-            .map_or(LINE_STEP_DEG.to_radians(), |urad| urad * 1e-6)
-    } else {
-        config.resolution_um.unwrap_or(LINE_STEP_UM) * 1e-3
-    };
+    let axis = config.digital_axis(name).map_err(|missing| {
+        let found = missing.to_string();
+        DeviceError::option(&*config.url, found, "state it").caused_by(missing)
+    })?;
     Ok(Lines {
         channel,
         wiring: Wiring {
@@ -186,21 +178,7 @@ fn lines(config: &ControllerConfig, channel: String) -> Result<Lines, DeviceErro
             ..Wiring::default()
         },
         coherence: words.coherence,
-        axis: DigitalAxis {
-            position: PositionWord {
-                bits: words.position_bits,
-                code: words.position_code,
-                mm_per_count: words.position_mm_per_count,
-                zero_mm: words.position_zero_mm,
-            },
-            correction: CorrectionWord {
-                bits: words.correction_bits,
-                code: words.correction_code,
-                mm_per_count: step,
-            },
-            includes_correction: config.includes_correction,
-            ..DigitalAxis::published(name)
-        },
+        axis,
     })
 }
 
@@ -215,8 +193,8 @@ impl Lines {
         )
     }
 
-    fn position_step(&self) -> f64 {
-        self.axis.position.mm_per_count
+    fn position_step(&self) -> Displacement {
+        self.axis.position.step
     }
 }
 
@@ -246,7 +224,7 @@ impl ThermometerDevice {
                 (Some(table), names)
             }
             Scheme::Focas | Scheme::Gpio => {
-                return Err(address.wrong(
+                return Err(address.unsupported(
                     "this device has no temperatures",
                     "expected modbus://, modbus-rtu:// or can://",
                 ));

@@ -111,7 +111,11 @@ pub fn limits(
             })?;
         *into = axis_limits(axis, &of_kind);
         let asked = of_kind.test_shift.mm_or_rad();
-        let wanted = asked.max(SHIFT_STEPS * axis.step().max(settings.position_step));
+        let shown = settings
+            .position_step
+            .filter(|step| step.kind() == axis.kind());
+        let position_step = shown.map_or(0.0, Displacement::mm_or_rad);
+        let wanted = asked.max(SHIFT_STEPS * axis.step().max(position_step));
         if settings.proves && asked > 0.0 && wanted <= into.limit {
             *shift = wanted;
         }

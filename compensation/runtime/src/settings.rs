@@ -128,8 +128,8 @@ pub struct PathSettings {
     pub unwatched: bool,
     /// Whether the test shift at arming is made.
     pub proves: bool,
-    /// The smallest step that its reported positions show, mm or rad; 0: finer than that of the correction.
-    pub position_step: f64,
+    /// The smallest step that its reported positions show; `None`: finer than that of the correction.
+    pub position_step: Option<Displacement>,
     /// How many writes its read-back may be behind, from 1.
     pub read_back_cycles: usize,
 }
@@ -141,7 +141,7 @@ impl Default for PathSettings {
             fixed: BTreeMap::new(),
             unwatched: false,
             proves: true,
-            position_step: 0.0,
+            position_step: None,
             read_back_cycles: 1,
         }
     }

@@ -8,7 +8,7 @@ use volcomp_port::{
     Snapshot, Temperature, Thermometer,
 };
 
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
+use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
     frame::{CanPort, Frame, Received},
@@ -203,11 +203,11 @@ impl<P: CanPort> CanController<P> {
     /// A controller on a bus.
     ///
     /// # Errors
-    /// Axes without signals, units that are not known.
+    /// Axes without signals.
     pub fn new(port: P, config: &BridgeConfig) -> Result<Self, DeviceError> {
         let device = port.device().to_owned();
         let refused =
-            |what: String| DeviceError::new(&*device, what, "correct the DBC file or the axes");
+            |what: String| DeviceError::option(&*device, what, "correct the DBC file or the axes");
         let table = &config.table;
         let (mut heard, mut sent) = (Vec::new(), Vec::new());
         let mut axes = Vec::new();
@@ -220,23 +220,19 @@ impl<P: CanPort> CanController<P> {
                     .ok_or_else(|| refused(format!("there is no signal {signal}")))
             };
             let position = needed("POS")?;
-            of_kind(&table.messages[position.0].signals[position.1], *name).map_err(refused)?;
             let (message, place) = needed("CORR")?;
             let correction = table.messages[message].signals[place].clone();
-            let to_internal = of_kind(&correction, *name).map_err(refused)?;
+            let to_internal = to_internal(&correction);
             let applied = table.find(&format!("{name}_APPLIED"));
-            if let Some((message, place)) = applied {
-                of_kind(&table.messages[message].signals[place], *name).map_err(refused)?;
-            }
-            let applied = applied.map(|at| hear(table, &mut heard, at)).transpose();
+            let applied = applied.map(|at| hear(table, &mut heard, at));
             described.push(Axis {
                 name: *name,
                 includes_correction: config.includes_correction,
                 resolution: Displacement::new(name.kind(), correction.step() * to_internal),
             });
             axes.push(BridgeAxis {
-                position: hear(table, &mut heard, position).map_err(refused)?,
-                applied: applied.map_err(refused)?,
+                position: hear(table, &mut heard, position),
+                applied,
                 sent: send(table, &mut sent, message).ok_or_else(|| {
                     refused(format!("{} makes no frame", table.messages[message].name))
                 })?,
@@ -246,7 +242,7 @@ impl<P: CanPort> CanController<P> {
         }
         let flag = |name: &str, heard: &mut Vec<Heard>| {
             let at = table.find(name)?;
-            hear(table, heard, at).ok()
+            Some(hear(table, heard, at))
         };
         let flags = ["REFERENCED", "ALARM", "EMERGENCY_STOP"].map(|name| flag(name, &mut heard));
         let watched = sent
@@ -370,45 +366,13 @@ impl<P: CanPort> Controller for CanController<P> {
     }
 }
 
-/// The factor to mm, rad or °C, and whether it is an angle.
-fn unit(signal: &Signal) -> Result<(f64, bool), String> {
-    match &*signal.unit {
-        "um" | "µm" => Ok((1e-3, false)),
-        "deg" => Ok((1.0_f64.to_radians(), true)),
-        "rad" => Ok((1.0, true)),
-        "urad" | "µrad" => Ok((1e-6, true)),
-        "mm" | "degC" | "°C" | "" => Ok((1.0, false)),
-        other => Err(format!(
-            "signal {} has the unit `{other}`, expected mm, um, deg, rad, urad or degC",
-            signal.name
-        )),
-    }
-}
-
-/// What makes mm or rad of a signal of an axis, whose unit must be one of the axis's kind.
-fn of_kind(signal: &Signal, name: AxisName) -> Result<f64, String> {
-    let (to_internal, rotary) = unit(signal)?;
-    if rotary == name.is_rotary() {
-        return Ok(to_internal);
-    }
-    let expected = match name.kind() {
-        AxisKind::Linear => "mm or um",
-        AxisKind::Rotary => "deg, rad or urad",
-    };
-    Err(format!(
-        "signal {} has the unit `{}`, expected {expected}: axis {name} is {}",
-        signal.name,
-        signal.unit,
-        name.kind()
-    ))
+/// The factor from a signal's unit to mm, rad or °C; flags have no unit. [`SignalTable::parse`] refuses other units.
+fn to_internal(signal: &Signal) -> f64 {
+    signal.to_internal().unwrap_or(1.0)
 }
 
 /// Adds the message of a signal to those that are heard.
-fn hear(
-    table: &SignalTable,
-    heard: &mut Vec<Heard>,
-    (message, place): (usize, usize),
-) -> Result<Place, String> {
+fn hear(table: &SignalTable, heard: &mut Vec<Heard>, (message, place): (usize, usize)) -> Place {
     let message = &table.messages[message];
     let known = heard.iter().position(|h| h.message.name == message.name);
     let index = known.unwrap_or_else(|| {
@@ -416,11 +380,11 @@ fn hear(
         heard.len() - 1
     });
     let signal = message.signals[place].clone();
-    Ok(Place {
+    Place {
         heard: index,
-        to_internal: unit(&signal)?.0,
+        to_internal: to_internal(&signal),
         signal,
-    })
+    }
 }
 
 /// Adds a message to those that are sent.
@@ -453,13 +417,14 @@ impl<P: CanPort> CanThermometer<P> {
     /// # Errors
     /// A table without temperatures.
     pub fn new(port: P, table: &SignalTable, stale_after: Duration) -> Result<Self, DeviceError> {
-        let refused = |what: String| DeviceError::new(port.device(), what, "correct the DBC file");
+        let refused =
+            |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
         let (mut heard, mut names, mut places) = (Vec::new(), Vec::new(), Vec::new());
         for (message, found) in table.messages.iter().enumerate() {
             for (place, signal) in found.signals.iter().enumerate() {
                 if let Some(name) = signal.name.strip_suffix("_TEMP") {
                     names.push(name.to_lowercase());
-                    places.push(hear(table, &mut heard, (message, place)).map_err(refused)?);
+                    places.push(hear(table, &mut heard, (message, place)));
                 }
             }
         }
@@ -507,7 +472,7 @@ impl<P: CanPort> Thermometer for CanThermometer<P> {
             } else if raw == u64::MAX >> (64 - place.signal.bits) {
                 Temperature::bad(Reason::Open, taken)
             } else {
-                Temperature::good(place.signal.value(heard.data()), taken)
+                Temperature::good(place.signal.value(heard.data()) * place.to_internal, taken)
             };
         }
         &self.latest

@@ -447,7 +447,8 @@ impl<P: CanPort> CanopenThermometer<P> {
         silent_after: Duration,
         stale_after: Duration,
     ) -> Result<Self, DeviceError> {
-        let refused = |what: String| DeviceError::new(port.device(), what, "correct the channels");
+        let refused =
+            |what: String| DeviceError::option(port.device(), what, "correct the channels");
         if channels.is_empty() {
             return Err(refused("no channel is named".to_owned()));
         }
@@ -571,7 +572,7 @@ impl<P: CanPort> CanopenDigital<P> {
         if !(1..=127).contains(&node) || inputs > 64 || outputs > 64 {
             let what = format!("found node {node}, {inputs} inputs, {outputs} outputs");
             let remedy = "expected nodes 1 to 127 and at most 64 lines each way";
-            return Err(DeviceError::new(port.device(), what, remedy));
+            return Err(DeviceError::option(port.device(), what, remedy));
         }
         Ok(Self {
             nodes: Nodes::new([node].into_iter(), silent_after),

@@ -3,6 +3,7 @@
 mod bridge;
 pub mod canopen;
 mod frame;
+mod quantity;
 mod signals;
 #[cfg(feature = "socket")]
 mod socket;

@@ -1,26 +1,43 @@
 //! A DBC file as a flat table: which bits of which frame are which number.
 
 use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, ValueType};
+use volcomp_vocabulary::{AxisName, Displacement};
 
-use crate::frame::Frame;
+use crate::{frame::Frame, quantity::Quantity};
 
 /// A DBC file that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DbcError {
-    /// No DBC file.
-    #[error("DBC: {0}")]
-    Syntax(String),
-    /// A message or signal that cannot be used.
-    #[error("DBC, {place}: {found}, expected {expected}")]
+    /// The text is no DBC file.
+    #[error("{file}: {message}")]
+    Syntax {
+        /// The file.
+        file: String,
+        /// What the parser says.
+        message: String,
+    },
+    /// A message or signal cannot be used.
+    #[error("{file}:{line}: {place}: found {found}, expected {expected}")]
     Entry {
-        /// Message and signal.
+        /// The file.
+        file: String,
+        /// The line of the message or signal, from 1.
+        line: usize,
+        /// The name of the message, for a signal followed by a dot and its name.
         place: String,
         /// What was found.
         found: String,
         /// What was expected.
         expected: String,
     },
+}
+
+/// What is wrong at a message or signal, before it is known where that stands in the file.
+struct Wrong {
+    place: String,
+    found: String,
+    expected: String,
 }
 
 /// A number in the data of a frame.
@@ -69,12 +86,35 @@ pub struct SignalTable {
 }
 
 impl SignalTable {
-    /// Reads a DBC file.
+    /// Takes the text of a DBC file that has no name.
     ///
     /// # Errors
-    /// No DBC, signals outside their message, lengths that there are not.
+    /// See [`SignalTable::parse_file`].
     pub fn parse(text: &str) -> Result<Self, DbcError> {
-        let dbc = Dbc::try_from(text).map_err(|e| DbcError::Syntax(e.to_string()))?;
+        Self::parse_file("DBC", text)
+    }
+
+    /// Takes the text of `file`.
+    ///
+    /// # Errors
+    /// No DBC file, signals outside their message, lengths that no frame has, and a unit that is missing or that the
+    /// quantity of the signal does not have: positions and corrections of linear axes are in mm or um, of rotary axes
+    /// in deg, rad or urad, temperatures in degC.
+    pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
+        let dbc = Dbc::try_from(text).map_err(|e| DbcError::Syntax {
+            file: file.to_owned(),
+            message: e.to_string(),
+        })?;
+        Self::from_dbc(&dbc).map_err(|wrong| DbcError::Entry {
+            file: file.to_owned(),
+            line: line_of(text, &wrong.place),
+            place: wrong.place,
+            found: wrong.found,
+            expected: wrong.expected,
+        })
+    }
+
+    fn from_dbc(dbc: &Dbc) -> Result<Self, Wrong> {
         let messages = dbc.messages.iter().filter(|m| m.size > 0).map(message);
         let messages = messages.collect::<Result<Vec<_>, _>>()?;
         for (index, message) in messages.iter().enumerate() {
@@ -109,15 +149,40 @@ impl SignalTable {
     }
 }
 
-fn wrong(place: &str, found: &str, expected: &str) -> DbcError {
-    DbcError::Entry {
+fn wrong(place: &str, found: &str, expected: &str) -> Wrong {
+    Wrong {
         place: place.to_owned(),
-        found: format!("found {found}"),
+        found: found.to_owned(),
         expected: expected.to_owned(),
     }
 }
 
-fn message(found: &can_dbc::Message) -> Result<Message, DbcError> {
+/// The line of a message, or of a signal within its message; 1 where it cannot be found.
+fn line_of(text: &str, place: &str) -> usize {
+    let (message, signal) = match place.split_once('.') {
+        Some((message, signal)) => (message, Some(signal)),
+        None => (place, None),
+    };
+    let mut within = false;
+    for (index, line) in text.lines().enumerate() {
+        let mut words = line.split([' ', '\t', ':']).filter(|word| !word.is_empty());
+        match (words.next(), signal) {
+            (Some("BO_"), _) => {
+                within = words.nth(1) == Some(message);
+                if within && signal.is_none() {
+                    return index + 1;
+                }
+            }
+            (Some("SG_"), Some(signal)) if within && words.next() == Some(signal) => {
+                return index + 1;
+            }
+            _ => {}
+        }
+    }
+    1
+}
+
+fn message(found: &can_dbc::Message) -> Result<Message, Wrong> {
     let (id, extended) = match found.id {
         MessageId::Standard(id) => (u32::from(id), false),
         MessageId::Extended(id) => (id, true),
@@ -152,7 +217,7 @@ fn message(found: &can_dbc::Message) -> Result<Message, DbcError> {
     })
 }
 
-fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signal, DbcError> {
+fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signal, Wrong> {
     let place = format!("{message}.{}", found.name);
     if found.multiplexer_indicator != MultiplexIndicator::Plain {
         return Err(wrong(&place, "a multiplexed signal", "a plain one"));
@@ -160,6 +225,15 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     if !(found.factor.is_finite() && found.offset.is_finite()) || found.factor == 0.0 {
         let factor = format!("factor {} and offset {}", found.factor, found.offset);
         return Err(wrong(&place, &factor, "finite numbers, the factor not 0"));
+    }
+    if let Some(quantity) = Quantity::of_signal(&found.name)
+        && quantity.factor(&found.unit).is_none()
+    {
+        let unit = match &*found.unit {
+            "" => "no unit".to_owned(),
+            other => format!("the unit `{other}`"),
+        };
+        return Err(wrong(&place, &unit, quantity.expected()));
     }
     let all = u32::try_from(8 * length).unwrap_or(0);
     let bits = u32::try_from(found.size).unwrap_or(u32::MAX);
@@ -281,7 +355,26 @@ impl Signal {
         (low..=high).contains(&wanted)
     }
 
-    /// The step between values.
+    /// The factor from the value to mm, rad or °C; `None` for a signal that is no position, correction or temperature.
+    pub(crate) fn to_internal(&self) -> Option<f64> {
+        Quantity::of_signal(&self.name)?.factor(&self.unit)
+    }
+
+    /// The axis and place that the data say, where this is the position of an axis (`X_POS`).
+    pub fn position(&self, data: &[u8]) -> Option<(AxisName, Displacement)> {
+        let name: AxisName = self.name.strip_suffix("_POS")?.parse().ok()?;
+        let mm_or_rad = self.value(data) * self.to_internal()?;
+        Some((name, Displacement::new(name.kind(), mm_or_rad)))
+    }
+
+    /// The temperature that the data say, °C, where this is one (`BED_TEMP`), with the name of its sensor in small
+    /// letters.
+    pub fn temperature(&self, data: &[u8]) -> Option<(String, f64)> {
+        let name = self.name.strip_suffix("_TEMP")?.to_lowercase();
+        Some((name, self.value(data) * self.to_internal()?))
+    }
+
+    /// The step between two values, in the unit of the signal.
     pub fn step(&self) -> f64 {
         self.factor.abs()
     }

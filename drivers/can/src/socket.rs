@@ -41,7 +41,7 @@ impl CanSocket {
         let device = Self::device_of(interface);
         let failed = |e: Error| {
             let remedy = "check its name (ip link), and bring it up: ip link set can0 up type can bitrate 500000";
-            DeviceError::new(
+            DeviceError::open(
                 &*device,
                 format!("the interface cannot be opened: {e}"),
                 remedy,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use url::Url;
-use volcomp_port::DeviceError;
+use volcomp_port::{DeviceError, Fault};
 
 /// Which bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +63,7 @@ impl Address {
     /// # Errors
     /// No URL, an unknown scheme or key, a host or path that is missing.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
-        let wrong = |what: String, remedy: &str| DeviceError::new(text, what, remedy);
+        let wrong = |what: String, remedy: &str| DeviceError::address(text, what, remedy);
         let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE or gpio://?position=…";
         let url =
             Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
@@ -75,16 +75,15 @@ impl Address {
         for (key, value) in url.query_pairs() {
             if !scheme.keys().contains(&&*key) {
                 let expected = format!("expected one of: {}", scheme.keys().join(", "));
-                return Err(wrong(format!("found the key `{key}`"), &expected));
+                let found = format!("found the key `{key}`");
+                return Err(DeviceError::option(text, found, expected));
             }
             if keys
                 .insert(key.clone().into_owned(), value.into_owned())
                 .is_some()
             {
-                return Err(wrong(
-                    format!("the key `{key}` stands twice"),
-                    "name it once",
-                ));
+                let found = format!("the key `{key}` stands twice");
+                return Err(DeviceError::option(text, found, "name it once"));
             }
         }
         let address = Self {
@@ -106,9 +105,32 @@ impl Address {
         Ok(address)
     }
 
-    /// An error about this device.
-    pub fn wrong(&self, what: impl Into<String>, remedy: impl Into<String>) -> DeviceError {
-        DeviceError::new(&*self.text, what, remedy)
+    /// An error in what the URL or the configuration states about this device.
+    pub fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> DeviceError {
+        DeviceError::option(&*self.text, found, expected)
+    }
+
+    /// The error that the device, or this build, cannot do what is asked.
+    pub fn unsupported(
+        &self,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> DeviceError {
+        DeviceError::unsupported(&*self.text, found, expected)
+    }
+
+    /// The error that the device does not answer.
+    pub(crate) fn no_answer(
+        &self,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> DeviceError {
+        DeviceError::no_answer(&*self.text, found, expected)
+    }
+
+    /// The error of an exchange that failed.
+    pub(crate) fn failed(&self, fault: Fault, expected: impl Into<String>) -> DeviceError {
+        DeviceError::of_fault(&*self.text, fault, expected)
     }
 
     /// A key's text.

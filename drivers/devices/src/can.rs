@@ -20,10 +20,19 @@ use crate::{
 pub fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),
-        Some(path) => std::fs::read_to_string(path)
-            .map_err(|e| address.wrong(format!("{path}: {e}"), "check the path of the DBC file"))?,
+        Some(path) => std::fs::read_to_string(path).map_err(|e| {
+            let found = format!("{path}: {e}");
+            address
+                .wrong(found, "check the path of the DBC file")
+                .caused_by(e)
+        })?,
     };
-    SignalTable::parse(&text).map_err(|e| address.wrong(e.to_string(), "correct the DBC file"))
+    let file = address.get("dbc").unwrap_or("the shipped volcomp.dbc");
+    SignalTable::parse_file(file, &text).map_err(|e| {
+        address
+            .wrong(e.to_string(), "correct the DBC file")
+            .caused_by(e)
+    })
 }
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
@@ -43,16 +52,13 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
             Ok(Some(_)) => errors += 1,
             Ok(None) => break,
             Err(fault) => {
-                return Err(address.wrong(
-                    fault.to_string(),
-                    "bring the interface up: ip link set … up",
-                ));
+                return Err(address.failed(fault, "bring the interface up: ip link set … up"));
             }
         }
     }
     if frames.is_empty() {
         let what = format!("no frame came within {} ms", at_most.as_millis());
-        return Err(address.wrong(what, "check the wire, the bit rate and the other side"));
+        return Err(address.no_answer(what, "check the wire, the bit rate and the other side"));
     }
     let mut probe = Probe::new(address);
     for (frame, _) in frames.values() {
@@ -64,16 +70,12 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
             continue;
         }
         for signal in &message.signals {
-            let value = signal.value(frame.data());
-            if let Some(name) = signal.name.strip_suffix("_POS") {
-                probe.positions.push(ProbedPosition {
-                    name: name.to_owned(),
-                    rotary: signal.unit == "deg",
-                    value,
-                });
-            } else if let Some(name) = signal.name.strip_suffix("_TEMP") {
-                let found = Temperature::good(value, Instant::now());
-                probe.temperatures.push((name.to_lowercase(), found));
+            if let Some((name, at)) = signal.position(frame.data()) {
+                let name = name.to_string();
+                probe.positions.push(ProbedPosition { name, at });
+            } else if let Some((name, degc)) = signal.temperature(frame.data()) {
+                let found = Temperature::good(degc, Instant::now());
+                probe.temperatures.push((name, found));
             }
         }
     }

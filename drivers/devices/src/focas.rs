@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use volcomp_focas::{Client, FocasConfig, FocasError, PositionKind};
 use volcomp_port::DeviceError;
 
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::{
     address::Address,
@@ -28,9 +28,9 @@ pub fn focas_config(address: &Address, axes: &[AxisName]) -> Result<FocasConfig,
 }
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
-    let port = address.port.unwrap_or(PORT);
+    let config = focas_config(address, &[])?;
     let told = |error: FocasError| error.of(&*address.text);
-    let mut client = Client::open(&address.host, port, at_most).map_err(told)?;
+    let mut client = Client::open(&config.host, config.port, at_most).map_err(told)?;
     let system = client.system_info().map_err(told)?;
     let names = client.axis_names().map_err(told)?;
     let positions = client
@@ -45,11 +45,14 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     }
     times.sort_unstable();
     let microseconds = |place: usize| times[place].as_secs_f64() * 1e6;
-    let position = |(name, value): (&char, f64)| ProbedPosition {
-        name: name.to_string(),
-        // Letters of rotary axes by convention: the control itself does not say.
-        rotary: ('A'..='C').contains(name),
-        value,
+    let position = |(name, value): (&char, f64)| {
+        // The control does not say which axes turn; their letters do, as everywhere.
+        let known = AxisName::from_letter(*name);
+        let kind = known.map_or(AxisKind::Linear, AxisName::kind);
+        ProbedPosition {
+            name: name.to_string(),
+            at: Displacement::from_coordinate(kind, value),
+        }
     };
     let mut probe = Probe::new(address);
     probe.positions = names.iter().zip(positions).map(position).collect();

@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_digital_io::{DigitalAxis, GpioPort, LineSet, Wiring};
+use volcomp_digital_io::{GpioPort, LineSet, PositionWord, Wiring};
 use volcomp_port::{DeviceError, DigitalIo, UnopenedLines};
 
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::{
     address::Address,
@@ -42,20 +42,21 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
-    let levels = read.map_err(|fault| address.wrong(fault.to_string(), "check the chip"))?;
+    let levels = read.map_err(|fault| address.failed(fault, "check the chip"))?;
     let mut probe = Probe::new(address);
     probe.inputs = (0..port.inputs())
         .map(|line| levels >> line & 1 == 1)
         .collect();
     if port.inputs() == 15 {
         // As the published scheme reads them.
-        let axis = DigitalAxis::published(AxisName::X);
         let word = Wiring::published().position_word(levels);
         probe.positions = word
             .map(|word| ProbedPosition {
                 name: "published".to_owned(),
-                rotary: false,
-                value: axis.position.decode(word).mm,
+                at: Displacement::new(
+                    AxisKind::Linear,
+                    PositionWord::PUBLISHED.decode(word).position,
+                ),
             })
             .into_iter()
             .collect();

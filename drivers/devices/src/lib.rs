@@ -9,6 +9,7 @@ mod focas;
 mod gpio;
 #[cfg(all(feature = "gpio", feature = "modbus"))]
 mod lines;
+mod list;
 #[cfg(feature = "modbus")]
 mod modbus;
 mod probe;
@@ -22,6 +23,7 @@ pub use focas::focas_config;
 pub use gpio::gpio_port;
 #[cfg(all(feature = "gpio", feature = "modbus"))]
 pub use lines::digital_lines;
+pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
 #[cfg(feature = "modbus")]
 pub use modbus::{digital_modules, thermometer, thermometer_names};
 pub use probe::{Probe, ProbedPosition, probe};

@@ -1,25 +1,43 @@
 //! Modules on Modbus.
 
-use std::time::{Duration, Instant};
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
 
 use volcomp_modbus::{
     Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile, ThermometerConfig,
-    ThermometerUnit, serial_ports,
+    ThermometerUnit,
 };
 use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer, UnopenedLines};
 
 use crate::{
     address::{Address, Scheme},
+    list::serial_ports,
     probe::Probe,
 };
 
+/// The profile that a URL names: one from disk where it ends in `.toml`, else a shipped one by its name.
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
     let name = address.get("profile").ok_or_else(|| {
         let known: Vec<String> = Profile::shipped().into_iter().map(|p| p.name).collect();
-        let remedy = format!("expected profile=NAME, one of: {}", known.join(", "));
-        address.wrong("no profile is named", remedy)
+        let expected = format!(
+            "expected profile=NAME, one of: {}; or profile=FILE.toml",
+            known.join(", ")
+        );
+        address.wrong("no profile is named", expected)
     })?;
-    Profile::named(name).map_err(|e| address.wrong(e.to_string(), "correct the profile"))
+    let is_file = Path::new(name).extension().is_some_and(|e| e == "toml");
+    let found = if is_file {
+        Profile::read(Path::new(name))
+    } else {
+        Profile::named(name)
+    };
+    found.map_err(|e| {
+        address
+            .wrong(e.to_string(), "correct the profile")
+            .caused_by(e)
+    })
 }
 
 fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
@@ -125,7 +143,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     }
     let deadline = Instant::now() + at_most;
     let nobody = || {
-        let ports: Vec<String> = serial_ports().into_iter().map(|port| port.path).collect();
+        let ports: Vec<String> = serial_ports().into_iter().map(|port| port.device).collect();
         let remedy = match (address.scheme, ports.is_empty()) {
             (Scheme::ModbusRtu, true) => {
                 "check wire, unit, speed and parity; this machine has no serial port".to_owned()
@@ -138,7 +156,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
             }
             _ => "check address, unit and supply".to_owned(),
         };
-        address.wrong("the module does not answer", remedy)
+        address.no_answer("the module does not answer", remedy)
     };
     if profile.channels.is_some() {
         let mut thermometer = thermometer(address, &[])?;

@@ -3,18 +3,17 @@
 use std::time::Duration;
 
 use volcomp_port::{DeviceError, Temperature};
+use volcomp_vocabulary::Displacement;
 
 use crate::address::{Address, Scheme};
 
 /// A position as a device tells it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbedPosition {
-    /// The axis.
+    /// The letter of the axis, or the name under which the device tells the position.
     pub name: String,
-    /// Whether it is an angle.
-    pub rotary: bool,
-    /// mm, or deg.
-    pub value: f64,
+    /// Where the axis stands.
+    pub at: Displacement,
 }
 
 /// What a device says now: the parts that apply.
@@ -60,8 +59,9 @@ pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError>
         #[cfg(feature = "gpio")]
         Scheme::Gpio => crate::gpio::probe(address, at_most),
         _ => {
-            let what = "this build has no such bus";
-            Err(address.wrong(what, format!("build it with its feature ({at_most:?})")))
+            // Without any bus nothing waits.
+            let _ = at_most;
+            Err(address.unsupported("this build has no such bus", "build it with its feature"))
         }
     }
 }

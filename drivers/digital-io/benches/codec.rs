@@ -18,7 +18,7 @@ fn codec(c: &mut Criterion) {
     c.bench_function("decode and encode", |b| {
         b.iter(|| {
             let word = wiring.position_word(black_box(levels)).unwrap_or(0);
-            let place = axis.position.decode(word).mm;
+            let place = axis.position.decode(word).position;
             let correction = axis.correction.encode(black_box(-1e-4) * place);
             wiring.levels(correction.word, 0)
         });

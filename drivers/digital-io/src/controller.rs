@@ -7,7 +7,7 @@ use volcomp_port::{
     Snapshot,
 };
 
-use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{
     coherent::{Coherence, read_coherent},
@@ -20,35 +20,48 @@ use crate::{
 pub struct DigitalAxis {
     /// The letter of the axis, which also says whether it slides or turns.
     pub name: AxisName,
-    /// What the control shows of it.
+    /// The word in which the control shows the position.
     pub position: PositionWord,
-    /// Only the low bits are shown: the position when the first word is read, mm or rad.
-    pub low_bits_from: Option<f64>,
-    /// What the control takes.
+    /// Where only the low bits of the position are shown: the position at which the axis stands when the first word
+    /// is read. `None`: the word holds the whole position.
+    pub low_bits_from: Option<Displacement>,
+    /// The word in which the control takes the correction.
     pub correction: CorrectionWord,
     /// Whether shown positions contain the correction.
     pub includes_correction: bool,
 }
 
 impl DigitalAxis {
-    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm.
+    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm. Its steps are lengths: for a rotary
+    /// axis, set steps that are angles, or [`DigitalController::new`] refuses the axis.
     pub fn published(name: AxisName) -> Self {
         Self {
             name,
-            position: PositionWord {
-                bits: 15,
-                code: crate::PositionCode::Binary,
-                mm_per_count: 1.0 / 32.0,
-                zero_mm: 0.0,
-            },
+            position: PositionWord::PUBLISHED,
             low_bits_from: None,
-            correction: CorrectionWord {
-                bits: 8,
-                code: crate::CorrectionCode::TwosComplement,
-                mm_per_count: 0.001,
-            },
+            correction: CorrectionWord::PUBLISHED,
             includes_correction: false,
         }
+    }
+
+    /// Whether everything about the position is of the kind of the axis; the correction's step is checked with the
+    /// description.
+    fn check(&self) -> Result<(), String> {
+        let (kind, position) = (self.name.kind(), self.position);
+        let known = self.low_bits_from.unwrap_or(position.zero);
+        if position.is_of(kind) && known.kind() == kind {
+            return Ok(());
+        }
+        Err(format!(
+            "axis {}: found a position step of {} from {} on, expected {}",
+            self.name,
+            position.step,
+            known,
+            match kind {
+                AxisKind::Linear => "lengths, since the axis is linear",
+                AxisKind::Rotary => "angles, since the axis is rotary",
+            }
+        ))
     }
 }
 
@@ -93,7 +106,8 @@ impl<D: DigitalIo> DigitalController<D> {
     ) -> Result<Self, DeviceError> {
         let device = io.device().to_owned();
         let words: Vec<_> = axes.iter().map(|a| (a.position, a.correction)).collect();
-        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
+        let refused =
+            |what: String| DeviceError::option(&*device, what, "correct the configuration");
         wiring
             .check(io.inputs(), io.outputs(), axes.len(), &words)
             .map_err(|e| refused(e.to_string()))?;
@@ -103,7 +117,7 @@ impl<D: DigitalIo> DigitalController<D> {
         let axis = |axis: &DigitalAxis| Axis {
             name: axis.name,
             includes_correction: axis.includes_correction,
-            resolution: Displacement::new(axis.name.kind(), axis.correction.mm_per_count),
+            resolution: axis.correction.step,
         };
         let readings = match coherence {
             Coherence::Latched => 1,
@@ -119,6 +133,9 @@ impl<D: DigitalIo> DigitalController<D> {
             device: device.clone(),
         };
         description.check().map_err(|e| refused(e.to_string()))?;
+        for axis in &axes {
+            axis.check().map_err(&refused)?;
+        }
         Ok(Self {
             seen: vec![None; axes.len()],
             io,
@@ -160,14 +177,14 @@ impl<D: DigitalIo> DigitalController<D> {
         };
         let mut unwrapper = seen.and_then(|seen| seen.unwrapper).or_else(|| {
             let known = axis.low_bits_from?;
-            Some(Unwrapper::new(axis.position, shown.word, known))
+            Some(Unwrapper::new(axis.position, shown.word, known.mm_or_rad()))
         });
         let coded = match &mut unwrapper {
             Some(unwrapper) => unwrapper.follow(shown.word),
             None => axis.position.decode(shown.word),
         };
         *seen = Some(Seen {
-            position: coded.mm,
+            position: coded.position,
             taken: begun + begun.elapsed() / 2,
             unwrapper,
         });
@@ -221,7 +238,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         let number = u32::try_from(index).unwrap_or(0);
         self.io
             .write(self.wiring.levels(correction.word, number), deadline)?;
-        self.applied[index] = correction.sent_mm;
+        self.applied[index] = correction.sent;
         self.has_applied = true;
         Ok(())
     }

@@ -28,7 +28,7 @@ impl LineSet {
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = || {
             let what = format!("found `{text}` as lines");
-            DeviceError::new("gpio", what, "expected CHIP:LINES such as panel-out:0-14")
+            DeviceError::option("gpio", what, "expected CHIP:LINES such as panel-out:0-14")
         };
         let (chip, list) = text.rsplit_once(':').ok_or_else(wrong)?;
         let mut lines = Vec::new();
@@ -113,14 +113,14 @@ fn device(control_outputs: &LineSet, control_inputs: &LineSet) -> String {
 fn refused(set: &LineSet, error: &gpiocdev::Error) -> DeviceError {
     let what = format!("lines {:?} cannot be taken: {error}", set.lines);
     let remedy = "check the lines, the group of this user, and which program has them (gpioinfo)";
-    DeviceError::new(format!("gpio {}", set.chip), what, remedy)
+    DeviceError::open(format!("gpio {}", set.chip), what, remedy)
 }
 
 /// The chip of a label, name or path.
 fn find(set: &LineSet) -> Result<PathBuf, DeviceError> {
     let missing = |what: String| {
         let remedy = "check its name (gpiodetect) and the group of this user";
-        DeviceError::new(format!("gpio {}", set.chip), what, remedy)
+        DeviceError::open(format!("gpio {}", set.chip), what, remedy)
     };
     let chips = gpiocdev::chip::chips().map_err(|e| missing(format!("no chip was found: {e}")))?;
     let mut known = Vec::new();

@@ -85,8 +85,8 @@ impl Wiring {
                 2,
             )?;
             for (what, count) in [
-                ("resolution of the position", position.mm_per_count),
-                ("resolution of the correction", correction.mm_per_count),
+                ("step of the position", position.step.mm_or_rad()),
+                ("step of the correction", correction.step.mm_or_rad()),
             ] {
                 if !(count > 0.0 && count.is_finite()) {
                     return Err(wrong(what, &count, "a positive number"));

@@ -1,9 +1,14 @@
-//! The two words: a position in so many bits, a correction in so many.
+//! The two words: a position in a number of bits, a correction in a number of bits.
+//!
+//! The numbers that go in and come out are f64 in mm, for rotary axes in rad, as in the rest of a cycle; which of the
+//! two it is follows from the step of the word.
 
-/// How the bits of a position count.
+use volcomp_vocabulary::{AxisKind, Displacement, Mm};
+
+/// The code in which the bits of a position count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PositionCode {
-    /// Plain binary.
+    /// Plain binary numbers.
     #[default]
     Binary,
     /// Reflected Gray code: one bit changes from count to count, so that a word read while it changes is one
@@ -11,22 +16,21 @@ pub enum PositionCode {
     Gray,
 }
 
-/// A position in up to 32 bits. Quantising loses up to half of `mm_per_count`; the range is
-/// 2^bits · `mm_per_count` from `zero_mm` on. Published: 15 bits of 1/32 mm, 1024 mm, a loss of 15.6 µm at the
-/// most, of which an error of 10 µm/m makes 0.2 nm.
+/// A position in up to 32 bits. Quantising loses up to half a step; the range is 2^bits steps from `zero` on.
+/// Published: 15 bits of 1/32 mm, 1024 mm, a loss of 15.6 µm at the most, of which an error of 10 µm/m makes 0.2 nm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionWord {
-    /// Lines of the word.
+    /// The number of lines of the word.
     pub bits: u32,
-    /// Their code.
+    /// The code of the bits.
     pub code: PositionCode,
-    /// What one count is, mm; for a rotary axis rad.
-    pub mm_per_count: f64,
-    /// The position of count 0.
-    pub zero_mm: f64,
+    /// What one count moves the axis: a length for a linear, an angle for a rotary axis.
+    pub step: Displacement,
+    /// The position of the axis at count 0, of the same kind as the step.
+    pub zero: Displacement,
 }
 
-/// How the bits of a correction count.
+/// The code in which the bits of a correction count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CorrectionCode {
     /// Two's complement.
@@ -36,17 +40,16 @@ pub enum CorrectionCode {
     SignMagnitude,
 }
 
-/// A correction in up to 32 bits. Quantising loses up to half of `mm_per_count`; the largest correction is
-/// (2^(bits−1) − 1) · `mm_per_count`: the most negative number of two's complement is never sent. Published: 8
-/// bits of 1 µm, ±127 µm.
+/// A correction in up to 32 bits. Quantising loses up to half a step; the largest correction is 2^(bits−1) − 1 steps:
+/// the most negative number of two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionWord {
-    /// Lines of the word.
+    /// The number of lines of the word.
     pub bits: u32,
-    /// Their code.
+    /// The code of the bits.
     pub code: CorrectionCode,
-    /// What one count is, mm; for a rotary axis rad.
-    pub mm_per_count: f64,
+    /// What one count moves the axis: a length for a linear, an angle for a rotary axis.
+    pub step: Displacement,
 }
 
 /// A correction as it is sent.
@@ -54,38 +57,56 @@ pub struct CorrectionWord {
 pub struct Correction {
     /// The bits of the word, lowest first.
     pub word: u32,
-    /// What it stands for, mm.
-    pub sent_mm: f64,
-    /// The wanted correction was larger than the word can say, or no number.
+    /// The correction that the word stands for, mm or rad.
+    pub sent: f64,
+    /// Whether the wanted correction was larger than the word can say, or no number.
     pub saturated: bool,
 }
 
 /// A position that a word stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coded {
-    /// The middle of what the word stands for, mm.
-    pub mm: f64,
-    /// How far the position may be from that, mm.
-    pub within_mm: f64,
+    /// The position in the middle of what the word stands for, mm or rad.
+    pub position: f64,
+    /// How far the axis may be from that position, mm or rad.
+    pub within: f64,
 }
 
-/// So many ones.
+/// A number with the lowest `bits` bits set.
 pub(crate) fn mask(bits: u32) -> u32 {
     u32::MAX.checked_shr(32 - bits.min(32)).unwrap_or(0)
 }
 
+/// The highest bit of a word.
+fn sign_bit(bits: u32) -> u32 {
+    1_u32.checked_shl(bits.saturating_sub(1)).unwrap_or(0)
+}
+
 impl PositionWord {
-    /// Counts that the word can say.
+    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, for a linear axis.
+    pub const PUBLISHED: Self = Self {
+        bits: 15,
+        code: PositionCode::Binary,
+        step: Displacement::Length(Mm(1.0 / 32.0)),
+        zero: Displacement::Length(Mm(0.0)),
+    };
+
+    /// Whether step and zero are those of this kind of axis.
+    pub(crate) fn is_of(&self, kind: AxisKind) -> bool {
+        self.step.kind() == kind && self.zero.kind() == kind
+    }
+
+    /// How many positions the word can say.
     pub fn counts(&self) -> f64 {
         f64::from(mask(self.bits)) + 1.0
     }
 
-    /// From the first to the end of the last count, mm.
-    pub fn range_mm(&self) -> f64 {
-        self.counts() * self.mm_per_count
+    /// From the first to the end of the last count, mm or rad.
+    pub fn range(&self) -> f64 {
+        self.counts() * self.step.mm_or_rad()
     }
 
-    /// The count of a word: Gray code undone.
+    /// The count of a word, with Gray code undone.
     #[inline]
     pub fn count(&self, word: u32) -> u32 {
         let word = word & mask(self.bits);
@@ -101,27 +122,28 @@ impl PositionWord {
         }
     }
 
-    /// The position of a word.
+    /// The position that a word stands for.
     #[inline]
     pub fn decode(&self, word: u32) -> Coded {
-        self.position(f64::from(self.count(word)))
+        self.at(f64::from(self.count(word)))
     }
 
-    pub(crate) fn position(&self, count: f64) -> Coded {
+    pub(crate) fn at(&self, count: f64) -> Coded {
+        let step = self.step.mm_or_rad();
         Coded {
-            mm: self.zero_mm + count * self.mm_per_count,
-            within_mm: 0.5 * self.mm_per_count,
+            position: self.zero.mm_or_rad() + count * step,
+            within: 0.5 * step,
         }
     }
 
-    /// The word that a control shows at a position: the nearest count, `None` outside the range.
+    /// The word that a control shows at a position (mm or rad): the nearest count, `None` outside the range.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "within the range of the word"
     )]
-    pub fn encode(&self, mm: f64) -> Option<u32> {
-        let count = ((mm - self.zero_mm) / self.mm_per_count).round();
+    pub fn encode(&self, position: f64) -> Option<u32> {
+        let count = ((position - self.zero.mm_or_rad()) / self.step.mm_or_rad()).round();
         if !(0.0..self.counts()).contains(&count) {
             return None;
         }
@@ -134,20 +156,28 @@ impl PositionWord {
 }
 
 impl CorrectionWord {
-    /// The largest correction, mm.
-    pub fn limit_mm(&self) -> f64 {
-        f64::from(mask(self.bits - 1)) * self.mm_per_count
+    /// The published scheme: 8 bits of 1 µm in two's complement, for a linear axis.
+    pub const PUBLISHED: Self = Self {
+        bits: 8,
+        code: CorrectionCode::TwosComplement,
+        step: Displacement::Length(Mm(0.001)),
+    };
+
+    /// The largest correction that the word can say, mm or rad.
+    pub fn limit(&self) -> f64 {
+        f64::from(mask(self.bits.saturating_sub(1))) * self.step.mm_or_rad()
     }
 
-    /// The word for a correction: the nearest count, held within the limit; what is no number is 0.
+    /// The word for a correction (mm or rad): the nearest count, held within the limit; what is no number is 0.
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,
         reason = "held within the range of the word"
     )]
-    pub fn encode(&self, correction_mm: f64) -> Correction {
-        let most = f64::from(mask(self.bits - 1));
-        let wanted = correction_mm / self.mm_per_count;
+    pub fn encode(&self, correction: f64) -> Correction {
+        let step = self.step.mm_or_rad();
+        let most = f64::from(mask(self.bits.saturating_sub(1)));
+        let wanted = correction / step;
         // Rounding half away from zero, without a call.
         let half = if wanted < 0.0 { -0.5 } else { 0.5 };
         let held = (wanted + half).clamp(-most, most) as i32;
@@ -155,20 +185,20 @@ impl CorrectionWord {
         let word = match (self.code, held < 0) {
             (_, false) => size,
             (CorrectionCode::TwosComplement, true) => held.cast_unsigned() & mask(self.bits),
-            (CorrectionCode::SignMagnitude, true) => size | 1 << (self.bits - 1),
+            (CorrectionCode::SignMagnitude, true) => size | sign_bit(self.bits),
         };
         Correction {
             word,
-            sent_mm: f64::from(held) * self.mm_per_count,
+            sent: f64::from(held) * step,
             saturated: wanted.abs() >= most + 0.5 || wanted.is_nan(),
         }
     }
 
-    /// What a word stands for, mm; `None` for the most negative number of two's complement, which is never
-    /// sent, and for −0.
+    /// The correction that a word stands for, mm or rad; `None` for the most negative number of two's complement,
+    /// which is never sent, and for −0.
     pub fn decode(&self, word: u32) -> Option<f64> {
         let word = word & mask(self.bits);
-        let sign = 1 << (self.bits - 1);
+        let sign = sign_bit(self.bits);
         if word == sign {
             return None;
         }
@@ -178,10 +208,13 @@ impl CorrectionWord {
             (CorrectionCode::TwosComplement, true) => (!word & mask(self.bits)) + 1,
             (CorrectionCode::SignMagnitude, true) => word & !sign,
         };
-        let mm = f64::from(size) * self.mm_per_count;
-        Some(if negative { -mm } else { mm })
+        let size = f64::from(size) * self.step.mm_or_rad();
+        Some(if negative { -size } else { size })
     }
 }
+
+/// Counts beyond are no position of a machine, and would not be exact in f64.
+const FARTHEST: f64 = 4_503_599_627_370_496.0;
 
 /// Follows a position of which only the low bits are shown: the axis must move less than half of what the
 /// word can say between two words.
@@ -193,15 +226,17 @@ pub struct Unwrapper {
 }
 
 impl Unwrapper {
-    /// From a word and the position the axis is known to be at then, such as its reference.
+    /// Starts from a word and the position (mm or rad) at which the axis is known to be then, such as its reference.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "positions are counted in millions"
     )]
-    pub fn new(word: PositionWord, shown: u32, known_mm: f64) -> Self {
+    pub fn new(word: PositionWord, shown: u32, known: f64) -> Self {
         let range = i64::from(mask(word.bits)) + 1;
         let last = word.count(shown);
-        let about = ((known_mm - word.zero_mm) / word.mm_per_count).round() as i64;
+        let about = ((known - word.zero.mm_or_rad()) / word.step.mm_or_rad())
+            .round()
+            .clamp(-FARTHEST, FARTHEST) as i64;
         // The count with these low bits that is nearest to the known position.
         let ahead = (i64::from(last) - about).rem_euclid(range);
         let ahead = if ahead * 2 > range {
@@ -221,16 +256,17 @@ impl Unwrapper {
         let now = self.word.count(shown);
         let range = i64::from(mask(self.word.bits)) + 1;
         let ahead = (i64::from(now) - i64::from(self.last)).rem_euclid(range);
-        self.count += if ahead * 2 > range {
+        let moved = if ahead * 2 > range {
             ahead - range
         } else {
             ahead
         };
+        self.count = self.count.saturating_add(moved);
         self.last = now;
         #[expect(
             clippy::cast_precision_loss,
             reason = "positions are counted in millions"
         )]
-        self.word.position(self.count as f64)
+        self.word.at(self.count as f64)
     }
 }

@@ -102,8 +102,19 @@ impl FocasError {
         }
     }
 
-    /// The error as drivers tell it: which device, what, and what to do.
-    pub fn of(&self, device: impl Into<String>) -> DeviceError {
-        DeviceError::new(device, self.to_string(), self.remedy())
+    /// The error as drivers tell it: which device, what, what to do, and of which kind. This error is its source.
+    pub fn of(self, device: impl Into<String>) -> DeviceError {
+        let kind = match &self {
+            Self::NoAxis { .. } | Self::Axes(_) | Self::Request(_) => DeviceError::option,
+            Self::Resolve { .. }
+            | Self::NoAddress(_)
+            | Self::Connect { .. }
+            | Self::SessionRefused => DeviceError::open,
+            Self::NoSession(fault) | Self::Failed { source: fault, .. } => {
+                DeviceError::of_fault_kind(*fault)
+            }
+            Self::Refused { .. } => DeviceError::protocol,
+        };
+        kind(device.into(), self.to_string(), self.remedy().to_owned()).caused_by(self)
     }
 }

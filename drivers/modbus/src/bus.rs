@@ -76,7 +76,7 @@ impl Bus {
     }
 
     pub(crate) async fn connect(&self, at_most: Duration) -> Result<Line, DeviceError> {
-        let failed = |what: String, remedy: &str| DeviceError::new(self.device(), what, remedy);
+        let failed = |what: String, remedy: &str| DeviceError::open(self.device(), what, remedy);
         match self {
             Self::Tcp { host, port } => {
                 let connecting = TcpStream::connect((host.as_str(), *port));
@@ -86,7 +86,7 @@ impl Bus {
                     .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
                     .map_err(|e| {
                         let remedy = "check the address, the cable and the module's supply";
-                        failed(format!("no connection: {e}"), remedy)
+                        failed(format!("no connection: {e}"), remedy).caused_by(e)
                     })?;
                 let context = tcp::attach_slave(stream, Slave(0));
                 Ok(Line {
@@ -111,7 +111,7 @@ impl Bus {
                 }
                 let stream = builder.open_native_async().map_err(|e| {
                     let remedy = "check its name (volcomp probe lists the ports) and that this user is in the group dialout";
-                    failed(format!("the port cannot be opened: {e}"), remedy)
+                    failed(format!("the port cannot be opened: {e}"), remedy).caused_by(e)
                 })?;
                 let shared = Shared(Arc::new(Mutex::new(stream)));
                 let context = rtu::attach_slave(shared.clone(), Slave(0));
@@ -125,29 +125,11 @@ impl Bus {
     }
 }
 
-/// A serial port as the system names it, and what it says of itself.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SerialPort {
-    /// Its device.
-    pub path: String,
-    /// Maker and product of a USB adapter.
-    pub description: String,
-}
-
-/// The serial ports of this machine.
-pub fn serial_ports() -> Vec<SerialPort> {
-    let ports = tokio_serial::available_ports().unwrap_or_default();
-    let describe = |port: tokio_serial::SerialPortInfo| SerialPort {
-        description: match port.port_type {
-            tokio_serial::SerialPortType::UsbPort(usb) => {
-                let parts = [usb.manufacturer, usb.product, usb.serial_number];
-                parts.into_iter().flatten().collect::<Vec<_>>().join(" ")
-            }
-            _ => String::new(),
-        },
-        path: port.port_name,
-    };
-    ports.into_iter().map(describe).collect()
+/// The error of a driver whose own thread cannot be started.
+pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
+    let found = format!("no thread for its exchanges: {error}");
+    let remedy = "check the limits on threads and memory of this process";
+    DeviceError::open(device, found, remedy).caused_by(error)
 }
 
 /// Why a question was not answered with data.

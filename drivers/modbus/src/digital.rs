@@ -12,7 +12,7 @@ use tokio_modbus::prelude::{Request, Response};
 use volcomp_port::{Backoff, Clock, DeviceError, DigitalIo, Fault, UnopenedLines};
 
 use crate::{
-    bus::{Bus, Line, Unanswered},
+    bus::{Bus, Line, Unanswered, no_thread},
     profile::{Digital, Profile},
 };
 
@@ -87,11 +87,10 @@ impl ModbusDigital {
             shortest_cycle: exchange,
         } = Self::describe(&bus, modules)?;
         let lines = lines(&bus, modules)?;
-        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
-            .map_err(|e| refused(format!("no runtime: {e}")))?;
+            .map_err(|e| no_thread(&device, e))?;
         let shared = Arc::new(Shared {
             clock: Clock::system(),
             levels: AtomicU64::new(0),
@@ -110,7 +109,7 @@ impl ModbusDigital {
         std::thread::Builder::new()
             .name("modbus-io".to_owned())
             .spawn(move || runtime.block_on(exchanger.run()))
-            .map_err(|e| refused(format!("no thread: {e}")))?;
+            .map_err(|e| no_thread(&device, e))?;
         Ok(Self {
             device,
             inputs,
@@ -122,7 +121,7 @@ impl ModbusDigital {
 }
 
 fn refused(bus: &Bus, what: String) -> DeviceError {
-    DeviceError::new(bus.device(), what, "correct the configuration")
+    DeviceError::option(bus.device(), what, "correct the configuration")
 }
 
 /// The address and the lines of each module.

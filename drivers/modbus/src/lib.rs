@@ -8,7 +8,7 @@ mod quality;
 mod registers;
 mod thermometer;
 
-pub use bus::{Bus, Parity, SerialPort, serial_ports};
+pub use bus::{Bus, Parity};
 pub use digital::{DigitalModule, ModbusDigital};
 pub use profile::{Channels, Digital, Fault, NumberType, Profile, ProfileError, Unit, WordOrder};
 pub use quality::{Judge, Limits};

@@ -14,7 +14,7 @@ use volcomp_port::{
 };
 
 use crate::{
-    bus::{Bus, Line, Unanswered},
+    bus::{Bus, Line, Unanswered, no_thread},
     profile::{Channels, Profile, Status},
     quality::{Judge, Limits},
     registers::read_channel,
@@ -70,7 +70,8 @@ impl ThermometerConfig {
     /// A configuration that makes no sense.
     pub fn names(&self) -> Result<Vec<String>, DeviceError> {
         let device = self.bus.device();
-        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
+        let refused =
+            |what: String| DeviceError::option(&*device, what, "correct the configuration");
         let mut names: Vec<String> = Vec::new();
         for unit in &self.units {
             let channels = unit.profile.channels.as_ref().ok_or_else(|| {
@@ -112,12 +113,11 @@ impl ModbusThermometer {
     /// sensors are bad until then.
     pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
         let device = config.bus.device();
-        let refused = |what: String| DeviceError::new(&*device, what, "correct the configuration");
         let names = config.names()?;
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
-            .map_err(|e| refused(format!("no runtime: {e}")))?;
+            .map_err(|e| no_thread(&device, e))?;
         let (publisher, published) = published(&*device, names.clone());
         let stop = Arc::new(AtomicBool::new(false));
         let poller = Poller {
@@ -131,7 +131,7 @@ impl ModbusThermometer {
         std::thread::Builder::new()
             .name("modbus".to_owned())
             .spawn(move || runtime.block_on(poller.run()))
-            .map_err(|e| refused(format!("no thread: {e}")))?;
+            .map_err(|e| no_thread(&device, e))?;
         Ok(Self { published, stop })
     }
 }

@@ -1,4 +1,4 @@
-//! What goes wrong: in a cycle, and when a device is set up.
+//! Why a call of a real-time cycle failed.
 
 /// Why a call of a real-time cycle failed. Plain data: making one allocates nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -31,31 +31,4 @@ pub enum Fault {
     /// The device cannot do this.
     #[error("not supported: {0}")]
     Unsupported(&'static str),
-}
-
-/// Why a device cannot be set up or opened: which one, what, and what to do.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: {what}; {remedy}")]
-pub struct DeviceError {
-    /// The device as the configuration names it.
-    pub device: String,
-    /// What was found.
-    pub what: String,
-    /// What to do about it.
-    pub remedy: String,
-}
-
-impl DeviceError {
-    /// An error of `device`.
-    pub fn new(
-        device: impl Into<String>,
-        what: impl Into<String>,
-        remedy: impl Into<String>,
-    ) -> Self {
-        Self {
-            device: device.into(),
-            what: what.into(),
-            remedy: remedy.into(),
-        }
-    }
 }

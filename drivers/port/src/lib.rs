@@ -4,6 +4,7 @@ mod clock;
 #[cfg(feature = "contract")]
 pub mod contract;
 mod controller;
+mod device_error;
 mod digital;
 mod fault;
 pub mod inject;
@@ -16,8 +17,9 @@ pub use clock::Clock;
 pub use controller::{
     Axis, Controller, ControllerState, Description, Heartbeat, Snapshot, UnfitAxes,
 };
+pub use device_error::{DeviceError, DeviceProblem};
 pub use digital::DigitalIo;
-pub use fault::{DeviceError, Fault};
+pub use fault::Fault;
 pub use supply::{Backoff, Supply};
 pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};
 pub use unopened::UnopenedLines;

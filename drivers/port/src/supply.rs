@@ -79,7 +79,8 @@ impl<T: Send + 'static> Supply<T> {
             .spawn(move || helper.run())
             .map_err(|e| {
                 let remedy = "check the limits on threads and memory of this process";
-                DeviceError::new(device, format!("no thread for its connection: {e}"), remedy)
+                DeviceError::open(device, format!("no thread for its connection: {e}"), remedy)
+                    .caused_by(e)
             })?;
         Ok(Self {
             current: None,
@@ -120,11 +121,11 @@ impl<T: Send + 'static> Supply<T> {
         if self.current.is_none() {
             return Err(self.last_error().unwrap_or_else(|| {
                 let what = format!("no connection within {} ms", at_most.as_millis());
-                DeviceError::new("connection", what, "check the address and the cable")
+                DeviceError::no_answer("connection", what, "check the address and the cable")
             }));
         }
         self.current()
-            .map_err(|fault| DeviceError::new("connection", fault.to_string(), "check the cable"))
+            .map_err(|fault| DeviceError::of_fault("connection", fault, "check the cable"))
     }
 
     /// How often a connection was made.

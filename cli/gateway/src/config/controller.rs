@@ -1,11 +1,13 @@
 //! The tables `[[controller]]` and `[[thermometer]]`.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::RangeInclusive};
 
-use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
+use volcomp_digital_io::{
+    Coherence, CorrectionCode, CorrectionWord, DigitalAxis, PositionCode, PositionWord,
+};
 use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
-use volcomp_vocabulary::{AxisName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
 use super::{ControllerConfig, DigitalConfig, ThermometerConfig};
 
@@ -67,13 +69,22 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
             section.error("found both heartbeat and unwatched = true, expected one of them")
         );
     }
+    let names = axes(&section.require("axes")?)?;
+    for (key, kind) in [
+        ("resolution_um", AxisKind::Linear),
+        ("resolution_urad", AxisKind::Rotary),
+    ] {
+        if let Some(value) = section.get(key) {
+            has_axis(&value, kind, &names)?;
+        }
+    }
     Ok(ControllerConfig {
         url: section.require("url")?.text()?.to_owned(),
         channel: section
             .get("channel")
             .map(|value| value.text().map(str::to_owned))
             .transpose()?,
-        axes: axes(&section.require("axes")?)?,
+        axes: names.clone(),
         fixed,
         resolution_um: section.optional("resolution_um", |v| v.number_in(1e-4..=1000.0))?,
         resolution_urad: section.optional("resolution_urad", |v| v.number_in(1e-4..=1e5))?,
@@ -85,7 +96,7 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         referenced,
         digital: section
             .section("digital")?
-            .map(|section| digital(&section))
+            .map(|section| digital(&section, &names))
             .transpose()?
             .unwrap_or_default(),
     })
@@ -129,11 +140,42 @@ fn pmc_address(section: &Section<'_>, key: &str) -> Result<PmcAddress, InputErro
     Ok(PmcAddress { area, at })
 }
 
-fn digital(section: &Section<'_>) -> Result<DigitalConfig, InputError> {
+/// Refuses a key whose unit none of the axes has.
+fn has_axis(value: &Value<'_>, kind: AxisKind, axes: &[AxisName]) -> Result<(), InputError> {
+    if axes.iter().any(|name| name.kind() == kind) {
+        return Ok(());
+    }
+    let names: Vec<String> = axes.iter().map(ToString::to_string).collect();
+    Err(value.error(format!(
+        "found this key for the axes {}, expected it only where an axis is {kind}",
+        names.join(" ")
+    )))
+}
+
+/// A coordinate that has a key in mm for linear and one in deg for rotary axes.
+fn coordinate(
+    section: &Section<'_>,
+    axes: &[AxisName],
+    keys: [&str; 2],
+    range: RangeInclusive<f64>,
+) -> Result<Option<Displacement>, InputError> {
+    for (key, kind) in keys.into_iter().zip([AxisKind::Linear, AxisKind::Rotary]) {
+        if let Some(value) = section.get(key) {
+            has_axis(&value, kind, axes)?;
+            let number = value.number_in(range)?;
+            return Ok(Some(Displacement::from_coordinate(kind, number)));
+        }
+    }
+    Ok(None)
+}
+
+fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, InputError> {
     section.allow(&[
         "position_bits",
         "position_mm_per_count",
+        "position_deg_per_count",
         "position_zero_mm",
+        "position_zero_deg",
         "position_code",
         "correction_bits",
         "correction_code",
@@ -143,12 +185,18 @@ fn digital(section: &Section<'_>) -> Result<DigitalConfig, InputError> {
     let bits = |key: &str, default: u32| section.whole_or(key, 0..=32, default);
     Ok(DigitalConfig {
         position_bits: bits("position_bits", published.position_bits)?,
-        position_mm_per_count: section.number_or(
-            "position_mm_per_count",
+        position_step: coordinate(
+            section,
+            axes,
+            ["position_mm_per_count", "position_deg_per_count"],
             1e-6..=100.0,
-            published.position_mm_per_count,
         )?,
-        position_zero_mm: section.number_or("position_zero_mm", -1e6..=1e6, 0.0)?,
+        position_zero: coordinate(
+            section,
+            axes,
+            ["position_zero_mm", "position_zero_deg"],
+            -1e6..=1e6,
+        )?,
         position_code: section.one_of(
             "position_code",
             &[
@@ -184,4 +232,62 @@ pub(super) fn thermometer(section: &Section<'_>) -> Result<ThermometerConfig, In
         url: section.require("url")?.text()?.to_owned(),
         names: names.into_iter().map(str::to_owned).collect(),
     })
+}
+
+impl ControllerConfig {
+    /// The smallest step of a correction that the configuration states for this kind of axis.
+    pub fn resolution(&self, kind: AxisKind) -> Option<Displacement> {
+        let micro = match kind {
+            AxisKind::Linear => self.resolution_um,
+            AxisKind::Rotary => self.resolution_urad,
+        };
+        micro.map(|micro| Displacement::from_micro(kind, micro))
+    }
+
+    /// The words of one axis on digital lines. No position is published for a rotary axis, so its step must be stated.
+    ///
+    /// # Errors
+    /// The key that is missing.
+    pub fn digital_axis(&self, name: AxisName) -> Result<DigitalAxis, MissingKey> {
+        let (kind, digital) = (name.kind(), &self.digital);
+        let published = Some(PositionWord::PUBLISHED.step).filter(|step| step.kind() == kind);
+        let step = digital.position_step.or(published).ok_or(MissingKey {
+            axis: name,
+            key: "digital.position_deg_per_count",
+        })?;
+        let correction_step = self.resolution(kind).unwrap_or(match kind {
+            AxisKind::Linear => CorrectionWord::PUBLISHED.step,
+            AxisKind::Rotary => Displacement::Angle(LINE_STEP.to_rad()),
+        });
+        Ok(DigitalAxis {
+            position: PositionWord {
+                bits: digital.position_bits,
+                code: digital.position_code,
+                step,
+                zero: digital
+                    .position_zero
+                    .unwrap_or(Displacement::new(kind, 0.0)),
+            },
+            correction: CorrectionWord {
+                bits: digital.correction_bits,
+                code: digital.correction_code,
+                step: correction_step,
+            },
+            includes_correction: self.includes_correction,
+            ..DigitalAxis::published(name)
+        })
+    }
+}
+
+/// The step of a correction of a rotary axis on digital lines where the configuration states none.
+const LINE_STEP: Deg = Deg(1e-3);
+
+/// A key that a rotary axis on digital lines needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("[[controller]]: {key}: missing, expected a number, since axis {axis} is rotary")]
+pub struct MissingKey {
+    /// The axis.
+    pub axis: AxisName,
+    /// The key that is missing.
+    pub key: &'static str,
 }

@@ -11,7 +11,7 @@ use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{Document, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
 use volcomp_runtime::{GuardSettings, Realtime};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::error::GatewayError;
 
@@ -20,6 +20,7 @@ mod dashboard;
 mod guard;
 mod stated;
 
+pub use controller::MissingKey;
 use controller::{controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
@@ -88,10 +89,10 @@ pub struct ControllerConfig {
 pub struct DigitalConfig {
     /// How many lines carry the position.
     pub position_bits: u32,
-    /// The step of the position, mm.
-    pub position_mm_per_count: f64,
-    /// The position at count 0, mm.
-    pub position_zero_mm: f64,
+    /// What one count of the position moves the axis; `None`: 1/32 mm as published.
+    pub position_step: Option<Displacement>,
+    /// The position at count 0; `None`: zero.
+    pub position_zero: Option<Displacement>,
     /// The code of the position word.
     pub position_code: PositionCode,
     /// How many lines carry the correction.
@@ -107,8 +108,8 @@ impl Default for DigitalConfig {
     fn default() -> Self {
         Self {
             position_bits: 15,
-            position_mm_per_count: 1.0 / 32.0,
-            position_zero_mm: 0.0,
+            position_step: None,
+            position_zero: None,
             position_code: PositionCode::Binary,
             correction_bits: 8,
             correction_code: CorrectionCode::TwosComplement,

@@ -16,6 +16,7 @@ mod program;
 mod reload;
 mod shipped;
 mod texts;
+mod units;
 mod volume;
 
 /// Ends the run on an allocation where one is forbidden.

@@ -1,27 +1,51 @@
-//! `volcomp probe`: what a device says now.
+//! `volcomp probe`: what a device says now, and which devices there are.
 
 use std::{fmt::Write, time::Duration};
 
+use comfy_table::CellAlignment;
 use serde_json::{Map, Value, json};
-use volcomp_devices::{Address, Probe, probe};
-use volcomp_port::{Quality, Temperature};
+use volcomp_devices::{Address, LocalDevices, Probe, ProbedPosition, list, probe};
+use volcomp_port::{DeviceError, Quality, Temperature};
+use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, table, table_text};
 use crate::failure::Failure;
 
-/// What a device says now: positions, temperatures, inputs
+/// What a device says now: positions, temperatures, inputs; or which serial ports, CAN interfaces and GPIO lines there are
+///
+/// Examples:
+///   volcomp probe focas://192.0.2.10:8193
+///   volcomp probe 'modbus-rtu:///dev/ttyUSB0?profile=PTA8C04'
+///   volcomp probe --list
 #[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
 pub(crate) struct Arguments {
     /// focas://HOST:8193, modbus://HOST?profile=NAME, modbus-rtu:///dev/ttyUSB0?profile=NAME, can://can0,
-    /// gpio://?position=CHIP:LINES&correction=CHIP:LINES
-    url: String,
+    /// gpio://?position=CHIP:LINES&correction=CHIP:LINES. A profile is the name of a shipped one or a file that
+    /// ends in .toml
+    #[arg(required_unless_present = "list")]
+    url: Option<String>,
     /// How long to wait for an answer, s
     #[arg(long, default_value_t = 3.0)]
     within: f64,
+    /// Lists the serial ports, CAN interfaces and GPIO chips with their lines that this computer has
+    #[arg(long, conflicts_with = "url")]
+    list: bool,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let address = Address::parse(&arguments.url).map_err(|e| Failure::Input(e.to_string()))?;
+    let Some(url) = arguments.url.as_ref().filter(|_| !arguments.list) else {
+        return Ok(listed(&list()));
+    };
+    let told = |e: DeviceError| {
+        let message = e.to_string();
+        if e.is_input() {
+            Failure::Input(message)
+        } else {
+            Failure::Work(message)
+        }
+    };
+    let address = Address::parse(url).map_err(told)?;
     let within = Duration::try_from_secs_f64(arguments.within)
         .ok()
         .filter(|within| *within <= Duration::from_secs(3600))
@@ -29,20 +53,62 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             let found = arguments.within;
             Failure::Input(format!("--within: found {found}, expected 0 to 3600 s"))
         })?;
-    // What a URL says is checked before a device is asked, so what is left is the device's.
-    let found = probe(&address, within).map_err(|e| {
-        let message = e.to_string();
-        if e.remedy.starts_with("expected") || e.remedy.starts_with("correct") {
-            Failure::Input(message)
-        } else {
-            Failure::Work(message)
-        }
-    })?;
+    let found = probe(&address, within).map_err(told)?;
     Ok(Answer {
         json: json(&found),
         text: text(&found),
         notes: Vec::new(),
     })
+}
+
+/// What this computer has, as JSON and as a table.
+fn listed(found: &LocalDevices) -> Answer {
+    let mut rows = table(&["device", "what it is", "state"]);
+    for column in rows.column_iter_mut() {
+        column.set_cell_alignment(CellAlignment::Left);
+    }
+    for port in &found.serial_ports {
+        let description = match &*port.description {
+            "" => "serial port".to_owned(),
+            usb => format!("serial port, {usb}"),
+        };
+        rows.add_row([&*port.device, &description, ""]);
+    }
+    for interface in &found.can_interfaces {
+        let kind = match interface.mtu {
+            Some(72) => "CAN interface, CAN FD",
+            _ => "CAN interface",
+        };
+        let state = if interface.up { "up" } else { "down" };
+        rows.add_row([&*interface.name, kind, state]);
+    }
+    for chip in &found.gpio_chips {
+        let kind = format!("GPIO chip {}", chip.label);
+        let state = match chip.lines.len() {
+            0 => "no lines for this user".to_owned(),
+            count => format!("{count} lines"),
+        };
+        rows.add_row([&*chip.name, kind.trim_end(), &state]);
+        for line in &chip.lines {
+            let direction = if line.output { "output" } else { "input" };
+            let state = match &line.used_by {
+                Some(program) => format!("{direction}, used by {program}"),
+                None => direction.to_owned(),
+            };
+            let place = format!("{}:{}", chip.name, line.number);
+            rows.add_row([&*place, &line.name, &state]);
+        }
+    }
+    let is_empty = found == &LocalDevices::default();
+    Answer {
+        json: json!(found),
+        text: if is_empty {
+            "no serial port, CAN interface or GPIO chip was found\n".to_owned()
+        } else {
+            table_text(&rows)
+        },
+        notes: Vec::new(),
+    }
 }
 
 /// Good, uncertain or bad, and why.
@@ -56,14 +122,15 @@ fn quality(temperature: &Temperature) -> (&'static str, Option<String>) {
 
 fn json(found: &Probe) -> Value {
     let mut json = json!({ "device": found.device });
-    let positions = |rotary: bool| {
-        let of_kind = found.positions.iter().filter(|p| p.rotary == rotary);
-        let map: Map<String, Value> = of_kind.map(|p| (p.name.clone(), json!(p.value))).collect();
+    let positions = |kind: AxisKind| {
+        let of_kind = found.positions.iter().filter(|p| p.at.kind() == kind);
+        let entry = |p: &ProbedPosition| (p.name.clone(), json!(p.at.mm_or_deg()));
+        let map: Map<String, Value> = of_kind.map(entry).collect();
         (!map.is_empty()).then_some(map)
     };
     for (key, map) in [
-        ("positions_mm", positions(false)),
-        ("positions_deg", positions(true)),
+        ("positions_mm", positions(AxisKind::Linear)),
+        ("positions_deg", positions(AxisKind::Rotary)),
     ] {
         if let Some(map) = map {
             json[key] = Value::Object(map);
@@ -97,8 +164,11 @@ fn text(found: &Probe) -> String {
     let mut text = format!("{}\n", found.device);
     let mut rows = table(&["", "", "", ""]);
     for position in &found.positions {
-        let unit = if position.rotary { "deg" } else { "mm" };
-        let value = format!("{:.4}", position.value);
+        let unit = match position.at.kind() {
+            AxisKind::Linear => "mm",
+            AxisKind::Rotary => "deg",
+        };
+        let value = format!("{:.4}", position.at.mm_or_deg());
         rows.add_row([&*position.name, &value, unit, ""]);
     }
     for (name, temperature) in &found.temperatures {
@@ -107,7 +177,7 @@ fn text(found: &Probe) -> String {
             .degc
             .map_or_else(|| "-".to_owned(), |t| format!("{t:.2}"));
         let reason = reason.map_or_else(|| quality.to_owned(), |why| format!("{quality}: {why}"));
-        rows.add_row([name, &value, "degC", &reason]);
+        rows.add_row([name, &value, "°C", &reason]);
     }
     if !found.positions.is_empty() || !found.temperatures.is_empty() {
         let body = table_text(&rows);

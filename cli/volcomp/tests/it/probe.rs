@@ -57,3 +57,31 @@ fn a_device_that_is_not_there_is_a_failed_work() {
     }
     assert!(refused(&["probe", "can://can77", "--within=-1"]).contains("--within"));
 }
+
+/// Which devices there are depends on the computer; the document always has its three lists, and a device cannot be
+/// asked at the same time.
+#[test]
+fn devices_are_listed() {
+    let answer = json(&["probe", "--list"]);
+    for key in ["serial_ports", "can_interfaces", "gpio_chips"] {
+        assert!(answer[key].is_array(), "{key}: {answer}");
+    }
+    assert!(!text(&["probe", "--list"]).is_empty());
+    refused(&["probe", "--list", "can://can0"]);
+    refused(&["probe"]);
+}
+
+/// A profile that is named by its file is read from there; a mistake in it is the caller's.
+#[test]
+fn a_profile_may_be_a_file() {
+    let url = "modbus://127.0.0.1:1?profile=examples/temperature-module.toml";
+    let output = volcomp(&["probe", url, "--within", "0.2"]);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("the module does not answer"), "{message}");
+    let message = refused(&["probe", "modbus://h?profile=nowhere/module.toml"]);
+    assert!(
+        message.contains("nowhere/module.toml: cannot be read"),
+        "{message}"
+    );
+}

@@ -191,14 +191,6 @@ fn configurations_that_make_no_sense_are_named() {
     );
     assert!(message(&[], |_| {}).contains("found 0 axes"));
     assert!(message(&[AxisName::X, AxisName::X], |_| {}).contains("axis X: found twice"));
-    let miles = message(&[AxisName::X], |config| {
-        let text = volcomp_can::SHIPPED_DBC.replace("\"um\"", "\"mile\"");
-        config.table = SignalTable::parse(&text).unwrap();
-    });
-    assert!(
-        miles.contains("the unit `mile`, expected mm, um"),
-        "{miles}"
-    );
     let none = CanThermometer::new(
         Bus::default(),
         &SignalTable {

@@ -72,7 +72,7 @@ fn what_cannot_be_used_is_named() {
     for (definition, expected) in [
         (
             "60|8@1+ (1,0)",
-            "DBC, M.S: found 8 bits from 60 on, expected 1 to 64 bits within 64",
+            "M.S: found 8 bits from 60 on, expected 1 to 64 bits within 64",
         ),
         ("0|8@1+ (0,0)", "found factor 0 and offset 0"),
         ("64|8@0+ (1,0)", "bits from 64 on"),
@@ -89,7 +89,7 @@ fn what_cannot_be_used_is_named() {
             .contains("a length that frames have")
     );
     let twice = "BO_ 1 M: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] \"\" A\n\nBO_ 1 N: 8 A\n SG_ T : 0|8@1+ (1,0) [0|0] \"\" A";
-    assert!(message(twice).contains("DBC, N: found the identifier or name of M"));
+    assert!(message(twice).contains("DBC:6: N: found the identifier or name of M"));
     assert!(message("BO_ nonsense").starts_with("DBC: "));
 }
 
@@ -182,4 +182,56 @@ proptest! {
         prop_assert!((message.signals[0].value(frame.data()) - x).abs() <= 0.000_501);
         prop_assert!((message.signals[1].value(frame.data()) - y).abs() <= 0.000_501);
     }
+}
+
+/// A unit that is missing, or that the axis of the signal does not have, is refused when the table is read, with file,
+/// line and signal: µm without their unit would be read as mm.
+#[test]
+fn units_are_those_of_the_quantity() {
+    let refused = |from: &str, to: &str| {
+        let text = volcomp_can::SHIPPED_DBC.replacen(from, to, 1);
+        assert_ne!(text, volcomp_can::SHIPPED_DBC, "{from}");
+        let refused = SignalTable::parse_file("bridge.dbc", &text).unwrap_err();
+        assert!(matches!(refused, volcomp_can::DbcError::Entry { .. }));
+        refused.to_string()
+    };
+    for (from, to, expected) in [
+        (
+            "[-2048|2047] \"um\" GATEWAY",
+            "[-2048|2047] \"\" GATEWAY",
+            "bridge.dbc:22: STATE.X_APPLIED: found no unit, expected mm or um, since the axis is linear",
+        ),
+        (
+            "\"um\" CNC",
+            "\"\" CNC",
+            "bridge.dbc:33: CORRECTION.X_CORR: found no unit, expected mm or um, since the axis is linear",
+        ),
+        (
+            "\"mm\"",
+            "\"deg\"",
+            "bridge.dbc:10: POSITION_XY.X_POS: found the unit `deg`, expected mm or um, since the axis is linear",
+        ),
+        (
+            "\"deg\"",
+            "\"mm\"",
+            "bridge.dbc:17: POSITION_ZC.C_POS: found the unit `mm`, expected deg, rad or urad, since the axis is rotary",
+        ),
+        (
+            "\"degC\"",
+            "\"K\"",
+            "bridge.dbc:41: TEMPERATURES.BED_TEMP: found the unit `K`, expected degC",
+        ),
+    ] {
+        assert_eq!(refused(from, to), expected);
+    }
+    // A position in µm is a thousandth of that in mm.
+    let text = volcomp_can::SHIPPED_DBC.replacen("\"mm\"", "\"µm\"", 1);
+    let table = SignalTable::parse(&text).unwrap();
+    let (message, place) = table.find("X_POS").unwrap();
+    let signal = &table.messages[message].signals[place];
+    let mut data = [0; 8];
+    assert!(signal.put(&mut data, 2.5));
+    let (name, at) = signal.position(&data).unwrap();
+    assert_eq!(name.letter(), 'X');
+    assert!((at.mm_or_rad() - 0.0025).abs() < 1e-12, "{at}");
 }

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use volcomp_devices::{Address, Scheme, focas_config, probe, thermometer};
 use volcomp_focas::simulator::{Options, Simulator, World};
-use volcomp_vocabulary::AxisName;
+use volcomp_port::DeviceError;
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 fn message(url: &str) -> String {
     match Address::parse(url) {
@@ -95,15 +96,105 @@ fn a_control_is_probed() {
     let positions: Vec<_> = found
         .positions
         .iter()
-        .map(|p| (&*p.name, p.rotary, p.value))
+        .map(|p| (&*p.name, p.at.kind(), p.at.mm_or_deg()))
         .collect();
     assert_eq!(
         positions,
-        [("X", false, 1.5), ("Y", false, -2.0), ("C", true, 90.0)]
+        [
+            ("X", AxisKind::Linear, 1.5),
+            ("Y", AxisKind::Linear, -2.0),
+            ("C", AxisKind::Rotary, 90.0)
+        ]
     );
     assert!(
         found
             .facts
             .contains(&("series".to_owned(), "D4G3 28.0".to_owned()))
+    );
+}
+
+/// A profile from disk is used like a shipped one; what is wrong in it is told with file, line and key.
+#[test]
+fn a_profile_may_be_a_file() {
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/temperature-module.toml"
+    );
+    let address = Address::parse(&format!("modbus://127.0.0.1:1?profile={shipped}")).unwrap();
+    let found = thermometer(&address, &[]).unwrap();
+    assert_eq!(volcomp_port::Thermometer::names(&found).len(), 8);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("oven.toml");
+    let text = "name = \"OVEN\"\n[channels]\naddress = 4\ncount = 2\nscale = 0.1\n";
+    std::fs::write(&file, text).unwrap();
+    let url = format!(
+        "modbus://127.0.0.1:1?profile={}&names=door,wall",
+        file.display()
+    );
+    let address = Address::parse(&url).unwrap();
+    let found = thermometer(&address, &[]).unwrap();
+    assert_eq!(volcomp_port::Thermometer::names(&found), ["door", "wall"]);
+    std::fs::write(&file, text.replace("scale", "sclae")).unwrap();
+    let refused = thermometer(&address, &[]).err().unwrap();
+    assert!(refused.is_input());
+    let message = refused.to_string();
+    assert!(
+        message.contains("oven.toml:5: channels.sclae: unknown key"),
+        "{message}"
+    );
+    let source = std::error::Error::source(&refused).expect("the error of the profile");
+    assert!(message.contains(&source.to_string()));
+    std::fs::remove_file(&file).unwrap();
+    let refused = thermometer(&address, &[]).err().unwrap();
+    assert!(
+        refused.to_string().contains("oven.toml: cannot be read"),
+        "{refused}"
+    );
+}
+
+/// Callers decide by the kind of an error, not by its words: what was stated wrongly, against what does not work.
+#[test]
+fn errors_have_kinds() {
+    let probed = |url: &str| {
+        let address = Address::parse(url)?;
+        probe(&address, Duration::from_millis(50)).map(|_| ())
+    };
+    let kind = |url: &str| match probed(url).unwrap_err() {
+        DeviceError::Address(_) => "address",
+        DeviceError::Option(_) => "option",
+        DeviceError::Unsupported(_) => "unsupported",
+        DeviceError::Open(_) => "open",
+        DeviceError::NoAnswer(_) => "no answer",
+        DeviceError::Protocol(_) => "protocol",
+        _ => "other",
+    };
+    for (url, expected) in [
+        ("nothing", "address"),
+        ("opcua://host", "address"),
+        ("focas://", "address"),
+        ("focas://h?colour=red", "option"),
+        ("focas://h?path=77", "option"),
+        ("can://can77?dbc=nowhere.dbc", "option"),
+        ("gpio://?position=a:0-14", "option"),
+        ("can://can77", "open"),
+        ("focas://127.0.0.1:1", "open"),
+        ("modbus://127.0.0.1:1?profile=PTA8C04", "no answer"),
+    ] {
+        assert_eq!(kind(url), expected, "{url}");
+        let is_input = matches!(expected, "address" | "option" | "unsupported");
+        assert_eq!(probed(url).unwrap_err().is_input(), is_input, "{url}");
+    }
+}
+
+/// Nothing is taken by listing, and a computer without any device gives empty lists.
+#[test]
+fn what_there_is_can_be_listed() {
+    let found = volcomp_devices::list();
+    assert_eq!(found, volcomp_devices::list());
+    assert!(
+        found
+            .can_interfaces
+            .iter()
+            .all(|interface| !interface.name.is_empty())
     );
 }

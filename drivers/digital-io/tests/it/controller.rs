@@ -8,7 +8,7 @@ use volcomp_digital_io::{
     PositionWord, Wiring,
 };
 use volcomp_port::{Controller, DigitalIo, Fault, contract};
-use volcomp_vocabulary::{AxisName, PerChannel};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, PerChannel, Urad};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_millis(200)
@@ -142,7 +142,7 @@ fn several_axes_take_turns() {
         correction: CorrectionWord {
             bits: 7,
             code: CorrectionCode::SignMagnitude,
-            mm_per_count: 0.001,
+            step: Displacement::Length(Mm(0.001)),
         },
         ..DigitalAxis::published(name)
     };
@@ -176,10 +176,10 @@ fn low_bits_follow_a_long_axis() {
         position: PositionWord {
             bits: 8,
             code: PositionCode::Gray,
-            mm_per_count: 0.01,
-            zero_mm: 0.0,
+            step: Displacement::Length(Mm(0.01)),
+            zero: Displacement::Length(Mm(0.0)),
         },
-        low_bits_from: Some(0.0),
+        low_bits_from: Some(Displacement::Length(Mm(0.0))),
         ..DigitalAxis::published(AxisName::X)
     };
     let wiring = Wiring {
@@ -240,4 +240,40 @@ fn an_axis_that_is_not_configured_is_a_fault() {
     );
     let message = strobe.err().unwrap().to_string();
     assert!(message.contains("no strobe line is named"), "{message}");
+}
+
+/// Steps are lengths or angles by the kind of the axis: a rotary axis with the published words, which are lengths, is
+/// refused, and one with steps in angles is described and corrected in rad.
+#[test]
+fn units_follow_the_kind_of_the_axis() {
+    let new = |axis: DigitalAxis| {
+        let wiring = Wiring::published();
+        let panel = Panel::new(wiring.clone(), vec![axis]);
+        DigitalController::new(panel, "lines", wiring, Coherence::TwoAgree, vec![axis])
+    };
+    let lengths = DigitalAxis::published(AxisName::C);
+    let message = new(lengths).err().unwrap().to_string();
+    assert!(
+        message.contains("axis C: found a resolution of 1 µm, expected an angle"),
+        "{message}"
+    );
+    let mut half = lengths;
+    half.correction.step = Displacement::Angle(Urad(5.0).to_rad());
+    let message = new(half).err().unwrap().to_string();
+    assert!(
+        message.contains("axis C: found a position step"),
+        "{message}"
+    );
+    let mut angles = half;
+    angles.position.step = Displacement::from_coordinate(AxisKind::Rotary, 0.01);
+    angles.position.zero = Displacement::from_coordinate(AxisKind::Rotary, 0.0);
+    let mut controller = new(angles).unwrap();
+    let axis = controller.description().axes[0];
+    assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
+    controller.read(soon()).unwrap();
+    // 7 µrad are wanted: one step of 5 µrad is sent.
+    controller
+        .apply(&PerChannel::leading([7e-6]), soon())
+        .unwrap();
+    assert!((controller.sent().unwrap()[0] - 5e-6).abs() < 1e-18);
 }

@@ -3,7 +3,7 @@ use std::time::{Duration, Instant};
 use proptest::prelude::*;
 use volcomp_digital_io::{Coherence, DigitalAxis, Wiring, read_coherent};
 use volcomp_port::{Fault, MockDigitalIo};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Displacement, Mm};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_millis(50)
@@ -57,11 +57,11 @@ fn wirings_that_make_no_sense_are_named() {
     let message = checked(&select, 16, 8, 2).unwrap_err();
     assert!(message.contains("must say for which axis"), "{message}");
     let mut words = [(axis().position, axis().correction)];
-    words[0].0.mm_per_count = f64::NAN;
+    words[0].0.step = Displacement::Length(Mm(f64::NAN));
     let message = good.check(15, 8, 1, &words).unwrap_err().to_string();
     assert_eq!(
         message,
-        "resolution of the position: found NaN, expected a positive number"
+        "step of the position: found NaN, expected a positive number"
     );
 }
 

@@ -2,14 +2,14 @@ use proptest::prelude::*;
 use volcomp_digital_io::{
     CorrectionCode, CorrectionWord, DigitalAxis, PositionCode, PositionWord, Unwrapper,
 };
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Displacement, Mm};
 
 fn position(bits: u32, code: PositionCode) -> PositionWord {
     PositionWord {
         bits,
         code,
-        mm_per_count: 1.0 / 32.0,
-        zero_mm: -100.0,
+        step: Displacement::Length(Mm(1.0 / 32.0)),
+        zero: Displacement::Length(Mm(-100.0)),
     }
 }
 
@@ -17,7 +17,7 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
     CorrectionWord {
         bits,
         code,
-        mm_per_count: 0.001,
+        step: Displacement::Length(Mm(0.001)),
     }
 }
 
@@ -25,11 +25,11 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
 #[test]
 fn the_published_words() {
     let axis = DigitalAxis::published(AxisName::X);
-    assert_eq!(axis.position.range_mm(), 1024.0);
-    assert_eq!(axis.position.decode(0).mm, 0.0);
-    assert_eq!(axis.position.decode(0x7fff).mm, 1_023.968_75);
-    assert_eq!(axis.position.decode(320).mm, 10.0);
-    assert!((axis.correction.limit_mm() - 0.127).abs() < 1e-15);
+    assert_eq!(axis.position.range(), 1024.0);
+    assert_eq!(axis.position.decode(0).position, 0.0);
+    assert_eq!(axis.position.decode(0x7fff).position, 1_023.968_75);
+    assert_eq!(axis.position.decode(320).position, 10.0);
+    assert!((axis.correction.limit() - 0.127).abs() < 1e-15);
     for (um, word, saturated) in [
         (0.0, 0x00, false),
         (1.0, 0x01, false),
@@ -45,7 +45,7 @@ fn the_published_words() {
     ] {
         let sent = axis.correction.encode(um * 1e-3);
         assert_eq!((sent.word, sent.saturated), (word, saturated), "{um}");
-        assert_eq!(axis.correction.decode(word), Some(sent.sent_mm), "{um}");
+        assert_eq!(axis.correction.decode(word), Some(sent.sent), "{um}");
     }
     let none = axis.correction.encode(f64::NAN);
     assert_eq!((none.word, none.saturated), (0, true));
@@ -66,7 +66,7 @@ fn codes_count() {
         let last = (1_u32 << bits) - 1;
         let mut before = None;
         for count in 0..=last {
-            let mm = binary.decode(count).mm;
+            let mm = binary.decode(count).position;
             assert_eq!(binary.encode(mm), Some(count));
             let word = gray.encode(mm).unwrap();
             assert_eq!(gray.count(word), count);
@@ -76,7 +76,10 @@ fn codes_count() {
             before = Some(word);
         }
         assert_eq!(binary.encode(-101.0), None);
-        assert_eq!(binary.encode(binary.zero_mm + binary.range_mm()), None);
+        assert_eq!(
+            binary.encode(binary.zero.mm_or_rad() + binary.range()),
+            None
+        );
         assert_eq!(binary.encode(f64::NAN), None);
     }
 }
@@ -88,11 +91,11 @@ proptest! {
         let code = if sign { CorrectionCode::SignMagnitude } else { CorrectionCode::TwosComplement };
         let word = correction(bits, code);
         let sent = word.encode(um * 1e-3);
-        prop_assert_eq!(word.decode(sent.word), Some(sent.sent_mm));
+        prop_assert_eq!(word.decode(sent.word), Some(sent.sent));
         prop_assert!(sent.word < 1 << bits && sent.word != 1 << (bits - 1));
-        let off = (sent.sent_mm - um * 1e-3).abs();
+        let off = (sent.sent - um * 1e-3).abs();
         if sent.saturated {
-            prop_assert!((sent.sent_mm.abs() - word.limit_mm()).abs() < 1e-12);
+            prop_assert!((sent.sent.abs() - word.limit()).abs() < 1e-12);
         } else {
             prop_assert!(off <= 0.500_001e-3, "{off}");
         }
@@ -101,15 +104,15 @@ proptest! {
     #[test]
     fn positions_come_back(share in 0.0..1.0_f64, gray: bool, bits in 2_u32..25) {
         let word = position(bits, if gray { PositionCode::Gray } else { PositionCode::Binary });
-        let mm = word.zero_mm + share * (word.range_mm() - word.mm_per_count);
+        let mm = word.zero.mm_or_rad() + share * (word.range() - word.step.mm_or_rad());
         let coded = word.decode(word.encode(mm).unwrap());
-        prop_assert!((coded.mm - mm).abs() <= coded.within_mm * 1.000_001);
+        prop_assert!((coded.position - mm).abs() <= coded.within * 1.000_001);
     }
 
     /// Eight low bits of 1 um counts, up to 120 um a step: 40 m/min at 6 kHz.
     #[test]
     fn low_bits_are_followed(start in -5e3..5e3_f64, steps in proptest::collection::vec(-0.12..0.12_f64, 1..400)) {
-        let word = PositionWord { bits: 8, code: PositionCode::Gray, mm_per_count: 0.001, zero_mm: 0.0 };
+        let word = PositionWord { bits: 8, code: PositionCode::Gray, step: Displacement::Length(Mm(0.001)), zero: Displacement::Length(Mm(0.0)) };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the low bits are wanted")]
         let shown = |mm: f64| {
             let count = (mm / 0.001).round() as i64 as u32 & 0xff;
@@ -121,7 +124,27 @@ proptest! {
         for step in steps {
             place += step;
             let found = followed.follow(shown(place));
-            prop_assert!((found.mm - place).abs() < 0.000_51, "{} {place}", found.mm);
+            prop_assert!((found.position - place).abs() < 0.000_51, "{} {place}", found.position);
         }
+    }
+}
+
+/// Words of a length that no port has say nothing, but do not panic.
+#[test]
+fn any_number_of_bits_can_be_asked() {
+    for bits in [0, 1, 32, 33, u32::MAX] {
+        for code in [
+            CorrectionCode::TwosComplement,
+            CorrectionCode::SignMagnitude,
+        ] {
+            let word = correction(bits, code);
+            let sent = word.encode(-0.001);
+            assert!(word.limit() >= 0.0 && sent.sent.is_finite());
+            word.decode(u32::MAX);
+        }
+        let word = position(bits, PositionCode::Gray);
+        word.encode(1e300);
+        assert!(word.decode(u32::MAX).position.is_finite());
+        Unwrapper::new(word, 0, 1e300).follow(1);
     }
 }

@@ -117,41 +117,41 @@ fn wrong_profiles_are_named() {
     for (change, expected) in [
         (
             "scale = 0",
-            "profile `T`, key `channels.scale`: found 0, expected a number that is not 0",
+            "profile:5: channels.scale: found 0, expected a number that is not 0",
         ),
         (
             "scale = nan",
-            "key `channels.scale`: found nan, expected a finite number",
+            "channels.scale: found nan, expected a finite number",
         ),
         (
             "sclae = 1",
-            "key `channels.sclae`: found 1, expected one of: function, address",
+            "channels.sclae: unknown key, expected one of: function, address",
         ),
         (
             "function = 6",
-            "key `channels.function`: found 6, expected a whole number from 3 to 4",
+            "channels.function: found 6, expected a whole number from 3 to 4",
         ),
         (
             "type = \"i64\"",
-            "key `channels.type`: found \"i64\", expected one of: i16, u16, i32, f32",
+            "channels.type: found \"i64\", expected one of: i16, u16, i32, f32",
         ),
         (
             "valid_degc = [10, 0]",
             "expected the lower end below the upper end",
         ),
-        ("valid_degc = [10]", "expected two numbers"),
+        ("valid_degc = [10]", "expected an array of 2 numbers"),
         (
             "unit = \"ohm\"\nr0_ohm = -1",
-            "expected a positive resistance",
+            "channels.r0_ohm: found -1, expected a number above 0",
         ),
         (
             "faults = [{ raw = 1 }]",
-            "key `channels.faults.0.reason`: it is missing",
+            "channels.faults[0]: key `reason` is missing",
         ),
-        ("faults = 3", "key `channels.faults`: found 3"),
+        ("faults = 3", "channels.faults: found 3, expected an array"),
         (
             "status = { function = 9, address = 0 }",
-            "key `channels.status.function`",
+            "channels.status.function: found 9",
         ),
     ] {
         let message = message(change);
@@ -162,7 +162,7 @@ fn wrong_profiles_are_named() {
     assert!(message.contains("[channels] or [digital]"), "{message}");
     let beyond = parse("name = \"T\"\n[channels]\naddress = 65535\ncount = 9").to_string();
     assert!(beyond.contains("below 65536"), "{beyond}");
-    assert!(matches!(parse("name = "), ProfileError::Syntax(_)));
+    assert!(matches!(parse("name = "), ProfileError::Input(_)));
 }
 
 proptest! {

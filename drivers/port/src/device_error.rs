@@ -1,0 +1,145 @@
+//! Why a device cannot be set up or asked, by kinds that a caller can match.
+
+use std::{error::Error, fmt, sync::Arc};
+
+use crate::Fault;
+
+/// Why a device cannot be set up, opened or asked. The first three kinds are mistakes of the caller, known before
+/// anything is opened ([`DeviceError::is_input`]); the others tell that the device or the way to it does not work.
+#[derive(Clone, Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DeviceError {
+    /// The text is no address of a device.
+    #[error(transparent)]
+    Address(DeviceProblem),
+    /// Something that was stated about the device, in its URL, a file or a configuration, is wrong.
+    #[error(transparent)]
+    Option(DeviceProblem),
+    /// The device, or this build of the program, cannot do what is asked.
+    #[error(transparent)]
+    Unsupported(DeviceProblem),
+    /// The device is not there, is taken by another program, or refuses the connection.
+    #[error(transparent)]
+    Open(DeviceProblem),
+    /// The device does not answer in time.
+    #[error(transparent)]
+    NoAnswer(DeviceProblem),
+    /// The device refuses what is asked, or answers in another way than its protocol says.
+    #[error(transparent)]
+    Protocol(DeviceProblem),
+}
+
+/// What a [`DeviceError`] tells.
+#[derive(Clone, Debug)]
+pub struct DeviceProblem {
+    /// The device as its URL or the configuration names it.
+    pub device: String,
+    /// What was found.
+    pub found: String,
+    /// What was expected, or what to do about it.
+    pub expected: String,
+    /// The error below, where there is one.
+    pub source: Option<Arc<dyn Error + Send + Sync>>,
+}
+
+impl fmt::Display for DeviceProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}; {}", self.device, self.found, self.expected)
+    }
+}
+
+impl Error for DeviceProblem {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.source.as_ref().map(|source| &**source as _)
+    }
+}
+
+macro_rules! constructors {
+    ($($(#[$doc:meta])* $name:ident => $kind:ident),* $(,)?) => {$(
+        $(#[$doc])*
+        pub fn $name(
+            device: impl Into<String>,
+            found: impl Into<String>,
+            expected: impl Into<String>,
+        ) -> Self {
+            Self::$kind(DeviceProblem {
+                device: device.into(),
+                found: found.into(),
+                expected: expected.into(),
+                source: None,
+            })
+        }
+    )*};
+}
+
+impl DeviceError {
+    constructors! {
+        /// An error of kind [`Address`](Self::Address).
+        address => Address,
+        /// An error of kind [`Option`](Self::Option).
+        option => Option,
+        /// An error of kind [`Unsupported`](Self::Unsupported).
+        unsupported => Unsupported,
+        /// An error of kind [`Open`](Self::Open).
+        open => Open,
+        /// An error of kind [`NoAnswer`](Self::NoAnswer).
+        no_answer => NoAnswer,
+        /// An error of kind [`Protocol`](Self::Protocol).
+        protocol => Protocol,
+    }
+
+    /// The same error with the one below it.
+    #[must_use]
+    pub fn caused_by(mut self, source: impl Error + Send + Sync + 'static) -> Self {
+        self.problem_mut().source = Some(Arc::new(source));
+        self
+    }
+
+    /// What is told: device, found, expected, source.
+    pub fn problem(&self) -> &DeviceProblem {
+        match self {
+            Self::Address(problem)
+            | Self::Option(problem)
+            | Self::Unsupported(problem)
+            | Self::Open(problem)
+            | Self::NoAnswer(problem)
+            | Self::Protocol(problem) => problem,
+        }
+    }
+
+    fn problem_mut(&mut self) -> &mut DeviceProblem {
+        match self {
+            Self::Address(problem)
+            | Self::Option(problem)
+            | Self::Unsupported(problem)
+            | Self::Open(problem)
+            | Self::NoAnswer(problem)
+            | Self::Protocol(problem) => problem,
+        }
+    }
+
+    /// Whether the caller stated something wrong (exit status 2 of the programs), as opposed to a device that does not
+    /// work (exit status 1).
+    pub fn is_input(&self) -> bool {
+        matches!(
+            self,
+            Self::Address(_) | Self::Option(_) | Self::Unsupported(_)
+        )
+    }
+
+    /// Which constructor makes the error of an exchange that failed with `fault`.
+    pub fn of_fault_kind(fault: Fault) -> fn(String, String, String) -> Self {
+        match fault {
+            Fault::NotConnected | Fault::Disconnected => Self::open,
+            Fault::TimedOut => Self::no_answer,
+            Fault::Unsupported(_) => Self::unsupported,
+            _ => Self::protocol,
+        }
+    }
+
+    /// The error of an exchange that failed with `fault`, which is its source.
+    pub fn of_fault(device: impl Into<String>, fault: Fault, expected: impl Into<String>) -> Self {
+        let kind = Self::of_fault_kind(fault);
+        kind(device.into(), fault.to_string(), expected.into()).caused_by(fault)
+    }
+}
