@@ -54,14 +54,13 @@ impl CompiledMachine {
             put_count(&mut body, range.looked_at);
             put(&mut body, &range.domain);
         }
-        let moved = self
-            .correctors
-            .linear()
-            .iter()
-            .chain(self.correctors.rotary());
-        put_count(&mut body, moved.clone().count());
-        for index in moved {
-            put_count(&mut body, *index);
+        put_count(&mut body, self.may_move.len());
+        for name in &self.may_move {
+            // Every axis that may move is one of the chain.
+            put_count(
+                &mut body,
+                self.chain.structure().index_of(*name).unwrap_or(0),
+            );
         }
         let mut blob = Vec::with_capacity(HEAD + body.len());
         blob.extend(MAGIC);

@@ -111,6 +111,7 @@ impl CompiledMachine {
             patched: false,
             three_slides: false,
             at_workpiece: folded.workpiece_end != ErrorMotion::ZERO,
+            may_move: frame.chain.structure().axes().iter().copied().collect(),
             correctors: Correctors::all(&frame.chain),
             chain: frame.chain,
             location: frame.location,

@@ -57,7 +57,22 @@ impl CompiledMachine {
     /// [`EvaluatorError::Chain`] for a name that the chain does not have.
     pub fn set_correctors(&mut self, names: &[AxisName]) -> Result<(), EvaluatorError> {
         self.correctors = Correctors::named(&self.chain, names)?;
+        self.may_move.clear();
+        for &name in names {
+            if !self.may_move.contains(&name) {
+                self.may_move.push(name); // nine different letters exist, so nine places are enough
+            }
+        }
         Ok(())
+    }
+
+    /// The axes that correct when only some of the machine's axes can be written: of those that may move, in their
+    /// order, the ones in `written`. Allocates nothing.
+    pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
+        let mut names = self.may_move.clone();
+        names.retain(|name| written.contains(name));
+        // Every axis that may move is one of the chain.
+        Correctors::named(&self.chain, &names).unwrap_or_else(|_| Correctors::all(&self.chain))
     }
 
     #[inline(always)]

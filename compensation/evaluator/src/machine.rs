@@ -2,8 +2,10 @@
 
 use alloc::vec::Vec;
 
+use arrayvec::ArrayVec;
+
 use volcomp_kinematics::{Chain, Correctors, ErrorMotion, Joint, State, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName, MAX_AXES, PerAxis};
 
 use crate::{
     Tolerance,
@@ -90,7 +92,8 @@ pub struct CompiledMachine {
     pub(crate) patched: bool,
     /// Three linear axes and nothing besides their tables.
     pub(crate) three_slides: bool,
-    /// The axes that corrections move.
+    /// The axes that may move, each once, and those of them that corrections move.
+    pub(crate) may_move: ArrayVec<AxisName, MAX_AXES>,
     pub(crate) correctors: Correctors,
 }
 

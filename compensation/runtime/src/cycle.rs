@@ -119,6 +119,9 @@ impl Cycle {
     /// Takes another model from the next cycle on; `replacement` holds the old one afterwards, to be freed elsewhere.
     pub fn swap_model(&mut self, replacement: &mut Replacement) {
         std::mem::swap(&mut self.model, replacement);
+        for path in &mut self.paths {
+            path.fit_to(&self.model);
+        }
     }
 
     /// Takes other limits for the path at `index`; limits that its guard refuses leave the old ones.
@@ -242,7 +245,8 @@ impl Cycle {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
             return (PerAxis::ZERO, unknown);
         }
-        let (wanted, singular) = self.model.correction(&state);
+        let correctors = &self.paths[self.selector.active()].correctors;
+        let (wanted, singular) = self.model.correction_of(&state, correctors);
         let outside = self.model.is_outside_range(&state);
         let notes = Reasons::SINGULAR.when(singular) | Reasons::OUTSIDE_RANGE.when(outside);
         (wanted, notes)

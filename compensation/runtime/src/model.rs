@@ -1,6 +1,6 @@
 //! The machine as a cycle computes with it. State: the lags of its thermal terms.
 
-use volcomp_kinematics::{Pose, State, nalgebra::Vector3, skew_part};
+use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
 use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
 use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis};
 
@@ -19,8 +19,6 @@ pub struct Model {
     pub axes: Vec<AxisName>,
     /// The travel of each axis, mm or deg.
     pub travel: Vec<[f64; 2]>,
-    /// Whether the direction of the tool axis can be corrected: with two rotary axes or more.
-    pub corrects_tool_axis: bool,
     compiled: CompiledMachine,
     thermal: ThermalState,
 }
@@ -38,7 +36,6 @@ impl Model {
             hash: machine.checksum(),
             text: machine.to_toml(),
             travel: machine.axes().iter().map(|axis| axis.travel).collect(),
-            corrects_tool_axis: axes.iter().filter(|name| name.is_rotary()).count() >= 2,
             axes,
             compiled: machine.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
@@ -73,16 +70,29 @@ impl Model {
         !self.compiled.outside_range(state).is_empty()
     }
 
-    /// The correction (mm, rad, to be added to the command) at a state: two first-order steps, the second with the
-    /// errors where the first leads. And whether a direction of the tool axis cannot be corrected there.
+    /// The axes that correct where a controller writes only `written` of them; all others are held. Allocates nothing.
+    pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
+        self.compiled.correctors_among(written)
+    }
+
+    /// The correction (mm, rad, to be added to the command) of all axes that may move: see
+    /// [`correction_of`](Self::correction_of).
     pub fn correction(&self, state: &State) -> (PerAxis<f64>, bool) {
-        let first = self.compiled.first_order(state);
+        self.correction_of(state, self.compiled.correctors())
+    }
+
+    /// The correction (mm, rad, to be added to the command) at a state, solved for the axes that correct while all
+    /// others are held: two first-order steps, the second with the errors where the first leads. And whether a
+    /// direction of the tool axis that two rotary axes could correct elsewhere is left as it is there.
+    pub fn correction_of(&self, state: &State, correctors: &Correctors) -> (PerAxis<f64>, bool) {
+        let first = self.compiled.first_order_of(state, correctors);
         let mut there = *state;
         for (q, delta) in there.q.iter_mut().zip(&first.delta) {
             *q += delta;
         }
-        let second = self.compiled.first_order(&there);
-        (second.delta, second.singular && self.corrects_tool_axis)
+        let second = self.compiled.first_order_of(&there, correctors);
+        let corrects_tool_axis = correctors.rotary().len() >= 2;
+        (second.delta, second.singular && corrects_tool_axis)
     }
 
     /// The error of the tool at a state, in workpiece axes: first without correction, then with `correction` (mm, rad)

@@ -3,10 +3,16 @@
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{Guard, Inputs, Output, Reading, Reasons, Request};
+use volcomp_kinematics::Correctors;
 use volcomp_port::{Controller, Fault, Snapshot};
-use volcomp_vocabulary::{PerAxis, PerChannel};
+use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
 
-use crate::{asked::Asked, error::PlanError, plan::PathPlan};
+use crate::{
+    asked::Asked,
+    error::PlanError,
+    model::Model,
+    plan::{PathPlan, names},
+};
 
 /// A second gateway that was seen is reported for so long.
 const OTHER_GATEWAY_FOR: Duration = Duration::from_secs(5);
@@ -17,6 +23,9 @@ pub struct ControlPath {
     pub(crate) guard: Guard,
     /// The place in the machine of each axis of the controller.
     pub(crate) machine_axis: PerChannel<usize>,
+    /// The letters of its axes, and those of them that correct with the model of now.
+    names: Vec<AxisName>,
+    pub(crate) correctors: Correctors,
     /// Machine axes that stand at a stated position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
     /// Paths with the same number replace one another, others add.
@@ -45,6 +54,8 @@ impl ControlPath {
             controller,
             guard,
             machine_axis: plan.machine_axis,
+            names: names(&plan.description),
+            correctors: plan.correctors.clone(),
             fixed: plan.fixed,
             channel: 0,
             notes: plan.notes,
@@ -53,6 +64,11 @@ impl ControlPath {
             taken: None,
             other_gateway: None,
         })
+    }
+
+    /// Chooses the axes that correct anew, for another model. Allocates nothing.
+    pub(crate) fn fit_to(&mut self, model: &Model) {
+        self.correctors = model.correctors_among(&self.names);
     }
 
     /// How many axes it has.

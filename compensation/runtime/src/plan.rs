@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use volcomp_guard::{AxisLimits, Limits, Reasons};
+use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description, Heartbeat};
 use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis, PerChannel};
 
@@ -24,6 +25,8 @@ pub struct PathPlan {
     pub limits: Limits,
     /// The place in the machine of each axis of the controller.
     pub machine_axis: PerChannel<usize>,
+    /// The axes of the controller that correct; the machine's others are held where they are.
+    pub correctors: Correctors,
     /// Machine axes that stand at a stated position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
     /// What is always to be reported of this path.
@@ -81,6 +84,7 @@ impl PathPlan {
             });
         }
         Ok(Self {
+            correctors: model.correctors_among(&names(&description)),
             limits: limits(&description, guard, settings, period)?,
             machine_axis,
             fixed,
@@ -88,6 +92,11 @@ impl PathPlan {
             description,
         })
     }
+}
+
+/// The axes of a controller in its order.
+pub(crate) fn names(description: &Description) -> Vec<AxisName> {
+    description.axes.iter().map(|axis| axis.name).collect()
 }
 
 /// What the guard of a controller allows.

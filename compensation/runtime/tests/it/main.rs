@@ -6,6 +6,7 @@ mod plan;
 mod quiet;
 mod rig;
 mod thread;
+mod written;
 
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]

@@ -33,18 +33,30 @@ pub(crate) fn guard() -> GuardSettings {
 
 /// A control that stands at a place, coordinates in mm and deg in the order of [`NAMES`].
 pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedController {
+    control_of(place, clock, &NAMES)
+}
+
+/// The same control, which writes only the axes named; the others stand where the settings say.
+fn control_of(
+    place: [f64; 5],
+    clock: &Clock,
+    names: &[AxisName],
+) -> simulated::SimulatedController {
     let mut to = PerChannel::ZERO;
-    for ((to, name), at) in to.iter_mut().zip(NAMES).zip(place) {
+    for (to, name) in to.iter_mut().zip(names) {
+        let at = NAMES.iter().zip(place).find(|(known, _)| *known == name);
+        let (name, at) = at.expect("one of the machine");
         *to = Displacement::from_coordinate(name.kind(), at).mm_or_rad();
     }
     let machine = simulated::Machine {
-        axes: NAMES
-            .map(|name| Axis {
+        axes: names
+            .iter()
+            .map(|&name| Axis {
                 name,
                 includes_correction: false,
                 resolution: Displacement::new(name.kind(), 1e-8),
             })
-            .to_vec(),
+            .collect(),
         program: vec![simulated::Move {
             to,
             feed_per_s: 1.0,
@@ -66,12 +78,27 @@ pub(crate) struct Rig {
 
 impl Rig {
     pub(crate) fn at(place: [f64; 5]) -> Self {
+        Self::writing(place, &NAMES)
+    }
+
+    /// With a control that writes only the axes named; the others are fixed at the place.
+    pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
         let clock = Clock::manual();
         let guard = guard();
         let model = Model::new(&machine(), guard.fading).expect("shipped");
-        let control = control(place, &clock);
+        let control = control_of(place, &clock, names);
         let described = control.description().clone();
-        let plan = PathPlan::new(described, &model, &guard, &PathSettings::default(), PERIOD);
+        let others = NAMES
+            .iter()
+            .zip(place)
+            .filter(|(name, _)| !names.contains(name));
+        let settings = PathSettings {
+            fixed: others
+                .map(|(&name, at)| (name, Displacement::from_coordinate(name.kind(), at)))
+                .collect(),
+            ..PathSettings::default()
+        };
+        let plan = PathPlan::new(described, &model, &guard, &settings, PERIOD);
         let path = ControlPath::new(Box::new(control), &plan.expect("fits")).expect("fits");
         let sensors = Sensors::new(Vec::new(), guard.temperatures);
         let cycle = Cycle::new(

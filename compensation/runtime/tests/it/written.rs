@@ -1,0 +1,122 @@
+//! A control that writes some axes only: the correction is solved for exactly these, as the command line solves it.
+
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::{CorrectionOptions, State, nalgebra::Vector3};
+use volcomp_model::{Fading, Machine, Temperatures};
+use volcomp_runtime::{Model, guard::Request};
+use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
+
+use crate::rig::{Rig, machine};
+
+/// Corrections of any choice of axes agree with the exact ones of the same machine file.
+fn compare(machine: &Machine, seed: u64) {
+    let model = Model::new(machine, Fading::default()).expect("compiles");
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    for _ in 0..300 {
+        let mut names = machine.chain().structure().axes().to_vec();
+        names.shuffle(&mut rng);
+        names.truncate(rng.random_range(1..=names.len()));
+        let state = State {
+            q: PerAxis::from_fn(|index| {
+                machine.axes().get(index).map_or(0.0, |axis| {
+                    let [low, high] = axis.travel;
+                    let at = rng.random_range(low..=high);
+                    Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad()
+                })
+            }),
+            ..State::default()
+        };
+        // The order in which axes may move is the machine's, whatever the order of the control's.
+        let correct = machine.chain().structure().axes().iter().copied();
+        let options = CorrectionOptions {
+            correct: Some(correct.filter(|name| names.contains(name)).collect()),
+            ..CorrectionOptions::default()
+        };
+        let exact = machine.correction_at(&state, &Temperatures::new(), &options);
+        let correctors = model.correctors_among(&names);
+        let (found, singular) = model.correction_of(&state, &correctors);
+        assert_eq!(singular, exact.singular && correctors.rotary().len() >= 2);
+        for (index, axis) in machine.axes().iter().enumerate() {
+            let (f, e) = (found[index], exact.delta[index]);
+            // Second order: a hundredth of a µm and of a µrad for each tenth of a millimetre or milliradian.
+            let size = exact.delta.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+            let bound = if axis.name.is_rotary() { 1e-8 } else { 2e-5 } + 1e-3 * size;
+            assert!(
+                (f - e).abs() < bound,
+                "{} of {names:?} at {state:?}: {f} {e}",
+                axis.name
+            );
+            assert!(
+                names.contains(&axis.name) || f == 0.0,
+                "an axis that is not written is held"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_gateway_and_the_exact_correction_choose_and_solve_alike() {
+    compare(&machine(), 1);
+    // U half a degree off X, V two degrees off Y: U is no new direction, and X and Y correct.
+    let text = "structure = \"w C' X' b Y Z U V B t\"
+[axes.X]
+travel = [0.0, 600.0]
+[axes.Y]
+travel = [0.0, 500.0]
+[axes.Z]
+travel = [-400.0, 0.0]
+[axes.U]
+travel = [0.0, 100.0]
+direction = [0.9999619, 0.0087265, 0.0]
+[axes.V]
+travel = [0.0, 100.0]
+direction = [0.0348995, 0.9993908, 0.0]
+[axes.B]
+travel = [-100.0, 100.0]
+point = [0.0, 0.0, 120.0]
+[axes.C]
+travel = [-360.0, 360.0]
+point = [300.0, 250.0, -50.0]
+[tool]
+tip = [0.0, 0.0, -80.0]
+[errors]
+EYX = 10.0
+EXX = { poly = [0.0, 0.02] }
+EAY = { poly = [0.0, 0.03] }
+EBC = 12.0
+EC0Y = 15.0
+EB0C = 8.0
+EX0B = 6.0
+";
+    compare(&Machine::parse(text, "m").expect("valid"), 2);
+}
+
+/// A control that writes X, Y and Z of a five-axis machine: the tip goes where it should with the rotary axes held, and
+/// what is left is the direction of the tool.
+#[test]
+fn the_tip_is_corrected_by_the_axes_that_are_written() {
+    for place in [
+        [-100.0, 40.0, 200.0, 50.0, 300.0],
+        [-400.0, -75.0, 650.0, 300.0, 50.0],
+        [-250.0, 1.0, 300.0, 0.0, 300.0],
+    ] {
+        let mut rig = Rig::writing(place, &[AxisName::Z, AxisName::X, AxisName::Y]);
+        rig.run(10);
+        rig.step(Some(Request::Arm));
+        let report = rig.run(2000);
+        assert_eq!(report.state.name(), "compensating");
+        let (error, residual) = (
+            report.error.expect("known"),
+            report.residual.expect("known"),
+        );
+        let tip = |error: [f64; 3]| Vector3::from(error).norm();
+        assert!(tip(error.position_mm) > 0.005, "there is an error");
+        assert!(tip(residual.position_mm) < 1e-4, "{place:?}: {residual:?}");
+        assert!((tip(residual.axis_rad) - tip(error.axis_rad)).abs() < 1e-6);
+        for name in [AxisName::B, AxisName::C] {
+            let index = machine().index_of(name).expect("its axis");
+            assert_eq!(report.correction[index], 0.0, "{name} is not written");
+        }
+    }
+}
