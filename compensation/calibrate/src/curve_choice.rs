@@ -16,7 +16,7 @@ pub enum CurveChoice {
     Auto,
     /// A polynomial by least squares.
     Polynomial {
-        /// The highest power.
+        /// The highest power of the coordinate.
         order: usize,
     },
     /// A Chebyshev series by least squares.
@@ -41,7 +41,7 @@ pub enum CurveChoice {
     CubicTable,
     /// A Fourier series, for rotary axes.
     Fourier {
-        /// Number of harmonics.
+        /// The number of harmonics.
         order: usize,
         /// The period of the first harmonic, deg.
         period: f64,

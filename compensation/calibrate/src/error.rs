@@ -29,7 +29,7 @@ pub enum CalibrateError {
     Profile {
         /// The error that is measured.
         error: ErrorName,
-        /// The measurement file.
+        /// The measurement file of its line.
         file: PathBuf,
         /// What is wrong with its readings.
         source: Box<MetrologyError>,
@@ -39,7 +39,7 @@ pub enum CalibrateError {
     NoReadings {
         /// The error that is measured.
         error: ErrorName,
-        /// Its measurement files.
+        /// The measurement files of its lines.
         files: Vec<PathBuf>,
     },
     /// No curve can be fitted to the readings of an error.
@@ -47,9 +47,9 @@ pub enum CalibrateError {
     Fit {
         /// The error that is measured.
         error: ErrorName,
-        /// Its measurement files.
+        /// The measurement files of its lines.
         files: Vec<PathBuf>,
-        /// Why not.
+        /// Why no curve can be fitted.
         source: FitError,
     },
     /// The positioning deviation of an oblique axis fills a second error, and that one was measured too.
@@ -60,9 +60,9 @@ pub enum CalibrateError {
     Oblique {
         /// The positioning deviation that is measured.
         error: ErrorName,
-        /// Its measurement files.
+        /// The measurement files of its lines.
         files: Vec<PathBuf>,
-        /// The oblique axis.
+        /// The axis that is oblique to the machine coordinate system.
         axis: AxisName,
         /// The other error that the deviation fills.
         other: ErrorName,
@@ -70,7 +70,7 @@ pub enum CalibrateError {
     /// A squareness is to come from slopes, and one of its straightness errors has no line.
     #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
     NoSlope {
-        /// The squareness error.
+        /// The squareness error that the calibration file asks for.
         squareness: ErrorName,
         /// The straightness error without a line.
         straightness: ErrorName,

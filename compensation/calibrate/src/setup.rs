@@ -30,7 +30,7 @@ pub enum Method {
     Direct,
     /// Tilts of a bridge, to be summed up to a straightness.
     Angular {
-        /// Foot spacing, mm.
+        /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
         /// How the sign of a tilt is meant.
         reading: TiltReading,

@@ -31,7 +31,7 @@ pub enum ShopError {
     Method {
         /// The error to be measured.
         error: ErrorName,
-        /// Why not.
+        /// Why the method does not fit the error.
         source: MetrologyError,
     },
 }
@@ -48,7 +48,7 @@ pub enum InstrumentError {
         /// The largest number allowed.
         most: usize,
     },
-    /// No runs.
+    /// There is no run over the targets.
     #[error("found no runs, expected at least 1")]
     NoRuns,
     /// More readings than a line may have.
@@ -66,7 +66,7 @@ pub enum InstrumentError {
     Number {
         /// The quantity, as the key of a shop file without its unit.
         what: &'static str,
-        /// The number.
+        /// The number that was found.
         found: f64,
         /// What it should be.
         expected: &'static str,

@@ -19,7 +19,7 @@ pub struct LineOfSight<'a> {
     /// The held axes, the measured one at 0.
     held: State,
     axis: usize,
-    /// m, MCS.
+    /// The measured point m, mm in MCS with the measured axis at 0.
     point_mcs: Vector3<f64>,
 }
 

@@ -40,6 +40,6 @@ pub enum Format {
     /// `.rtl` for lengths, `.rta` for angles.
     #[default]
     Renishaw,
-    /// Tables `target,run,direction,deviation`.
+    /// CSV tables with the header `target,run,direction,deviation`.
     Csv,
 }

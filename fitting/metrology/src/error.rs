@@ -132,7 +132,7 @@ pub enum MetrologyError {
         name: String,
         /// The quantity or argument that is wrong.
         what: String,
-        /// What stands there.
+        /// What stands there now.
         found: String,
         /// What should stand there.
         expected: String,

@@ -56,15 +56,15 @@ pub struct Iso230Part2 {
     pub targets: Vec<TargetRow>,
     /// Bidirectional accuracy A = max(x̄ + 2s) − min(x̄ − 2s) over both directions.
     pub a: Option<f64>,
-    /// Unidirectional accuracy A↑.
+    /// Unidirectional accuracy A↑ of the forward approaches.
     pub a_forward: Option<f64>,
-    /// Unidirectional accuracy A↓.
+    /// Unidirectional accuracy A↓ of the backward approaches.
     pub a_backward: Option<f64>,
     /// Bidirectional repeatability R = max R_i.
     pub r: Option<f64>,
-    /// Unidirectional repeatability R↑.
+    /// Unidirectional repeatability R↑ of the forward approaches.
     pub r_forward: Option<f64>,
-    /// Unidirectional repeatability R↓.
+    /// Unidirectional repeatability R↓ of the backward approaches.
     pub r_backward: Option<f64>,
     /// Bidirectional systematic deviation E: the range of all x̄_i↑ and x̄_i↓.
     pub e: Option<f64>,

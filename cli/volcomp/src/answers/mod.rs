@@ -1,14 +1,18 @@
 //! Every JSON document that the program writes, as a struct with its JSON Schema. One file for each command; `ALL`
 //! lists them, and `docs/schema/` holds the schemas.
 
+pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod diagonals;
 pub(crate) mod failure;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
+pub(crate) mod inspect;
+pub(crate) mod iso230;
 pub(crate) mod map;
 pub(crate) mod position;
 pub(crate) mod program;
+pub(crate) mod simulate;
 
 use std::collections::BTreeMap;
 
@@ -27,6 +31,11 @@ pub(crate) const ALL: &[(&str, fn() -> Schema)] = &[
     ("map", schema::<map::Map>),
     ("fit", schema::<fit::Fit>),
     ("fit-thermal", schema::<fit_thermal::FitThermal>),
+    ("calibrate", schema::<calibrate::Calibrate>),
+    ("iso230", schema::<iso230::Iso230>),
+    ("inspect", schema::<inspect::Inspect>),
+    ("simulate", schema::<simulate::Simulate>),
+    ("demo", schema::<simulate::Demo>),
     ("failure", schema::<failure::Document>),
 ];
 

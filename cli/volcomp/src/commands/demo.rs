@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
 use volcomp_calibrate::CalibrationFile;
 use volcomp_kinematics::CorrectionOptions;
 use volcomp_model::{Diagonal, Machine, Temperatures, corrected, diagonals, quantised};
@@ -10,6 +9,7 @@ use volcomp_shop::Shop;
 
 use super::{Answer, calibrate, simulate, table, table_text};
 use crate::{
+    answers::simulate::{self as answers, Demo as Document},
     demo::{
         irregular::{IrregularCurve, irregular_curve},
         lines::{LineResult, OUTPUT_STEP_MM, Squareness, compare_lines, squareness},
@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
 struct Comparison {
     lines: Vec<LineResult>,
     squareness: Vec<Squareness>,
-    /// Name, range before and after, um.
+    /// Name, range before and after, µm.
     diagonals: Vec<(&'static str, f64, f64)>,
     irregular: IrregularCurve,
 }
@@ -56,11 +56,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let machine = measure_and_calibrate(&shop, folder)?;
     let comparison = compare(&shop, &machine, folder)?;
-    Ok(Answer {
-        json: json(&comparison),
-        text: text(&shop, &comparison, arguments.output.as_deref()),
-        notes: Vec::new(),
-    })
+    let text = text(&shop, &comparison, arguments.output.as_deref());
+    Answer::new(&document(&comparison), text, Vec::new())
 }
 
 /// Laser files of the truth machine, and the machine that their calibration finds.
@@ -136,53 +133,48 @@ impl Comparison {
     }
 }
 
-fn json(comparison: &Comparison) -> Value {
-    let lines: Vec<Value> = comparison
-        .lines
-        .iter()
-        .map(|line| {
-            json!({
-                "error": line.error.to_string(),
-                "line": line.description,
-                "before_um": line.before_um,
-                "after_um": line.after_um,
-                "floor_um": line.floor_um,
-                "times_floor": line.ratio(),
-            })
-        })
-        .collect();
-    let squareness: Vec<Value> = comparison
-        .squareness
-        .iter()
-        .map(|s| json!({ "error": s.error.to_string(), "before_urad": s.before.0, "after_urad": s.after.0 }))
-        .collect();
-    let diagonals: Vec<Value> = comparison
-        .diagonals
-        .iter()
-        .map(|(name, before, after)| json!({ "diagonal": name, "before_um": before, "after_um": after }))
-        .collect();
+fn document(comparison: &Comparison) -> Document {
+    let lines = comparison.lines.iter().map(|line| answers::Line {
+        error: line.error.to_string(),
+        line: line.description.clone(),
+        before_um: line.before_um,
+        after_um: line.after_um,
+        floor_um: line.floor_um,
+        times_floor: line.ratio(),
+    });
+    let squareness = comparison.squareness.iter().map(|s| answers::Squareness {
+        error: s.error.to_string(),
+        before_urad: s.before.0,
+        after_urad: s.after.0,
+    });
+    let diagonals = comparison.diagonals.iter();
+    let diagonals = diagonals.map(|&(diagonal, before_um, after_um)| answers::Diagonal {
+        diagonal,
+        before_um,
+        after_um,
+    });
     let irregular = &comparison.irregular;
-    json!({
-        "lines": lines,
-        "squareness": squareness,
-        "diagonals": diagonals,
-        "mean_percent": {
-            "positioning": comparison.mean_of_lines(false),
-            "straightness": comparison.mean_of_lines(true),
-            "diagonals": comparison.mean_of_diagonals(),
+    Document {
+        lines: lines.collect(),
+        squareness: squareness.collect(),
+        diagonals: diagonals.collect(),
+        mean_percent: answers::MeanPercent {
+            positioning: comparison.mean_of_lines(false),
+            straightness: comparison.mean_of_lines(true),
+            diagonals: comparison.mean_of_diagonals(),
         },
-        "worst_times_floor": comparison.worst_ratio(),
-        "irregular_curve": {
-            "error": "EXX",
-            "polynomial_um": irregular.polynomial_um,
-            "mls_um": irregular.mls_um,
-            "bspline_um": irregular.bspline_um,
+        worst_times_floor: comparison.worst_ratio(),
+        irregular_curve: answers::IrregularCurve {
+            error: "EXX",
+            polynomial_um: irregular.polynomial_um,
+            mls_um: irregular.mls_um,
+            bspline_um: irregular.bspline_um,
         },
-    })
+    }
 }
 
 fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
-    let mut lines = table(&["", "before", "after", "", "floor", "times floor"]);
+    let mut lines = table(&["", "before", "after", "change", "floor", "after / floor"]);
     for line in &comparison.lines {
         lines.add_row([
             format!("{} {}", line.error, line.description),
@@ -193,10 +185,10 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
             format!("{:.2}", line.ratio()),
         ]);
     }
-    let mut others = table(&["", "before", "after", ""]);
+    let mut others = table(&["", "before", "after", "change"]);
     for (name, before, after) in &comparison.diagonals {
         others.add_row([
-            format!("diagonal {name}, um"),
+            format!("diagonal {name}, µm"),
             format!("{before:.1}"),
             format!("{after:.1}"),
             format!("{:.0} %", reduction(*before, *after)),
@@ -204,7 +196,7 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
     }
     for s in &comparison.squareness {
         others.add_row([
-            format!("squareness {}, urad", s.error),
+            format!("squareness {}, µrad", s.error),
             format!("{:.1}", s.before.0),
             format!("{:.1}", s.after.0),
             String::new(),
@@ -218,15 +210,15 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
     );
     format!(
         "Gantry {}, {x} x {y} x {z} mm: {} lines measured by laser\n\
-         with noise, calibrated, corrected with 1 um output, on a machine that the\n\
+         with noise, calibrated, corrected with 1 µm output, on a machine that the\n\
          calibration has never seen.\n\n\
-         Along the measured lines, peak to peak over 61 points, um\n{}\n\
-         The floor is what noise of the mean of the runs and 1 um output leave of a\n\
+         Along the measured lines, peak to peak over 61 points, µm\n{}\n\
+         The floor is what noise of the mean of the runs and 1 µm output leave of a\n\
          perfectly known curve: 100 trials. Straightness without its line.\n\n\
          Body diagonals (ISO 230-6) and squareness\n{}\n\
          In the mean: positioning {:.0} %, straightness {:.0} %, diagonals {:.0} %;\n\
          the worst line {:.2} times its floor.\n\n\
-         The irregular X curve: {:.1} um peak to peak left by a polynomial of order 6,\n\
+         The irregular X curve: {:.1} µm peak to peak left by a polynomial of order 6,\n\
          {:.1} by moving least squares, {:.1} by the smoothing B-spline.\n\n{kept}",
         shop.truth.chain().structure(),
         shop.lines.len(),

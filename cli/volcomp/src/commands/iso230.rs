@@ -1,13 +1,12 @@
 //! `volcomp iso230`: the evaluation of a positioning test by ISO 230-2.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use serde_json::{Value, json};
-use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, TargetRow, evaluate, read_file};
+use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, Measurement, evaluate, read_file};
 
-use super::{Answer, fit::reading, table, table_text};
-use crate::failure::Failure;
+use super::{Answer, fixed, table, table_text};
+use crate::{answers::iso230::Iso230, failure::Failure};
 
 /// Evaluates a positioning test by ISO 230-2
 #[derive(clap::Args)]
@@ -17,7 +16,7 @@ pub(crate) struct Arguments {
     /// Part of ISO 230: 2 (positioning of an axis)
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=2))]
     part: u8,
-    /// Unit of the deviations; default: what the file says, else um
+    /// Unit of the deviations of a file that does not state it (.csv); without it, µm
     #[arg(long)]
     unit: Option<Unit>,
 }
@@ -28,84 +27,51 @@ enum Unit {
     Urad,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let mut measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
-    if let Some(unit) = arguments.unit {
-        measurement.unit = Some(match unit {
-            Unit::Um => DeviationUnit::Um,
-            Unit::Urad => DeviationUnit::Urad,
-        });
+impl From<Unit> for DeviationUnit {
+    fn from(unit: Unit) -> Self {
+        match unit {
+            Unit::Um => Self::Um,
+            Unit::Urad => Self::Urad,
+        }
     }
-    let result = evaluate(&measurement).map_err(|e| Failure::input(&e))?;
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let measurement = read_file(&arguments.data)?;
+    let unit = unit_of(&arguments.data, &measurement, arguments.unit)?;
+    let result = evaluate(&measurement)?;
     let mut notes = measurement.notes;
     notes.extend(result.outlier_hints.iter().map(|hint| hint.text.clone()));
-    Ok(Answer {
-        json: json(&result, &notes),
-        text: text(&result),
-        notes,
-    })
+    let document = Iso230::new(&result, unit, notes.clone());
+    Answer::new(&document, text(&result, unit), notes)
 }
 
-fn unit(result: &Iso230Part2) -> &'static str {
-    match result.unit {
-        Some(DeviationUnit::Urad) => "urad",
-        _ => "um",
+/// The unit that the file states, else the one asked for, else µm. The option never turns angles into lengths.
+fn unit_of(
+    file: &Path,
+    measurement: &Measurement,
+    asked: Option<Unit>,
+) -> Result<DeviationUnit, Failure> {
+    let asked = asked.map(DeviationUnit::from);
+    match (measurement.unit, asked) {
+        (Some(found), Some(asked)) if found != asked => Err(Failure::in_file(
+            file,
+            format_args!(
+                "found deviations in {found}, expected {asked} (--unit {})",
+                asked.key()
+            ),
+        )),
+        (Some(found), _) => Ok(found),
+        (None, asked) => Ok(asked.unwrap_or(DeviationUnit::Um)),
     }
-}
-
-/// The twelve values, by the names of the JSON document without their unit.
-fn values(r: &Iso230Part2) -> [(&'static str, Option<f64>); 12] {
-    [
-        ("A", r.a),
-        ("A_forward", r.a_forward),
-        ("A_backward", r.a_backward),
-        ("R", r.r),
-        ("R_forward", r.r_forward),
-        ("R_backward", r.r_backward),
-        ("E", r.e),
-        ("E_forward", r.e_forward),
-        ("E_backward", r.e_backward),
-        ("M", r.m),
-        ("B", r.b),
-        ("mean_B", r.mean_b),
-    ]
-}
-
-fn json(result: &Iso230Part2, notes: &[String]) -> Value {
-    let mut json = json!({ "unit": unit(result) });
-    for (name, value) in values(result) {
-        json[format!("{name}_um")] = json!(value);
-    }
-    json["targets"] = result.targets.iter().map(target_json).collect();
-    json["hints"] = result.outlier_hints.iter().map(|hint| json!({
-        "run": hint.run, "direction": hint.direction.name(), "target": hint.target, "size_um": hint.size, "text": hint.text,
-    })).collect();
-    json["notes"] = json!(notes);
-    json
-}
-
-fn target_json(row: &TargetRow) -> Value {
-    let direction = |approach: &Option<Approach>| {
-        approach
-            .as_ref()
-            .map(|a| json!({ "n": a.n, "mean_um": a.mean, "s_um": a.s, "R_um": a.repeatability() }))
-    };
-    json!({
-        "target": row.target,
-        "forward": direction(&row.forward),
-        "backward": direction(&row.backward),
-        "mean_um": row.mean,
-        "B_um": row.reversal,
-        "R_um": row.repeatability,
-    })
 }
 
 fn number(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+    value.map_or_else(|| "-".to_owned(), |value| fixed(value, 2))
 }
 
-fn text(result: &Iso230Part2) -> String {
-    let mut targets = table(&["target", "mean fwd", "mean bwd", "s fwd", "s bwd", "B", "R"]);
+fn text(result: &Iso230Part2, unit: DeviationUnit) -> String {
+    let mut targets = table(&["target", "mean ↑", "mean ↓", "s ↑", "s ↓", "B", "R"]);
     for row in &result.targets {
         let mean = |a: &Option<Approach>| number(a.as_ref().map(|a| a.mean));
         let s = |a: &Option<Approach>| number(a.as_ref().and_then(|a| a.s));
@@ -119,21 +85,25 @@ fn text(result: &Iso230Part2) -> String {
             number(row.repeatability),
         ]);
     }
-    let mut summary = table(&["", "both", "forward", "backward"]);
-    let v = values(result).map(|(_, value)| number(value));
-    for (name, first) in [
-        ("A accuracy", 0),
-        ("R repeatability", 3),
-        ("E systematic", 6),
+    let mut summary = table(&["", "both", "forward ↑", "backward ↓"]);
+    let r = result;
+    for (name, values) in [
+        ("A accuracy", [r.a, r.a_forward, r.a_backward]),
+        ("R repeatability", [r.r, r.r_forward, r.r_backward]),
+        ("E systematic deviation", [r.e, r.e_forward, r.e_backward]),
     ] {
-        summary.add_row([name, &v[first], &v[first + 1], &v[first + 2]]);
+        let [both, forward, backward] = values.map(number);
+        summary.add_row([name, &both, &forward, &backward]);
     }
-    summary.add_row(["M mean deviation", &v[9], "", ""]);
-    summary.add_row(["B reversal", &v[10], "", ""]);
-    summary.add_row(["mean B", &v[11], "", ""]);
+    for (name, value) in [
+        ("M mean deviation", r.m),
+        ("B reversal value", r.b),
+        ("mean reversal value", r.mean_b),
+    ] {
+        summary.add_row([name, &number(value), "", ""]);
+    }
     format!(
-        "ISO 230-2, {}\n\n{}\n{}",
-        unit(result),
+        "ISO 230-2, all values in {unit}\n\n{}\n{}",
         table_text(&targets),
         table_text(&summary)
     )

@@ -2,11 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
 use volcomp_shop::{Shop, ShopError};
 
 use super::Answer;
-use crate::{failure::Failure, output::OutputFile, progress};
+use crate::{answers::simulate::Simulate, failure::Failure, output::OutputFile, progress};
 
 /// The virtual shop: makes measurement files of a truth machine and the calibration file for them
 #[derive(clap::Args)]
@@ -22,26 +21,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let shop = Shop::read(&arguments.shop)?;
     let names = write(&shop, &arguments.output)?;
     let calibration = arguments.output.join("calibration.toml");
-    Ok(Answer {
-        json: json!({
-            "folder": arguments.output.display().to_string(),
-            "files": names,
-            "calibration": calibration.display().to_string(),
-        }),
-        text: format!(
-            "{} files in {}\nnext: volcomp calibrate {} -o MACHINE.toml\n",
-            names.len(),
-            arguments.output.display(),
-            calibration.display()
-        ),
-        notes: Vec::new(),
-    })
+    let text = format!(
+        "{} files in {}\nnext: volcomp calibrate {} -o MACHINE.toml\n",
+        names.len(),
+        arguments.output.display(),
+        calibration.display()
+    );
+    let document = Simulate {
+        folder: arguments.output.display().to_string(),
+        files: names,
+        calibration: calibration.display().to_string(),
+    };
+    Answer::new(&document, text, Vec::new())
 }
 
 impl From<ShopError> for Failure {
     fn from(error: ShopError) -> Self {
         match error {
-            ShopError::Input(place) => Self::Place(Box::new(place)),
+            ShopError::Input(place) => place.into(),
+            ShopError::Read(error) => error.into(),
             ShopError::Machine(error) => error.into(),
             other => Self::input(other),
         }

@@ -10,7 +10,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::failure::Failure;
 
-/// Peak to peak of truth minus curve over 61 points, um.
+/// Peak to peak of truth minus curve over 61 points, µm.
 #[expect(clippy::struct_field_names, reason = "the unit belongs to each name")]
 pub(crate) struct IrregularCurve {
     pub(crate) polynomial_um: f64,

@@ -8,6 +8,7 @@ mod help;
 mod map;
 mod probe;
 mod schema;
+mod units;
 mod whole_way;
 mod wrong_input;
 

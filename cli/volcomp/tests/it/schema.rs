@@ -30,6 +30,7 @@ fn validate(name: &str, document: &Value) {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one call for each document")]
 fn live_documents_follow_their_schemas() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name).display().to_string();
@@ -43,6 +44,7 @@ fn live_documents_follow_their_schemas() {
     let map = path("map.csv");
     let fit = format!("{demo}/exx.rtl");
     let angular = format!("{demo}/eay.rta");
+    let (found, lasers) = (path("found.toml"), path("lasers"));
     json(&["demo", "-o", &demo]);
     let calls: &[&[&str]] = &[
         &["check", GANTRY],
@@ -96,6 +98,14 @@ fn live_documents_follow_their_schemas() {
             "0,100",
         ],
         &["fit", &angular, "--method", "bspline"],
+        &["iso230", &fit],
+        &["iso230", &angular],
+        &["iso230", POSITIONING],
+        &["inspect", &fit],
+        &["inspect", POSITIONING],
+        &["calibrate", &calibration, "-o", &found],
+        &["simulate", "cli/volcomp/demo/shop.toml", "-o", &lasers],
+        &["demo"],
         &["fit-thermal", SPINDLE, "--displacement", "ch1_um"],
     ];
     for call in calls {

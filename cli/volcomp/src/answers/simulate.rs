@@ -1,0 +1,97 @@
+//! What `volcomp simulate` and `volcomp demo` answer.
+
+#![expect(clippy::struct_field_names, reason = "the keys are named in full")]
+
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// The document of `volcomp simulate`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Simulate {
+    /// The folder of the files.
+    pub(crate) folder: String,
+    /// Names of the files that were written.
+    pub(crate) files: Vec<String>,
+    /// The calibration file that reads them.
+    pub(crate) calibration: String,
+}
+
+/// The document of `volcomp demo`: before and after, of everything.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Demo {
+    /// Every measured line of a linear error.
+    pub(crate) lines: Vec<Line>,
+    /// Every squareness, as the slopes of the lines show it.
+    pub(crate) squareness: Vec<Squareness>,
+    /// The body diagonals of ISO 230-6.
+    pub(crate) diagonals: Vec<Diagonal>,
+    /// Mean change in percent over lines or diagonals of one kind; negative is better.
+    pub(crate) mean_percent: MeanPercent,
+    /// The largest ratio of what is left of a line to its floor.
+    pub(crate) worst_times_floor: f64,
+    /// What three kinds of curve leave of one irregular axis.
+    pub(crate) irregular_curve: IrregularCurve,
+}
+
+/// One measured line, peak to peak; straightness without its least-squares line.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Line {
+    /// The error that the line shows: `EXX`.
+    pub(crate) error: String,
+    /// Where the other axes stand.
+    pub(crate) line: String,
+    /// On the machine as it is, µm.
+    pub(crate) before_um: f64,
+    /// On the corrected machine, µm.
+    pub(crate) after_um: f64,
+    /// What noise and the step of the correction leave of a curve that is known perfectly, µm.
+    pub(crate) floor_um: f64,
+    /// The ratio of after to floor.
+    pub(crate) times_floor: f64,
+}
+
+/// A squareness before and after.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Squareness {
+    /// The error: `EC0Y`.
+    pub(crate) error: String,
+    /// On the machine as it is, µrad.
+    pub(crate) before_urad: f64,
+    /// On the corrected machine, µrad.
+    pub(crate) after_urad: f64,
+}
+
+/// The range of the deviations along a body diagonal.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Diagonal {
+    /// `PPP`, `NPP`, `PNP` or `PPN`.
+    pub(crate) diagonal: &'static str,
+    /// On the machine as it is, µm.
+    pub(crate) before_um: f64,
+    /// On the corrected machine, µm.
+    pub(crate) after_um: f64,
+}
+
+/// Mean change in percent.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct MeanPercent {
+    /// Of the positioning lines.
+    pub(crate) positioning: f64,
+    /// Of the straightness lines.
+    pub(crate) straightness: f64,
+    /// Of the body diagonals.
+    pub(crate) diagonals: f64,
+}
+
+/// Peak to peak of truth minus curve over 61 points, by kind of curve.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct IrregularCurve {
+    /// The error: `EXX`.
+    pub(crate) error: &'static str,
+    /// Left by a polynomial of order 6, µm.
+    pub(crate) polynomial_um: f64,
+    /// Left by moving least squares, µm.
+    pub(crate) mls_um: f64,
+    /// Left by the smoothing B-spline, µm.
+    pub(crate) bspline_um: f64,
+}
