@@ -100,7 +100,7 @@ const CASES: &[Wrong] = &[
             FOCAS,
             "url = \"can://can9?dbc=deg.dbc\"\naxes = [\"X\"]\nunwatched = true",
         )],
-        "signal X_CORR has the unit `deg`",
+        "CORRECTION.X_CORR: found the unit `deg`",
     ),
     wrong(&[(FOCAS, "url = \"can://can9\"\naxes = [\"V\"]")], "V_POS"),
     wrong(
