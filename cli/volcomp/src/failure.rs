@@ -222,6 +222,7 @@ impl From<&MetrologyError> for Failure {
             | MetrologyError::Extension { file, .. }
             | MetrologyError::TooLarge { file, .. }
             | MetrologyError::Empty { file, .. } => (file, None, None),
+            MetrologyError::Table(place) => return Self::from(InputError::clone(place)),
             _ => return Self::Input(message),
         };
         Self::File(Box::new(FileFailure {

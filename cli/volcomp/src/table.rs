@@ -1,5 +1,7 @@
 //! Tables for people: numbers to the right, heads in bold on a terminal, never wider than 80 columns.
 
+use std::fmt::Write;
+
 use anstyle::Style;
 use comfy_table::{CellAlignment, ColumnConstraint, Table, presets};
 
@@ -64,7 +66,8 @@ fn text_of(table: &Table) -> String {
     for (index, line) in table.lines().enumerate() {
         let line = line.trim_end();
         if index == 0 && !line.is_empty() {
-            text += &format!("{HEAD}{line}{HEAD:#}\n");
+            // Writing to a string never fails.
+            let _ = writeln!(text, "{HEAD}{line}{HEAD:#}");
         } else {
             text += line;
             text.push('\n');
@@ -90,7 +93,8 @@ pub(crate) fn folded(sentence: &str, indent: &str) -> String {
     for (index, word) in sentence.split_whitespace().enumerate() {
         let wide = word.chars().count();
         if index > 0 && column + 1 + wide > WIDTH {
-            text += &format!("\n{indent}  ");
+            // Writing to a string never fails.
+            let _ = write!(text, "\n{indent}  ");
             column = indent.chars().count() + 2;
         } else if index > 0 {
             text.push(' ');

@@ -20,8 +20,11 @@ use schemars::{JsonSchema, Schema, generate::SchemaSettings};
 use serde::Serialize;
 use volcomp_vocabulary::AxisName;
 
+/// The name of a command and the schema of its document.
+type Named = (&'static str, fn() -> Schema);
+
 /// The documents by the name of their command: `volcomp-NAME.json` is the file of the schema.
-pub(crate) const ALL: &[(&str, fn() -> Schema)] = &[
+pub(crate) const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<program::Compile>),
     ("completions", schema::<program::Completions>),

@@ -1,5 +1,7 @@
 //! `volcomp compile`: the compiled machine as a file.
 
+use std::fmt::Write;
+
 use std::path::PathBuf;
 
 use volcomp_model::{Tolerance, evaluator::BLOB_VERSION};
@@ -58,5 +60,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string never fails.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }

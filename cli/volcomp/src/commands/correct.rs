@@ -1,5 +1,7 @@
 //! `volcomp correct`: what must be added to a command.
 
+use std::fmt::Write;
+
 use std::path::PathBuf;
 
 use volcomp_document::CsvTable;
@@ -155,7 +157,9 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
         ]);
     }
     let mut text = table_text(&axes);
-    text += &format!(
+    // Writing to a string never fails.
+    let _ = write!(
+        text,
         "\nresidual {:.3} µm, tool axis {:.3} µrad{}",
         norm(&row.residual_um),
         norm(&row.residual_axis_urad),
@@ -167,7 +171,7 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     );
     let outside = row.outside.words();
     if !outside.is_empty() {
-        text += &format!("\noutside {outside}");
+        let _ = write!(text, "\noutside {outside}");
     }
     text + "\n"
 }
@@ -221,8 +225,8 @@ fn csv(machine: &Machine, states: &States, rows: &[CorrectionAt]) -> String {
         States::Many(file) => Some(&file.table),
         States::One(_) => None,
     };
-    let separator = table.map_or(',', |table| table.separator());
-    let decimal_comma = table.is_some_and(|table| table.has_decimal_comma());
+    let separator = table.map_or(',', CsvTable::separator);
+    let decimal_comma = table.is_some_and(CsvTable::has_decimal_comma);
     let number = |value: f64| {
         // No number is left as -0.
         let text = format!("{:.9}", value + 0.0);

@@ -1,5 +1,7 @@
 //! The chain as a drawing in text.
 
+use std::fmt::Write;
+
 use volcomp_kinematics::{Chain, Side};
 use volcomp_vocabulary::AxisKind;
 
@@ -40,7 +42,8 @@ pub(super) fn sketch(chain: &Chain) -> String {
         if index < last {
             letters += &"-".repeat(6 - letter.chars().count());
         }
-        words += &format!("{word:^5} ");
+        // Writing to a string never fails.
+        let _ = write!(words, "{word:^5} ");
     }
     format!("{letters}\n{}\n", words.trim_end())
 }

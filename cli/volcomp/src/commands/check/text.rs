@@ -126,10 +126,11 @@ fn errors(check: &Check) -> String {
             thermal.sensors.join(" ")
         );
         if !thermal.expansion.is_empty() {
-            said += &format!("; expansion of {}", errors(&thermal.expansion));
+            // Writing to a string never fails.
+            let _ = write!(said, "; expansion of {}", errors(&thermal.expansion));
         }
         if !thermal.drift.is_empty() {
-            said += &format!("; drift of {}", errors(&thermal.drift));
+            let _ = write!(said, "; drift of {}", errors(&thermal.drift));
         }
         text += &folded(&said, " ");
     }
