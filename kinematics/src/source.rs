@@ -19,7 +19,7 @@ pub struct State {
 
 impl State {
     /// A state from the coordinates (mm, rad) of the first axes, the others at 0, approach unknown.
-    /// Coordinates beyond [`MAX_AXES`] are not looked at.
+    /// Coordinates beyond [`volcomp_vocabulary::MAX_AXES`] are not looked at.
     pub fn from_coordinates(coordinates: &[f64]) -> Self {
         let mut state = Self::default();
         for (place, &q) in state.q.iter_mut().zip(coordinates) {
