@@ -15,7 +15,7 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// What is used of a DBC file.
+/// The signals, axes and time limit by which a control on a CAN bus is read and corrected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BridgeConfig {
     /// The table of signals.
@@ -31,7 +31,7 @@ pub struct BridgeConfig {
 }
 
 impl BridgeConfig {
-    /// What the controller of this configuration is, on a bus that is not opened.
+    /// The description of the controller that this configuration makes, without opening a bus.
     ///
     /// # Errors
     /// Axes without signals, units that are not known.
@@ -67,7 +67,7 @@ impl CanPort for Unopened {
     }
 }
 
-/// What was wrong on the bus so far.
+/// The errors that were noticed on the bus so far: counts of frames, and whether the controller is off the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
     /// Frames of other lengths or with a wrong checksum.
@@ -277,7 +277,7 @@ impl<P: CanPort> CanController<P> {
         })
     }
 
-    /// What was wrong on the bus so far.
+    /// The errors that were noticed on the bus so far.
     pub fn health(&self) -> Health {
         self.ears.health
     }
@@ -305,7 +305,8 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// What the control sent last; waits for its next frames when that is stale.
+    /// The last positions, state and applied correction from the control; where they are stale, waits for its next
+    /// frames.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.ears.listen(deadline, false)?;
         while !self.all_fresh() {
@@ -444,7 +445,7 @@ impl<P: CanPort> CanThermometer<P> {
         })
     }
 
-    /// What was wrong on the bus so far.
+    /// The errors that were noticed on the bus so far.
     pub fn health(&self) -> Health {
         self.ears.health
     }

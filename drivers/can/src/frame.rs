@@ -7,7 +7,7 @@ use volcomp_port::Fault;
 /// One frame, classic or FD.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Its identifier.
+    /// The identifier of the frame: 11 bits, or 29 bits where `extended` is set.
     pub id: u32,
     /// Whether the identifier has 29 bits.
     pub extended: bool,
@@ -42,7 +42,7 @@ impl Frame {
         })
     }
 
-    /// Its data.
+    /// The data bytes of the frame, as many as its length says.
     pub fn data(&self) -> &[u8] {
         self.bytes
             .get(..usize::from(self.length))
@@ -57,7 +57,7 @@ impl Frame {
     }
 }
 
-/// What comes from a bus.
+/// A frame or an error report that was received from the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
     /// A frame, and when it was taken from the bus.

@@ -1,19 +1,20 @@
-//! What a signal is by its name, and which units it may have: the one place that turns units of a DBC file into mm,
-//! rad and °C.
+//! The quantity that a signal carries, by its name, and the units that are accepted for it: the one place that turns
+//! units of a DBC file into mm, rad and °C.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// What a signal that the drivers use stands for.
+/// The quantity that a signal carries, where the drivers use it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Quantity {
     /// A position or correction of an axis.
     Of(AxisName),
-    /// A temperature.
+    /// A temperature in °C.
     Temperature,
 }
 
 impl Quantity {
-    /// What the name of a signal says: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP`; `None` for every other signal.
+    /// The quantity that the name of a signal stands for: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP`; `None` for every
+    /// other signal.
     pub(crate) fn of_signal(name: &str) -> Option<Self> {
         if name.ends_with("_TEMP") {
             return Some(Self::Temperature);

@@ -12,28 +12,28 @@ pub enum DbcError {
     /// The text is no DBC file.
     #[error("{file}: {message}")]
     Syntax {
-        /// The file.
+        /// The name of the DBC file.
         file: String,
-        /// What the parser says.
+        /// The message of the parser, which says where the text is wrong.
         message: String,
     },
     /// A message or signal cannot be used.
     #[error("{file}:{line}: {place}: found {found}, expected {expected}")]
     Entry {
-        /// The file.
+        /// The name of the DBC file.
         file: String,
         /// The line of the message or signal, from 1.
         line: usize,
         /// The name of the message, for a signal followed by a dot and its name.
         place: String,
-        /// What was found.
+        /// The entry or value that was found in the file.
         found: String,
-        /// What was expected.
+        /// The entry or value that was expected in its place.
         expected: String,
     },
 }
 
-/// What is wrong at a message or signal, before it is known where that stands in the file.
+/// An error in a message or signal whose line in the file is not known yet.
 struct Wrong {
     place: String,
     found: String,
@@ -43,7 +43,7 @@ struct Wrong {
 /// A number in the data of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
-    /// Its name.
+    /// The name of the signal, without that of its message.
     pub name: String,
     /// Its unit as the file has it.
     pub unit: String,
@@ -53,7 +53,7 @@ pub struct Signal {
     pub bits: u32,
     /// Value = raw · factor + offset.
     pub factor: f64,
-    /// See `factor`.
+    /// The offset in the unit of the signal, added to raw · factor.
     pub offset: f64,
     big_endian: bool,
     /// Place of the lowest bit: little-endian counted up through the bytes, big-endian with bytes turned
@@ -61,10 +61,10 @@ pub struct Signal {
     shift: u32,
 }
 
-/// A frame's message.
+/// A message of the DBC file: the layout of the frames with one identifier.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message {
-    /// Its name.
+    /// The name of the message in the file.
     pub name: String,
     /// Identifier of its frames.
     pub id: u32,
@@ -72,7 +72,7 @@ pub struct Message {
     pub extended: bool,
     /// Bytes of data: up to 8 classic, more FD.
     pub length: usize,
-    /// Its signals.
+    /// The signals in the data of the message.
     pub signals: Vec<Signal>,
     counter: Option<usize>,
     checksum: Option<usize>,
@@ -81,7 +81,7 @@ pub struct Message {
 /// All messages of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalTable {
-    /// The messages.
+    /// All messages of the file, each with its signals.
     pub messages: Vec<Message>,
 }
 

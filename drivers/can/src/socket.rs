@@ -1,4 +1,4 @@
-//! SocketCAN.
+//! The CAN interfaces of Linux, by SocketCAN.
 
 use std::{
     io::{Error, ErrorKind},

@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 use url::Url;
 use volcomp_port::{DeviceError, Fault};
 
-/// Which bus.
+/// The bus or protocol by which a device is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scheme {
-    /// `focas://HOST:8193`.
+    /// A FANUC control on FOCAS, such as `focas://HOST:8193`.
     Focas,
-    /// `modbus://HOST:502?unit=1&profile=NAME`.
+    /// A module on Modbus TCP, such as `modbus://HOST:502?unit=1&profile=NAME`.
     Modbus,
-    /// `modbus-rtu:///dev/ttyUSB0?baud=9600&parity=none&stop=1&unit=1&profile=NAME`.
+    /// A module on Modbus RTU, such as `modbus-rtu:///dev/ttyUSB0?baud=9600&parity=none&stop=1&unit=1&profile=NAME`.
     ModbusRtu,
-    /// `can://can0?dbc=FILE`.
+    /// A CAN interface of Linux, such as `can://can0?dbc=FILE`.
     Can,
-    /// `gpio://?position=CHIP:LINES&correction=CHIP:LINES`.
+    /// Lines of GPIO chips, such as `gpio://?position=CHIP:LINES&correction=CHIP:LINES`.
     Gpio,
 }
 
@@ -41,16 +41,16 @@ impl Scheme {
     }
 }
 
-/// A device URL.
+/// The URL of a device, taken apart into scheme, host, port, path and keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     /// As it was written.
     pub text: String,
-    /// Its bus.
+    /// The bus that the URL names before `://`.
     pub scheme: Scheme,
     /// Host or interface; empty where there is none.
     pub host: String,
-    /// Port.
+    /// The TCP port; `None` where the URL gives none.
     pub port: Option<u16>,
     /// Path of a device file.
     pub path: String,
@@ -133,7 +133,7 @@ impl Address {
         DeviceError::of_fault(&*self.text, fault, expected)
     }
 
-    /// A key's text.
+    /// The text of a key after the question mark; `None` where the URL does not have it.
     pub fn get(&self, key: &str) -> Option<&str> {
         self.keys.get(key).map(String::as_str)
     }

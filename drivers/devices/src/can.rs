@@ -1,4 +1,4 @@
-//! CAN interfaces.
+//! Machine controllers and thermometers on CAN interfaces of Linux.
 
 use std::{
     collections::BTreeMap,

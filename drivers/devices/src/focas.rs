@@ -1,4 +1,4 @@
-//! FANUC controls.
+//! FANUC controls, reached over Ethernet by FOCAS.
 
 use std::time::{Duration, Instant};
 

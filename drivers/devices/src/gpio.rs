@@ -21,7 +21,7 @@ pub fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     GpioPort::open(&position, &correction)
 }
 
-/// What [`gpio_port`] will open.
+/// The port that [`gpio_port`] would open, described without opening it.
 pub(crate) fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let [position, correction] = line_sets(address)?;
     Ok(GpioPort::describe(&position, &correction))

@@ -1,8 +1,9 @@
-//! What this computer has to connect machines to: serial ports, CAN interfaces, GPIO chips and their lines.
+//! The interfaces of this computer to which machines can be connected: serial ports, CAN interfaces, GPIO chips and
+//! their lines.
 
 use std::{fs, path::Path};
 
-/// What this computer has; nothing of it is opened for writing or taken.
+/// The interfaces of this computer; listing them neither opens one for writing nor reserves it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct LocalDevices {
@@ -14,7 +15,7 @@ pub struct LocalDevices {
     pub gpio_chips: Vec<GpioChip>,
 }
 
-/// A serial port.
+/// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct SerialPort {
@@ -36,7 +37,7 @@ pub struct CanInterface {
     pub mtu: Option<u32>,
 }
 
-/// A GPIO chip.
+/// A GPIO chip of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct GpioChip {

@@ -1,4 +1,4 @@
-//! Modules on Modbus.
+//! Thermometers and digital lines on Modbus modules.
 
 use std::{
     path::Path,
@@ -114,7 +114,7 @@ pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> 
     ModbusDigital::new(bus, &[module], answer_within, Backoff::default())
 }
 
-/// What [`digital_modules`] will open.
+/// The port that [`digital_modules`] would open, described without connecting.
 pub(crate) fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::describe(&bus, &[module])

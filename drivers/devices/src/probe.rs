@@ -1,4 +1,4 @@
-//! What a device says now.
+//! The values that a device reports when it is asked once.
 
 use std::time::Duration;
 
@@ -16,18 +16,18 @@ pub struct ProbedPosition {
     pub at: Displacement,
 }
 
-/// What a device says now: the parts that apply.
+/// The values that a device reports when it is asked once; the parts that a device lacks stay empty.
 #[derive(Clone, Debug, Default)]
 pub struct Probe {
-    /// Its URL.
+    /// The URL of the device.
     pub device: String,
-    /// Positions.
+    /// The positions of the axes.
     pub positions: Vec<ProbedPosition>,
-    /// Temperatures by name.
+    /// The temperatures in °C, each with the name of its sensor.
     pub temperatures: Vec<(String, Temperature)>,
     /// Levels of digital inputs.
     pub inputs: Vec<bool>,
-    /// What else it tells, by name.
+    /// Other properties that the device reports, as pairs of name and text.
     pub facts: Vec<(String, String)>,
 }
 

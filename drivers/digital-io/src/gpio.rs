@@ -16,7 +16,7 @@ use volcomp_port::{DeviceError, DigitalIo, Fault, UnopenedLines};
 pub struct LineSet {
     /// Label, name or path of the chip: `panel-out`, `gpiochip0`, `/dev/gpiochip0`.
     pub chip: String,
-    /// The lines.
+    /// The numbers of the lines on the chip, the lowest bit first.
     pub lines: Vec<Offset>,
 }
 

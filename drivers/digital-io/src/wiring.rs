@@ -29,15 +29,15 @@ pub struct Wiring {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {found}, expected {expected}")]
 pub struct WiringError {
-    /// Which part.
+    /// The part of the wiring that is wrong.
     pub what: &'static str,
-    /// What was found.
+    /// The value that was found in the wiring.
     pub found: String,
-    /// What was expected.
+    /// The value or condition that was expected.
     pub expected: String,
 }
 
-/// What the inputs say.
+/// The position word and the axis that the inputs show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Shown {
     pub(crate) word: u32,
@@ -120,7 +120,7 @@ impl Wiring {
         self.inputs().fold(0, |used, line| used | 1 << line)
     }
 
-    /// What the levels of the inputs say.
+    /// The position word and the axis that these levels of the inputs show.
     #[inline]
     pub(crate) fn shown(&self, levels: u64) -> Shown {
         let levels = levels ^ self.inverted_inputs;
@@ -150,7 +150,7 @@ impl Wiring {
         bits ^ self.inverted_outputs
     }
 
-    /// What a control's outputs are when it shows a word of an axis: for simulated controls and tests.
+    /// The levels of a control's outputs while it shows a word of an axis: for simulated controls and tests.
     pub fn control_outputs(&self, word: u32, axis: u32, strobe: bool) -> u64 {
         let ones = (word & mask(self.position.len().try_into().unwrap_or(32))).count_ones();
         let ones = ones + axis.count_ones();

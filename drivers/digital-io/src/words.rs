@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 /// The code in which the bits of a position count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PositionCode {
-    /// Plain binary numbers.
+    /// Plain binary code: the count is an unsigned number.
     #[default]
     Binary,
     /// Reflected Gray code: one bit changes from count to count, so that a word read while it changes is one
@@ -24,7 +24,7 @@ pub struct PositionWord {
     pub bits: u32,
     /// The code of the bits.
     pub code: PositionCode,
-    /// What one count moves the axis: a length for a linear, an angle for a rotary axis.
+    /// The distance that one count moves the axis: a length for a linear, an angle for a rotary axis.
     pub step: Displacement,
     /// The position of the axis at count 0, of the same kind as the step.
     pub zero: Displacement,
@@ -33,7 +33,7 @@ pub struct PositionWord {
 /// The code in which the bits of a correction count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CorrectionCode {
-    /// Two's complement.
+    /// Two's complement: the word of a negative count is the count plus 2 to the power of `bits`.
     #[default]
     TwosComplement,
     /// The highest bit is the sign, the others are the size.
@@ -48,7 +48,7 @@ pub struct CorrectionWord {
     pub bits: u32,
     /// The code of the bits.
     pub code: CorrectionCode,
-    /// What one count moves the axis: a length for a linear, an angle for a rotary axis.
+    /// The distance that one count moves the axis: a length for a linear, an angle for a rotary axis.
     pub step: Displacement,
 }
 

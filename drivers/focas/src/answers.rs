@@ -1,4 +1,4 @@
-//! What the control answers about itself, and how it is read from bytes.
+//! The answers of the control about itself, and how they are read from bytes.
 
 use crate::frame::{Broken, number};
 
@@ -22,7 +22,7 @@ pub(crate) mod function {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PositionKind {
-    /// In machine coordinates.
+    /// Machine coordinates, counted from the machine's zero point.
     #[default]
     Machine,
     /// Absolute coordinates, in the workpiece's system.
@@ -38,7 +38,7 @@ impl PositionKind {
     }
 }
 
-/// What the control says about itself.
+/// The type, software and number of axes of a control, as the control reports them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SystemInfo {
@@ -62,7 +62,7 @@ pub struct SystemInfo {
 pub struct StatusInfo {
     /// The mode: 0 MDI, 1 memory, 3 edit, 4 handle, 5 jog, 9 reference, 10 remote.
     pub mode: u16,
-    /// What the program does: 0 reset, 1 stop, 2 hold, 3 running.
+    /// The state of the program: 0 reset, 1 stop, 2 hold, 3 running.
     pub run: u16,
     /// Not 0 while axes move.
     pub motion: u16,

@@ -82,7 +82,7 @@ impl Client {
         Ok(block.data.to_vec())
     }
 
-    /// What the control is.
+    /// The type, software and number of axes of the control.
     ///
     /// # Errors
     /// See [`FocasError`].

@@ -102,7 +102,7 @@ impl FocasConfig {
         format!("focas://{}:{}", self.host, self.port)
     }
 
-    /// What the controller of this configuration is, without connecting.
+    /// The description of the controller that this configuration makes, without connecting.
     ///
     /// # Errors
     /// No axis, an axis that stands twice, a count that moves an axis by no positive distance.

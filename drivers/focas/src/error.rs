@@ -16,7 +16,7 @@ pub enum FocasError {
     Resolve {
         /// The name as it was given.
         host: String,
-        /// Why not.
+        /// The error of the name resolution.
         source: io::Error,
     },
     /// The name of the host has no address.
@@ -27,7 +27,7 @@ pub enum FocasError {
     Connect {
         /// The last address that was tried.
         address: SocketAddr,
-        /// Why not.
+        /// The error of the connection attempt.
         source: io::Error,
     },
     /// The control serves no more sessions.
@@ -39,7 +39,7 @@ pub enum FocasError {
     /// The control refused a question or an order.
     #[error("{asked} was refused with {code}")]
     Refused {
-        /// What was asked for.
+        /// The question or order that was refused, in words.
         asked: String,
         /// Why the control refused.
         code: ReturnCode,
@@ -47,9 +47,9 @@ pub enum FocasError {
     /// A question or an order got no answer, or one that cannot be read.
     #[error("{asked}: {source}")]
     Failed {
-        /// What was asked for.
+        /// The question or order that failed, in words.
         asked: String,
-        /// What went wrong.
+        /// The fault of the exchange.
         source: Fault,
     },
     /// The control lacks an axis of the configuration.
@@ -81,7 +81,7 @@ impl FocasError {
         }
     }
 
-    /// What to do about it.
+    /// Advice on how to remedy the error.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Resolve { .. } | Self::NoAddress(_) => "check the host",

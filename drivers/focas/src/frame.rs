@@ -12,7 +12,7 @@ const COMMAND: usize = 0x1c;
 /// The number of bytes of a block without data, as a refusal has it.
 const BLOCK: usize = 16;
 
-/// What a frame is for.
+/// The purpose of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A request to open a session.
@@ -67,7 +67,7 @@ impl From<Broken> for volcomp_port::Fault {
 pub struct Head {
     /// 1 in requests; 2, 3 or 4 in answers, by the generation of the controller.
     pub version: u16,
-    /// What the frame is for.
+    /// The purpose of the frame.
     pub kind: Kind,
     /// The number of bytes that follow the head.
     pub length: usize,
@@ -149,7 +149,7 @@ pub struct Request {
     commands: Vec<Sent>,
 }
 
-/// What an answer must agree with.
+/// The fields of a command that an answer must repeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Sent {
     target: u16,

@@ -32,7 +32,7 @@ pub struct Abilities {
 }
 
 impl Abilities {
-    /// What most controls accept, with the fewest exchanges.
+    /// The abilities that most controls have and that need the fewest exchanges.
     pub(crate) const ALL: Self = Self {
         packing: Packing::OneFrame,
         ranges: true,
@@ -66,7 +66,7 @@ impl Run {
     }
 }
 
-/// What a command of a read asks for.
+/// The value that a command of a read asks for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Ask {
     /// The positions of all axes.
@@ -79,7 +79,7 @@ pub(crate) enum Ask {
     Referenced(PmcAddress),
 }
 
-/// What a command of a write carries.
+/// The content of a command of a write.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Part {
     Shifts(Run),
@@ -106,7 +106,7 @@ impl Ask {
         }
     }
 
-    /// What is asked for, in words for messages.
+    /// The question in words, for messages.
     pub(crate) fn words(self, config: &FocasConfig) -> String {
         match self {
             Self::Positions => "reading the positions of all axes".to_owned(),
@@ -167,7 +167,7 @@ pub(crate) fn runs(axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
     runs
 }
 
-/// What asks for the positions of the axes.
+/// The commands that read the positions of the axes: one for all axes, or one for each.
 pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
     if all_axes {
         vec![Ask::Positions]

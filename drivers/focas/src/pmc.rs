@@ -56,12 +56,12 @@ impl PmcArea {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Width {
-    /// One byte, signed.
+    /// One byte, a signed number.
     Byte,
-    /// Two bytes, signed.
+    /// Two bytes, a signed number.
     #[default]
     Word,
-    /// Four bytes, signed.
+    /// Four bytes, a signed number.
     Long,
 }
 

@@ -15,7 +15,7 @@ use crate::{
     shift_words::count,
 };
 
-/// What a read says.
+/// The values of one read of the control.
 pub(crate) struct Reading {
     pub(crate) snapshot: Snapshot,
     /// The heartbeat that stands on the control, where it is read.

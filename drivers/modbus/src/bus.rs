@@ -23,34 +23,34 @@ use volcomp_port::DeviceError;
 /// Parity of a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Parity {
-    /// None.
+    /// There is no parity bit.
     #[default]
     None,
-    /// Even.
+    /// The parity bit makes the number of ones even.
     Even,
-    /// Odd.
+    /// The parity bit makes the number of ones odd.
     Odd,
 }
 
 /// How modules are reached.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Bus {
-    /// Modbus TCP.
+    /// The modules answer on Modbus TCP.
     Tcp {
-        /// Name or address.
+        /// The host name or IP address of the module or its gateway.
         host: String,
         /// Port, 502 by convention.
         port: u16,
     },
-    /// Modbus RTU.
+    /// The modules answer on Modbus RTU, on a serial line.
     Rtu {
         /// The serial device, such as `/dev/ttyUSB0`.
         path: String,
-        /// Speed, Bd.
+        /// The speed of the line in baud.
         baud: u32,
-        /// Parity.
+        /// The parity of the line.
         parity: Parity,
-        /// 1 or 2.
+        /// The number of stop bits, 1 or 2.
         stop_bits: u8,
     },
 }
@@ -137,13 +137,13 @@ pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
 pub(crate) enum Unanswered {
     /// No answer in time. The line was drained: a late answer is gone.
     Silent,
-    /// The module refused.
+    /// The module refused the request with an exception.
     Refused,
     /// The line is broken.
     Broken,
 }
 
-/// An open line.
+/// An open line to the modules, by TCP or serial.
 pub(crate) struct Line {
     context: Context,
     serial: Option<Shared>,
@@ -151,7 +151,7 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Asks a module.
+    /// Sends a request to the module with this address and waits `at_most` for its answer.
     pub(crate) async fn ask(
         &mut self,
         unit: u8,

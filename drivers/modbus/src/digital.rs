@@ -24,7 +24,7 @@ const STALE_EXCHANGES: u32 = 5;
 pub struct DigitalModule {
     /// Its address on the line.
     pub unit: u8,
-    /// What it is.
+    /// The profile of the module: where its registers stand.
     pub profile: Profile,
 }
 
@@ -139,7 +139,7 @@ fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, Dev
     modules.iter().map(line).collect()
 }
 
-/// What one exchange with all modules takes on the line: characters of 11 bits, gaps, and a turn of 2 ms.
+/// The time that one exchange with all modules takes on the line: characters of 11 bits, gaps, and a turn of 2 ms.
 fn exchange_time(bus: &Bus, lines: &[(u8, Digital)]) -> Duration {
     let Bus::Rtu { baud, .. } = bus else {
         return Duration::from_millis(2 * lines.len() as u64);

@@ -49,13 +49,13 @@ pub fn two_wire(ohm: f64, leads_ohm: f64, r0_ohm: f64) -> Option<f64> {
 /// Tolerance classes of the standard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
-    /// ±(0.1 + 0.0017·|t|).
+    /// Class AA: the tolerance is ±(0.1 + 0.0017·|t|) K at t in °C.
     AA,
-    /// ±(0.15 + 0.002·|t|).
+    /// Class A: the tolerance is ±(0.15 + 0.002·|t|) K at t in °C.
     A,
-    /// ±(0.3 + 0.005·|t|).
+    /// Class B: the tolerance is ±(0.3 + 0.005·|t|) K at t in °C.
     B,
-    /// ±(0.6 + 0.01·|t|).
+    /// Class C: the tolerance is ±(0.6 + 0.01·|t|) K at t in °C.
     C,
 }
 

@@ -1,13 +1,13 @@
-//! What a single reading does not show: sensors that are stuck, jump, or disagree with their neighbours.
+//! The faults that a single reading does not show: sensors that are stuck, jump, or disagree with their neighbours.
 
 use std::time::{Duration, Instant};
 
 use volcomp_port::{Quality, Reason, Temperature};
 
-/// What is believed of a sensor.
+/// The limits within which the readings of a sensor are believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// What may occur on this machine, °C.
+    /// The lowest and the highest temperature that may occur on this machine, °C.
     pub valid_degc: [f64; 2],
     /// Faster is no temperature of a machine, K/min.
     pub max_degc_per_min: f64,
@@ -57,7 +57,7 @@ impl Judge {
         }
     }
 
-    /// What is to be thought of a reading; `raw` are its digits.
+    /// The reading, with its quality judged by the readings before it; `raw` is the number as the module sent it.
     pub fn see(&mut self, sensor: usize, raw: Option<f64>, reading: Temperature) -> Temperature {
         let Some(memory) = self.memory.get_mut(sensor) else {
             return reading;

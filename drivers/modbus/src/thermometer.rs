@@ -28,7 +28,7 @@ const SKIPPED_AT_MOST: u32 = 16;
 pub struct ThermometerUnit {
     /// Its address on the line.
     pub unit: u8,
-    /// What it is.
+    /// The profile of the module: its registers and the scaling of its channels.
     pub profile: Profile,
     /// Names of its channels from the first on; channels without a name are not used.
     pub names: Vec<String>,
@@ -37,7 +37,7 @@ pub struct ThermometerUnit {
 /// Modules on one line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermometerConfig {
-    /// The line.
+    /// The TCP connection or serial line to the modules.
     pub bus: Bus,
     /// The modules, asked in turn.
     pub units: Vec<ThermometerUnit>,
@@ -45,7 +45,7 @@ pub struct ThermometerConfig {
     pub interval: Duration,
     /// A module answers within.
     pub answer_within: Duration,
-    /// What is believed.
+    /// The limits within which readings are believed.
     pub limits: Limits,
     /// Between tries to connect.
     pub backoff: Backoff,

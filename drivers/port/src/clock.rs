@@ -9,7 +9,7 @@ use std::{
 /// Time since some start: the system's monotonic clock, or one that a test sets.
 #[derive(Clone, Debug)]
 pub enum Clock {
-    /// The monotonic clock.
+    /// The monotonic clock of the system, counted from this instant.
     System(Instant),
     /// Nanoseconds from some instant on that somebody else counts.
     Manual(Instant, Arc<AtomicU64>),
@@ -34,14 +34,14 @@ impl Clock {
         }
     }
 
-    /// When it started.
+    /// The instant at which the clock started.
     pub fn start(&self) -> Instant {
         match self {
             Self::System(start) | Self::Manual(start, _) => *start,
         }
     }
 
-    /// Now.
+    /// The present instant by this clock.
     pub fn now(&self) -> Instant {
         self.start() + self.elapsed()
     }

@@ -1,4 +1,4 @@
-//! What a machine controller is.
+//! The interface to a machine controller: its axes, its state, and the corrections that it applies.
 
 use std::time::{Duration, Instant};
 
@@ -38,7 +38,7 @@ pub enum Heartbeat {
     Unwatched,
 }
 
-/// What is fixed about a controller for as long as it is configured.
+/// The properties of a controller that stay the same as long as its configuration does.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     /// The device as the configuration names it.
@@ -47,7 +47,7 @@ pub struct Description {
     pub channel: String,
     /// The axes in channel order, at most [`MAX_AXES`].
     pub axes: Vec<Axis>,
-    /// Who watches it.
+    /// Whether the controller's side ramps the correction out when the cycle stops.
     pub heartbeat: Heartbeat,
     /// Whether a second gateway on the same controller is noticed.
     pub sees_other_gateways: bool,
@@ -104,7 +104,7 @@ pub enum UnfitAxes {
         AxisKind::Rotary => "an angle, since the axis is rotary",
     })]
     Kind {
-        /// The axis.
+        /// The name of the axis.
         name: AxisName,
         /// The resolution that was found.
         resolution: Displacement,
@@ -112,14 +112,14 @@ pub enum UnfitAxes {
     /// The resolution is zero, negative or no finite number.
     #[error("axis {name}: found a resolution of {resolution}, expected a positive one")]
     Resolution {
-        /// The axis.
+        /// The name of the axis.
         name: AxisName,
         /// The resolution that was found.
         resolution: Displacement,
     },
 }
 
-/// What state a controller is in.
+/// The operating state of a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ControllerState {
     /// Every axis was sent to its reference.
@@ -130,7 +130,7 @@ pub struct ControllerState {
     pub emergency_stop: bool,
 }
 
-/// What a controller says at one instant.
+/// The positions, the state and the applied correction of a controller at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
     /// Positions as reported, mm and rad.
@@ -139,7 +139,7 @@ pub struct Snapshot {
     pub taken: Instant,
     /// How far from `taken` that may have been.
     pub uncertainty: Duration,
-    /// Its state.
+    /// The operating state of the controller at that instant.
     pub state: ControllerState,
     /// The correction that is applied, mm and rad, where the device can be asked.
     pub applied: Option<PerChannel<f64>>,
@@ -152,7 +152,7 @@ pub struct Snapshot {
 /// answer [`Fault::NotConnected`]. After any other fault the implementation is ready for the next call.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Controller: Send {
-    /// What is fixed about it.
+    /// The properties of the controller that its configuration fixes.
     fn description(&self) -> &Description;
 
     /// Positions, state and what is applied.

@@ -29,14 +29,14 @@ pub enum DeviceError {
     Protocol(DeviceProblem),
 }
 
-/// What a [`DeviceError`] tells.
+/// The content of a [`DeviceError`].
 #[derive(Clone, Debug)]
 pub struct DeviceProblem {
     /// The device as its URL or the configuration names it.
     pub device: String,
-    /// What was found.
+    /// The value or state that was found.
     pub found: String,
-    /// What was expected, or what to do about it.
+    /// The value that was expected, or advice on what to do.
     pub expected: String,
     /// The error below, where there is one.
     pub source: Option<Arc<dyn Error + Send + Sync>>,
@@ -95,7 +95,7 @@ impl DeviceError {
         self
     }
 
-    /// What is told: device, found, expected, source.
+    /// The content of the error: device, found, expected, source.
     pub fn problem(&self) -> &DeviceProblem {
         match self {
             Self::Address(problem)

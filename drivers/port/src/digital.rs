@@ -1,4 +1,4 @@
-//! What a digital port is.
+//! The interface to digital inputs and outputs.
 
 use std::time::{Duration, Instant};
 

@@ -22,7 +22,7 @@ pub enum Fault {
     Refused {
         /// The device's own code.
         code: i32,
-        /// What was asked for.
+        /// The request that was refused, in words.
         what: &'static str,
     },
     /// Another gateway corrects this controller.

@@ -23,16 +23,16 @@ pub struct Faults {
     pub freeze: f64,
     /// The next `calls` calls find no connection.
     pub disconnect: f64,
-    /// How many.
+    /// The number of calls that a freeze or a disconnection lasts.
     pub calls: u32,
 }
 
 /// A device with faults.
 #[derive(Debug)]
 pub struct Faulty<D> {
-    /// The device itself.
+    /// The device that is wrapped.
     pub device: D,
-    /// What goes wrong; may be changed between calls.
+    /// The faults that are injected; may be changed between calls.
     pub faults: Faults,
     random: ChaCha8Rng,
     frozen: u32,
@@ -61,7 +61,7 @@ impl<D> Faulty<D> {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
-    /// What happens before the device is asked at all.
+    /// The delay, loss or disconnection that happens before the device is asked at all.
     fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
         if self.disconnected == 0 && self.happens(self.faults.disconnect) {
             self.disconnected = self.faults.calls;

@@ -34,13 +34,13 @@ pub struct Move {
 /// A sensor that warms up: T = start + rise·(1 − exp(−t/τ)).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warming {
-    /// Its name.
+    /// The name of the sensor.
     pub name: String,
     /// At the beginning, °C.
     pub start_degc: f64,
     /// In the end so much more, K.
     pub rise_k: f64,
-    /// τ, s.
+    /// The time constant τ of the warming, s.
     pub time_constant_s: f64,
 }
 
@@ -51,24 +51,24 @@ impl Warming {
     }
 }
 
-/// What a machine is made of.
+/// The axes, program, sensors and true error of a simulated machine.
 #[derive(Clone)]
 pub struct Machine {
-    /// Its axes.
+    /// The axes of the machine in channel order.
     pub axes: Vec<Axis>,
     /// Moves, gone through again and again; where the last one ends the first begins.
     pub program: Vec<Move>,
     /// Acceleration and deceleration of every move, mm/s² or rad/s².
     pub acceleration_per_s2: f64,
-    /// Its temperatures.
+    /// The temperature sensors of the machine, each with its own warming.
     pub sensors: Vec<Warming>,
-    /// Its hidden error.
+    /// The true error of the machine, which the compensation does not know.
     pub truth: Truth,
-    /// Its time.
+    /// The clock by which the machine moves and warms.
     pub clock: Clock,
 }
 
-/// What a test may do to a machine while it runs.
+/// Switches by which a test disturbs a machine while it runs.
 #[derive(Debug, Default)]
 pub struct Controls {
     /// The axes are not referenced.
@@ -143,7 +143,7 @@ impl SimulatedController {
         self.path.at(self.machine.clock.elapsed())
     }
 
-    /// What the tool misses now with the applied correction, and without: mm and rad for each axis.
+    /// The error of the tool now with the applied correction, and without: mm and rad for each axis.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         let elapsed = self.machine.clock.elapsed();
         let sensors = self.machine.sensors.iter();

@@ -1,4 +1,4 @@
-//! What a thermometer is.
+//! The interface to a thermometer: temperatures in °C, each with its quality.
 
 use std::time::Instant;
 
@@ -33,7 +33,7 @@ pub enum Reason {
     /// Far from the sensors beside it.
     #[error("disagrees with its neighbours")]
     Disagrees,
-    /// No number.
+    /// The value is not a number.
     #[error("not a number")]
     NotANumber,
 }
@@ -41,7 +41,7 @@ pub enum Reason {
 /// How far a temperature can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quality {
-    /// It can.
+    /// The temperature can be relied on.
     Good,
     /// It may be used with care.
     Uncertain(Reason),
@@ -49,7 +49,7 @@ pub enum Quality {
     Bad(Reason),
 }
 
-/// One temperature.
+/// One temperature of a sensor, with its quality and the time it was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Temperature {
     /// °C; `None` when bad.

@@ -1,4 +1,4 @@
-//! What the simulated control answers to each command.
+//! The answers of the simulated control to each command.
 
 use super::{Options, World};
 use crate::{

@@ -1,4 +1,4 @@
-//! What is known of a module, as data: at which registers its channels stand and what their numbers mean.
+//! The profile of a module, as data: at which registers its channels stand and what their numbers mean.
 
 mod decode;
 
@@ -78,7 +78,7 @@ pub enum WordOrder {
     LowFirst,
 }
 
-/// What a scaled number is.
+/// The quantity and unit of a scaled number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unit {
     /// The number is a temperature in °C.
@@ -129,7 +129,7 @@ pub struct Channels {
     pub scale: f64,
     /// … plus this, in the unit.
     pub offset: f64,
-    /// What the value is.
+    /// The quantity and unit of the value.
     pub unit: Unit,
     /// The lowest and the highest temperature that the module can measure, °C.
     pub valid_degc: [f64; 2],
@@ -163,7 +163,7 @@ pub struct Profile {
     pub channels: Option<Channels>,
     /// The digital lines; `None`: the module has none.
     pub digital: Option<Digital>,
-    /// What of this profile is not proven by a source that was read.
+    /// The parts of this profile that no source has confirmed.
     pub unproven: Vec<String>,
 }
 
@@ -186,7 +186,7 @@ impl Profile {
         })
     }
 
-    /// Every shipped profile.
+    /// All profiles that are shipped with the crate.
     pub fn shipped() -> Vec<Self> {
         // Tests read every one of them.
         SHIPPED
