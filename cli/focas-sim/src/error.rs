@@ -9,11 +9,11 @@ pub(crate) enum SimError {
     /// An option is wrong.
     #[error("{place}: found {found}, expected {expected}")]
     Input {
-        /// The option.
+        /// The option whose value is wrong.
         place: String,
-        /// What stands there.
+        /// The text that was found.
         found: String,
-        /// What should stand there.
+        /// The text that was expected, in words.
         expected: String,
     },
     /// A file cannot be read.
@@ -21,7 +21,7 @@ pub(crate) enum SimError {
     Read {
         /// The file as it was named.
         file: String,
-        /// Why not.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A place in the program file is wrong.
@@ -35,15 +35,15 @@ pub(crate) enum SimError {
     Listen {
         /// The address as it was given.
         address: String,
-        /// Why not.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The operating system refuses something else.
     #[error("{what}: {source}")]
     System {
-        /// What was tried.
+        /// The service of the operating system that was asked for.
         what: &'static str,
-        /// Why it failed.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }

@@ -7,7 +7,7 @@ use volcomp_focas::simulator::{Simulator, World};
 /// The alarm that `alarm on` and `--alarm` set: number and text.
 const ALARM: (i32, &str) = (1000, "SIMULATED ALARM");
 
-/// What can be typed.
+/// A command that the operator can type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Command {
     Alarm(bool),

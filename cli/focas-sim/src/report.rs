@@ -34,7 +34,7 @@ pub(crate) struct Report {
     residual: Option<Miss>,
 }
 
-/// What makes the lines: looked at often enough to know in which direction each axis moved last.
+/// The maker of the report lines; it is called often enough to know in which direction each axis moved last.
 pub(crate) struct Reporter {
     axes: Vec<AxisName>,
     truth: Option<Truth>,

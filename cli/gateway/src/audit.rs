@@ -20,7 +20,7 @@ const MAX_BYTES: u64 = 4 << 20;
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
-/// What was found when the log was opened.
+/// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
     /// Whole records in the current file.
@@ -174,7 +174,7 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 
-/// What a file of the log holds.
+/// The result of verifying a file of the log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
     /// Whole records that belong to the chain.
@@ -221,7 +221,7 @@ fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     (follows && checksum(&stated, record) == found).then(|| (found.to_owned(), link.seq))
 }
 
-/// What of a record makes the chain: records of other versions may hold other details.
+/// The part of a record that makes the chain: records of other versions may hold other details.
 #[derive(serde::Deserialize)]
 struct Link {
     #[serde(default)]

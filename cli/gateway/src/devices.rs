@@ -70,7 +70,7 @@ impl ControllerDevice {
         Ok(Self { address, kind })
     }
 
-    /// What the driver says of it, without opening it.
+    /// The description of the controller by its driver, without opening it.
     ///
     /// # Errors
     /// A configuration that the driver refuses.
@@ -103,7 +103,7 @@ impl ControllerDevice {
         })
     }
 
-    /// What is decided about it besides its driver, for cycles of this length.
+    /// The settings of the path besides those of its driver, for cycles of this length.
     pub fn settings(&self, config: &ControllerConfig, period: Duration) -> PathSettings {
         let is_digital = matches!(self.kind, Kind::Lines(_));
         let behind = match self.kind {

@@ -25,15 +25,15 @@ pub enum GatewayError {
     Plan {
         /// The path of the configuration file.
         file: String,
-        /// What does not fit.
+        /// The reason why the settings do not fit the machine or the controller.
         source: PlanError,
     },
-    /// What a configuration says of a device makes no sense; found without opening it.
+    /// The configuration of a device makes no sense; found without opening it.
     #[error("{file}: {source}")]
     DeviceConfig {
         /// The path of the configuration file.
         file: String,
-        /// What makes no sense.
+        /// The reason why the configuration of the device is refused.
         source: DeviceError,
     },
     /// Two controllers are the same device.
@@ -79,7 +79,7 @@ pub enum GatewayError {
     Certificate {
         /// The path of the file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The reason why it is refused.
         source: CertificateError,
     },
     /// Names for which no certificate can be made.
@@ -87,7 +87,7 @@ pub enum GatewayError {
     CertificateNames {
         /// The names, as they were given.
         names: String,
-        /// What is wrong with it.
+        /// The reason why no certificate is made.
         source: rcgen::Error,
     },
     /// A line of the token file.
@@ -97,7 +97,7 @@ pub enum GatewayError {
         file: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong; never the token itself.
+        /// The reason why the line is refused; never the token itself.
         source: TokenError,
     },
     /// A token file that others may read.
@@ -142,20 +142,20 @@ pub enum GatewayError {
     Answer {
         /// The address and port of the gateway.
         address: SocketAddr,
-        /// What was wrong with the answer.
+        /// The reason why the answer cannot be used.
         what: String,
     },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
-        /// What was to be done.
+        /// The operation that failed, in words.
         what: String,
         /// Why the operating system refused it.
         source: io::Error,
     },
 }
 
-/// What is wrong with a certificate or key.
+/// The reason why a certificate or key is refused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CertificateError {
@@ -167,7 +167,7 @@ pub enum CertificateError {
     Tls(#[from] tokio_rustls::rustls::Error),
 }
 
-/// What is wrong with a line of a token file.
+/// The reason why a line of a token file is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TokenError {
@@ -219,9 +219,9 @@ pub enum ReloadError {
 /// A part of the configuration that is fixed while the gateway runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FixedKey {
-    /// The tables `[[controller]]`.
+    /// The tables `[[controller]]` of the controllers.
     Controller,
-    /// The tables `[[thermometer]]`.
+    /// The tables `[[thermometer]]` of the thermometers.
     Thermometer,
     /// The time of a cycle.
     CycleMs,

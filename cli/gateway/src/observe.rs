@@ -21,7 +21,7 @@ const STALE_AFTER: Duration = Duration::from_millis(250);
 /// A report that is older by so many periods is no longer shown.
 const STALE_PERIODS: u32 = 3;
 
-/// What stays the same while a gateway runs.
+/// The facts that stay the same while a gateway runs.
 pub(crate) struct Facts<'a> {
     /// The model that corrects.
     pub model: &'a Model,
@@ -29,7 +29,7 @@ pub(crate) struct Facts<'a> {
     pub controllers: &'a [Description],
     /// The names of the temperatures.
     pub sensors: &'a [String],
-    /// What a simulated machine really misses.
+    /// The true errors of the machine, where it is simulated.
     pub truth: Option<&'a Truth>,
     /// Whether it arms itself.
     pub auto_arm: bool,

@@ -1,4 +1,4 @@
-//! What the whole process asks of the operating system.
+//! The requests of the whole process to the operating system: locked memory and processors that stay awake.
 
 use std::{fs::File, io::Write};
 
@@ -7,7 +7,7 @@ use rustix::mm::{MlockAllFlags, mlockall};
 /// Memory that stays locked and processors that stay awake, for the whole process and as long as this lives.
 pub struct Process {
     _awake: Option<File>,
-    /// What the operating system refused, in words.
+    /// The requests that the operating system refused, in words.
     pub lacking: Vec<String>,
 }
 

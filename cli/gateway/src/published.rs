@@ -1,4 +1,4 @@
-//! What the service publishes and the dashboard reads.
+//! The data that the service publishes and the dashboard reads.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

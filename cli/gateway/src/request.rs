@@ -1,10 +1,10 @@
-//! What a person or a program asks the service for.
+//! The requests of a person or a program to the service.
 
 use tokio::sync::oneshot;
 
 use crate::documents::Answer;
 
-/// What somebody asks for.
+/// The action that somebody asks the service for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ask {
     /// Correct; with the hash of a model that a person confirms.
@@ -19,7 +19,7 @@ pub enum Ask {
 
 /// A request, and where its answer goes.
 pub struct Asked {
-    /// What is asked for.
+    /// The action that is asked for.
     pub ask: Ask,
     /// Who asks: the name of a token, `signal` or `auto_arm`.
     pub who: String,

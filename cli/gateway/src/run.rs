@@ -188,8 +188,8 @@ fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
     Ok((audit, found))
 }
 
-/// What was written down of the last output (mm, rad); `None` where nothing was, or after a reboot: nobody knows what
-/// the controllers hold then, and a correction begins at zero.
+/// The last output that was stored (mm, rad); `None` where none was, or after a reboot: nobody knows then which
+/// corrections the controllers hold, and a correction begins at zero.
 fn last_output(path: &Path) -> Option<PerAxis<f64>> {
     let text = std::fs::read_to_string(path).ok()?;
     let output: LastOutput = serde_json::from_str(&text).ok()?;

@@ -26,7 +26,7 @@ const TRUTH: &str = include_str!("../demo/truth.toml");
 /// The smallest step of a correction of the simulated machine.
 const RESOLUTION: Mm = Mm(0.001);
 
-/// What the tool of the simulated machine really misses.
+/// The true errors of the tool position of the simulated machine, thermal errors included.
 #[derive(Clone)]
 pub struct Truth {
     machine: Arc<Machine>,
@@ -41,11 +41,11 @@ pub struct Simulation {
     pub controller: SimulatedController,
     /// The thermometer of the machine.
     pub thermometer: SimulatedThermometer,
-    /// What a test may do to it.
+    /// The switches with which a test sets signals and failures of the machine while it runs.
     pub controls: Arc<Controls>,
     /// The model that corrects it.
     pub model: Machine,
-    /// What it really misses.
+    /// The true errors of the machine.
     pub truth: Truth,
 }
 
@@ -79,7 +79,8 @@ impl Truth {
         }
     }
 
-    /// What it misses (mm) at coordinates (mm) and temperatures of its sensors (°C).
+    /// The true position error (mm, workpiece axes) at coordinates (mm) and temperatures of the machine's sensors
+    /// (°C).
     pub fn error(&self, positions: &PerAxis<f64>, degc: &[f64]) -> Vector3<f64> {
         let temperatures: Temperatures = self
             .sensors
@@ -97,7 +98,7 @@ impl Truth {
             - rigid
     }
 
-    /// What is left of it (mm) when corrections (mm) are applied.
+    /// The position error that remains (mm, workpiece axes) when corrections (mm) are applied.
     pub fn residual(
         &self,
         positions: &PerAxis<f64>,

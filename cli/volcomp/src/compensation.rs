@@ -109,12 +109,13 @@ impl<'a> Compensation<'a> {
         [x, y, z, a, b, c]
     }
 
-    /// What stands in the JSON document.
+    /// The part of the JSON document that states the correction; `None` without a correction.
     pub(crate) fn document(&self) -> Option<Compensated> {
         self.document.clone()
     }
 
-    /// What the figures are worth, as a paragraph below them; empty without a correction.
+    /// A paragraph to stand below the figures: the correction, its rounding and the machine on which they hold; empty
+    /// without a correction.
     pub(crate) fn words(&self) -> String {
         let Some(asked) = &self.document else {
             return String::new();

@@ -28,14 +28,14 @@ pub(crate) enum Failure {
     Work(String),
     /// A file could not be written while the work went on: status 1.
     WorkOn {
-        /// The file.
+        /// The name of the file that could not be written.
         file: String,
-        /// What the operating system said.
+        /// The message of the operating system.
         message: String,
     },
 }
 
-/// What is wrong in a file.
+/// An error in a file, with its place.
 #[derive(Debug)]
 pub(crate) struct FileFailure {
     /// The file as it was named in the call.

@@ -28,7 +28,8 @@ pub(crate) struct Lever {
     carriage_mcs: [f64; 3],
     rides: Rides,
     joint: Joint,
-    /// What a reading takes of a displacement: the part along the axis, or one component in MCS.
+    /// Weights (MCS) that turn a displacement into a reading: the direction of the axis for positioning, one MCS axis
+    /// for the other errors.
     sense: Vector3<f64>,
 }
 
@@ -67,7 +68,7 @@ impl Lever {
         lever_mm(self.point_mcs, self.carriage_mcs, self.rides, travel)
     }
 
-    /// What tilts (µrad) add to a reading, µm.
+    /// The Abbe error that the tilts of the axis (µrad) add to a reading at a position (mm), µm.
     fn abbe_um(&self, tilts_urad: [f64; 3], position_mm: f64) -> f64 {
         let added = abbe_um(tilts_urad, self.at_mm(position_mm));
         self.sense.dot(&Vector3::from(added))

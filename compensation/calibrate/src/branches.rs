@@ -113,8 +113,8 @@ impl Branches {
         Ok(Self { fits, targets })
     }
 
-    /// What readings minus curve are in the mean over one measured line: of straightness a line, else
-    /// a constant.
+    /// The mean difference of the readings of one measured line from the fitted curve: a straight line for
+    /// straightness errors, a constant for all others.
     fn offset_of(&self, profile: &Profile<'_>) -> Result<ReferenceLine, CalibrateError> {
         let residuals: Points = self
             .fits

@@ -25,7 +25,7 @@ pub struct Calibration {
     pub curves: Vec<FittedCurve>,
     /// Each squareness, as the calibration file names it.
     pub squareness: Vec<(ErrorName, Urad)>,
-    /// What a person must know: errors not measured, levers left in, notes on files.
+    /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What a calibration file states, with everything that it names read: plain data.
+//! The content of a calibration file, with every file that it names already read: plain data.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ pub struct CalibrationFile {
     pub measurements: Vec<Line>,
     /// Every squareness error, in the order of the file.
     pub squareness: Vec<Squareness>,
-    /// What the scatter of the readings does not show.
+    /// Contributions to the uncertainty that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
 }
 

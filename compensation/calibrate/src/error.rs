@@ -1,4 +1,4 @@
-//! What can be wrong with a calibration.
+//! The reasons why a calibration is refused.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub enum CalibrateError {
         error: ErrorName,
         /// The measurement file of its line.
         file: PathBuf,
-        /// What is wrong with its readings.
+        /// The reason why its readings are refused.
         source: Box<MetrologyError>,
     },
     /// No line of an error has a reading.

@@ -39,7 +39,7 @@ pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterato
     lines.filter(move |line| line.setup.error == error)
 }
 
-/// What the readers of its measurement file had to say about a line.
+/// The notes from reading the measurement file of a line, each with the name of the file before it.
 pub(crate) fn notes_of(line: &Line) -> impl Iterator<Item = String> {
     let notes = line.readings.notes.iter();
     notes.map(|note| format!("{}: {note}", line.file.display()))

@@ -5,7 +5,8 @@ use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
 use crate::{fitted_curve::FittedCurve, squares::partner_of};
 
-/// What was not measured, and whether the machine file had it: error motions by axis, then squareness errors.
+/// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
+/// squareness errors.
 pub(crate) fn not_measured(
     machine: &Machine,
     measured: &[ErrorName],

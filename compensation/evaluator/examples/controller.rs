@@ -1,4 +1,4 @@
-//! What a controller's cycle needs and no more: a compiled machine from bytes, evaluated without allocation.
+//! The smallest program for the cycle of a controller: a compiled machine from bytes, evaluated without allocation.
 //!
 //!     cargo run -p volcomp-evaluator --example controller
 

@@ -5,7 +5,7 @@ use core::time::Duration;
 /// The largest number of paths to one machine.
 pub const MAX_PATHS: usize = 4;
 
-/// What a cycle knows of one path, in the order of preference.
+/// The condition of one controller path in a cycle; paths stand in the order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
     /// Its positions are fresh, nothing stands against writing, and every position that its correction depends
@@ -13,7 +13,7 @@ pub struct PathHealth {
     pub usable: bool,
     /// Paths with the same number replace one another: the controller selects. Others add.
     pub channel: u32,
-    /// What it has applied is known.
+    /// Whether the correction that the path has applied is known.
     pub held_is_known: bool,
 }
 

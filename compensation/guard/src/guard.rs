@@ -18,7 +18,7 @@ const MOST_ADOPTED: u32 = 3;
 /// A cycle counts as so many periods at the most.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
 
-/// What a controller said in this cycle.
+/// The positions, the applied correction and the state that a controller reported in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// When the positions held, on the clock of [`Inputs::now`].
@@ -35,22 +35,22 @@ pub struct Reading {
     pub emergency_stop: bool,
 }
 
-/// What a guard is told in one cycle.
+/// The inputs of a guard in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
     /// When the cycle began, on a monotonic clock.
     pub now: Duration,
-    /// What the controller said; `None`: it did not.
+    /// The report of the controller; `None` when it did not answer.
     pub reading: Option<Reading>,
     /// The correction that the model wants, mm and rad; `None`: it has none.
     pub target: Option<PerChannel<f64>>,
-    /// What a person or program asked for since the last cycle.
+    /// The request of a person or a program since the last cycle, if there was one.
     pub request: Option<Request>,
     /// Why arming is forbidden; empty where it is allowed.
     pub forbids: Reasons,
 }
 
-/// What a guard decides in one cycle.
+/// The decision of a guard in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
@@ -65,8 +65,8 @@ pub struct Output {
     pub held_back: u64,
 }
 
-/// What may reach the axes of one controller (rules of the crate's front page). State: the last output, the
-/// ramp, what was written lately.
+/// The guard of one controller: it decides which correction may reach the axes (rules of the crate's front page). It
+/// keeps the last output, the ramp and the corrections that were written lately.
 #[derive(Clone, Debug)]
 pub struct Guard {
     limits: Limits,
@@ -112,7 +112,8 @@ impl Guard {
         })
     }
 
-    /// What is applied as far as anybody remembers, for controllers that cannot be asked: before the first cycle.
+    /// Starts from a correction (mm, rad) that was stored before a restart, for controllers that cannot be asked for
+    /// the correction they hold; to be called before the first cycle.
     pub fn restore(&mut self, applied: &PerChannel<f64>) {
         let finite = applied.map(|x| if x.is_finite() { x } else { 0.0 });
         self.stand_at(&finite);
@@ -223,8 +224,8 @@ impl Guard {
         self.proof = Proof::default();
     }
 
-    /// What the controller has applied becomes the last output where it is not what was written. Whether that
-    /// happened.
+    /// Takes the correction that the controller has applied (mm, rad) as the last output where it differs from the
+    /// one that was written, and tells whether it did so.
     fn take_read_back(&mut self, reading: &Reading) -> bool {
         self.can_be_asked = reading.applied.is_some();
         let Some(applied) = reading.applied.filter(|a| self.all(|i| a[i].is_finite())) else {

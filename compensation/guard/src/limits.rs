@@ -1,10 +1,10 @@
-//! What is allowed to a controller and its axes, and whether it makes sense.
+//! The limits of a controller and of its axes, and the check that they make sense.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-/// What is allowed to one axis: lengths in mm, angles of rotary axes in rad.
+/// The limits of one axis: lengths in mm for linear axes, angles in rad for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
     /// The largest correction, in either direction.
@@ -21,10 +21,10 @@ pub struct AxisLimits {
     pub includes_correction: bool,
 }
 
-/// What is allowed to a controller.
+/// The limits of a controller: those of its axes, and the times that hold for all of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// What is allowed to each axis, in channel order; places from `count` on are not used.
+    /// The limits of each axis (mm, rad), in channel order; places from `count` on are not used.
     pub axes: [AxisLimits; MAX_AXES],
     /// How many axes the controller has.
     pub count: usize,
@@ -99,9 +99,9 @@ pub struct LimitsError {
     pub what: Quantity,
     /// The place of the axis, where the number is that of an axis.
     pub axis: Option<usize>,
-    /// What was found, in the unit of [`Quantity`].
+    /// The number that was found, in the unit of the [`Quantity`].
     pub found: f64,
-    /// What was expected, in words.
+    /// The numbers that are allowed, in words.
     pub expected: &'static str,
 }
 

@@ -18,8 +18,8 @@ pub(crate) struct Proof {
 }
 
 impl Proof {
-    /// What the correction goes to meanwhile: where it was, then a shift away from it, towards zero where it
-    /// is not zero.
+    /// The correction (mm, rad) to move to during the proof: at first the one where it began, then one test shift
+    /// away from it, on an axis with a positive correction downwards, else upwards.
     pub(crate) fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         if self.before.is_none() {
             return *from;

@@ -37,9 +37,9 @@ reasons! {
     EMERGENCY_STOP = 8, "emergency stop";
     /// A position or a correction is no finite number.
     NOT_A_NUMBER = 9, "not a number";
-    /// What the controller has applied is not what was written: ramping from there.
+    /// The correction that the controller has applied is not the one that was written: ramping from there.
     READ_BACK = 10, "controller's correction changed";
-    /// What is written is not there afterwards, several times in a row.
+    /// A correction that was written is not found when it is read back, several times in a row.
     DOES_NOT_STICK = 11, "correction does not stick";
     /// Positions do not contain the correction as configured.
     CONTRADICTION = 12, "positions contradict includes_correction";

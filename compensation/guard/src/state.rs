@@ -2,7 +2,7 @@
 
 use crate::Reasons;
 
-/// What a guard does at present.
+/// The state of a guard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum State {
     /// Nothing is written to the controller.
@@ -40,7 +40,7 @@ pub enum Hold {
     Interlocked,
 }
 
-/// What comes when the correction is zero.
+/// The state that follows once the correction has reached zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// The guard is disarmed.
@@ -52,13 +52,13 @@ pub enum End {
 /// Why a guard is faulted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// What is written is not there afterwards.
+    /// A correction that was written is not found when it is read back.
     DoesNotStick,
     /// Positions contain the correction, and should not, or the other way round.
     Contradiction,
 }
 
-/// What a person or program asks for.
+/// A request of a person or a program to a guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Begin to correct, with the test shift where it is wanted.
@@ -73,7 +73,7 @@ pub enum Request {
     Switched,
 }
 
-/// What a transition depends on.
+/// The facts of one cycle on which a transition between states depends.
 #[expect(
     clippy::struct_excessive_bools,
     reason = "each is a fact of one cycle, none is kept"
@@ -87,7 +87,7 @@ pub(crate) struct Facts {
     pub(crate) stale: bool,
     /// Positions or target are older than `zero_after`.
     pub(crate) lost: bool,
-    /// What the controller has applied changed by itself.
+    /// The controller has changed the correction that it applies without being told to.
     pub(crate) changed: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,

@@ -5,14 +5,14 @@ use core::time::Duration;
 /// A digit of a slow module, or noise: no jump.
 const JUMP_DEGC: f64 = 0.5;
 
-/// What a sensor may say.
+/// The limits within which the temperatures of a sensor are believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorLimits {
     /// The lowest and the highest temperature, degC.
     pub range_degc: [f64; 2],
     /// The fastest change; half a degree at once is no change.
     pub max_degc_per_min: f64,
-    /// Older is stale.
+    /// The age beyond which a temperature is stale.
     pub stale: Duration,
 }
 
@@ -33,13 +33,13 @@ pub enum Rejected {
     /// The device says that it is broken, or says nothing.
     #[error("broken")]
     Broken,
-    /// Too old.
+    /// The temperature is older than the limit of the sensor.
     #[error("stale")]
     Stale,
     /// No number, or outside the range.
     #[error("out of range")]
     OutOfRange,
-    /// Changes too fast.
+    /// The temperature changes faster than the limit of the sensor.
     #[error("jumping")]
     Jumping,
 }

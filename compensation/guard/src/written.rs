@@ -1,4 +1,4 @@
-//! What was written lately.
+//! The corrections that were written in the last cycles.
 
 use volcomp_vocabulary::PerChannel;
 

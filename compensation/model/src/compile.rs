@@ -55,7 +55,8 @@ impl Machine {
         Ok(compiled)
     }
 
-    /// What the curves over the axis's own coordinate (mm or deg) give, on top of offsets (µm, µrad).
+    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of offsets (µm,
+    /// µrad).
     fn curve_errors(
         &self,
         axis: usize,

@@ -22,7 +22,8 @@ const KINDS: [&str; 7] = [
     "grid",
 ];
 
-/// What a curve needs to know of its machine: its own travel, and the axes for a grid.
+/// The parts of the machine on which the decoding of a curve depends: the travel of its own axis, and all axes for a
+/// grid.
 pub(crate) struct CurveContext<'a> {
     pub(crate) axes: &'a [Axis],
     pub(crate) travel: [f64; 2],

@@ -1,4 +1,4 @@
-//! What can be wrong with a machine file or with what is asked of a machine.
+//! The reasons why a machine file is refused or a machine cannot answer.
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_kinematics::ChainError;
@@ -79,7 +79,7 @@ pub enum ModelError {
     /// More of something than is computed at once.
     #[error("found {found} {what}, expected {most} at the most")]
     TooMany {
-        /// What there is too much of, in the plural.
+        /// The name of the things of which there are too many, in the plural.
         what: &'static str,
         /// How many were asked for.
         found: usize,

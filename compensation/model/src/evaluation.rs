@@ -1,4 +1,4 @@
-//! What a machine answers at a state: its error, its correction, and what lies outside its ranges.
+//! The answers of a machine at a state: its error, its correction, and the curves and axes outside their ranges.
 
 use volcomp_kinematics::{
     Correction, CorrectionOptions, Form, State, VolumetricError, correct, volumetric_error,

@@ -11,7 +11,7 @@ use crate::{
     thermal::{Drift, Expansion, Thermal},
 };
 
-/// What becomes of a thermal term while one of its sensors is missing.
+/// The times of fading: how a thermal term goes to zero while one of its sensors is missing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fading {

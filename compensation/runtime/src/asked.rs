@@ -1,8 +1,8 @@
-//! What a cycle is asked from outside.
+//! The requests that a cycle receives from outside.
 
 use volcomp_guard::{Reasons, Request};
 
-/// What a cycle is asked from outside. The default asks for nothing.
+/// The requests that a cycle receives from outside. The default asks for nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Asked {
     /// A request to the guard, such as arming.

@@ -89,7 +89,8 @@ impl Cycle {
         self
     }
 
-    /// What was applied when the program ended (mm, rad), for controllers that cannot be asked what they hold.
+    /// Starts from the correction that was applied when the program ended (mm, rad), for controllers that cannot be
+    /// asked for the correction they hold.
     pub fn restore(&mut self, correction: &PerAxis<f64>) {
         for path in &mut self.paths {
             let mut applied = PerChannel::ZERO;
@@ -101,12 +102,12 @@ impl Cycle {
         }
     }
 
-    /// What the last cycle reports.
+    /// The report of the last cycle.
     pub fn report(&self) -> &Report {
         &self.report
     }
 
-    /// What the drivers say of the controllers, in the order of the paths.
+    /// The descriptions of the controllers by their drivers, in the order of the paths.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
         self.paths.iter().map(|path| path.controller.description())
     }
@@ -296,7 +297,8 @@ impl Cycle {
         }
     }
 
-    /// What a path shall hold of the wanted correction: less what the others on other channels hold.
+    /// The part of the wanted correction (mm, rad) that a path shall apply: the whole less the part that paths on
+    /// other channels apply.
     fn share(&self, index: usize, wanted: &PerAxis<f64>) -> PerChannel<f64> {
         let path = &self.paths[index];
         let mut share = PerChannel::ZERO;

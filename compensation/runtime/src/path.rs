@@ -30,7 +30,7 @@ pub struct ControlPath {
     pub(crate) fixed: PerAxis<Option<f64>>,
     /// Paths with the same number replace one another, others add.
     pub(crate) channel: u32,
-    /// What is always to be reported of it: that nothing watches it, that it does not see other gateways.
+    /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
     notes: Reasons,
     reading: Option<Snapshot>,
     /// Positions without correction, as they held at `taken`.
@@ -144,7 +144,8 @@ impl ControlPath {
         true
     }
 
-    /// What the guard makes of this cycle. `oldest` is when the positions held that `target` depends on.
+    /// The decision of the guard in this cycle. `oldest` is the time of the oldest positions on which `target` (mm,
+    /// rad) depends.
     pub(crate) fn guarded(
         &mut self,
         now: Duration,

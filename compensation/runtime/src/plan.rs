@@ -1,4 +1,4 @@
-//! What settings mean for one controller of one machine: every check that needs no device.
+//! The meaning of the settings for one controller of one machine: every check that needs no device.
 
 use std::time::Duration;
 
@@ -19,9 +19,9 @@ pub const SHIFT_STEPS: f64 = 4.0;
 /// One controller of a plan: checked against machine and settings, not opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan {
-    /// What the driver says of the controller.
+    /// The description of the controller by its driver.
     pub description: Description,
-    /// What the guard allows, mm and rad.
+    /// The limits that the guard enforces, mm and rad.
     pub limits: Limits,
     /// The place in the machine of each axis of the controller.
     pub machine_axis: PerChannel<usize>,
@@ -29,7 +29,7 @@ pub struct PathPlan {
     pub correctors: Correctors,
     /// Machine axes that stand at a stated position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
-    /// What is always to be reported of this path.
+    /// Reasons that this path reports in every cycle.
     pub notes: Reasons,
 }
 
@@ -99,7 +99,7 @@ pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
 }
 
-/// What the guard of a controller allows.
+/// The limits that the guard of a controller enforces, mm and rad.
 ///
 /// # Errors
 /// Rotary axes without limits, or limits that a guard refuses.

@@ -28,7 +28,7 @@ const TIMINGS: usize = 8192;
 /// Overruns are reported for so long after the last one.
 const OVERRUN_TOLD: Duration = Duration::from_secs(2);
 
-/// What the rest of a program tells the control thread.
+/// An order from the rest of a program to the control thread.
 pub enum Order {
     /// A request to the guards, such as arming.
     Request(Request),
@@ -50,7 +50,7 @@ pub struct Handle {
     start: Instant,
 }
 
-/// What the thread gives back, since it must not free memory.
+/// An object that the control thread gives back to be freed elsewhere, since it must not free memory itself.
 enum Retired {
     Model(#[expect(dead_code, reason = "kept to be dropped")] Box<Replacement>),
     Limits(#[expect(dead_code, reason = "kept to be dropped")] Box<Limits>),
@@ -81,7 +81,7 @@ impl Handle {
         self.shared.notes.store(reasons.bits(), Ordering::Relaxed);
     }
 
-    /// What the latest cycle reports.
+    /// The report of the latest cycle.
     pub fn report(&mut self) -> &Report {
         self.reports.read()
     }

@@ -1,4 +1,4 @@
-//! What a cycle reports: plain data of fixed size, copied out without a lock.
+//! The report of a cycle: plain data of fixed size, copied out without a lock.
 
 use std::time::Duration;
 
@@ -31,7 +31,7 @@ pub struct ToolError {
     pub axis_rad: [f64; 3],
 }
 
-/// What one cycle reports. Values by axis stand in machine order: mm for linear axes, rad for rotary ones.
+/// The report of one cycle. Values by axis stand in machine order: mm for linear axes, rad for rotary ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
     /// The number of the cycle, from 1.

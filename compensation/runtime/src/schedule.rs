@@ -1,4 +1,4 @@
-//! What the control thread asks of the operating system.
+//! The requests of the control thread to the operating system: real-time priority and a processor of its own.
 
 use rustix::thread::{CpuSet, sched_setaffinity};
 use thread_priority::{

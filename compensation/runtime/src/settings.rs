@@ -1,4 +1,5 @@
-//! What a person decides about a correction: limits, times, thread. Plain data in the units of the configuration.
+//! The settings of a correction that a person chooses: limits, times, thread. Plain data in the units of the
+//! configuration.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -6,7 +7,7 @@ use volcomp_guard::SensorLimits;
 use volcomp_model::Fading;
 use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
 
-/// What is allowed to the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
+/// The limits of the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisSettings<U> {
     /// The largest correction, in either direction.
@@ -23,12 +24,12 @@ pub struct AxisSettings<U> {
     pub test_shift: U,
 }
 
-/// What is allowed to every controller of a machine.
+/// The limits and times that hold for every controller of a machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuardSettings {
-    /// What is allowed to linear axes.
+    /// The limits of linear axes, µm.
     pub linear: AxisSettings<Um>,
-    /// Of rotary axes; `None` where no controller has one.
+    /// The limits of rotary axes, µrad; `None` where no controller has one.
     pub rotary: Option<AxisSettings<Urad>>,
     /// Positions that are older are held.
     pub hold: Duration,
@@ -42,7 +43,7 @@ pub struct GuardSettings {
     pub hand_back: Duration,
     /// Which temperatures are believed.
     pub temperatures: SensorLimits,
-    /// What becomes of thermal terms whose sensor is missing.
+    /// The times within which thermal terms fade to zero when their sensor is missing.
     pub fading: Fading,
 }
 
@@ -63,7 +64,8 @@ impl GuardSettings {
         }
     }
 
-    /// What is allowed to axes of the kind of `axis`, as lengths or angles; `None` without limits for that kind.
+    /// The limits of axes of the kind of `axis`, as lengths (mm) or angles (rad); `None` without limits for that
+    /// kind.
     pub fn of(&self, axis: AxisName) -> Option<AxisSettings<Displacement>> {
         if axis.is_rotary() {
             self.rotary
@@ -119,7 +121,7 @@ impl<U> AxisSettings<U> {
     }
 }
 
-/// What is decided about one controller path besides its driver.
+/// The settings of one controller path besides those of its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
     /// Machine axes that the controller does not show and that stand at this position.

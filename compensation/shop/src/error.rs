@@ -1,4 +1,4 @@
-//! What can be wrong with a virtual shop.
+//! The reasons why a virtual shop makes no measurement files.
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_metrology::MetrologyError;
@@ -23,7 +23,7 @@ pub enum ShopError {
     Instrument {
         /// The error to be measured.
         error: ErrorName,
-        /// What is wrong with the instrument.
+        /// The reason why the instrument is refused.
         source: InstrumentError,
     },
     /// An error cannot be measured by the method asked for (only possible when built in code).
@@ -36,7 +36,7 @@ pub enum ShopError {
     },
 }
 
-/// What is wrong with an instrument.
+/// The reason why an instrument is refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InstrumentError {
@@ -68,7 +68,7 @@ pub enum InstrumentError {
         what: &'static str,
         /// The number that was found.
         found: f64,
-        /// What it should be.
+        /// The numbers that are allowed, in words.
         expected: &'static str,
     },
 }

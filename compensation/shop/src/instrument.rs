@@ -24,7 +24,7 @@ pub struct Instrument {
     pub both_directions: bool,
 }
 
-/// What makes the readings of an instrument differ from what is there.
+/// The imperfections that make the readings of an instrument differ from the true deviations, µm or µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Imperfections<U> {
     /// Standard deviation of a reading.

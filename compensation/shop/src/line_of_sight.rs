@@ -1,4 +1,4 @@
-//! What a perfect instrument reads along a line on a machine with errors.
+//! The readings of a perfect instrument along a line on a machine with errors.
 
 use volcomp_calibrate::Setup;
 use volcomp_kinematics::{

@@ -98,8 +98,8 @@ impl Shop {
         random
     }
 
-    /// What the instrument reads along a line whose straightness reference stands at a slope; `index` chooses the
-    /// random numbers.
+    /// The readings of the instrument along a line (µm or µrad) whose straightness reference is tilted by
+    /// `alignment`; `index` chooses the random numbers.
     fn measure(
         &self,
         index: usize,

@@ -1,4 +1,4 @@
-//! What all curves share: checked input, and the end value held outside the domain.
+//! The parts common to all curves: checked input, and the end value held outside the domain.
 
 use crate::CurveError;
 

@@ -9,7 +9,7 @@ pub enum CurveError {
     /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
-        /// What the number stands for.
+        /// The name of the quantity that the number is.
         what: &'static str,
         /// Place of the number in its list.
         index: usize,
@@ -19,7 +19,7 @@ pub enum CurveError {
     /// There are too few coefficients, nodes or values.
     #[error("found {found} {what}: expected at least {expected}")]
     TooFew {
-        /// What there is too little of, in the plural.
+        /// The name of the things of which there are too few, in the plural.
         what: &'static str,
         /// The number that was found.
         found: usize,
@@ -39,7 +39,7 @@ pub enum CurveError {
     /// Abscissae must increase, and these do not.
     #[error("{what} {index} is {value}, after {previous}: expected strictly increasing values")]
     NotIncreasing {
-        /// What the abscissae stand for.
+        /// The name of the abscissae.
         what: &'static str,
         /// Where the offending one stands.
         index: usize,
@@ -89,7 +89,7 @@ pub enum CurveError {
     /// A count is outside what the kind of curve allows.
     #[error("{what} is {found}: expected {lowest} to {highest}")]
     OutOfRange {
-        /// What the count stands for.
+        /// The name of the count.
         what: &'static str,
         /// The count that was found.
         found: usize,

@@ -1,4 +1,4 @@
-//! What series and node lists share: their checks, and values that are scaled and shifted.
+//! The parts common to series and node lists: their checks, and values that are scaled and shifted.
 
 use alloc::vec::Vec;
 

@@ -16,7 +16,7 @@ pub enum FitError {
     /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
-        /// What the number stands for.
+        /// The name of the quantity that the number is.
         what: &'static str,
         /// Place of the number in its list.
         index: usize,
@@ -26,7 +26,7 @@ pub enum FitError {
     /// There are too few different targets.
     #[error("found {found} different targets: {purpose} needs at least {needed}")]
     TooFewTargets {
-        /// What they are needed for.
+        /// The fit or the estimate that needs the targets.
         purpose: &'static str,
         /// Number of different targets found.
         found: usize,

@@ -6,7 +6,7 @@ use crate::{Fit, FitError, readings};
 const ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 /// Supports tried, in twentieths of the range.
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
-/// What targets are needed for, in messages.
+/// The name of the fit in messages about too few targets.
 const PURPOSE: &str = "moving least squares";
 /// Points between neighbouring critical points at which the weights are checked.
 const SUBDIVISION: u32 = 4;

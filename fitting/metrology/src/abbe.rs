@@ -64,7 +64,8 @@ pub fn lever_mm(
     })
 }
 
-/// What the angular errors add to the measured linear errors: δ_measured − δ = ε × lever, µm along the MCS axes.
+/// The part of the measured linear errors that the angular errors add: δ_measured − δ = ε × lever, µm along the MCS
+/// axes.
 ///
 /// `tilts_urad` is ε = (EAN, EBN, ECN) at the target, µrad; `lever_mm` from [`lever_mm`].
 pub fn abbe_um(tilts_urad: [f64; 3], lever_mm: [f64; 3]) -> [f64; 3] {

@@ -1,4 +1,4 @@
-//! What can be wrong with a measurement file, and with what is asked of one.
+//! The reasons why a measurement file, or a request about one, is refused.
 
 use volcomp_document::InputError;
 
@@ -16,7 +16,7 @@ pub struct Finding {
     pub what: String,
     /// The text found there, shortened when long.
     pub found: String,
-    /// What the format asks for.
+    /// The text that the format asks for.
     pub expected: String,
 }
 
@@ -45,7 +45,7 @@ pub enum MetrologyError {
     Unreadable {
         /// The file as it was named by the caller.
         file: String,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A directory stands where a file should.
@@ -83,7 +83,7 @@ pub enum MetrologyError {
     Empty {
         /// The file as it was named by the caller.
         file: String,
-        /// What the file should hold.
+        /// The content that the file should have.
         expected: String,
     },
     /// The bytes are not a text file of a known encoding.
@@ -132,9 +132,9 @@ pub enum MetrologyError {
         name: String,
         /// The quantity or argument that is wrong.
         what: String,
-        /// What stands there now.
+        /// The value that was found.
         found: String,
-        /// What should stand there.
+        /// The value that was expected, in words.
         expected: String,
     },
     /// The targets are not one bridge length apart.
@@ -154,7 +154,7 @@ pub enum MetrologyError {
     /// An error name has no meaning in this place.
     #[error("{what}: found `{found}`, expected {expected}")]
     ErrorName {
-        /// What the name was meant for.
+        /// The purpose for which the name was given.
         what: String,
         /// The name that was found.
         found: String,

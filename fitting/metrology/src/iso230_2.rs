@@ -6,7 +6,7 @@ use crate::{
     DeviationUnit, Direction, Measurement, MetrologyError, OutlierHint, Reading, outlier_hints,
 };
 
-/// What ISO 230-2 says about one direction of approach at one target.
+/// The results of ISO 230-2 for one direction of approach at one target, in the unit of the deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Approach {

@@ -47,7 +47,7 @@ pub struct Reading {
     pub deviation: f64,
 }
 
-/// What a file says about itself and its machine; free text, `None` where absent or blank.
+/// The statements of a file about itself and its machine; free text, `None` where absent or blank.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Metadata {
@@ -115,11 +115,11 @@ pub struct Measurement {
     pub unit: Option<DeviationUnit>,
     /// All readings, in the order of the file.
     pub readings: Vec<Reading>,
-    /// What the file says about itself and its machine.
+    /// The statements of the file about itself and its machine.
     pub metadata: Metadata,
     /// The surroundings during the test.
     pub environment: Environment,
-    /// What a person should know about how the file was read.
+    /// Notes for a person on how the file was read.
     pub notes: Vec<String>,
 }
 

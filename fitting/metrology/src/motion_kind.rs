@@ -1,8 +1,9 @@
-//! What an error motion is to its axis: positioning, straightness, or a rotation.
+//! The kind of an error motion with respect to its axis: positioning, straightness, or a rotation.
 
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
-/// What an error motion states about its axis, which decides how it is measured and what is removed from its readings.
+/// The kind of an error motion with respect to its axis, which decides how it is measured and which reference is
+/// removed from its readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionKind {

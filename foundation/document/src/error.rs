@@ -1,4 +1,4 @@
-//! What is wrong in a file, and where.
+//! An error in a file, with its place.
 
 use core::ops::Range;
 
@@ -13,7 +13,7 @@ pub struct InputError {
     /// The key with the tables before it (`errors.EXX.table`), or the column of a CSV file; empty where the whole file
     /// or row is meant.
     pub key: String,
-    /// What was found and what was expected.
+    /// The sentence that says what was found and what was expected.
     pub message: String,
     /// The bytes of the text that are wrong, for programs that show the place.
     pub span: Range<usize>,

@@ -1,4 +1,5 @@
-//! What every decoder asks: a value or its default, a number within a range, one of several words, an array of tables.
+//! The look-ups that all decoders use: a value or its default, a number within a range, one of several words, an
+//! array of tables.
 
 use core::{fmt::Display, ops::RangeInclusive};
 
@@ -8,7 +9,7 @@ use crate::{
 };
 
 impl<'a> Section<'a> {
-    /// What `decode` makes of the value of a key; `None` where the key is not there.
+    /// The value of a key as `decode` returns it; `None` where the key is not there.
     ///
     /// # Errors
     /// Those of `decode`.

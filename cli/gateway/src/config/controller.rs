@@ -286,7 +286,7 @@ const LINE_STEP: Deg = Deg(1e-3);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("[[controller]]: {key}: missing, expected a number, since axis {axis} is rotary")]
 pub struct MissingKey {
-    /// The axis.
+    /// The rotary axis that needs the key.
     pub axis: AxisName,
     /// The key that is missing.
     pub key: &'static str,

@@ -39,7 +39,7 @@ pub struct Config {
     pub cycle: Duration,
     /// Whether it arms itself as soon as nothing stands against it.
     pub auto_arm: bool,
-    /// What is allowed to the axes; without it the gateway does not arm.
+    /// The limits of the axes; without them the gateway does not arm.
     pub guard: Option<GuardSettings>,
     /// The controllers in the order of preference; none: the built-in simulation.
     pub controllers: Vec<ControllerConfig>,
@@ -89,7 +89,7 @@ pub struct ControllerConfig {
 pub struct DigitalConfig {
     /// How many lines carry the position.
     pub position_bits: u32,
-    /// What one count of the position moves the axis; `None`: 1/32 mm as published.
+    /// The travel of the axis for one count of the position; `None`: 1/32 mm as published.
     pub position_step: Option<Displacement>,
     /// The position at count 0; `None`: zero.
     pub position_zero: Option<Displacement>,

@@ -1,4 +1,4 @@
-//! What the routes of the dashboard share.
+//! The state that the routes of the dashboard share.
 
 use std::sync::{
     Arc,
@@ -12,9 +12,9 @@ use crate::{published::Published, request::Asked};
 /// The largest number of event streams at one time.
 pub(super) const MAX_STREAMS: usize = 16;
 
-/// What the routes share.
+/// The state that the routes of the dashboard share.
 pub struct Dashboard {
-    /// What the service publishes.
+    /// The state, history and model that the service publishes.
     pub published: Published,
     /// The number of configured controllers.
     pub controllers: usize,

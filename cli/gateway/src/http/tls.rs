@@ -19,7 +19,7 @@ use tokio_rustls::{
 
 use crate::error::{CertificateError, GatewayError};
 
-/// What turns a connection into one with TLS.
+/// The acceptor that turns a TCP connection into one with TLS.
 pub type Tls = TlsAcceptor;
 
 /// Reads a certificate and its key, PEM.

@@ -21,7 +21,7 @@ const WRONG_IN: Duration = Duration::from_secs(60);
 /// The largest number of addresses whose wrong tokens are counted.
 const ADDRESSES: usize = 1024;
 
-/// What a token allows.
+/// The role of a token: the requests that it allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
     /// Reading state, history, map and metrics.
@@ -45,7 +45,7 @@ impl Role {
 pub struct Holder {
     /// The name that stands in the audit log.
     pub name: String,
-    /// What the token allows.
+    /// The role, which says which requests the token allows.
     pub role: Role,
 }
 

@@ -271,7 +271,7 @@ fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
     expansion.chain(drift).collect()
 }
 
-/// What a person should know before the first start.
+/// Notes that a person should read before the first start.
 fn notes(plan: &Plan, sensors: &[SensorPlan]) -> Vec<String> {
     let config = &plan.config;
     let mut notes = Vec::new();

@@ -1,5 +1,5 @@
-//! What a configuration means: everything that can be decided and checked without opening a device. The daemon opens
-//! a plan, `check` prints it, a reload compares it with the one that runs.
+//! The meaning of a configuration: everything that can be decided and checked without opening a device. The daemon
+//! opens a plan, `check` prints it, a reload compares it with the one that runs.
 
 use std::{sync::Arc, time::Duration};
 
@@ -41,7 +41,7 @@ pub struct Plan {
     devices: Devices,
 }
 
-/// What will be opened.
+/// The devices that will be opened.
 enum Devices {
     Configured {
         controllers: Vec<ControllerDevice>,
@@ -58,11 +58,11 @@ pub struct Opened {
     pub cycle: Cycle,
     /// A copy of the model that the cycle has.
     pub model: Arc<Model>,
-    /// What the drivers say of the controllers, in order.
+    /// The descriptions of the controllers by their drivers, in order.
     pub controllers: Vec<Description>,
     /// The names of the temperatures, in order.
     pub sensors: Vec<String>,
-    /// What the simulated machine really misses.
+    /// The true errors of the machine, where it is simulated.
     pub truth: Option<Truth>,
     /// The tokens of the dashboard.
     pub tokens: Tokens,
@@ -116,7 +116,7 @@ impl Plan {
         })
     }
 
-    /// What the guard of each controller allows, in order.
+    /// The limits that the guard of each controller enforces (mm, rad), in order.
     pub fn limits(&self) -> Vec<Limits> {
         self.paths.iter().map(|path| path.limits).collect()
     }

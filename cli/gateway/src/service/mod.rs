@@ -30,7 +30,7 @@ const TICK: Duration = Duration::from_millis(50);
 /// How often the last output is written to disk.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 
-/// What a service is made of.
+/// The parts from which a service is built.
 pub struct Parts {
     /// The control thread, running.
     pub handle: Handle,
@@ -44,11 +44,11 @@ pub struct Parts {
     pub sensors: Vec<String>,
     /// A copy of the model that the cycle has.
     pub model: Arc<Model>,
-    /// What a simulated machine really misses.
+    /// The true errors of the machine, where it is simulated.
     pub truth: Option<Truth>,
     /// The audit log, open.
     pub audit: AuditLog,
-    /// What forbids arming from the start.
+    /// The reasons that forbid arming from the start.
     pub forbids: Reasons,
 }
 

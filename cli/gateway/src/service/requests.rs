@@ -1,4 +1,4 @@
-//! What a service is asked: arming, disarming, acknowledging. Reloading has a file of its own.
+//! The requests that a service carries out: arming, disarming, acknowledging. Reloading has a file of its own.
 
 use std::{
     path::PathBuf,
@@ -102,8 +102,9 @@ impl Service {
         self.parts.config.audit_dir.join("confirmed-machine.toml")
     }
 
-    /// What a person must confirm before `new` takes the place of `old`; `None`: nothing, or it is confirmed.
-    /// Judged at the reference temperature, and at the temperatures of now.
+    /// The question that a person must confirm before `new` takes the place of `old`; `None` where there is none, or
+    /// it is confirmed. The change of the correction is judged at the reference temperature and at the present
+    /// temperatures.
     pub(super) fn question(
         &mut self,
         old: &Model,

@@ -101,7 +101,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Comparison, 
     })
 }
 
-/// Reduction in percent.
+/// The change from `before` to `after` in percent of `before`; negative where it became smaller.
 fn reduction(before: f64, after: f64) -> f64 {
     100.0 * (after / before - 1.0)
 }

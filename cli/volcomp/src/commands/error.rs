@@ -47,7 +47,7 @@ fn evaluate(machine: &Machine, state: &State, form: Form, temperatures: &Tempera
     }
 }
 
-/// What the model does not cover at a state.
+/// The error motions and axes that are outside the range of the model at a state.
 pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
     let mut outside_travel = machine.outside_travel(state);
     outside_travel.sort_unstable();

@@ -28,13 +28,13 @@ use volcomp_vocabulary::AxisKind;
 pub(crate) use crate::table::{fixed, table, table_text};
 use crate::{failure::Failure, output::OutputFile};
 
-/// What a command found.
+/// The result of a command.
 pub(crate) struct Answer {
     /// The document of `--json`.
     pub(crate) json: Value,
     /// The same for people.
     pub(crate) text: String,
-    /// What a person should know besides.
+    /// Notes that a person should read besides the text.
     pub(crate) notes: Vec<String>,
 }
 
@@ -61,12 +61,12 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     file.finish()
 }
 
-/// mm in µm.
+/// Converts a vector from mm to µm.
 fn micrometres(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e3).into()
 }
 
-/// rad in µrad.
+/// Converts a vector from rad to µrad.
 fn microradians(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e6).into()
 }

@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     })
 }
 
-/// What this computer has, as JSON and as a table.
+/// The serial ports, CAN interfaces and GPIO lines of this computer, as JSON and as a table.
 fn listed(found: &LocalDevices) -> Answer {
     let mut rows = table(&["device", "what it is", "state"]);
     for column in rows.column_iter_mut() {

@@ -118,8 +118,9 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     largest - smallest
 }
 
-/// What would be left if the curve were known between the targets as it is: the noise of the mean of
-/// the runs at the targets, straight between them, and the rounding of the output.
+/// The residual (peak to peak, µm) that would remain if the curve between the targets were known exactly: the noise
+/// of the mean of the runs at the targets, interpolated in straight lines between them, and the rounding of the
+/// output.
 fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool) -> f64 {
     let instrument = &line.instrument;
     let noise = instrument.length.noise.0 / f64::from(instrument.runs).sqrt();

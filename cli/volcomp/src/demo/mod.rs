@@ -1,4 +1,4 @@
-//! What `volcomp demo` compares: measured lines before and after, the floor, kinds of curve.
+//! The comparisons of `volcomp demo`: measured lines before and after, the floor, kinds of curve.
 
 pub(crate) mod irregular;
 pub(crate) mod lines;

@@ -1,4 +1,4 @@
-//! `[errors]` and `[assembly]`.
+//! The tables `[errors]` and `[assembly]` of a machine file.
 
 use std::collections::BTreeMap;
 

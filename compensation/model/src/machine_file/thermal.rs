@@ -1,4 +1,4 @@
-//! `[thermal]`.
+//! The table `[thermal]` of a machine file.
 
 use std::collections::BTreeMap;
 

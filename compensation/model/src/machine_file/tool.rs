@@ -1,4 +1,4 @@
-//! `[tool]` and `[tools]`.
+//! The tables `[tool]` and `[tools]` of a machine file.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
-//! What the fit of thermal terms may choose from.
+//! The choices that the fit of thermal terms has.
 
 use crate::FitError;
 
-/// What the fit of thermal terms may choose from.
+/// The choices that the fit of thermal terms has: time constants, penalties and sensors.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalOptions {

@@ -8,7 +8,7 @@ use crate::number::{Place, quoted};
 
 pub(super) struct Targets {
     pub(super) values: Vec<f64>,
-    /// What the second flag says; `None` for a value other than 0 and 1.
+    /// Whether the second flag declares the test unidirectional; `None` for a value other than 0 and 1.
     pub(super) unidirectional: Option<bool>,
     pub(super) flags_line: usize,
 }
@@ -222,7 +222,7 @@ fn raw_rows<'t>(
     Ok(rows)
 }
 
-/// What the middle column of DEVIATIONS holds, decided once for the whole file.
+/// The meaning of the middle column of DEVIATIONS, decided once for the whole file.
 ///
 /// It is the number of the target in the list (from 1) whenever every row allows that; only when some row
 /// cannot be such a number is it read as the target itself.

@@ -16,7 +16,7 @@ pub(super) fn direction(u: &Vector3<f64>) -> String {
     format!("[{:.4}, {:.4}, {:.4}]", u.x, u.y, u.z)
 }
 
-/// What a positive motion of an axis does, as seen from the workpiece and in the workshop.
+/// A description of a positive motion of an axis, as seen from the workpiece and in the workshop.
 pub(super) fn motion(joint: &Joint) -> String {
     let name = joint.name;
     let (to, back) = (direction(&joint.direction), direction(&-joint.direction));

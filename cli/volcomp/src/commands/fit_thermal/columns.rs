@@ -15,7 +15,7 @@ pub(super) struct Columns {
     pub(super) degc: Vec<Vec<f64>>,
     /// Name of the column with its unit, and its values.
     pub(super) displacements: Vec<(String, Vec<f64>)>,
-    /// What a person should know about the file.
+    /// Notes for a person on how the file was read.
     pub(super) notes: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What a thermal fit found, for people and for a machine file.
+//! The result of a thermal fit as text for people and for a machine file.
 
 use std::fmt::Write;
 

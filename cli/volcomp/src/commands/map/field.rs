@@ -7,7 +7,8 @@ use volcomp_model::MapGrid;
 use super::work::Node;
 use crate::{failure::Failure, output::OutputFile};
 
-/// What a file holds of each node besides its place: names and units of six columns in two vectors.
+/// The arrays of a node in a file besides its place, names with units: errors (µm, µrad) and their standard
+/// uncertainties, each six columns in two vectors.
 const VECTORS: [[&str; 2]; 2] = [
     ["position_um", "rotation_urad"],
     ["u_position_um", "u_rotation_urad"],

@@ -45,7 +45,7 @@ impl Model {
         (self == Self::Compiled).then(|| Tolerance::default().linear_mm * 1e6)
     }
 
-    /// What computes the error at a state.
+    /// The function that computes the error at a state: position (mm) and rotation (rad) in workpiece axes.
     pub(super) fn errors<'a>(
         self,
         machine: &'a Machine,

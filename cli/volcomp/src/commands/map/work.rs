@@ -40,7 +40,7 @@ fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
     [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
 }
 
-/// What is needed for a node.
+/// The inputs from which a node is computed.
 pub(super) struct Work<'a> {
     pub(super) machine: &'a Machine,
     pub(super) errors: ErrorAt<'a>,
