@@ -148,7 +148,7 @@ pub enum GatewayError {
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
-        /// The operation that failed, in words.
+        /// The file, device, address or other object that the operation concerned.
         what: String,
         /// Why the operating system refused it.
         source: io::Error,
