@@ -4,7 +4,7 @@ use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-use crate::chain::{Chain, ChainError};
+use crate::{chain::Chain, error::ChainError};
 
 /// A linear axis counts as a new direction when more than this part of its unit direction is normal to the linear
 /// axes chosen before it (0.02 is 1.15°).
@@ -43,8 +43,8 @@ impl Correctors {
         Ok(Self::choose(chain, names))
     }
 
-    /// Names that the chain does not have are passed over.
-    pub(crate) fn choose(chain: &Chain, names: &[AxisName]) -> Self {
+    /// Only the axes named may move; names that the chain does not have are passed over.
+    pub fn choose(chain: &Chain, names: &[AxisName]) -> Self {
         let (mut linear, mut rotary) = (ArrayVec::<usize, 3>::new(), ArrayVec::new());
         let mut basis = ArrayVec::<Vector3<f64>, 3>::new();
         for &name in names {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use volcomp_vocabulary::{Direction, ErrorName, PerAxis};
 
-use crate::{chain::ChainError, structure::Structure};
+use crate::{error::ChainError, structure::Structure};
 
 /// Where every axis of a chain stands, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

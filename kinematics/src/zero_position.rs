@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::{
-    chain::{Chain, ChainError, Joint},
+    chain::{Chain, Joint},
+    error::ChainError,
     math::atan2,
     pose::rotation_from_vector,
     source::ErrorMotion,

@@ -63,7 +63,7 @@ Examples:
 
 pub(crate) const PROBE: &str = "\
 Examples:
-  volcomp probe focas://127.0.0.1:8193
+  volcomp probe --list
   volcomp --json probe focas://127.0.0.1:8193 --within 1";
 
 pub(crate) const COMPILE: &str = "\

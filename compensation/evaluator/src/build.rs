@@ -7,10 +7,11 @@ use volcomp_vocabulary::{Direction, Displacement, PerAxis};
 
 use crate::{
     EvaluatorError, Tolerance,
+    error::no_axis,
     fit::ToTable,
     fold::{Folded, errors_before_motion, fold},
     machine::{CompiledAxis, CompiledMachine, Range, Thermal},
-    parts::{AxisParts, Branches, MachineParts, no_axis},
+    parts::{AxisParts, Branches, MachineParts},
     patch::CompiledPatch,
     table::{Bounds, Head, Piece, Tables},
     turn::Along,

@@ -71,8 +71,7 @@ impl CompiledMachine {
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         let mut names = self.may_move.clone();
         names.retain(|name| written.contains(name));
-        // Every axis that may move is one of the chain.
-        Correctors::named(&self.chain, &names).unwrap_or_else(|_| Correctors::all(&self.chain))
+        Correctors::choose(&self.chain, &names)
     }
 
     #[inline(always)]

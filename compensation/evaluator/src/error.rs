@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use volcomp_kinematics::ChainError;
+use volcomp_kinematics::{Chain, ChainError};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Why a machine cannot be compiled or its bytes cannot be read.
@@ -77,4 +77,12 @@ fn expected(fitting_nm: Option<f64>) -> String {
         Some(nm) => alloc::format!("expected a tolerance of {nm} nm or more"),
         None => "expected fewer breakpoints: no tolerance fits".into(),
     }
+}
+
+/// The error for an axis that the chain does not have.
+pub(crate) fn no_axis(chain: &Chain, axis: AxisName) -> EvaluatorError {
+    EvaluatorError::Chain(ChainError::NoSuchAxis {
+        axis,
+        structure: chain.structure().clone(),
+    })
 }

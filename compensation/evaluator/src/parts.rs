@@ -7,7 +7,7 @@ use volcomp_vocabulary::{
     AxisKind, AxisName, Component, Deg, Direction, Displacement, ErrorName, MAX_AXES, PerAxis,
 };
 
-use crate::{EvaluatorError, patch::Patch};
+use crate::{EvaluatorError, error::no_axis, patch::Patch};
 
 /// How far a compiled curve may be from its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -232,13 +232,6 @@ impl<'a> AxisParts<'a> {
         }
         Ok(())
     }
-}
-
-pub(crate) fn no_axis(chain: &Chain, axis: AxisName) -> EvaluatorError {
-    EvaluatorError::Chain(volcomp_kinematics::ChainError::NoSuchAxis {
-        axis,
-        structure: chain.structure().clone(),
-    })
 }
 
 /// A machine to be compiled: every axis of the chain once, and its constant errors, each by name.

@@ -8,8 +8,8 @@ use volcomp_kinematics::Chain;
 
 use crate::{
     EvaluatorError,
+    error::no_axis,
     index::{Cell, Uniform},
-    parts::no_axis,
 };
 
 /// One component of an axis over two coordinates, bilinear between nodes, held outside.

@@ -16,7 +16,7 @@ pub(crate) trait Turns {
     fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>);
 }
 
-/// Nobody wants to know.
+/// Used where no correction is computed: the turns are not needed.
 impl Turns for () {
     #[inline(always)]
     fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}

@@ -66,9 +66,15 @@ struct Shared {
 
 impl Handle {
     /// Sends an order. `false`: too many wait, or the thread has ended; the order is dropped.
+    #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send(&mut self, order: Order) -> bool {
         self.free_retired();
         self.orders.push(order).is_ok()
+    }
+
+    /// How many orders can be sent before the thread has taken one.
+    pub fn room(&self) -> usize {
+        self.orders.slots()
     }
 
     /// Forbids arming for these reasons from now on; none: arming is allowed.

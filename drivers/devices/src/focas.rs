@@ -78,7 +78,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
             format!("{:.0}", microseconds(TIMED / 2)),
         ),
         (
-            "round_trip_p99_us".to_owned(),
+            "round_trip_max_us".to_owned(),
             format!("{:.0}", microseconds(TIMED - 1)),
         ),
     ];

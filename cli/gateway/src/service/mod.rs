@@ -132,7 +132,8 @@ impl Service {
         let state = self.parts.handle.report().state.into();
         self.log("signal", "stop", Event::Request { state });
         self.parts.handle.note(Reasons::STOPPING);
-        self.parts.handle.send(Order::Request(Request::Disarm));
+        // A thread that takes no order any more is stopped below.
+        let _ = self.parts.handle.send(Order::Request(Request::Disarm));
         let guard = self.parts.config.guard.as_ref();
         let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         std::thread::sleep(self.parts.config.cycle * 2);

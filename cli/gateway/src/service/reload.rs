@@ -54,6 +54,13 @@ impl Service {
                 answer: Answer::Question(question),
             });
         }
+        // Limits and model are taken together or not at all.
+        if self.parts.handle.room() <= plan.limits().len() {
+            return Ok(Reply {
+                status: 503,
+                answer: Answer::Refusal(Refusal::new("the control thread takes no orders")),
+            });
+        }
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),
             to: plan.model.hash.clone(),
@@ -73,7 +80,9 @@ impl Service {
     /// Limits and model of a plan from now on.
     fn take(&mut self, plan: Plan) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
-            self.parts
+            // There is room for all of them: only this thread sends.
+            let _ = self
+                .parts
                 .handle
                 .send(Order::Limits(index, Box::new(limits)));
         }
@@ -85,7 +94,7 @@ impl Service {
             }
             let copy = Arc::new(model.clone());
             let replacement = Replacement::new(Box::new(model), &self.parts.sensors);
-            self.parts.handle.send(Order::Model(Box::new(replacement)));
+            let _ = self.parts.handle.send(Order::Model(Box::new(replacement)));
             self.publisher.set_model(Arc::clone(&copy));
             self.parts.model = copy;
         }

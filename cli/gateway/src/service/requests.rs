@@ -1,13 +1,15 @@
 //! The requests that a service carries out: arming, disarming, acknowledging. Reloading has a file of its own.
 
 use std::{
+    io::ErrorKind,
     path::PathBuf,
     sync::Arc,
     time::{Duration, Instant},
 };
 
+use volcomp_document::ReadError;
 use volcomp_guard::{Reasons, Request, State};
-use volcomp_model::Machine;
+use volcomp_model::{Machine, ModelError};
 use volcomp_runtime::{Model, Order};
 
 use super::Service;
@@ -144,8 +146,28 @@ impl Service {
         let fading = guard.map(|guard| guard.fading).unwrap_or_default();
         let path = self.confirmed_path();
         let armed_last = Machine::read(&path).and_then(|machine| Model::new(&machine, fading));
-        // Where no model was armed before, there is nothing to compare with.
-        if let Ok(old) = armed_last
+        let armed_last = match armed_last {
+            Ok(old) => Some(old),
+            // Where no model was armed before, there is nothing to compare with.
+            Err(ModelError::Read(ReadError::System { ref source, .. }))
+                if source.kind() == ErrorKind::NotFound =>
+            {
+                None
+            }
+            // A record that cannot be read is no proof that this model was confirmed.
+            Err(error) => {
+                tracing::error!("{}: {error}", path.display());
+                let what = format!(
+                    "the model that was armed last cannot be read ({error}): look at it, and remove {} if it is damaged",
+                    path.display()
+                );
+                return Reply {
+                    status: 409,
+                    answer: Answer::Refusal(Refusal::new(what)),
+                };
+            }
+        };
+        if let Some(old) = armed_last
             && old.hash != self.parts.model.hash
             && let Some(question) = self.question(&old, &Arc::clone(&self.parts.model), confirm)
         {
@@ -180,13 +202,19 @@ fn settled(status: u16, state: State, reasons: Reasons) -> Reply {
 /// An answer for the log of the program.
 fn in_words(answer: &Answer) -> String {
     match answer {
-        Answer::Question(question) => format!(
-            "model {} must be confirmed: it moves a corner of the work space by {} µm",
-            question.model,
-            question
-                .worst_corner_um
-                .map_or("an unknown number of".to_owned(), |um| format!("{um:.1}"))
-        ),
+        Answer::Question(question) => {
+            let size = |size: Option<f64>| {
+                size.map_or("an unknown number of".to_owned(), |size| {
+                    format!("{size:.1}")
+                })
+            };
+            format!(
+                "model {} must be confirmed: it moves a corner of the work space by {} µm and {} µrad",
+                question.model,
+                size(question.worst_corner_um),
+                size(question.worst_corner_urad)
+            )
+        }
         Answer::Settled(settled) if settled.reasons.is_empty() => settled.state.name().to_owned(),
         Answer::Settled(settled) => {
             format!("{}: {}", settled.state.name(), settled.reasons.join(", "))

@@ -12,13 +12,7 @@ use super::{Answer, table, table_text};
 use crate::failure::Failure;
 
 /// What a device says now: positions, temperatures, inputs; or which serial ports, CAN interfaces and GPIO lines there are
-///
-/// Examples:
-///   volcomp probe focas://192.0.2.10:8193
-///   volcomp probe 'modbus-rtu:///dev/ttyUSB0?profile=PTA8C04'
-///   volcomp probe --list
 #[derive(clap::Args)]
-#[command(verbatim_doc_comment)]
 pub(crate) struct Arguments {
     /// focas://HOST:8193, modbus://HOST?profile=NAME, modbus-rtu:///dev/ttyUSB0?profile=NAME, can://can0,
     /// gpio://?position=CHIP:LINES&correction=CHIP:LINES. A profile is the name of a shipped one or a file that
