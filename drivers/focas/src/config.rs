@@ -124,6 +124,38 @@ impl FocasConfig {
             shortest_cycle: Duration::from_millis(1),
         };
         description.check()?;
+        self.check_overlaps(self.axes.len())?;
         Ok(description)
+    }
+
+    /// Checks that no byte with a meaning of its own lies within the words of a control's first `slots` axes.
+    pub(crate) fn check_overlaps(&self, slots: usize) -> Result<(), FocasError> {
+        let first = self.shift.first;
+        let bytes = u16::try_from(slots)
+            .unwrap_or(u16::MAX)
+            .saturating_mul(self.shift.width.bytes());
+        let last = PmcAddress {
+            at: first.at.saturating_add(bytes.saturating_sub(1)),
+            ..first
+        };
+        let named = [
+            ("the heartbeat", self.heartbeat),
+            ("the sequence byte", self.sequence),
+            ("the byte of the referenced axes", self.referenced),
+        ];
+        for (byte, at) in named {
+            if let Some(at) = at
+                && at.area == first.area
+                && (first.at..=last.at).contains(&at.at)
+            {
+                return Err(FocasError::Overlap {
+                    byte,
+                    at,
+                    first,
+                    last,
+                });
+            }
+        }
+        Ok(())
     }
 }

@@ -5,7 +5,7 @@ use std::{io, net::SocketAddr};
 use volcomp_port::{DeviceError, Fault, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
-use crate::{frame::Broken, return_code::ReturnCode};
+use crate::{frame::Broken, pmc::PmcAddress, return_code::ReturnCode};
 
 /// Why a control cannot be reached, refuses a question, or is configured wrongly.
 #[derive(Debug, thiserror::Error)]
@@ -60,6 +60,21 @@ pub enum FocasError {
         /// The letters of the axes that the control has.
         found: String,
     },
+    /// A byte with a meaning of its own lies within the words of the shifts: a correction would be written over it, and
+    /// its changes would be corrections.
+    #[error(
+        "{byte} {at} lies within the words of the shifts {first} to {last}, expected a byte outside them"
+    )]
+    Overlap {
+        /// The meaning of the byte: heartbeat, sequence or referenced axes.
+        byte: &'static str,
+        /// The address of the byte.
+        at: PmcAddress,
+        /// The first byte of the shifts.
+        first: PmcAddress,
+        /// The last byte of the shifts, as far as it is known.
+        last: PmcAddress,
+    },
     /// The axes of the configuration, or what one count moves them, make no sense.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
@@ -97,6 +112,7 @@ impl FocasError {
             }
             Self::Failed { .. } => "check the cable and that the control is not overloaded",
             Self::NoAxis { .. } => "correct the axes of the configuration",
+            Self::Overlap { .. } => "name a byte that nothing else uses",
             Self::Axes(_) => "correct the axes, or what one count moves them",
             Self::Request(_) => "correct fewer axes",
         }
@@ -105,7 +121,9 @@ impl FocasError {
     /// The error as drivers tell it: which device, what, what to do, and of which kind. This error is its source.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let kind = match &self {
-            Self::NoAxis { .. } | Self::Axes(_) | Self::Request(_) => DeviceError::option,
+            Self::NoAxis { .. } | Self::Overlap { .. } | Self::Axes(_) | Self::Request(_) => {
+                DeviceError::option
+            }
             Self::Resolve { .. }
             | Self::NoAddress(_)
             | Self::Connect { .. }

@@ -136,5 +136,13 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
             count: config.shift.count(name.kind()).mm_or_rad(),
         })
     };
-    config.axes.iter().map(planned).collect()
+    let axes: Vec<PlannedAxis> = config
+        .axes
+        .iter()
+        .map(planned)
+        .collect::<Result<_, FocasError>>()?;
+    // The control may have axes before those that are corrected: its words then reach further than the description knew.
+    let slots = axes.iter().map(|axis| axis.slot + 1).max().unwrap_or(0);
+    config.check_overlaps(slots)?;
+    Ok(axes)
 }

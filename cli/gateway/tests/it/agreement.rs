@@ -49,6 +49,18 @@ const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]
 
 /// One case for each rule that a configuration can break.
 const CASES: &[Wrong] = &[
+    // A heartbeat or a byte of referenced axes within the words that corrections are written to.
+    wrong(
+        &[("at = 120 }", "at = 104 }")],
+        "the heartbeat R104 lies within the words of the shifts R100 to R105",
+    ),
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\nreferenced = { pmc = \"R\", at = 101 }",
+        )],
+        "the byte of the referenced axes R101 lies within",
+    ),
     // Limits of rotary axes.
     Wrong {
         changes: &[(

@@ -79,7 +79,7 @@ pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Op
         more => format!("{more} positions lie"),
     };
     Some(format!(
-        "{positions} beyond an axis's travel or an error's measured range: the values there are extrapolated"
+        "{positions} beyond an axis's travel or an error's measured range:\n  the errors there are those at the end of the range"
     ))
 }
 

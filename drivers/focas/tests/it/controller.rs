@@ -420,3 +420,23 @@ fn places_in_memory_are_configured() {
         "{shifts:?}"
     );
 }
+
+/// A heartbeat in the words of the corrections would be a correction itself: 0 to 255 counts of an axis.
+#[test]
+fn a_heartbeat_within_the_words_of_the_shifts_is_refused() {
+    let config = |heartbeat: u16| {
+        let mut config = FocasConfig::new("127.0.0.1", &[AxisName::X]);
+        config.heartbeat = Some(PmcAddress {
+            area: PmcArea::R,
+            at: heartbeat,
+        });
+        config
+    };
+    for (heartbeat, refused) in [(99, false), (100, true), (101, true), (102, false)] {
+        assert_eq!(
+            config(heartbeat).describe().is_err(),
+            refused,
+            "R{heartbeat}"
+        );
+    }
+}
