@@ -179,7 +179,8 @@ fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
             normal -= unit * unit.dot(&normal);
         }
         let norm = normal.norm();
-        if wanted[place] && norm >= DEGENERATE_BELOW {
+        // A pose that is no number must give shares that are no numbers, not shares of zero.
+        if wanted[place] && (norm >= DEGENERATE_BELOW || norm.is_nan()) {
             kept[place] = true;
             basis[place] = normal / norm;
         }

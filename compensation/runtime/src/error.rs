@@ -1,6 +1,7 @@
 //! Why a configuration makes no correction, and why a correction does not start.
 
 use volcomp_guard::{LimitsError, Quantity};
+use volcomp_port::UnfitAxes;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 /// Why controllers, machine and settings do not fit together. Found before any device is opened.
@@ -30,6 +31,42 @@ pub enum PlanError {
         machine: String,
         /// The axes of the machine.
         axes: Vec<AxisName>,
+    },
+    /// The axes of the controller make no sense.
+    #[error("{device}: {source}")]
+    Axes {
+        /// The device as the driver names it.
+        device: String,
+        /// Which axis, and what is wrong with it.
+        source: UnfitAxes,
+    },
+    /// The stated position of an axis is no finite coordinate of its kind.
+    #[error("{device}: fixed: axis {axis}: expected a finite {} coordinate", axis.kind())]
+    FixedPosition {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis whose position is stated.
+        axis: AxisName,
+    },
+    /// The position of an axis is stated although the controller shows where it is.
+    #[error(
+        "{device}: fixed: axis {axis} is one of the controller's axes, which shows where it stands"
+    )]
+    FixedIsShown {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis whose position is stated.
+        axis: AxisName,
+    },
+    /// None of the axes that the controller writes may move.
+    #[error("{device}: axes {}: the machine {machine} lets none of them correct (key `correct` of the machine file)", letters(.axes))]
+    NothingToCorrect {
+        /// The device as the driver names it.
+        device: String,
+        /// The axes of the controller.
+        axes: Vec<AxisName>,
+        /// The name of the machine.
+        machine: String,
     },
     /// Nothing on the control's side notices when the program stops.
     #[error(

@@ -153,18 +153,29 @@ impl Model {
     }
 
     /// How far the correction at the worst corner moves when `other` takes the place of this model: mm of a linear
-    /// axis and rad of a rotary axis. Infinite where the axes differ.
-    pub fn worst_corner(&self, other: &Self) -> [f64; 2] {
+    /// axis and rad of a rotary axis. `written` names the axes that each controller writes: which axes a correction
+    /// moves depends on them, so the correction of all axes and that of each controller are compared. Infinite where
+    /// the axes of the machines differ.
+    pub fn worst_corner<'a>(
+        &'a self,
+        other: &Self,
+        written: impl IntoIterator<Item = &'a [AxisName]>,
+    ) -> [f64; 2] {
         if self.axes != other.axes {
             return [f64::INFINITY; 2];
         }
         let mut worst = [0.0_f64; 2];
-        for state in self.corners().chain(other.corners()) {
-            let (before, after) = (self.correction(&state).0, other.correction(&state).0);
-            for (index, name) in self.axes.iter().enumerate() {
-                let moved = (after[index] - before[index]).abs();
-                let kind = usize::from(name.is_rotary());
-                worst[kind] = worst[kind].max(if moved.is_nan() { f64::INFINITY } else { moved });
+        for names in written.into_iter().chain([&self.axes[..]]) {
+            let (before, after) = (self.correctors_among(names), other.correctors_among(names));
+            for state in self.corners().chain(other.corners()) {
+                let before = self.correction_of(&state, &before).0;
+                let after = other.correction_of(&state, &after).0;
+                for (index, name) in self.axes.iter().enumerate() {
+                    let moved = (after[index] - before[index]).abs();
+                    let kind = usize::from(name.is_rotary());
+                    worst[kind] =
+                        worst[kind].max(if moved.is_nan() { f64::INFINITY } else { moved });
+                }
             }
         }
         worst
@@ -186,9 +197,26 @@ mod tests {
             Model::new(&machine, Fading::default()).expect("compiles")
         };
         let (old, new) = (model(10.0), model(20.0));
-        assert_eq!(old.worst_corner(&new), [0.0; 2]);
+        assert_eq!(old.worst_corner(&new, []), [0.0; 2]);
         let warm = |model: &Model| model.warmed(|_| Some(25.0));
-        let [mm, rad] = warm(&old).worst_corner(&warm(&new));
+        let [mm, rad] = warm(&old).worst_corner(&warm(&new), []);
         assert!((mm - 0.05).abs() < 1e-5 && rad == 0.0, "{mm}");
+    }
+
+    /// With the axis A held, Z takes what A would take: a tilt of A moves nothing of X, Y and Z else.
+    #[test]
+    fn corners_are_compared_by_the_axes_that_a_controller_writes() {
+        let model = |urad: f64| {
+            let text = format!(
+                "structure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 1.0]\n[axes.Y]\ntravel = [0.0, 200.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[axes.A]\ntravel = [-1.0, 1.0]\n[errors]\nEAA = {urad}\n"
+            );
+            let machine = Machine::parse(&text, "m").expect("valid");
+            Model::new(&machine, Fading::default()).expect("compiles")
+        };
+        let (old, new) = (model(0.0), model(400.0));
+        assert!(old.worst_corner(&new, [])[0] < 0.02);
+        let written = [AxisName::X, AxisName::Y, AxisName::Z];
+        let [mm, _] = old.worst_corner(&new, [&written[..]]);
+        assert!((mm - 0.08).abs() < 1e-3, "{mm}");
     }
 }

@@ -46,6 +46,10 @@ impl PathPlan {
         period: Duration,
     ) -> Result<Self, PlanError> {
         let device = || description.device.clone();
+        description.check().map_err(|source| PlanError::Axes {
+            device: device(),
+            source,
+        })?;
         let mut machine_axis = PerChannel([0; MAX_AXES]);
         for (place, axis) in machine_axis.iter_mut().zip(&description.axes) {
             *place = model
@@ -67,7 +71,28 @@ impl PathPlan {
                     machine: model.name.clone(),
                     axes: model.axes.clone(),
                 })?;
+            if at.kind() != name.kind() || !at.mm_or_rad().is_finite() {
+                return Err(PlanError::FixedPosition {
+                    device: device(),
+                    axis: *name,
+                });
+            }
+            if description.index_of(*name).is_some() {
+                return Err(PlanError::FixedIsShown {
+                    device: device(),
+                    axis: *name,
+                });
+            }
             fixed[index] = Some(at.mm_or_rad());
+        }
+        let axes = names(&description);
+        let correctors = model.correctors_among(&axes);
+        if correctors.linear().is_empty() && correctors.rotary().is_empty() {
+            return Err(PlanError::NothingToCorrect {
+                device: device(),
+                axes,
+                machine: model.name.clone(),
+            });
         }
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
@@ -84,7 +109,7 @@ impl PathPlan {
             });
         }
         Ok(Self {
-            correctors: model.correctors_among(&names(&description)),
+            correctors,
             limits: limits(&description, guard, settings, period)?,
             machine_axis,
             fixed,

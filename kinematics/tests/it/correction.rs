@@ -211,6 +211,22 @@ fn a_missing_direction_is_left_as_residual() {
     assert!((found.delta[0] + 3e-3).abs() < 1e-9 && (found.delta[1] + 5e-3).abs() < 1e-9);
 }
 
+/// A coordinate that is no number gives corrections that are no numbers, never a zero that looks like an answer.
+#[test]
+fn a_pose_that_is_no_number_has_no_correction() {
+    let chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
+    let mut errors = GivenErrors::default();
+    errors.motion[1] = motion(&mut seeded(7));
+    for q in [f64::NAN, f64::INFINITY] {
+        let state = State::from_coordinates(&[q, 1.0, 2.0, 3.0, 0.5]);
+        let found = correct(&chain, &errors, &state, &CorrectionOptions::default());
+        assert!(
+            found.delta[..5].iter().all(|delta| !delta.is_finite()),
+            "{found:?}"
+        );
+    }
+}
+
 #[test]
 fn nan_ends_and_does_not_panic() {
     let chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());

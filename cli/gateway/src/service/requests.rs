@@ -10,7 +10,9 @@ use std::{
 use volcomp_document::ReadError;
 use volcomp_guard::{Reasons, Request, State};
 use volcomp_model::{Machine, ModelError};
+use volcomp_port::Description;
 use volcomp_runtime::{Model, Order};
+use volcomp_vocabulary::AxisName;
 
 use super::Service;
 use crate::{
@@ -120,8 +122,13 @@ impl Service {
             let place = sensors.position(|sensor| sensor == name)?;
             report.sensors.get(place)?.degc
         };
-        let cold = old.worst_corner(new);
-        let warm = old.warmed(degc).worst_corner(&new.warmed(degc));
+        let names = |controller: &Description| -> Vec<AxisName> {
+            controller.axes.iter().map(|axis| axis.name).collect()
+        };
+        let written: Vec<Vec<AxisName>> = self.parts.controllers.iter().map(names).collect();
+        let written = || written.iter().map(Vec::as_slice);
+        let cold = old.worst_corner(new, written());
+        let warm = old.warmed(degc).worst_corner(&new.warmed(degc), written());
         let worst_um = cold[0].max(warm[0]) * 1e3;
         let worst_urad = cold[1].max(warm[1]) * 1e6;
         let confirm_um = guard.linear.confirm.0;

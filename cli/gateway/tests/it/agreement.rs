@@ -61,6 +61,11 @@ const CASES: &[Wrong] = &[
         )],
         "the byte of the referenced axes R101 lies within",
     ),
+    // A position stated for an axis that the control shows, and one that is no number of a machine.
+    wrong(
+        &[("heartbeat", "fixed = { Z = 50.0 }\nheartbeat")],
+        "axis Z is one of the controller's axes",
+    ),
     // Limits of rotary axes.
     Wrong {
         changes: &[(
