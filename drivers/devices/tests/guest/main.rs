@@ -26,7 +26,7 @@ fn lines_are_probed() {
         (found.device.as_str(), &found.inputs[..]),
         (url, &[false; 15][..])
     );
-    assert_eq!(found.positions[0].value, 0.0);
+    assert_eq!(found.positions[0].at.mm_or_deg(), 0.0);
     let swapped = "gpio://?position=panel-in:0-7&correction=panel-up:0-14";
     let message = probe(&Address::parse(swapped).unwrap(), Duration::from_secs(1)).unwrap_err();
     assert!(
@@ -60,7 +60,7 @@ fn a_bus_is_probed() {
     let positions: Vec<_> = found
         .positions
         .iter()
-        .map(|p| (&*p.name, p.value))
+        .map(|p| (&*p.name, p.at.mm_or_deg()))
         .collect();
     assert_eq!(positions.len(), 2);
     assert_eq!(positions[0].0, "X");
