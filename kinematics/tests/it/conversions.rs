@@ -7,9 +7,10 @@ use volcomp_kinematics::{
     nalgebra::{Matrix3, Vector3},
     volumetric_error,
 };
+use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::{all_types, motion, placed, seeded, state, vector};
+use crate::{motion, placed, seeded, state, vector};
 
 fn difference(a: &Pose, b: &Pose) -> f64 {
     let turned = (a.rotation - b.rotation).abs().max();

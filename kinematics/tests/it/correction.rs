@@ -6,9 +6,10 @@ use volcomp_kinematics::{
     State, actual_pose, correct,
     nalgebra::{DMatrix, Vector3},
 };
+use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-use crate::{all_types, every_error, motion, placed, seeded, state};
+use crate::{every_error, motion, placed, seeded, state};
 
 /// Error motions of ±20 µm and ±30 µrad that vary over the coordinate, with location errors.
 struct Wavy {

@@ -1,8 +1,9 @@
 //! The three forms against plain matrices and against one another.
 
 use volcomp_kinematics::{Form, GivenErrors, letter_direction, volumetric_error};
+use volcomp_test_support::structures::all_types;
 
-use crate::{all_types, every_error, motion, placed, plain, seeded, state, vector};
+use crate::{every_error, motion, placed, plain, seeded, state, vector};
 
 #[test]
 fn exact_and_htm_are_the_products_in_plain_matrices() {

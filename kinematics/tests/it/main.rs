@@ -13,24 +13,7 @@ mod structures;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{Chain, ErrorMotion, GivenErrors, State, Structure};
-use volcomp_vocabulary::{AxisKind, AxisName};
-
-/// The 4 three-axis and 12 five-axis types.
-pub(crate) fn all_types() -> Vec<Structure> {
-    let mut types = Vec::new();
-    for translational in 0..=3 {
-        types.push(Structure::from_type(translational, 0, &[]).unwrap());
-        for rotary in 1..=3 {
-            let pair = [
-                [AxisName::C, AxisName::A],
-                [AxisName::C, AxisName::B],
-                [AxisName::A, AxisName::B],
-            ][usize::from(rotary + translational) % 3];
-            types.push(Structure::from_type(translational, rotary, &pair).unwrap());
-        }
-    }
-    types
-}
+use volcomp_vocabulary::AxisKind;
 
 pub(crate) fn seeded(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)

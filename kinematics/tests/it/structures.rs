@@ -2,9 +2,8 @@
 
 use proptest::prelude::*;
 use volcomp_kinematics::{Side, Structure, StructureError};
+use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::AxisName;
-
-use crate::all_types;
 
 #[test]
 fn codes_of_the_published_types() {

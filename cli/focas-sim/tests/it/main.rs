@@ -2,51 +2,38 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-#[path = "../../../../docs/options.rs"]
-mod options;
-
 use std::{
     io::{BufRead, BufReader, Write},
-    path::{Path, PathBuf},
-    process::{Child, ChildStdout, Command, Stdio},
+    path::PathBuf,
+    process::{ChildStdout, Command, Stdio},
     time::{Duration, Instant},
 };
 
 use serde_json::Value;
 use volcomp_focas::{Client, PmcArea, PositionKind};
+use volcomp_test_support::{Running, machines::gantry};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A running simulator; ended when it is dropped.
-struct Running {
-    child: Child,
+struct Simulator {
+    running: Running,
     port: u16,
     output: BufReader<ChildStdout>,
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Running {
+impl Simulator {
     fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
-            .args(["--listen", "127.0.0.1:0"])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut output = BufReader::new(child.stdout.take().unwrap());
-        let mut line = String::new();
-        output.read_line(&mut line).unwrap();
-        let port = line.trim().strip_prefix("listening on 127.0.0.1:").unwrap();
+        let (running, line, output) = Running::start_and_hear(
+            Command::new(env!("CARGO_BIN_EXE_focas-sim"))
+                .args(["--listen", "127.0.0.1:0"])
+                .args(arguments)
+                .stdin(Stdio::piped()),
+        );
+        let port = line.strip_prefix("listening on 127.0.0.1:").unwrap();
         Self {
             port: port.parse().unwrap(),
-            child,
+            running,
             output,
         }
     }
@@ -56,7 +43,7 @@ impl Running {
     }
 
     fn type_line(&mut self, line: &str) {
-        writeln!(self.child.stdin.as_mut().unwrap(), "{line}").unwrap();
+        writeln!(self.running.stdin.as_mut().unwrap(), "{line}").unwrap();
     }
 
     /// The next line of the report.
@@ -71,33 +58,22 @@ impl Running {
     }
 
     fn end(&mut self) -> Option<i32> {
-        let end = Instant::now() + PATIENCE;
-        while Instant::now() < end {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                return status.code();
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        panic!("it does not end");
+        self.running.ended(PATIENCE).expect("it ends").code()
     }
 }
 
 fn examples() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
+    volcomp_test_support::root().join("examples")
 }
 
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let end = Instant::now() + PATIENCE;
-    while !holds() {
-        assert!(Instant::now() < end, "{what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+fn until(what: &str, holds: impl FnMut() -> bool) {
+    volcomp_test_support::until(what, PATIENCE, holds);
 }
 
 #[test]
 fn it_listens_and_moves() {
-    let running = Running::start(&["--axes", "X,Y,C", "--version", "4", "--stroke-mm", "100"]);
-    let mut client = running.client();
+    let simulator = Simulator::start(&["--axes", "X,Y,C", "--version", "4", "--stroke-mm", "100"]);
+    let mut client = simulator.client();
     assert_eq!(client.version(), 4);
     assert_eq!(client.axis_names().unwrap(), ['X', 'Y', 'C']);
     let first = client.positions(PositionKind::Machine, 3).unwrap();
@@ -107,8 +83,8 @@ fn it_listens_and_moves() {
 
 #[test]
 fn axes_stand_where_they_are_told() {
-    let running = Running::start(&["--axes", "X,Y,Z,C", "--at", "C=-30.5, X=100"]);
-    let positions = running.client().positions(PositionKind::Machine, 4);
+    let simulator = Simulator::start(&["--axes", "X,Y,Z,C", "--at", "C=-30.5, X=100"]);
+    let positions = simulator.client().positions(PositionKind::Machine, 4);
     assert_eq!(positions.unwrap(), [100.0, 0.0, 0.0, -30.5]);
 }
 
@@ -118,8 +94,8 @@ fn a_program_is_gone_through_again_and_again() {
     let file = dir.path().join("moves.csv");
     std::fs::write(&file, "X,C,feed,dwell_s\n0,0,6000,0.2\n10,90,60000,0.2\n").unwrap();
     let file = file.to_str().unwrap();
-    let running = Running::start(&["--axes", "X,Y,C", "--program", file, "--at", "Y=7"]);
-    let mut client = running.client();
+    let simulator = Simulator::start(&["--axes", "X,Y,C", "--program", file, "--at", "Y=7"]);
+    let mut client = simulator.client();
     let mut seen = Vec::new();
     let end = Instant::now() + Duration::from_secs(2);
     while Instant::now() < end {
@@ -138,8 +114,8 @@ fn a_program_is_gone_through_again_and_again() {
 
 #[test]
 fn states_are_set_at_the_start_and_while_it_runs() {
-    let mut running = Running::start(&["--alarm", "--estop", "--unreferenced"]);
-    let mut client = running.client();
+    let mut simulator = Simulator::start(&["--alarm", "--estop", "--unreferenced"]);
+    let mut client = simulator.client();
     let mut states = move || {
         let status = client.status().unwrap();
         let bits = client.read_pmc(PmcArea::F, 120, 1).unwrap()[0];
@@ -157,17 +133,17 @@ fn states_are_set_at_the_start_and_while_it_runs() {
         ("unreferenced off", [false, false, false]),
         ("alarm on", [true, false, false]),
     ] {
-        running.type_line(line);
+        simulator.type_line(line);
         until(line, || states() == expected);
     }
-    running.type_line("quit");
-    assert_eq!(running.end(), Some(0));
+    simulator.type_line("quit");
+    assert_eq!(simulator.end(), Some(0));
 }
 
 #[test]
 fn it_pauses_and_answers_afterwards() {
-    let mut running = Running::start(&[]);
-    let mut client = running.client();
+    let mut simulator = Simulator::start(&[]);
+    let mut client = simulator.client();
     let longest = |client: &mut Client, time: Duration| {
         let (begun, mut longest) = (Instant::now(), Duration::ZERO);
         while begun.elapsed() < time {
@@ -177,11 +153,11 @@ fn it_pauses_and_answers_afterwards() {
         }
         longest
     };
-    running.type_line("pause 0.4");
+    simulator.type_line("pause 0.4");
     let found = longest(&mut client, Duration::from_millis(900));
     assert!(found > Duration::from_millis(300), "{found:?}");
-    let running = Running::start(&["--pause-s", "0.3", "--pause-every-s", "0.6"]);
-    let found = longest(&mut running.client(), Duration::from_millis(1300));
+    let simulator = Simulator::start(&["--pause-s", "0.3", "--pause-every-s", "0.6"]);
+    let found = longest(&mut simulator.client(), Duration::from_millis(1300));
     assert!(found > Duration::from_millis(200), "{found:?}");
 }
 
@@ -189,10 +165,11 @@ fn it_pauses_and_answers_afterwards() {
 fn it_tells_what_the_tool_misses() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("machine.toml");
-    let machine = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0, 200]\n[axes.Y]\ntravel = [0, 200]\n[axes.Z]\ntravel = [0, 200]\n[errors]\nEXX = 5.0\nEYX = { poly = [0.0, 0.1] }\n";
+    let errors = "[errors]\nEXX = 5.0\nEYX = { poly = [0.0, 0.1] }\n";
+    let machine = gantry([[0.0, 200.0]; 3]) + errors;
     std::fs::write(&file, machine).unwrap();
     let truth = ["--truth", file.to_str().unwrap()];
-    let mut running = Running::start(&[
+    let mut simulator = Simulator::start(&[
         truth[0],
         truth[1],
         "--at",
@@ -201,7 +178,7 @@ fn it_tells_what_the_tool_misses() {
         "--report-s",
         "0.1",
     ]);
-    let report = running.json();
+    let report = simulator.json();
     assert_eq!(
         report["positions_mm"],
         serde_json::json!({"X": 100.0, "Y": 0.0, "Z": 0.0})
@@ -214,55 +191,55 @@ fn it_tells_what_the_tool_misses() {
     assert_eq!(miss(&report, "residual"), [5.0, 10.0, 0.0]);
     // -4 µm on X and -10 µm on Y, as a gateway writes them.
     let words = [0xfc, 0xff, 0xf6, 0xff];
-    running.client().write_pmc(PmcArea::R, 100, &words).unwrap();
+    simulator
+        .client()
+        .write_pmc(PmcArea::R, 100, &words)
+        .unwrap();
     until("the shift acts", || {
-        let report = running.json();
+        let report = simulator.json();
         assert_eq!(miss(&report, "error"), [5.0, 10.0, 0.0]);
         let [x, y, _] = miss(&report, "residual");
         (x - 1.0).abs() < 0.01 && y.abs() < 0.01
     });
     // For people, and only when asked.
-    let mut running = Running::start(&[truth[0], truth[1], "--report-s", "0"]);
-    running.type_line("report");
-    let line = running.line();
+    let mut simulator = Simulator::start(&[truth[0], truth[1], "--report-s", "0"]);
+    simulator.type_line("report");
+    let line = simulator.line();
     assert!(
         line.contains("X 0.0 Y 0.0 Z 0.0  tool misses 5.0 → 5.0 µm, 0.0 → 0.0 µrad"),
         "{line}"
     );
-    let mut running = Running::start(&["--at", "Y=7.25"]);
-    running
+    let mut simulator = Simulator::start(&["--at", "Y=7.25"]);
+    simulator
         .client()
         .write_pmc(PmcArea::R, 102, &[3, 0])
         .unwrap();
-    running.type_line("report");
-    let line = running.line();
+    simulator.type_line("report");
+    let line = simulator.line();
     assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
 }
 
 #[test]
 fn five_axes_come_from_the_machine_file() {
     let file = examples().join("table-tilting.toml");
-    let mut running = Running::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
-    let names = running.client().axis_names().unwrap();
+    let mut simulator = Simulator::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
+    let names = simulator.client().axis_names().unwrap();
     assert_eq!(names, ['X', 'Y', 'Z', 'A', 'C']);
-    assert!(running.line().contains(" A 0.0 C 0.0  tool misses "));
+    assert!(simulator.line().contains(" A 0.0 C 0.0  tool misses "));
 }
 
 #[test]
 fn it_ends_cleanly() {
     for signal in ["INT", "TERM"] {
-        let mut running = Running::start(&[]);
-        let sent = Command::new("kill")
-            .args([&format!("-{signal}"), &running.child.id().to_string()])
-            .status();
-        assert!(sent.is_ok_and(|status| status.success()));
-        assert_eq!(running.end(), Some(0), "SIG{signal}");
+        let mut simulator = Simulator::start(&[]);
+        simulator.running.signal(signal);
+        assert_eq!(simulator.end(), Some(0), "SIG{signal}");
     }
     // The end of the input is not the end of the simulator.
-    let mut running = Running::start(&[]);
-    drop(running.child.stdin.take());
+    let mut simulator = Simulator::start(&[]);
+    drop(simulator.running.stdin.take());
     std::thread::sleep(Duration::from_millis(200));
-    assert!(running.client().status().is_ok());
+    assert!(simulator.client().status().is_ok());
 }
 
 #[test]
@@ -321,7 +298,7 @@ fn wrong_calls_are_refused() {
         assert!(message.contains(expected), "{arguments:?}: {message}");
     }
     // A port that is taken is no mistake of the call.
-    let taken = Running::start(&[]);
+    let taken = Simulator::start(&[]);
     let output = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
         .args(["--listen", &format!("127.0.0.1:{}", taken.port)])
         .output()
@@ -336,5 +313,5 @@ fn wrong_calls_are_refused() {
 
 #[test]
 fn every_option_is_in_the_chapter_on_commands() {
-    options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
+    volcomp_test_support::options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
 }

@@ -1,22 +1,24 @@
 //! The book and the README files say what the gateway does: configurations are read, console blocks run, and
 //! the tables of keys are those of the decoder.
 
-#[path = "../../../../docs/options.rs"]
-mod options;
-#[path = "../../../../docs/reader.rs"]
-mod reader;
-
 use std::{
     collections::BTreeSet,
     fs,
-    io::{BufRead, BufReader, Read, Write},
+    io::{Read, Write},
     net::TcpStream,
     path::Path,
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
 };
 
-use reader::{Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, used_keys};
 use volcomp_gateway::config::Config;
+use volcomp_test_support::{
+    Running,
+    book::{
+        Block, blocks, chapter, compare_keys, decoded_keys, first_column, joined, pages,
+        run_console_blocks, used_keys,
+    },
+    options::compare_options,
+};
 
 /// What a part of a configuration is put into.
 const SMALL: &str = r#"
@@ -71,7 +73,7 @@ fn keys_of_the_configuration() {
 
 #[test]
 fn every_console_block_prints_what_it_says() {
-    reader::run_console_blocks(
+    run_console_blocks(
         &[("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"))],
         &["volcomp", "focas-sim", "cargo"],
     );
@@ -79,29 +81,27 @@ fn every_console_block_prints_what_it_says() {
 
 #[test]
 fn every_option_is_in_the_chapter_on_commands() {
-    options::compare_options("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"));
+    compare_options("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"));
 }
 
-/// A gateway that simulates, ended with the test.
-struct Running {
-    child: Child,
+/// A gateway that simulates; ended with the test.
+struct Gateway {
+    _running: Running,
     address: String,
 }
 
-impl Running {
+impl Gateway {
     fn start(audit_dir: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-            .args(["--listen", "127.0.0.1:0", "--audit-dir"])
-            .arg(audit_dir)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the program was built for this test");
-        let mut line = String::new();
-        let stdout = child.stdout.take().expect("piped");
-        BufReader::new(stdout).read_line(&mut line).expect("a line");
-        let address = line.trim().rsplit('/').next().unwrap_or("").to_owned();
-        Self { child, address }
+        let (running, line, _) = Running::start_and_hear(
+            Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+                .args(["--listen", "127.0.0.1:0", "--audit-dir"])
+                .arg(audit_dir)
+                .stderr(Stdio::null()),
+        );
+        Self {
+            _running: running,
+            address: line.rsplit('/').next().unwrap_or("").to_owned(),
+        }
     }
 
     fn get(&self, path: &str) -> String {
@@ -119,17 +119,10 @@ impl Running {
     }
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 #[test]
 fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let gateway = Running::start(folder.path());
+    let gateway = Gateway::start(folder.path());
     let page = chapter("gateway.md");
 
     let metrics = gateway.get("/metrics");
@@ -138,7 +131,7 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
         .filter_map(|line| line.split(' ').next())
         .map(str::to_owned)
         .collect();
-    let documented: BTreeSet<String> = reader::first_column(&page, "metric")
+    let documented: BTreeSet<String> = first_column(&page, "metric")
         .iter()
         .filter_map(|name| name.split('{').next())
         .map(str::to_owned)
@@ -146,7 +139,7 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
     assert_eq!(documented, told, "documented (left) and told (right)");
 
     let state: serde_json::Value = serde_json::from_str(&gateway.get("/api/state")).expect("JSON");
-    let documented = reader::first_column(&page, "name");
+    let documented = first_column(&page, "name");
     let state = state.as_object().expect("an object");
     let missing: Vec<_> = state
         .keys()

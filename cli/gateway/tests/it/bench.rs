@@ -9,7 +9,8 @@ use assert_no_alloc::assert_no_alloc;
 use volcomp_gateway::simulate::{self, Simulation, Truth};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
-    Clock, Controller, Description, Fault, Snapshot, Thermometer, simulated::Controls,
+    Clock, Controller, Description, Fault, Snapshot, Thermometer,
+    simulated::{Controls, SimulatedController},
 };
 
 use volcomp_runtime::{
@@ -92,6 +93,14 @@ pub(crate) struct Bench {
     pub(crate) forbids: Reasons,
 }
 
+/// The parts of which a test makes the paths of a bench.
+pub(crate) struct Parts<'a> {
+    pub(crate) controller: SimulatedController,
+    pub(crate) model: &'a Model,
+    pub(crate) seen: &'a Arc<Mutex<Seen>>,
+    pub(crate) clock: &'a Clock,
+}
+
 /// A path of a controller, which is planned first.
 pub(crate) fn path(
     controller: impl Controller + 'static,
@@ -119,16 +128,41 @@ impl Bench {
         guard: &GuardSettings,
         thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
     ) -> Self {
+        let proven = PathSettings::default();
+        let watched = |parts: Parts| {
+            let controller = Watched::new(parts.controller, parts.seen);
+            vec![path(controller, parts.model, guard, &proven)]
+        };
+        Self::of(guard, watched, thermometer)
+    }
+
+    /// The built-in simulation with other paths to its controller, and without another thermometer.
+    pub(crate) fn through(
+        guard: &GuardSettings,
+        paths: impl FnOnce(Parts) -> Vec<ControlPath>,
+    ) -> Self {
+        Self::of(guard, paths, |thermometer| thermometer)
+    }
+
+    fn of(
+        guard: &GuardSettings,
+        paths: impl FnOnce(Parts) -> Vec<ControlPath>,
+        thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
+    ) -> Self {
         let clock = Clock::manual();
         let simulation = Simulation::new(clock.clone()).expect("built in");
         let seen = Arc::new(Mutex::new(Seen::default()));
-        let controller = Watched::new(simulation.controller, &seen);
         let model = Model::new(&simulation.model, guard.fading).expect("built in");
-        let path = path(controller, &model, guard, &PathSettings::default());
+        let paths = paths(Parts {
+            controller: simulation.controller,
+            model: &model,
+            seen: &seen,
+            clock: &clock,
+        });
         Self {
             cycle: cycle(
                 model,
-                vec![path],
+                paths,
                 guard,
                 thermometer(Box::new(simulation.thermometer)),
                 &clock,

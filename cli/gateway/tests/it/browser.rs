@@ -2,29 +2,23 @@
 
 use std::{
     io::{BufRead, BufReader, Write},
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, Stdio},
 };
 
-use crate::program::{OPERATE, Program};
+use volcomp_test_support::peers;
 
-/// The Python of `./test`; where it is missing the test is named and left out, but not under CI.
-fn python() -> Option<PathBuf> {
-    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/test-venv/bin/python");
-    if python.exists() && Path::new("/usr/bin/chromium").exists() {
-        return Some(python);
-    }
-    assert!(
-        std::env::var_os("CI").is_none(),
-        "./test installs Chromium and Playwright"
-    );
-    eprintln!("left out: no Chromium or Playwright, ./test installs them");
-    None
-}
+use crate::program::{OPERATE, Program};
 
 #[test]
 fn a_person_sees_and_operates_it() {
-    let Some(python) = python() else { return };
+    if !Path::new("/usr/bin/chromium").exists() {
+        peers::not_run("Chromium");
+        return;
+    }
+    let Some(python) = peers::python() else {
+        return;
+    };
     let dir = tempfile::tempdir().expect("writable");
     let mut program = Program::simulated(dir.path());
     let screenshot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/gateway.png");

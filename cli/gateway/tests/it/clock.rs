@@ -9,8 +9,7 @@ const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 #[test]
 fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     if !Path::new(FAKETIME).exists() {
-        assert!(std::env::var_os("CI").is_none(), "./test installs faketime");
-        eprintln!("left out: no faketime, ./test installs it");
+        volcomp_test_support::peers::not_run("faketime");
         return;
     }
     let dir = tempfile::tempdir().expect("writable");

@@ -151,20 +151,8 @@ fn adding_channels_keep_their_sum() {
 #[test]
 fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     for (fixed, stands_in) in [(Some(1000.0), true), (None, false)] {
-        let clock = Clock::manual();
         let guard = simulate::guard();
-        let simulation = Simulation::new(clock.clone()).expect("built in");
-        let model = Model::new(&simulation.model, guard.fading).expect("built in");
-        let lines = volcomp_port::simulated::Machine {
-            axes: simulation.controller.description().axes[..1].to_vec(),
-            program: Vec::new(),
-            acceleration_per_s2: 1.0,
-            sensors: Vec::new(),
-            truth: Arc::new(|_, _| PerChannel::ZERO),
-            clock: clock.clone(),
-        };
-        let (lines, _, _) = lines.start();
-        let [seen, second] = [0, 1].map(|_| Arc::new(Mutex::new(Seen::default())));
+        let second = Arc::new(Mutex::new(Seen::default()));
         let others = fixed.map_or(BTreeMap::new(), |at| {
             let named = [(AxisName::Y, at), (AxisName::Z, 500.0)];
             named
@@ -175,25 +163,22 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             fixed: others,
             ..unproven()
         };
-        let first = Watched::new(simulation.controller, &seen);
-        let paths = vec![
-            path(first, &model, &guard, &unproven()),
-            path(Watched::new(lines, &second), &model, &guard, &settings),
-        ];
-        let mut bench = Bench {
-            cycle: cycle(
-                model,
-                paths,
-                &guard,
-                Box::new(simulation.thermometer),
-                &clock,
-            ),
-            clock,
-            controls: simulation.controls,
-            truth: simulation.truth,
-            seen,
-            forbids: Reasons::NONE,
-        };
+        let mut bench = Bench::through(&guard, |parts| {
+            let lines = volcomp_port::simulated::Machine {
+                axes: parts.controller.description().axes[..1].to_vec(),
+                program: Vec::new(),
+                acceleration_per_s2: 1.0,
+                sensors: Vec::new(),
+                truth: Arc::new(|_, _| PerChannel::ZERO),
+                clock: parts.clock.clone(),
+            };
+            let (lines, _, _) = lines.start();
+            let first = Watched::new(parts.controller, parts.seen);
+            vec![
+                path(first, parts.model, &guard, &unproven()),
+                path(Watched::new(lines, &second), parts.model, &guard, &settings),
+            ]
+        });
         bench.request(Request::Arm);
         bench.run(SECOND);
         bench.seen.lock().unwrap().fault = Some(Fault::Disconnected);

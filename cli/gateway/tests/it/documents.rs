@@ -6,7 +6,7 @@ use serde_json::Value;
 use volcomp_gateway::documents::schemas;
 
 use crate::{
-    process::{configuration, control},
+    controlled::{configuration, control},
     program::{Program, path},
 };
 

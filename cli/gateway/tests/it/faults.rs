@@ -1,20 +1,16 @@
 //! One fault each, injected into the cycle, and what becomes of the correction.
 
-use std::{
-    sync::{Arc, Mutex, atomic::Ordering},
-    time::Duration,
-};
+use std::{sync::atomic::Ordering, time::Duration};
 
-use volcomp_gateway::simulate::{self, Simulation};
+use volcomp_gateway::simulate;
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
-    Clock, Fault, Reason, Temperature, Thermometer,
+    Fault, Reason, Temperature, Thermometer,
     inject::{Faults, Faulty},
 };
-use volcomp_runtime::Model;
 use volcomp_vocabulary::PerChannel;
 
-use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path, unproven};
+use crate::bench::{Bench, PERIOD, Watched, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
 /// 500 um/s in 4 ms and one step.
@@ -195,9 +191,6 @@ fn a_starved_processor_makes_no_step() {
 fn random_faults_of_the_wire_never_make_a_step() {
     for seed in 0..4 {
         let guard = simulate::guard();
-        let clock = Clock::manual();
-        let simulation = Simulation::new(clock.clone()).expect("built in");
-        let seen = Arc::new(Mutex::new(Seen::default()));
         let wire = Faults {
             drop: 0.01,
             corrupt: 0.005,
@@ -206,24 +199,11 @@ fn random_faults_of_the_wire_never_make_a_step() {
             calls: 200,
             ..Faults::default()
         };
-        let faulty = Faulty::new(simulation.controller, wire, seed);
-        let controller = Watched::new(faulty, &seen);
-        let model = Model::new(&simulation.model, guard.fading).expect("built in");
-        let path = path(controller, &model, &guard, &unproven());
-        let mut bench = Bench {
-            cycle: cycle(
-                model,
-                vec![path],
-                &guard,
-                Box::new(simulation.thermometer),
-                &clock,
-            ),
-            clock,
-            controls: simulation.controls,
-            truth: simulation.truth,
-            seen,
-            forbids: Reasons::NONE,
-        };
+        let mut bench = Bench::through(&guard, |parts| {
+            let faulty = Faulty::new(parts.controller, wire, seed);
+            let controller = Watched::new(faulty, parts.seen);
+            vec![path(controller, parts.model, &guard, &unproven())]
+        });
         let mut compensated = 0;
         let mut before = bench.applied();
         for number in 0..150_000 {

@@ -1,10 +1,13 @@
 //! The gateway: its cycle on a simulated machine, and the program as others see it.
 
 mod agreement;
+mod arming;
 mod audit;
 mod bench;
 mod browser;
+mod calls;
 mod clock;
+mod controlled;
 mod cycle;
 mod documents;
 mod faults;
@@ -13,6 +16,7 @@ mod fuzz_corpus;
 mod http;
 mod process;
 mod program;
+mod records;
 mod reload;
 mod shipped;
 mod texts;

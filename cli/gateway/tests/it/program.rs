@@ -1,14 +1,15 @@
 //! The program itself, started and asked over HTTP.
 
 use std::{
-    io::{BufRead, BufReader, Read, Write},
+    io::{Read, Write},
     net::{SocketAddr, TcpStream},
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::Command,
     time::{Duration, Instant},
 };
 
 use serde_json::Value;
+use volcomp_test_support::Running;
 
 pub(crate) const OPERATE: &str = "0123456789abcdef0123456789abcdef";
 pub(crate) const VIEW: &str = "fedcba9876543210fedcba9876543210";
@@ -31,7 +32,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A running gateway; ended when it is dropped.
 pub(crate) struct Program {
-    pub(crate) child: Child,
+    pub(crate) running: Running,
     pub(crate) address: SocketAddr,
     log: PathBuf,
 }
@@ -80,25 +81,20 @@ impl Program {
             .append(true)
             .open(&log)
             .expect("writable");
-        let mut child = command
-            .args(arguments)
-            .args(["--listen", "127.0.0.1:0"])
-            .stdout(Stdio::piped())
-            .stderr(file)
-            .spawn()
-            .expect("it was built for this test");
-        let mut line = String::new();
-        let stdout = child.stdout.take().expect("piped");
-        BufReader::new(stdout).read_line(&mut line).expect("a line");
+        let (running, line, _) = Running::start_and_hear(
+            command
+                .args(arguments)
+                .args(["--listen", "127.0.0.1:0"])
+                .stderr(file),
+        );
         let address = line
-            .trim()
             .rsplit('/')
             .next()
             .and_then(|address| address.parse().ok());
         let told = || std::fs::read_to_string(&log).unwrap_or_default();
         let address = address.unwrap_or_else(|| panic!("it says {line:?}: {}", told()));
         Self {
-            child,
+            running,
             address,
             log,
         }
@@ -195,30 +191,15 @@ impl Program {
 
     /// Sends a signal by name.
     pub(crate) fn signal(&self, name: &str) {
-        let sent = Command::new("kill")
-            .args([&format!("-{name}"), &self.child.id().to_string()])
-            .status();
-        assert!(sent.is_ok_and(|status| status.success()));
+        self.running.signal(name);
     }
 
     /// Waits for its end: the status.
     pub(crate) fn end(&mut self) -> Option<i32> {
-        let end = Instant::now() + PATIENCE;
-        while Instant::now() < end {
-            if let Some(status) = self.child.try_wait().expect("ours") {
-                return status.code();
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        panic!("it does not end\n{}", self.log());
-    }
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        // It may have ended already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let ended = self.running.ended(PATIENCE);
+        ended
+            .unwrap_or_else(|| panic!("it does not end\n{}", self.log()))
+            .code()
     }
 }
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::{
-    process::{configuration, control},
+    controlled::{configuration, control},
     program::{Program, change, path},
 };
 

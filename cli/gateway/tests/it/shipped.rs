@@ -1,49 +1,38 @@
 //! The shipped configurations with the simulated control, by the commands in their comments.
 
 use std::{
-    io::{BufRead, BufReader},
+    io::BufRead,
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
     sync::{Arc, Mutex},
 };
 
 use serde_json::Value;
+use volcomp_test_support::Running;
 
 use crate::program::{Program, change, path};
 
 /// The simulated control with the last line of its report; ended when it is dropped.
 struct Control {
-    child: Child,
+    _running: Running,
     address: String,
     report: Arc<Mutex<Option<Value>>>,
 }
 
-impl Drop for Control {
-    fn drop(&mut self) {
-        // It may have ended already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 impl Control {
     fn start(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = Command::new(simulator())
-            .args(arguments)
-            .args(["--listen", "127.0.0.1:0", "--json", "--report-s", "0.1"])
-            .current_dir(folder)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("it was built for this test");
-        let mut output = BufReader::new(child.stdout.take().expect("piped"));
-        let mut line = String::new();
-        output.read_line(&mut line).expect("a line");
-        let address = line.trim().strip_prefix("listening on ");
+        let (running, line, output) = Running::start_and_hear(
+            Command::new(simulator())
+                .args(arguments)
+                .args(["--listen", "127.0.0.1:0", "--json", "--report-s", "0.1"])
+                .current_dir(folder)
+                .stdin(Stdio::null()),
+        );
+        let address = line.strip_prefix("listening on ");
         let address = address.unwrap_or_else(|| panic!("it says {line:?}"));
         let report = Arc::default();
         let control = Self {
-            child,
+            _running: running,
             address: address.to_owned(),
             report: Arc::clone(&report),
         };

@@ -1,17 +1,19 @@
 //! The book and the README files say what the program does: their TOML blocks are read, their console blocks
 //! run, and their tables of keys are those of the decoders.
 
-#[path = "../../../../docs/options.rs"]
-mod options;
-#[path = "../../../../docs/reader.rs"]
-mod reader;
-
 use std::{collections::BTreeSet, fs, path::Path};
 
-use reader::{Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, root, used_keys};
 use volcomp_calibrate::CalibrationFile;
 use volcomp_model::Machine;
 use volcomp_shop::Shop;
+use volcomp_test_support::{
+    book::{
+        Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, run_console_blocks,
+        used_keys,
+    },
+    options::compare_options,
+    root,
+};
 
 /// What a part of a machine file is put into.
 const SMALL_MACHINE: &str = r#"
@@ -143,7 +145,7 @@ fn keys_of_the_calibration_file() {
 
 #[test]
 fn every_console_block_prints_what_it_says() {
-    reader::run_console_blocks(
+    run_console_blocks(
         &[("volcomp", env!("CARGO_BIN_EXE_volcomp"))],
         &["volcomp-gateway", "focas-sim", "cargo"],
     );
@@ -151,7 +153,7 @@ fn every_console_block_prints_what_it_says() {
 
 #[test]
 fn every_option_is_in_the_chapter_on_commands() {
-    options::compare_options("volcomp", env!("CARGO_BIN_EXE_volcomp"));
+    compare_options("volcomp", env!("CARGO_BIN_EXE_volcomp"));
 }
 
 #[test]

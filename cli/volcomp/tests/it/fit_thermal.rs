@@ -34,9 +34,8 @@ fn the_terms_go_into_a_machine_file() {
     let channel = &answer["displacements"][0];
     let terms = channel["toml"].as_str().expect("text");
     let constant = channel["constant_um"].as_f64().expect("a number");
-    let machine = format!(
-        "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 1.0]\n[axes.Y]\ntravel = [0.0, 1.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[errors]\nEZZ = {constant}\n[thermal]\nreference = 26.0\n{terms}"
-    );
+    let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
+    let machine = format!("{axes}[errors]\nEZZ = {constant}\n[thermal]\nreference = 26.0\n{terms}");
     let path = root().join("target/tmp/fit-thermal.toml");
     std::fs::create_dir_all(path.parent().expect("a folder")).expect("writable");
     std::fs::write(&path, machine).expect("writable");

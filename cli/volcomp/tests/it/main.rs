@@ -12,12 +12,10 @@ mod units;
 mod whole_way;
 mod wrong_input;
 
-use std::{
-    path::PathBuf,
-    process::{Command, Output},
-};
+use std::process::{Command, Output};
 
 use serde_json::Value;
+pub(crate) use volcomp_test_support::root;
 
 /// Runs `volcomp` in the repository's root.
 pub(crate) fn volcomp(arguments: &[&str]) -> Output {
@@ -26,11 +24,6 @@ pub(crate) fn volcomp(arguments: &[&str]) -> Output {
         .current_dir(root())
         .output()
         .expect("the program was built for this test")
-}
-
-/// The repository's root.
-pub(crate) fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
 /// The JSON document of a call that must succeed.
@@ -59,20 +52,4 @@ pub(crate) fn refused(arguments: &[&str]) -> String {
     );
     assert!(!stderr.contains("panicked"), "{stderr}");
     stderr
-}
-
-/// The Python of `./test`, with the programs that ours are tested against. Where it is missing the test is
-/// named and left out, but not under CI.
-#[cfg(feature = "parquet")]
-pub(crate) fn peer_python() -> Option<PathBuf> {
-    let python = root().join("target/test-venv/bin/python");
-    if python.is_file() {
-        return Some(python);
-    }
-    assert!(
-        std::env::var_os("CI").is_none(),
-        "target/test-venv is missing: ./test makes it"
-    );
-    eprintln!("not run: target/test-venv is missing, ./test makes it");
-    None
 }

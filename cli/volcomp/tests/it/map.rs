@@ -88,7 +88,7 @@ fn an_uncertainty_of_another_machine_is_refused() {
 #[cfg(feature = "parquet")]
 #[test]
 fn arrow_reads_the_parquet_map() {
-    let Some(python) = crate::peer_python() else {
+    let Some(python) = volcomp_test_support::peers::python() else {
         return;
     };
     let folder = tempfile::tempdir().expect("a folder");

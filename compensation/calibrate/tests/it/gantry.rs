@@ -7,7 +7,9 @@ use volcomp_kinematics::{ErrorSource, Form};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, ErrorName, Um, Urad};
 
-const STRUCTURE: &str = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 2000]\nY.travel = [0, 1000]\nZ.travel = [0, 800]\n";
+fn axes() -> String {
+    volcomp_test_support::machines::gantry([[0.0, 2000.0], [0.0, 1000.0], [0.0, 800.0]])
+}
 
 /// Straightness curves bend but have no slope and no mean over equal targets from end to end.
 const TRUTH: &str = r"
@@ -26,7 +28,7 @@ EBZ = { poly = [0, 0.02] }
 ";
 
 fn truth(text: &str) -> Machine {
-    Machine::parse(&format!("{STRUCTURE}[errors]\n{text}"), "truth").expect("a valid machine")
+    Machine::parse(&format!("{}[errors]\n{text}", axes()), "truth").expect("a valid machine")
 }
 
 /// Readings of `error` along its axis, 11 targets, computed by the rule of the measured line:
@@ -91,7 +93,7 @@ fn the_volumetric_error_comes_back() {
         [70.0, 30.0, 0.0]
     });
     calibration += "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 25.0\n";
-    fs::write(folder.path().join("machine.toml"), STRUCTURE).expect("written");
+    fs::write(folder.path().join("machine.toml"), axes()).expect("written");
     let path = folder.path().join("calibration.toml");
     fs::write(&path, calibration).expect("written");
 
@@ -174,7 +176,7 @@ fn squareness_is_cleared_of_the_tilt_at_the_held_position() {
     write("ecx.csv", &|q| 0.06 * q, 2000.0);
     write("eyx.csv", &|q| 0.004 * q + 1.0, 2000.0);
     write("exy.csv", &|q| -0.010 * q - 0.030 * q, 1000.0);
-    fs::write(folder.path().join("machine.toml"), STRUCTURE).expect("written");
+    fs::write(folder.path().join("machine.toml"), axes()).expect("written");
     let path = folder.path().join("c.toml");
     let text = r#"
 machine = "machine.toml"
@@ -227,7 +229,7 @@ fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
     assert!(largest > 50.0, "30 urad over 2 m: {largest}");
     fs::write(folder.path().join("ecx.csv"), tilt).expect("written");
     fs::write(folder.path().join("eyx.csv"), straightness).expect("written");
-    fs::write(folder.path().join("machine.toml"), STRUCTURE).expect("written");
+    fs::write(folder.path().join("machine.toml"), axes()).expect("written");
     let path = folder.path().join("c.toml");
     let text = "machine = \"machine.toml\"\n[[measurement]]\nerror = \"ECX\"\nfile = \"ecx.csv\"\n\
                 [[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\nrides = \"other\"\n";

@@ -4,29 +4,13 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{CorrectionOptions, Form, State, Structure, correct};
 use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
-use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName, PerAxis};
+use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::{AxisKind, Direction, ErrorName};
 
 use crate::EXAMPLE;
 
-/// The 4 three-axis and 12 five-axis types.
-fn all_types() -> Vec<Structure> {
-    let mut types = Vec::new();
-    for translational in 0..=3 {
-        types.push(Structure::from_type(translational, 0, &[]).unwrap());
-        for rotary in 1..=3 {
-            let pair = [
-                [AxisName::C, AxisName::A],
-                [AxisName::C, AxisName::B],
-                [AxisName::A, AxisName::B],
-            ][usize::from(rotary + translational) % 3];
-            types.push(Structure::from_type(translational, rotary, &pair).unwrap());
-        }
-    }
-    types
-}
-
-/// ±20 um and ±30 urad over 800 mm, every kind of error, curves of order 5, points, a tool.
-fn machine(structure: &Structure, seed: u64) -> Machine {
+/// ±20 µm and ±30 µrad over 800 mm, every kind of error, curves of order 5, points, a tool.
+pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     use std::fmt::Write;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut number = |size: f64| rng.random_range(-size..=size);
@@ -80,7 +64,7 @@ fn machine(structure: &Structure, seed: u64) -> Machine {
     Machine::parse(&text, "m.toml").unwrap()
 }
 
-fn random_state(machine: &Machine, rng: &mut ChaCha8Rng) -> State {
+pub(crate) fn random_state(machine: &Machine, rng: &mut ChaCha8Rng) -> State {
     let mut state = State::default();
     for (index, joint) in machine.chain().joints().iter().enumerate() {
         state.q[index] = match joint.kind {
@@ -207,88 +191,6 @@ fn the_first_order_correction_is_newtons_first_step() {
     }
 }
 
-#[test]
-fn batches_are_the_same_as_single_poses() {
-    for text in [
-        &machine(&"w X' b Y Z t".parse().unwrap(), 1),
-        &Machine::parse(EXAMPLE, "m").unwrap(),
-    ] {
-        let compiled = text.compile(Tolerance::default()).unwrap();
-        let count = text.axes().len();
-        let mut rng = ChaCha8Rng::seed_from_u64(8);
-        let states: Vec<State> = (0..10_000).map(|_| random_state(text, &mut rng)).collect();
-        let poses: Vec<f64> = states.iter().flat_map(|s| s.q[..count].to_vec()).collect();
-        let approach = PerAxis([Some(Direction::Positive); 9]);
-        let mut one = vec![[0.0; 6]; states.len()];
-        let mut all = one.clone();
-        compiled.evaluate_batch(&poses, approach, &mut one);
-        compiled.evaluate_batch_parallel(&poses, approach, &mut all);
-        assert_eq!(one, all);
-        let largest = one.iter().flatten().fold(0.0_f64, |m, e| m.max(e.abs()));
-        for (state, found) in states.iter().zip(&one) {
-            let single = compiled.evaluate(&State { approach, ..*state });
-            for k in 0..3 {
-                assert!((single.position_mm[k] - found[k]).abs() <= 1e-12 * largest);
-                assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
-            }
-        }
-    }
-}
-
-/// Every node of a grid with held rotary axes, odd counts, against single poses.
-#[test]
-fn grids_are_the_same_as_single_poses() {
-    for (index, structure) in all_types().iter().enumerate() {
-        let machine = machine(structure, 300 + index as u64);
-        let compiled = machine.compile(Tolerance::default()).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(9);
-        let held = random_state(&machine, &mut rng);
-        let linear: Vec<usize> = (0..machine.axes().len())
-            .filter(|&i| machine.chain().joints()[i].kind == AxisKind::Linear)
-            .collect();
-        let counts = [5, 3, 7];
-        let grid: Vec<(usize, Vec<f64>)> = linear
-            .iter()
-            .zip(counts)
-            .map(|(&axis, count)| {
-                (
-                    axis,
-                    (0..count).map(|i| 97.0 * f64::from(i) - 300.0).collect(),
-                )
-            })
-            .collect();
-        let compiled_grid = compiled.linear_grid(&grid, &held).unwrap();
-        assert_eq!(compiled_grid.len(), 105);
-        let mut errors = vec![0.0; 6 * 105];
-        let mut parallel = errors.clone();
-        compiled_grid.fill_rows(0, &mut errors);
-        compiled_grid.fill_parallel(&mut parallel);
-        assert_eq!(errors, parallel);
-        let largest = errors.iter().fold(0.0_f64, |m, e| m.max(e.abs()));
-        for (node, found) in errors.chunks(6).enumerate() {
-            let mut state = held;
-            state.q[grid[0].0] = grid[0].1[node / 21];
-            state.q[grid[1].0] = grid[1].1[node / 7 % 3];
-            state.q[grid[2].0] = grid[2].1[node % 7];
-            let single = compiled.evaluate(&state);
-            for k in 0..3 {
-                assert!(
-                    (single.position_mm[k] - found[k]).abs() <= 1e-12 * largest,
-                    "{structure}"
-                );
-                assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
-            }
-        }
-        assert!(compiled.linear_grid(&[], &held).is_none());
-        assert!(
-            compiled
-                .linear_grid(&[(linear[0], vec![])], &held)
-                .is_none()
-        );
-        assert!(compiled.linear_grid(&[(8, vec![1.0])], &held).is_none());
-    }
-}
-
 /// Expansion goes on outside the range of the curves, drift is a constant, of angles too.
 #[test]
 fn thermal_terms_are_those_of_the_source() {
@@ -395,70 +297,4 @@ fn flags_are_those_of_the_source() {
         seen.extend(found);
     }
     assert!(seen.len() > 3, "{seen:?}");
-}
-
-#[test]
-fn a_blob_is_the_same_machine() {
-    let mut machines = vec![Machine::parse(EXAMPLE, "m").unwrap()];
-    machines.extend(all_types().iter().map(|s| machine(s, 400)));
-    for machine in machines {
-        let compiled = machine.compile(Tolerance::default()).unwrap();
-        let blob = compiled.to_blob();
-        let read = CompiledMachine::from_blob(&blob).unwrap();
-        assert_eq!(read.tolerance(), compiled.tolerance());
-        let mut rng = ChaCha8Rng::seed_from_u64(12);
-        for _ in 0..500 {
-            let state = random_state(&machine, &mut rng);
-            let (one, other) = (compiled.evaluate(&state), read.evaluate(&state));
-            for k in 0..3 {
-                assert!((one.position_mm[k] - other.position_mm[k]).abs() < 1e-15);
-                assert!((one.rotation_rad[k] - other.rotation_rad[k]).abs() < 1e-18);
-            }
-            assert_eq!(compiled.outside_range(&state), read.outside_range(&state));
-        }
-    }
-}
-
-#[test]
-fn broken_blobs_are_refused() {
-    let machine = Machine::parse(EXAMPLE, "m").unwrap();
-    let blob = machine.compile(Tolerance::default()).unwrap().to_blob();
-    let reason = |blob: &[u8]| CompiledMachine::from_blob(blob).unwrap_err().to_string();
-    assert!(reason(&blob[..20]).contains("cut off in its head"));
-    assert!(reason(b"something else that is long enough for a head of bytes").contains("VOLCOMPM"));
-    let mut version = blob.clone();
-    version[8] = 9;
-    assert!(reason(&version).contains("found version 9, expected 2"));
-    let mut changed = blob.clone();
-    changed[100] ^= 1;
-    assert!(reason(&changed).contains("checksum"));
-    assert!(reason(&blob[..blob.len() - 8]).contains("checksum"));
-}
-
-proptest::proptest! {
-    #![proptest_config(proptest::test_runner::Config::with_cases(2000))]
-    /// Bytes changed with their checksum mended make a machine or a message, and evaluate without panic.
-    #[test]
-    fn changed_blobs_do_not_panic(place in 44..40_000_usize, byte in 0..=255_u8, cut in 0..3_usize) {
-        use sha2::{Digest, Sha256};
-        static BLOB: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(|| {
-            let machine = Machine::parse(EXAMPLE, "m").unwrap();
-            machine.compile(Tolerance::from_nm(100.0)).unwrap().to_blob()
-        });
-        let mut blob = BLOB.clone();
-        // Small places hold the counts and names, the rest is mostly numbers.
-        let place = if place % 2 == 0 { 44 + place % 400 } else { place };
-        if let Some(there) = blob.get_mut(place) {
-            *there = byte;
-        }
-        blob.truncate(blob.len() - cut);
-        let sum = Sha256::digest(&blob[44..]);
-        blob[12..44].copy_from_slice(&sum);
-        if let Ok(machine) = CompiledMachine::from_blob(&blob) {
-            for q in [-1e9, -1.0, 0.0, 400.0, 1e300, f64::NAN] {
-                let state = State::from_coordinates(&[q; 9]);
-                let _ = (machine.evaluate(&state), machine.first_order(&state));
-            }
-        }
-    }
 }

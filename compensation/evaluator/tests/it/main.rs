@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod batches;
+mod blob;
 mod builder;
 mod compiled;
 mod differential;
@@ -12,4 +14,4 @@ mod machines;
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
 /// A machine file with every kind of curve in it.
-pub const EXAMPLE: &str = include_str!("../../../model/tests/data/every-curve.toml");
+pub const EXAMPLE: &str = volcomp_test_support::machines::EVERY_CURVE;

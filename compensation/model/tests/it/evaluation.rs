@@ -2,6 +2,7 @@
 
 use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State};
 use volcomp_model::{Machine, MapGrid, Temperatures, corrected, diagonals, quantised};
+use volcomp_test_support::machines::gantry;
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 use crate::EXAMPLE;
@@ -11,9 +12,8 @@ fn machine(text: &str) -> Machine {
 }
 
 fn plain(errors: &str) -> Machine {
-    machine(&format!(
-        "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\nZ.travel = [-400, 0]\n[errors]\n{errors}"
-    ))
+    let axes = gantry([[0.0, 1000.0], [0.0, 500.0], [-400.0, 0.0]]);
+    machine(&format!("{axes}[errors]\n{errors}"))
 }
 
 fn linear_um(machine: &Machine, axis: usize, state: &State) -> [f64; 3] {

@@ -17,4 +17,4 @@ mod thermal;
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
 /// The example of the file format, every kind of curve in it.
-pub const EXAMPLE: &str = include_str!("../data/every-curve.toml");
+pub const EXAMPLE: &str = volcomp_test_support::machines::EVERY_CURVE;

@@ -182,17 +182,21 @@ fn positioning_of_an_oblique_axis_comes_back() {
     );
 }
 
+fn small_gantry() -> String {
+    volcomp_test_support::machines::gantry([[0.0, 500.0], [0.0, 400.0], [0.0, 300.0]])
+}
+
 /// Laser files, two directions with a reversal, noise: the curves come back to the noise of the mean.
 #[test]
 fn laser_files_with_reversal_and_noise_come_back() {
     let folder = tempfile::tempdir().expect("a folder");
-    let truth = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 400]\n\
-                 Z.travel = [0, 300]\n[errors]\nEAX = { poly = [0, 0.1, -1e-4] }\n\
-                 EXX = { mean = { poly = [0, 0.05, -1e-4] }, reversal = 6.0 }\n";
+    let errors = "[errors]\nEAX = { poly = [0, 0.1, -1e-4] }\n\
+                  EXX = { mean = { poly = [0, 0.05, -1e-4] }, reversal = 6.0 }\n";
+    let truth = small_gantry() + errors;
     let lines = "machine = \"truth.toml\"\nseed = 3\n[instrument]\nnoise_um = 0.2\nnoise_urad = 0.2\n\
                  reversal_um = 1.5\nresolution_um = 0.01\n[[measurement]]\nerrors = [\"EAX\", \"EXX\"]\n\
                  [[measurement]]\nerror = \"EXX\"\nboth_directions = false\nat = { Y = 100 }\n";
-    let (truth, found) = round_trip(folder.path(), truth, lines, "");
+    let (truth, found) = round_trip(folder.path(), &truth, lines, "");
     for name in [
         "machine.toml",
         "eax.rta",
@@ -216,8 +220,7 @@ fn laser_files_with_reversal_and_noise_come_back() {
 #[test]
 fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
     let folder = tempfile::tempdir().expect("a folder");
-    let truth = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 400]\nZ.travel = [0, 300]\n";
-    fs::write(folder.path().join("truth.toml"), truth).expect("written");
+    fs::write(folder.path().join("truth.toml"), small_gantry()).expect("written");
     let files = |lines: &str| {
         let path = folder.path().join("shop.toml");
         let text = format!("machine = \"truth.toml\"\n[instrument]\nnoise_um = 1.0\n{lines}");

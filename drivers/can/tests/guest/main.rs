@@ -4,9 +4,8 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::{
-    io::{BufRead, BufReader},
     path::Path,
-    process::{Child, Command, Stdio},
+    process::Command,
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -16,6 +15,7 @@ use volcomp_can::{
     canopen::{CanopenThermometer, Channel, Number, SdoClient},
 };
 use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
+use volcomp_test_support::{Running, peers};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 /// There is one vcan0, so one test of it at a time.
@@ -31,15 +31,6 @@ fn soon() -> Instant {
 fn run(program: &str, arguments: &[&str]) {
     let status = Command::new(program).args(arguments).status().unwrap();
     assert!(status.success(), "{program} {arguments:?}");
-}
-
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 fn next_frame(socket: &mut CanSocket) -> Frame {
@@ -209,19 +200,11 @@ fn an_interface_that_is_not_there_is_named() {
 /// A node of PyPI's canopen: asked for objects, started, read, and gone.
 #[test]
 fn a_canopen_node_is_started_and_read() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = root.join("../../target/test-venv/bin/python");
-    let mut node = Running(
-        Command::new(python)
-            .arg(root.join("tests/peers/canopen_node.py"))
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("./test makes target/test-venv"),
-    );
-    let mut line = String::new();
-    let stdout = node.0.stdout.take().unwrap();
-    BufReader::new(stdout).read_line(&mut line).unwrap();
-    assert_eq!(line.trim(), "ready");
+    let Some(python) = peers::python() else {
+        return;
+    };
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/canopen_node.py");
+    let node = Running::start_ready(Command::new(python).arg(program));
     let mut client = SdoClient::new(CanSocket::open("vcan1").unwrap());
     assert_eq!(client.read(5, (0x6132, 1), soon()), Ok(1));
     assert_eq!(

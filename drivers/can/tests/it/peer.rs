@@ -1,6 +1,6 @@
 //! PyPI's cantools reads the same DBC file and must find the same numbers in the same frames.
 
-use std::{fmt::Write, path::Path, process::Command};
+use std::{fmt::Write, process::Command};
 
 use volcomp_can::{SHIPPED_DBC, SignalTable};
 
@@ -11,16 +11,9 @@ const ODD: &str = "VERSION \"\"\n\nBU_: A\n\n\
 
 #[test]
 fn cantools_finds_the_same_numbers() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let python = root.join("target/test-venv/bin/python");
-    if !python.is_file() {
-        assert!(
-            std::env::var_os("CI").is_none(),
-            "./test makes target/test-venv"
-        );
-        eprintln!("not run: target/test-venv is missing, ./test makes it");
+    let Some(python) = volcomp_test_support::peers::python() else {
         return;
-    }
+    };
     let mut seed = 0x1234_5678_9abc_def0_u64;
     let mut random = || {
         seed ^= seed << 13;

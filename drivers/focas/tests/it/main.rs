@@ -3,7 +3,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod abilities;
 mod client;
+mod connection;
 mod controller;
 mod frames;
 mod fuzz_corpus;
@@ -36,9 +38,5 @@ fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
 }
 
 fn until(what: &str, holds: impl Fn() -> bool) {
-    let end = std::time::Instant::now() + PATIENCE;
-    while !holds() {
-        assert!(std::time::Instant::now() < end, "{what}");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    volcomp_test_support::until(what, PATIENCE, holds);
 }

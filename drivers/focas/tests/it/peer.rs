@@ -8,16 +8,9 @@ use crate::simulator;
 
 #[test]
 fn pyfocas_understands_the_simulator() {
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let python = root.join("target/test-venv/bin/python");
-    if !python.is_file() {
-        assert!(
-            std::env::var_os("CI").is_none(),
-            "./test makes target/test-venv"
-        );
-        eprintln!("not run: target/test-venv is missing, ./test makes it");
+    let Some(python) = volcomp_test_support::peers::python() else {
         return;
-    }
+    };
     for version in [2, 3, 4] {
         let simulator = simulator(Options {
             version,

@@ -236,18 +236,15 @@ fn a_pulled_wire_comes_back() {
     });
     // The adapter is put in again under its old names.
     std::fs::create_dir_all(ours.parent().unwrap()).unwrap();
-    let end = |path: &std::path::Path| format!("pty,raw,echo=0,link={}", path.display());
-    let socat = std::process::Command::new("socat")
-        .args([end(&ours), end(&theirs)])
-        .spawn();
-    let _socat = crate::Running(socat.unwrap());
-    until("the ports are back", || ours.exists() && theirs.exists());
     let again = Wire {
-        _socat: crate::Running(std::process::Command::new("true").spawn().unwrap()),
+        _socat: crate::socat(&ours, &theirs),
         _folder: tempfile::tempdir().unwrap(),
         ours,
         theirs,
     };
+    until("the ports are back", || {
+        again.ours.exists() && again.theirs.exists()
+    });
     let _modules = Modules::start(&again, answer());
     until("it answers again", || good(&mut thermometer));
     std::fs::remove_dir_all(again.ours.parent().unwrap()).unwrap();

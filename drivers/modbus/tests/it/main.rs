@@ -12,29 +12,22 @@ mod quality;
 
 use std::{
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
-    time::{Duration, Instant},
+    process::Command,
+    time::Duration,
 };
 
 use volcomp_modbus::{Bus, Parity, Profile, ThermometerConfig, ThermometerUnit};
 use volcomp_port::Backoff;
+use volcomp_test_support::{Running, peers::not_run};
 
-/// A program that is ended with the test.
-pub(crate) struct Running(pub(crate) Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+pub(crate) fn until(what: &str, holds: impl FnMut() -> bool) {
+    volcomp_test_support::until(what, Duration::from_secs(20), holds);
 }
 
-pub(crate) fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let end = Instant::now() + Duration::from_secs(20);
-    while !holds() {
-        assert!(Instant::now() < end, "{what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+/// socat makes two serial ports that are wired to each other.
+pub(crate) fn socat(ours: &Path, theirs: &Path) -> Running {
+    let end = |path: &Path| format!("pty,raw,echo=0,link={}", path.display());
+    Running::start(Command::new("socat").args([end(ours), end(theirs)]))
 }
 
 /// Two serial ports wired to each other, by socat.
@@ -50,16 +43,12 @@ impl Wire {
     pub(crate) fn new() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let [ours, theirs] = ["ours", "theirs"].map(|name| folder.path().join(name));
-        let end = |path: &Path| format!("pty,raw,echo=0,link={}", path.display());
-        let socat = Command::new("socat")
-            .args([end(&ours), end(&theirs)])
-            .spawn();
-        let Ok(socat) = socat else {
+        if !Path::new("/usr/bin/socat").exists() {
             not_run("socat");
             return None;
-        };
+        }
         let wire = Self {
-            _socat: Running(socat),
+            _socat: socat(&ours, &theirs),
             _folder: folder,
             ours,
             theirs,
@@ -80,15 +69,6 @@ impl Wire {
     }
 }
 
-/// Something that `./test` installs is not there.
-pub(crate) fn not_run(what: &str) {
-    assert!(
-        std::env::var_os("CI").is_none(),
-        "{what} is missing: ./test installs it"
-    );
-    eprintln!("not run: {what} is missing, ./test installs it");
-}
-
 pub(crate) fn config(bus: Bus, units: &[u8]) -> ThermometerConfig {
     let profile = Profile::named("pta8c04").unwrap();
     let unit = |unit: &u8| ThermometerUnit {
@@ -107,18 +87,4 @@ pub(crate) fn config(bus: Bus, units: &[u8]) -> ThermometerConfig {
         most: Duration::from_millis(50),
     };
     config
-}
-
-pub(crate) fn start(command: &mut Command) -> Running {
-    use std::io::{BufRead, BufReader};
-    let mut child = command
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    let stdout = child.stdout.take().unwrap();
-    BufReader::new(stdout).read_line(&mut line).unwrap();
-    assert_eq!(line.trim(), "ready");
-    Running(child)
 }

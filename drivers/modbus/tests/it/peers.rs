@@ -3,32 +3,30 @@
 use std::{
     net::TcpListener,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, Stdio},
     time::{Duration, Instant},
 };
 
 use volcomp_modbus::{Bus, DigitalModule, ModbusDigital, ModbusThermometer, Profile};
 use volcomp_port::{Backoff, DigitalIo, Quality, Reason, Thermometer, contract};
+use volcomp_test_support::{
+    Running,
+    peers::{not_run, python},
+};
 
-use crate::{Running, Wire, config, not_run, start, until};
+use crate::{Wire, config, until};
 
 fn peers() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers")
 }
 
-fn python() -> Option<PathBuf> {
-    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/test-venv/bin/python");
-    if !python.is_file() {
-        not_run("target/test-venv with pymodbus");
-        return None;
-    }
-    Some(python)
-}
-
 fn pymodbus(kind: &str, place: &str) -> Option<Running> {
     let server = peers().join("pymodbus_server.py");
-    Some(start(
-        Command::new(python()?).arg(server).args([kind, place]),
+    Some(Running::start_ready(
+        Command::new(python()?)
+            .arg(server)
+            .args([kind, place])
+            .stderr(Stdio::null()),
     ))
 }
 
@@ -44,7 +42,9 @@ fn libmodbus(folder: &Path, kind: &str, place: &str) -> Option<Running> {
         not_run("libmodbus-dev");
         return None;
     }
-    Some(start(Command::new(program).args([kind, place])))
+    Some(Running::start_ready(
+        Command::new(program).args([kind, place]),
+    ))
 }
 
 fn free_port() -> u16 {

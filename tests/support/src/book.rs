@@ -1,6 +1,4 @@
 //! Reads the book and the README files for the tests that hold them to the code.
-//!
-//! No crate: the tests of `volcomp` and of `volcomp-gateway` include this file by its path.
 
 use std::{
     collections::BTreeSet,
@@ -8,45 +6,41 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use crate::root;
+
 /// The key that no decoder knows.
 const UNKNOWN: &str = "zzz_unknown";
 
 /// A fenced block of a page.
-pub(crate) struct Block {
+pub struct Block {
     /// `docs/src/gateway.md:12`, the line of the opening fence.
-    pub(crate) place: String,
+    pub place: String,
     /// What stands behind the opening fence: `toml`, `console,ignore`.
-    pub(crate) info: String,
+    pub info: String,
     /// The lines between the fences, included files read.
-    pub(crate) text: String,
+    pub text: String,
 }
 
 impl Block {
     /// The first line without its `#`, which says what a TOML block is: `machine file`.
-    pub(crate) fn label(&self) -> &str {
+    pub fn label(&self) -> &str {
         let first = self.text.lines().next().unwrap_or("");
         first.trim_start_matches('#').trim()
     }
 
     /// Whether the block says that it is a `kind`; more words may follow.
-    pub(crate) fn is(&self, kind: &str) -> bool {
+    pub fn is(&self, kind: &str) -> bool {
         self.info == "toml" && self.label().starts_with(kind)
     }
 }
 
-/// The repository's root.
-pub(crate) fn root() -> PathBuf {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    root.canonicalize().expect("the repository is there")
-}
-
 /// A chapter of the book.
-pub(crate) fn chapter(name: &str) -> PathBuf {
+pub fn chapter(name: &str) -> PathBuf {
     root().join("docs/src").join(name)
 }
 
 /// Every chapter and every README file.
-pub(crate) fn pages() -> Vec<PathBuf> {
+pub fn pages() -> Vec<PathBuf> {
     let mut pages = Vec::new();
     let mut folders = vec![root()];
     while let Some(folder) = folders.pop() {
@@ -67,7 +61,7 @@ pub(crate) fn pages() -> Vec<PathBuf> {
 }
 
 /// The fenced blocks of a page in their order.
-pub(crate) fn blocks(page: &Path) -> Vec<Block> {
+pub fn blocks(page: &Path) -> Vec<Block> {
     let text = fs::read_to_string(page).expect("a page");
     let name = page.strip_prefix(root()).unwrap_or(page).display();
     let mut blocks = Vec::new();
@@ -122,12 +116,12 @@ fn included(line: &str, page: &Path, place: &str) -> String {
 }
 
 /// The keys in the first column of every table of the page that is headed `key`.
-pub(crate) fn documented_keys(page: &Path) -> BTreeSet<String> {
+pub fn documented_keys(page: &Path) -> BTreeSet<String> {
     first_column(page, "key")
 }
 
 /// What stands between back quotes in the first column of every table of the page with this head.
-pub(crate) fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
+pub fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
     let text = fs::read_to_string(page).expect("a page");
     let mut keys = BTreeSet::new();
     let mut is_meant = false;
@@ -149,7 +143,7 @@ pub(crate) fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
 
 /// Every key that a decoder expects in any table of a text: into one table after another an unknown key is
 /// put, and the message names those that are known. The tables in `free` have names of the user's for keys.
-pub(crate) fn decoded_keys(
+pub fn decoded_keys(
     block: &Block,
     free: &[&str],
     decode: impl Fn(&str) -> Result<(), String>,
@@ -185,7 +179,7 @@ pub(crate) fn decoded_keys(
 }
 
 /// Every key of any table of a text.
-pub(crate) fn used_keys(text: &str) -> BTreeSet<String> {
+pub fn used_keys(text: &str) -> BTreeSet<String> {
     fn walk(value: &toml::Value, keys: &mut BTreeSet<String>) {
         match value {
             toml::Value::Table(table) => {
@@ -245,7 +239,7 @@ fn values_with_unknown_keys(value: &toml::Value) -> Vec<(String, toml::Value)> {
 }
 
 /// `part` put into `whole`: tables are joined, everything else of the part takes the place of the whole's.
-pub(crate) fn joined(whole: &str, part: &str) -> String {
+pub fn joined(whole: &str, part: &str) -> String {
     fn join(whole: &mut toml::Table, part: toml::Table) {
         for (key, value) in part {
             match (whole.get_mut(&key), value) {
@@ -266,7 +260,7 @@ pub(crate) fn joined(whole: &str, part: &str) -> String {
 
 /// Runs the console blocks of every page with the programs given; those of `elsewhere` are left to other tests.
 /// Each page in a folder of its own, with links to the repository's folders.
-pub(crate) fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
+pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let mut copies = Vec::new();
     for page in pages() {
@@ -345,7 +339,7 @@ fn without_ends(page: &str) -> String {
 }
 
 /// The documented keys must be the decoded ones, and each must be shown in a block.
-pub(crate) fn compare_keys(page: &Path, decoded: &BTreeSet<String>, used: &BTreeSet<String>) {
+pub fn compare_keys(page: &Path, decoded: &BTreeSet<String>, used: &BTreeSet<String>) {
     let documented = documented_keys(page);
     let only = |a: &BTreeSet<String>, b: &BTreeSet<String>| -> Vec<String> {
         a.difference(b).cloned().collect()

@@ -1,8 +1,6 @@
 //! Compares the chapter on commands with what the programs say of their options.
-//!
-//! No crate: the tests of the programs include this file by its path.
 
-use std::{collections::BTreeSet, fs, path::Path, process::Command};
+use std::{collections::BTreeSet, fs, process::Command};
 
 /// Sections whose options several commands share.
 const SHARED: [&str; 2] = [
@@ -12,8 +10,8 @@ const SHARED: [&str; 2] = [
 
 /// Every command of a program has a section `## PROGRAM COMMAND` whose tables headed `option` name its options.
 /// Exactly these: those of shared sections may be left out.
-pub(crate) fn compare_options(program: &str, path: &str) {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/commands.md");
+pub fn compare_options(program: &str, path: &str) {
+    let page = crate::root().join("docs/src/commands.md");
     let page = fs::read_to_string(page).expect("the chapter");
     let mut titles = vec![(program.to_owned(), Vec::new())];
     for command in commands(&help(path, &[])) {

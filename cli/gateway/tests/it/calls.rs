@@ -1,0 +1,172 @@
+//! The commands beside the service: `status`, `check`, `tls-init`; and the shipped configuration.
+
+use std::{
+    path::Path,
+    process::Command,
+    time::{Duration, Instant},
+};
+
+use serde_json::Value;
+use volcomp_test_support::Running;
+
+use crate::{
+    controlled::{configuration, control},
+    program::{Program, change, path},
+};
+
+#[test]
+fn status_and_check_speak_for_themselves() {
+    let dir = tempfile::tempdir().expect("writable");
+    let program = Program::simulated(dir.path());
+    program.wait_for("compensating");
+    let call = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(arguments)
+            .output()
+            .expect("built");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (
+            output.status.code(),
+            text(&output.stdout),
+            text(&output.stderr),
+        )
+    };
+    let address = program.address.to_string();
+    let (status, text, _) = call(&["status", "--listen", &address]);
+    assert_eq!(status, Some(0));
+    assert!(
+        text.contains("compensating") && text.contains("spindle"),
+        "{text}"
+    );
+    let (_, json, _) = call(&["status", "--json", "--listen", &address]);
+    assert_eq!(
+        serde_json::from_str::<Value>(&json).expect("JSON")["state"],
+        "compensating"
+    );
+    assert_eq!(call(&["status", "--listen", "127.0.0.1:1"]).0, Some(1));
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let (status, text, _) = call(&["check", path(&config)]);
+    assert_eq!(status, Some(0), "{text}");
+    assert!(text.contains("axes X Y Z"), "{text}");
+    for (from, to, expected) in [
+        ("limit_um = 150.0", "limit_um = \"much\"", "guard.limit_um"),
+        ("slew_um_per_s = 500.0", "", "slew_um_per_s"),
+        ("hold_ms = 500", "hold_ms = 500\nhold_s = 1", "hold_s"),
+        (
+            "axes = [\"X\", \"Y\", \"Z\"]",
+            "axes = [\"X\", \"W\"]",
+            "axis W",
+        ),
+        ("heartbeat = { pmc = \"R\", at = 120 }", "", "heartbeat"),
+        (
+            "machine = \"machine.toml\"",
+            "machine = \"missing.toml\"",
+            "missing.toml",
+        ),
+        (
+            "[dashboard]",
+            "[dashboard]\nlisten = \"0.0.0.0:0\"",
+            "tls_certificate",
+        ),
+        ("token_file = \"tokens\"", "token_file = \"G.toml\"", "mode"),
+    ] {
+        let text = std::fs::read_to_string(&config).expect("readable");
+        assert!(text.contains(from), "{from}");
+        let wrong = dir.path().join("wrong.toml");
+        std::fs::write(&wrong, text.replacen(from, to, 1)).expect("writable");
+        let (status, _, message) = call(&["check", path(&wrong)]);
+        assert_eq!(status, Some(2), "{to}: {message}");
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+/// The configuration of the manual.
+#[test]
+fn the_documented_configuration_is_right() {
+    let dir = tempfile::tempdir().expect("writable");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    std::fs::copy(
+        root.join("../../examples/gantry.toml"),
+        dir.path().join("machine.toml"),
+    )
+    .expect("there");
+    let text = std::fs::read_to_string(root.join("debian/gateway.toml")).expect("there");
+    let config = dir.path().join("G.toml");
+    std::fs::write(&config, text).expect("writable");
+    crate::program::token_file(dir.path());
+    let config = volcomp_gateway::config::Config::read(&config).unwrap_or_else(|e| panic!("{e}"));
+    let plan = volcomp_gateway::plan::Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
+    let text = plan.text();
+    assert!(text.contains("focas://192.0.2.10:8193"), "{text}");
+    assert!(text.contains("axes X Y Z"), "{text}");
+}
+
+#[test]
+fn elsewhere_only_with_tls_and_a_token() {
+    let dir = tempfile::tempdir().expect("writable");
+    let call = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(arguments)
+            .output()
+            .expect("built")
+    };
+    let refused = call(&["--simulate", "--listen", "0.0.0.0:0"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("tls-init"));
+    let made = call(&["tls-init", "localhost", "127.0.0.1", "-o", path(dir.path())]);
+    assert_eq!(made.status.code(), Some(0));
+    assert_eq!(
+        call(&["tls-init", "localhost", "-o", path(dir.path())])
+            .status
+            .code(),
+        Some(1),
+        "keys are not overwritten"
+    );
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let free = std::net::TcpListener::bind("127.0.0.1:0")
+        .and_then(|l| l.local_addr())
+        .expect("loopback")
+        .port();
+    let tls = "tls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"";
+    let dashboard = format!("[dashboard]\nlisten = \"0.0.0.0:{free}\"\n{tls}");
+    change(&config, "[dashboard]", &dashboard);
+    let log = std::fs::File::create(dir.path().join("log")).expect("writable");
+    let _gateway = Running::start(
+        Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(["--config", path(&config)])
+            .stdout(std::process::Stdio::null())
+            .stderr(log),
+    );
+    let end = Instant::now() + Duration::from_secs(20);
+    let without = loop {
+        let output = call(&["status", "--config", path(&config)]);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        if message.contains("401") || Instant::now() > end {
+            break message;
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    assert!(without.contains("answers 401"), "{without}");
+    let with = call(&[
+        "status",
+        "--config",
+        path(&config),
+        "--token-file",
+        path(&viewer(dir.path())),
+    ]);
+    assert_eq!(
+        with.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&with.stderr)
+    );
+    assert!(String::from_utf8_lossy(&with.stdout).contains("disarmed"));
+}
+
+fn viewer(dir: &Path) -> std::path::PathBuf {
+    let file = dir.join("viewer");
+    std::fs::write(&file, crate::program::VIEW).expect("writable");
+    file
+}

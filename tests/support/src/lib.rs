@@ -1,0 +1,41 @@
+//! What the tests of several crates share. A development dependency only; it is not published.
+//!
+//! Everything here fails a test by a panic that says what was expected.
+
+#![allow(
+    clippy::missing_panics_doc,
+    reason = "a test fails by panicking, and all of this is for tests"
+)]
+
+#[cfg(feature = "book")]
+pub mod book;
+pub mod machines;
+#[cfg(feature = "man-pages")]
+pub mod man_pages;
+pub mod options;
+pub mod peers;
+mod running;
+#[cfg(feature = "structures")]
+pub mod structures;
+
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+pub use running::Running;
+
+/// The repository's root folder.
+pub fn root() -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    root.canonicalize().expect("the repository is there")
+}
+
+/// Waits until `holds` is true, and fails with `what` if it is not within the time.
+pub fn until(what: &str, within: Duration, mut holds: impl FnMut() -> bool) {
+    let end = Instant::now() + within;
+    while !holds() {
+        assert!(Instant::now() < end, "not within {within:?}: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
