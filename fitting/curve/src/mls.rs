@@ -155,6 +155,24 @@ impl MovingLeastSquares {
         })
     }
 
+    /// Whether at least `count` nodes have a positive weight everywhere in the range.
+    pub fn has_nodes_everywhere(&self, count: usize) -> bool {
+        let Some(order) = count.checked_sub(1) else {
+            return true;
+        };
+        // A node at the very edge of the support carries no weight worth the name.
+        self.nodes.len() >= count
+            && self.half_width() > sparsest(&self.nodes, order).1 * (1.0 + 1e-9)
+    }
+
+    /// The reciprocal condition number (1-norm) of the least-squares problem at `x`: of the matrix of the local powers
+    /// at the nodes, each row times the root of its weight. 1 is the best, 0 singular. Outside the range that of its end.
+    pub fn reciprocal_condition(&self, x: f64) -> f64 {
+        domain::held(self.domain(), x, |x| {
+            self.triangle(x).reciprocal_condition()
+        })
+    }
+
     fn range(&self) -> f64 {
         let [lower, upper] = self.domain();
         upper - lower
@@ -303,6 +321,26 @@ impl Triangle {
             a[i] = (b[i] - known) / self.r[i][i];
         }
         a
+    }
+
+    /// 1/(‖R‖·‖R⁻¹‖) in the 1-norm, the largest sum of a column; 0 where R is singular.
+    fn reciprocal_condition(&self) -> f64 {
+        let sum = |column: &[f64]| column.iter().map(|x| libm::fabs(*x)).sum::<f64>();
+        let (mut norm, mut inverse) = (0.0_f64, 0.0_f64);
+        for j in 0..self.size {
+            let mut unit = [0.0; SIZE];
+            unit[j] = 1.0;
+            inverse = inverse.max(sum(&self.back(&unit)));
+            let column: [f64; SIZE] = core::array::from_fn(|i| self.r[i][j]);
+            norm = norm.max(sum(&column));
+        }
+        let reciprocal = 1.0 / (norm * inverse);
+        // A zero on the diagonal gives infinite or undefined entries of the inverse.
+        if reciprocal.is_finite() {
+            reciprocal
+        } else {
+            0.0
+        }
     }
 
     fn coefficients(&self) -> [f64; SIZE] {

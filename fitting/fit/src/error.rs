@@ -67,9 +67,9 @@ pub enum FitError {
         /// Largest deviation found, in units of the readings.
         error: f64,
     },
-    /// No order and support of moving least squares has enough weight everywhere.
+    /// No order and support of moving least squares has enough nodes with a weight everywhere.
     #[error(
-        "{targets} targets leave no order and support with enough weight everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
+        "{targets} targets leave no order and support with enough nodes within the support everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
     )]
     NoCandidate {
         /// The number of different targets that was found.

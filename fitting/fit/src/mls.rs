@@ -8,8 +8,10 @@ const ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
 /// The name of the fit in messages about too few targets.
 const PURPOSE: &str = "moving least squares";
-/// Points between neighbouring critical points at which the weights are checked.
-const SUBDIVISION: u32 = 4;
+/// The published order and support of long gantries, tried besides the grid.
+const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
+/// The smallest reciprocal condition number of the weighted design matrix of a candidate.
+const LEAST_CONDITION: f64 = 1e-10;
 
 /// Fits moving least squares of the order, the support (fraction of the range of the targets) and
 /// the shape of the weight, through the mean reading of each target.
@@ -31,8 +33,10 @@ pub fn fit_mls(
 
 /// Fits moving least squares in the automatic mode.
 ///
-/// Orders 1 to 6 and supports 0.15 to 1 in steps of 0.05 are tried. Candidates are those with
-/// `Σw / max w ≥ order + 2` everywhere in the range. Of the candidates that meet the required
+/// Orders 1 to 6 and supports 0.15 to 1 in steps of 0.05 are tried, and the published pair of order 4 and support 1/3.
+/// Candidates are those with at least order + 2 nodes of positive weight everywhere in the range, so that a node
+/// left out still leaves order + 1, and with a weighted design matrix in the local basis whose reciprocal condition
+/// number is 1e-10 or more. Of the candidates that meet the required
 /// residual (largest deviation of a target's mean reading) the one with the smallest leave-one-out
 /// RMS is taken, ties to the lower order, then to the wider support. When none meets it,
 /// [`Fit::meets_required`] is false and the smallest leave-one-out RMS of all decides.
@@ -74,20 +78,19 @@ pub fn fit_mls_auto(
     })
 }
 
-/// All candidates with enough weight, lower orders first, within an order wider supports first.
+/// All candidates that the targets carry, lower orders first, within an order wider supports first.
 fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidate> {
-    let supports: Vec<(f64, f64)> = SUPPORTS
-        .rev()
-        .map(|twentieths| f64::from(twentieths) / 20.0)
-        .map(|support| (support, least_weight(targets, support, shape)))
-        .collect();
     ORDERS.flat_map(move |order| {
-        let wide = supports
-            .clone()
-            .into_iter()
-            .filter(move |s| s.1 >= (order + 2) as f64);
-        wide.filter_map(move |(support, _)| {
-            Candidate::new(targets.to_vec(), order, support, shape).ok()
+        let supports = SUPPORTS.rev().map(|step| f64::from(step) / 20.0);
+        let mut supports: Vec<f64> = supports.collect();
+        let (published_order, published_support) = PUBLISHED;
+        if order == published_order {
+            supports.push(published_support);
+            supports.sort_by(|a, b| b.total_cmp(a));
+        }
+        supports.into_iter().filter_map(move |support| {
+            let curve = MovingLeastSquares::new(targets.to_vec(), order, support, shape).ok()?;
+            carries(&curve).then(|| Candidate::of(curve))
         })
     })
 }
@@ -107,6 +110,10 @@ impl Candidate {
         shape: f64,
     ) -> Result<Self, FitError> {
         let curve = MovingLeastSquares::new(targets, order, support, shape)?;
+        Ok(Self::of(curve))
+    }
+
+    fn of(curve: MovingLeastSquares) -> Self {
         let residuals: Vec<f64> = curve
             .nodes()
             .iter()
@@ -116,11 +123,11 @@ impl Candidate {
         let leave_one_out_rms =
             rms(errors.map(|(i, (&e, &[x, _]))| left_out(e, curve.influence(x, i))));
         let max_residual = readings::magnitude(residuals.iter().copied());
-        Ok(Self {
+        Self {
             curve,
             leave_one_out_rms,
             max_residual,
-        })
+        }
     }
 
     fn fit(self, x: &[f64], u: &[f64]) -> Fit {
@@ -128,42 +135,20 @@ impl Candidate {
     }
 }
 
-/// The smallest `Σw / max w` in the range: at nodes, at the ends of supports, half-way between
-/// nodes, and at points between these.
-fn least_weight(targets: &[[f64; 2]], support: f64, shape: f64) -> f64 {
-    let (lower, upper) = (targets[0][0], targets[targets.len() - 1][0]);
-    let h = support * (upper - lower);
-    let ends = targets.iter().flat_map(|t| [t[0] - h, t[0], t[0] + h]);
-    let middles = targets.windows(2).map(|t| f64::midpoint(t[0][0], t[1][0]));
-    let mut critical: Vec<f64> = ends
+/// Whether the targets carry a candidate: everywhere in the range as many nodes with a positive weight as leave one
+/// more than the coefficients when one is left out, and a least-squares problem that is not nearly singular. It is
+/// looked at where it is worst: at the ends, at nodes, half-way between them, and where a node enters the support.
+fn carries(curve: &MovingLeastSquares) -> bool {
+    if !curve.has_nodes_everywhere(curve.order() + 2) {
+        return false;
+    }
+    let ([lower, upper], h) = (curve.domain(), curve.half_width());
+    let nodes = curve.nodes();
+    let middles = nodes.windows(2).map(|n| f64::midpoint(n[0][0], n[1][0]));
+    let mut places = [lower, upper]
+        .into_iter()
+        .chain(nodes.iter().flat_map(|n| [n[0], n[0] - h, n[0] + h]))
         .chain(middles)
-        .filter(|x| (lower..=upper).contains(x))
-        .collect();
-    critical.sort_by(f64::total_cmp);
-    critical.dedup();
-    let between = critical.windows(2).flat_map(|c| {
-        let step = (c[1] - c[0]) / f64::from(SUBDIVISION);
-        (0..SUBDIVISION).map(move |k| c[0] + f64::from(k) * step)
-    });
-    between
-        .chain([upper])
-        .map(|x| relative_weight(targets, x, h, shape))
-        .fold(f64::INFINITY, f64::min)
-}
-
-fn relative_weight(targets: &[[f64; 2]], x: f64, h: f64, shape: f64) -> f64 {
-    let a2 = shape * shape;
-    let weights = targets.iter().map(|t| {
-        let r2 = ((t[0] - x) / h).powi(2);
-        // The weight without its constant denominator, which cancels.
-        if r2 < 1.0 {
-            -(-a2 * r2).exp() * (-a2 * (1.0 - r2)).exp_m1()
-        } else {
-            0.0
-        }
-    });
-    let (sum, largest) = weights.fold((0.0, 0.0), |(sum, largest): (f64, f64), w| {
-        (sum + w, largest.max(w))
-    });
-    if largest > 0.0 { sum / largest } else { 0.0 }
+        .filter(|x| (lower..=upper).contains(x));
+    places.all(|x| curve.reciprocal_condition(x) >= LEAST_CONDITION)
 }

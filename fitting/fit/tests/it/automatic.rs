@@ -1,6 +1,8 @@
 use volcomp_fit::curve::{Curve, MovingLeastSquares};
 use volcomp_fit::{Fit, FitError, fit_auto, fit_mls, fit_mls_auto};
 
+use nalgebra::DMatrix;
+
 use crate::{at, noisy, targets};
 
 fn mls(fit: &Fit) -> &MovingLeastSquares {
@@ -10,25 +12,35 @@ fn mls(fit: &Fit) -> &MovingLeastSquares {
     curve
 }
 
-/// The smallest Σw / max w on a fine uniform grid, from the formula as it is written.
-fn least_weight(x: &[f64], support: f64) -> f64 {
+/// Whether 8000 mm of targets carry an order and a support, from the rule as it is written, on a fine uniform grid:
+/// nodes of positive weight, and singular values of the weighted Vandermonde matrix in powers of (x_j − x) over the
+/// half width or the range, whichever is less.
+fn carried(x: &[f64], order: usize, support: f64) -> bool {
     let h = support * 8000.0;
-    let edge = (-9.0_f64).exp();
-    let ratio = |at: f64| {
-        let weight = |xj: &f64| {
+    let unit = h.min(8000.0);
+    (0..=1600).map(|i| f64::from(i) * 5.0).all(|at| {
+        let edge = (-9.0_f64).exp();
+        let weight = |xj: f64| {
             let d = (at - xj).abs();
-            if d < h {
-                ((-(3.0 * d / h).powi(2)).exp() - edge) / (1.0 - edge)
-            } else {
-                0.0
-            }
+            let inside = (-(3.0 * d / h).powi(2)).exp() - edge;
+            if d < h { inside / (1.0 - edge) } else { 0.0 }
         };
-        let weights: Vec<f64> = x.iter().map(weight).collect();
-        weights.iter().sum::<f64>() / weights.iter().copied().fold(0.0, f64::max)
-    };
-    (0..=16000)
-        .map(|i| ratio(f64::from(i) * 0.5))
-        .fold(f64::INFINITY, f64::min)
+        let near: Vec<f64> = x.iter().copied().filter(|xj| weight(*xj) > 0.0).collect();
+        if near.len() < order + 2 {
+            return false;
+        }
+        let rows = DMatrix::from_fn(near.len(), order + 1, |j, k| {
+            weight(near[j]).sqrt() * ((near[j] - at) / unit).powi(k as i32)
+        });
+        let values = rows.singular_values();
+        values.min() / values.max() >= 1e-10
+    })
+}
+
+/// The orders and supports of the rule: a grid, and the published pair.
+fn tried() -> Vec<(usize, f64)> {
+    let grid = (1..=6).flat_map(|order| (3..=20).map(move |step| (order, f64::from(step) * 0.05)));
+    grid.chain([(4, 1.0 / 3.0)]).collect()
 }
 
 #[test]
@@ -39,16 +51,13 @@ fn takes_the_best_of_all_candidates() {
     });
     for required in [None, Some(1.0), Some(0.01)] {
         let mut all = Vec::new();
-        for order in 1..=6_usize {
-            for twentieths in (3..=20_u32).rev() {
-                let support = f64::from(twentieths) * 0.05;
-                if least_weight(&x, support) >= (order + 2) as f64 {
-                    let fit = fit_mls(&x, &u, order, support, 3.0).unwrap();
-                    all.push((order, support, fit));
-                }
+        for (order, support) in tried() {
+            if carried(&x, order, support) {
+                let fit = fit_mls(&x, &u, order, support, 3.0).unwrap();
+                all.push((order, support, fit));
             }
         }
-        assert!(all.len() > 20 && all.len() < 108, "{}", all.len());
+        assert!(all.len() > 20 && all.len() < 109, "{}", all.len());
         let meeting = |fit: &Fit| required.is_none_or(|r| fit.max_abs() <= r);
         let any = all.iter().any(|(_, _, fit)| meeting(fit));
         let (order, support, expected) = all
@@ -62,6 +71,28 @@ fn takes_the_best_of_all_candidates() {
         assert!((found.leave_one_out_rms - expected.leave_one_out_rms).abs() < 1e-9);
         assert_eq!(found.meets_required, required.map(|_| any));
     }
+}
+
+/// The published setting, order 4 and support 1/3, is a candidate at its own 21 targets over 8000 mm.
+#[test]
+fn the_published_pair_is_carried_by_its_own_targets() {
+    let x = targets(21);
+    assert!(carried(&x, 4, 1.0 / 3.0));
+    // What a window of a sixth of the range to each side follows and a wider one does not.
+    let u = at(&x, |x| 8.0 * (x / 420.0).sin());
+    let published = fit_mls(&x, &u, 4, 1.0 / 3.0, 3.0).unwrap();
+    let found = fit_mls_auto(&x, &u, 3.0, None).unwrap();
+    assert!(found.leave_one_out_rms <= published.leave_one_out_rms * (1.0 + 1e-9));
+    let best = tried()
+        .into_iter()
+        .filter(|&(order, support)| carried(&x, order, support))
+        .map(|(order, support)| {
+            fit_mls(&x, &u, order, support, 3.0)
+                .unwrap()
+                .leave_one_out_rms
+        })
+        .fold(f64::INFINITY, f64::min);
+    assert!((found.leave_one_out_rms - best).abs() < 1e-9 * best);
 }
 
 #[test]
@@ -108,12 +139,13 @@ fn few_targets_get_simpler_curves() {
     assert_eq!(polynomial.coefficients().len(), 3);
     let constant = fit_auto(&x, &[2.0; 6], None).unwrap();
     assert!(matches!(&constant.curve, Curve::Polynomial(p) if p.coefficients().len() == 1));
-    // 7 targets leave moving least squares of shape 3 no candidate.
-    let x = targets(7);
+    // 3 targets leave moving least squares no candidate: one left out would leave a line through two.
+    let x = targets(3);
     assert!(matches!(
         fit_mls_auto(&x, &x, 3.0, None),
-        Err(FitError::NoCandidate { targets: 7, .. })
+        Err(FitError::NoCandidate { targets: 3, .. })
     ));
+    let x = targets(7);
     assert!(matches!(
         fit_auto(&x, &x, None).unwrap().curve,
         Curve::Polynomial(_)
