@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The axis of C lies 15 µm off in X and is tilted by 30 µrad about Y; Y is 20 µrad out of square.
     let mut errors = GivenErrors::default();
     for (name, value) in [("EX0C", 15.0), ("EB0C", 30.0), ("EC0Y", 20.0)] {
-        errors.set(chain.structure(), name.parse()?, value)?;
+        errors.set(&chain, name.parse()?, value)?;
     }
 
     // Chain order: C, A in rad, then X, Y, Z in mm.

@@ -172,6 +172,31 @@ impl Chain {
             .fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(q))
     }
 
+    /// Where the axes between the bed and the axis at `index` have carried that axis: a transform of MCS that takes its
+    /// point and its direction from machine zero to where they are at `state`. The axis's own coordinate has no part in
+    /// it. The identity for an index without an axis.
+    pub fn carrier_pose(&self, index: usize, state: &State) -> Pose {
+        let Some(carried) = self.joints.get(index) else {
+            return Pose::identity();
+        };
+        let between = self.joints.iter().zip(state.q).enumerate();
+        let carriers = between.filter(|(place, (joint, _))| {
+            let is_between = match carried.side {
+                Side::Tool => *place < index,
+                Side::Workpiece => *place > index,
+            };
+            joint.side == carried.side && is_between
+        });
+        let pose = carriers.fold(Pose::identity(), |pose, (_, (joint, q))| {
+            pose * joint.motion(q)
+        });
+        match carried.side {
+            Side::Tool => pose,
+            // Coordinates are of the tool relative to the workpiece: the bed sees the way back.
+            Side::Workpiece => pose.inverse(),
+        }
+    }
+
     /// The ideal tool tip from the workpiece origin, mm in workpiece axes: T·tip − origin.
     pub fn ideal_tip_mm(&self, state: &State) -> Vector3<f64> {
         self.ideal_pose(state).transform_point(&self.tool_tip_mm) - self.workpiece_origin_mm

@@ -42,6 +42,22 @@ impl Default for CorrectionOptions {
 }
 
 impl CorrectionOptions {
+    /// Options under which only these axes move, in this order of preference; the others are as by default. An axis
+    /// that is named twice counts once.
+    #[must_use]
+    pub fn of(axes: &[AxisName]) -> Self {
+        let mut named = ArrayVec::new();
+        for &axis in axes {
+            if !named.contains(&axis) {
+                named.push(axis); // nine different letters exist, so nine places are enough
+            }
+        }
+        Self {
+            correct: Some(named),
+            ..Self::default()
+        }
+    }
+
     /// Options for one Newton step.
     #[must_use]
     pub fn first_order() -> Self {
@@ -64,9 +80,16 @@ pub struct Correction {
     pub residual_axis: Vector3<f64>,
     /// How many Newton steps were taken.
     pub iterations: usize,
+    /// Whether what the axes can correct was brought below the tolerances of the options within their number of
+    /// steps. `false` also where a position or an error is no finite number.
+    pub converged: bool,
     /// A direction of the tool axis is not corrected: the pose is within about 1° of a singular one, or fewer than
     /// two rotary axes may move.
-    pub singular: bool,
+    pub tool_axis_partial: bool,
+    /// Two rotary axes or more may move, and the pose is a singular one or so near it (about 6°) that they take more
+    /// than 10 times the error of the tool axis, or leave a direction of it out. See
+    /// [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
+    pub near_singular: bool,
 }
 
 /// The correction at a command `state`.
@@ -107,7 +130,9 @@ pub fn correct<S: ErrorSource>(
                 residual_mm: miss.position_mm,
                 residual_axis: miss.axis,
                 iterations,
-                singular: rank < 2,
+                converged: done,
+                tool_axis_partial: rank < 2,
+                near_singular: correctors.rotary().len() >= 2 && nominal.gram.is_near_singular(),
             };
         }
         iterations += 1;

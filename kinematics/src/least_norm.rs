@@ -14,6 +14,10 @@ use crate::{correctors::INDEPENDENT_ABOVE, math::sqrt};
 /// singular pose); no rotary correction is then more than 1/0.02 = 50 times the tool-axis error.
 pub const SINGULAR_BELOW: f64 = 0.02;
 
+/// A pose counts as near a singular one when a nominal singular value is below this (about 6° from it): a rotary
+/// correction is then more than 1/0.1 = 10 times the tool-axis error along that direction, or left out.
+pub const NEAR_SINGULAR_BELOW: f64 = 0.1;
+
 /// At a pose, a linear axis whose part normal to those before it fell below this is left out: rotary axes between
 /// linear ones may turn two of them into one direction. Half of [`INDEPENDENT_ABOVE`], so that axes which were
 /// chosen at machine zero and keep their angles are never at the edge.
@@ -73,6 +77,13 @@ impl RotaryGram {
         let (_, _, squares) = self.eigenvalues();
         let least = SINGULAR_BELOW * SINGULAR_BELOW;
         usize::from(squares[0] >= least) + usize::from(squares[1] >= least)
+    }
+
+    /// Whether one of the two singular values is below [`NEAR_SINGULAR_BELOW`], or no number.
+    #[inline(always)]
+    pub fn is_near_singular(&self) -> bool {
+        let (_, _, [_, smaller]) = self.eigenvalues();
+        smaller.is_nan() || smaller < NEAR_SINGULAR_BELOW * NEAR_SINGULAR_BELOW
     }
 
     /// (A·Aᵀ)⁺·miss on the first `rank` singular directions, and the length of the part of `miss` along them.

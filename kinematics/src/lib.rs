@@ -8,8 +8,10 @@ mod correctors;
 mod denavit_hartenberg;
 mod error;
 mod error_form;
+mod given_errors;
 pub mod least_norm;
 mod math;
+mod no_effect;
 mod pose;
 mod source;
 mod structure;
@@ -21,15 +23,16 @@ pub use chain::{Chain, Joint};
 pub use correction::{Correction, CorrectionOptions, correct};
 pub use correctors::{Correctors, INDEPENDENT_ABOVE};
 pub use denavit_hartenberg::{DhRow, DhTable};
-pub use error::ChainError;
+pub use error::{ChainError, NoEffect};
 pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
-pub use least_norm::SINGULAR_BELOW;
+pub use given_errors::GivenErrors;
+pub use least_norm::{NEAR_SINGULAR_BELOW, SINGULAR_BELOW};
 pub use nalgebra;
 pub use pose::{
     Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,
     vector_from_rotation,
 };
-pub use source::{ErrorMotion, ErrorSource, GivenErrors, State};
+pub use source::{ErrorMotion, ErrorSource, State};
 pub use structure::{Side, Structure, StructureError, TypeNumbers};
 pub use twist::{Screw, Twist};
 pub use volcomp_vocabulary as vocabulary;

@@ -2,9 +2,7 @@
 
 use nalgebra::Vector3;
 
-use volcomp_vocabulary::{Direction, ErrorName, PerAxis};
-
-use crate::{error::ChainError, structure::Structure};
+use volcomp_vocabulary::{Direction, PerAxis};
 
 /// Where every axis of a chain stands, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -76,71 +74,9 @@ pub trait ErrorSource {
     }
 }
 
-/// Given error values, one set for each axis in chain order: for tables of numbers, tests and
-/// controllers that evaluate their curves elsewhere. Axes beyond the given ones have none.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct GivenErrors {
-    /// The error motions `E?N` of each axis, in chain order.
-    pub motion: PerAxis<ErrorMotion>,
-    /// The location errors `E?0N` of each axis, in chain order.
-    pub location: PerAxis<ErrorMotion>,
-    /// The assembly errors of each axis, in chain order.
-    pub assembly: PerAxis<ErrorMotion>,
-}
-
-impl GivenErrors {
-    /// Sets one error by its name: µm for `EX EY EZ`, µrad for `EA EB EC`; an error motion `E?N` or a location error
-    /// `E?0N`. `structure` is that of the chain which the errors are for.
-    ///
-    /// # Errors
-    /// [`ChainError::NoSuchAxis`] for an axis that the structure does not have.
-    pub fn set(
-        &mut self,
-        structure: &Structure,
-        name: ErrorName,
-        um_or_urad: f64,
-    ) -> Result<(), ChainError> {
-        let index = structure
-            .index_of(name.axis)
-            .ok_or_else(|| ChainError::NoSuchAxis {
-                axis: name.axis,
-                structure: structure.clone(),
-            })?;
-        let motions = if name.location {
-            &mut self.location
-        } else {
-            &mut self.motion
-        };
-        let motion = &mut motions[index];
-        let place = name.component.mcs_index();
-        if name.component.is_angular() {
-            motion.angular_rad[place] = um_or_urad * 1e-6;
-        } else {
-            motion.linear_mm[place] = um_or_urad * 1e-3;
-        }
-        Ok(())
-    }
-}
-
 impl Default for ErrorMotion {
     fn default() -> Self {
         Self::ZERO
-    }
-}
-
-impl ErrorSource for GivenErrors {
-    #[inline]
-    fn error_motion(&self, axis: usize, _state: &State) -> ErrorMotion {
-        self.motion.get(axis).copied().unwrap_or_default()
-    }
-    #[inline]
-    fn location(&self, axis: usize) -> ErrorMotion {
-        self.location.get(axis).copied().unwrap_or_default()
-    }
-    #[inline]
-    fn assembly(&self, axis: usize) -> ErrorMotion {
-        self.assembly.get(axis).copied().unwrap_or_default()
     }
 }
 

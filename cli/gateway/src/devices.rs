@@ -1,6 +1,6 @@
 //! The devices of a configuration: what they are, told without opening them, and opened.
 
-use std::time::Duration;
+use std::{collections::BTreeMap, time::Duration};
 
 use volcomp_can::{
     BridgeConfig, CanController, CanSocket, CanThermometer, SignalTable, temperature_names,
@@ -13,7 +13,7 @@ use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{FocasConfig, FocasController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::PathSettings;
-use volcomp_vocabulary::{Displacement, Um, Urad};
+use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
 
@@ -119,9 +119,9 @@ impl ControllerDevice {
                 .collect(),
             unwatched: config.unwatched,
             proves: config.proves.unwrap_or(!is_digital),
-            position_step: match &self.kind {
-                Kind::Lines(lines) => Some(lines.position_step()),
-                Kind::Focas(_) | Kind::Can(_) => None,
+            position_steps: match &self.kind {
+                Kind::Lines(lines) => [lines.position_step()].into(),
+                Kind::Focas(_) | Kind::Can(_) => BTreeMap::new(),
             },
             read_back_cycles: usize::try_from(cycles)
                 .unwrap_or(usize::MAX)
@@ -193,8 +193,8 @@ impl Lines {
         )
     }
 
-    fn position_step(&self) -> Displacement {
-        self.axis.position.step
+    fn position_step(&self) -> (AxisName, Displacement) {
+        (self.axis.name, self.axis.position.step)
     }
 }
 

@@ -7,6 +7,8 @@ use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
 
+use crate::plan_keys::by_keys;
+
 /// Why a gateway does not start, or does not do what it is asked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -21,7 +23,7 @@ pub enum GatewayError {
     #[error(transparent)]
     Unreadable(#[from] ReadError),
     /// Controllers, machine and limits do not fit together.
-    #[error("{file}: {source}")]
+    #[error("{file}: {}", by_keys(source))]
     Plan {
         /// The path of the configuration file.
         file: String,

@@ -13,6 +13,7 @@ mod metrics;
 mod observe;
 pub mod options;
 pub mod plan;
+mod plan_keys;
 pub mod process;
 pub mod published;
 pub mod request;

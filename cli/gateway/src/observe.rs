@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::Description;
-use volcomp_runtime::{Model, Report, SENSOR_TEXTS, ToolError};
+use volcomp_runtime::{Model, Report, ToolError};
 use volcomp_vocabulary::{AxisKind, Displacement, PerAxis};
 
 use crate::{
@@ -148,18 +148,16 @@ fn temperatures(facts: &Facts<'_>, report: &Report, is_silent: bool) -> Vec<Sens
     let pairs = facts.sensors.iter().zip(&report.sensors);
     pairs
         .map(|(name, sensor)| {
-            let flaw = usize::from(sensor.flaw);
-            let text = (flaw > 0).then(|| SENSOR_TEXTS.get(flaw).copied().unwrap_or("bad"));
             let (degc, reason) = if is_silent {
-                (None, Some("no cycle"))
+                (None, Some("no cycle".to_owned()))
             } else {
-                (sensor.degc, text)
+                (sensor.degc, sensor.flaw.map(|flaw| flaw.to_string()))
             };
             SensorState {
                 name: name.clone(),
                 degc: degc.map(round),
                 quality: if degc.is_some() { "good" } else { "bad" }.to_owned(),
-                reason: reason.map(str::to_owned),
+                reason,
             }
         })
         .collect()

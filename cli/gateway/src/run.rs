@@ -56,7 +56,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     if let Some(output) = last_output(&config.audit_dir.join("output.json")) {
         cycle.restore(&output);
     }
-    let (handle, lacking) = start(cycle, config.cycle, config.realtime)?;
+    let (handle, lacking) = start(cycle, config.realtime)?;
     for lacking in process.lacking.iter().chain(&lacking) {
         tracing::warn!("{lacking}");
     }

@@ -2,11 +2,7 @@
 //!
 //! `VOLCOMPM`, version, SHA-256 of all that follows, then the machine; numbers little-endian.
 
-use alloc::{
-    format,
-    string::{String, ToString},
-    vec::Vec,
-};
+use alloc::{string::ToString, vec::Vec};
 
 use arrayvec::ArrayVec;
 use sha2::{Digest, Sha256};
@@ -16,14 +12,18 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, MAX_AXES, PerAxis};
 use crate::{
     EvaluatorError, Tolerance,
     build::{AxisTables, Frame},
-    machine::{CompiledAxis, CompiledMachine, Range},
+    error::BlobError,
+    machine::{CompiledAxis, CompiledMachine, Range, Thermal},
     parts::Branches,
     patch::{CompiledPatch, Patch},
     table::{LANES, MAX_PIECES, Piece},
 };
 
-/// Version of the bytes that this program writes, and the only one it reads.
-pub const BLOB_VERSION: u32 = 2;
+/// Version of the bytes that this program writes. It also reads version 2, which has no thermal offsets.
+pub const BLOB_VERSION: u32 = 3;
+
+/// The oldest version that is read.
+const OLDEST_READ: u32 = 2;
 
 const MAGIC: &[u8; 8] = b"VOLCOMPM";
 const HEAD: usize = 8 + 4 + 32;
@@ -31,7 +31,7 @@ const HEAD: usize = 8 + 4 + 32;
 const MAX_NODES: usize = 1 << 16;
 
 impl CompiledMachine {
-    /// The machine as bytes.
+    /// The machine as bytes, with the axes that correct and the thermal offsets as they are now.
     pub fn to_blob(&self) -> Vec<u8> {
         let mut body = Vec::new();
         let structure = self.chain.structure().to_string();
@@ -62,6 +62,12 @@ impl CompiledMachine {
                 self.chain.structure().index_of(*name).unwrap_or(0),
             );
         }
+        for axis in &self.axes {
+            put(
+                &mut body,
+                axis.thermal.at_tip.iter().chain(&axis.thermal.slope_mm),
+            );
+        }
         let mut blob = Vec::with_capacity(HEAD + body.len());
         blob.extend(MAGIC);
         blob.extend(BLOB_VERSION.to_le_bytes());
@@ -76,24 +82,22 @@ impl CompiledMachine {
     /// [`EvaluatorError::Blob`]: other bytes, another version, a wrong checksum, numbers that make no
     /// machine.
     pub fn from_blob(blob: &[u8]) -> Result<Self, EvaluatorError> {
-        let (head, body) = blob
-            .split_at_checked(HEAD)
-            .ok_or_else(|| refused("it is cut off in its head"))?;
+        let (head, body) = blob.split_at_checked(HEAD).ok_or(BlobError::CutOff)?;
         if &head[..8] != MAGIC {
-            return Err(refused("found no VOLCOMPM at its start"));
+            return Err(BlobError::NotABlob.into());
         }
         let version = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
-        if version != BLOB_VERSION {
-            return Err(refused(&format!(
-                "found version {version}, expected {BLOB_VERSION}"
-            )));
+        if !(OLDEST_READ..=BLOB_VERSION).contains(&version) {
+            return Err(BlobError::Version {
+                found: version,
+                expected: BLOB_VERSION,
+            }
+            .into());
         }
         if Sha256::digest(body)[..] != head[12..] {
-            return Err(refused(
-                "its checksum does not fit: it was changed or cut off",
-            ));
+            return Err(BlobError::Checksum.into());
         }
-        read_machine(&mut Reader { body })
+        read_machine(&mut Reader { body }, version)
     }
 }
 
@@ -158,10 +162,8 @@ fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &
     }
 }
 
-fn refused(reason: &str) -> EvaluatorError {
-    EvaluatorError::Blob {
-        reason: String::from(reason),
-    }
+fn senseless(found: &'static str) -> BlobError {
+    BlobError::Content { found }
 }
 
 struct Reader<'a> {
@@ -169,22 +171,22 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], EvaluatorError> {
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], BlobError> {
         let (first, rest) = self
             .body
             .split_first_chunk::<N>()
-            .ok_or_else(|| refused("it ends too early"))?;
+            .ok_or(BlobError::CutOff)?;
         self.body = rest;
         Ok(*first)
     }
 
-    fn number(&mut self) -> Result<f64, EvaluatorError> {
+    fn number(&mut self) -> Result<f64, BlobError> {
         Some(f64::from_le_bytes(self.bytes()?))
             .filter(|number| number.is_finite())
-            .ok_or_else(|| refused("found a number that is not finite"))
+            .ok_or(BlobError::NotFinite)
     }
 
-    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], EvaluatorError> {
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], BlobError> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = self.number()?;
@@ -192,27 +194,27 @@ impl Reader<'_> {
         Ok(numbers)
     }
 
-    fn list(&mut self, count: usize) -> Result<Vec<f64>, EvaluatorError> {
+    fn list(&mut self, count: usize) -> Result<Vec<f64>, BlobError> {
         (0..count).map(|_| self.number()).collect()
     }
 
-    fn count(&mut self, most: usize, what: &str) -> Result<usize, EvaluatorError> {
+    fn count(&mut self, most: usize, what: &'static str) -> Result<usize, BlobError> {
         let found = u64::from_le_bytes(self.bytes()?);
         usize::try_from(found)
             .ok()
             .filter(|count| *count <= most)
-            .ok_or_else(|| refused(&format!("found {found} {what}, expected {most} at most")))
+            .ok_or(BlobError::TooMany { what, found, most })
     }
 
-    fn component(&mut self) -> Result<Component, EvaluatorError> {
+    fn component(&mut self) -> Result<Component, BlobError> {
         let index = self.count(LANES - 1, "as a component")?;
         Component::ALL
             .get(index)
             .copied()
-            .ok_or_else(|| refused("found no component"))
+            .ok_or_else(|| senseless("no component"))
     }
 
-    fn motion(&mut self) -> Result<ErrorMotion, EvaluatorError> {
+    fn motion(&mut self) -> Result<ErrorMotion, BlobError> {
         let [x, y, z, a, b, c] = self.numbers()?;
         Ok(ErrorMotion {
             linear_mm: Vector3::new(x, y, z),
@@ -221,29 +223,32 @@ impl Reader<'_> {
     }
 }
 
-fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorError> {
+fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine, EvaluatorError> {
     let length = reader.count(100, "letters of structure")?;
     let (text, rest) = reader
         .body
         .split_at_checked(length)
-        .ok_or_else(|| refused("it ends too early"))?;
+        .ok_or(BlobError::CutOff)?;
     reader.body = rest;
     let structure: Structure = core::str::from_utf8(text)
         .ok()
         .and_then(|text| text.parse().ok())
-        .ok_or_else(|| refused("found no structure"))?;
+        .ok_or_else(|| senseless("no structure"))?;
     let mut chain = Chain::new(structure.clone());
     let (tip, tool_axis, origin) = (reader.numbers()?, reader.numbers()?, reader.numbers()?);
     let [linear_mm, angular_rad] = reader.numbers()?;
-    let broken = |e: volcomp_kinematics::ChainError| refused(&e.to_string());
-    chain.set_tool(tip, tool_axis).map_err(broken)?;
-    chain.set_workpiece_origin(origin).map_err(broken)?;
+    chain.set_tool(tip, tool_axis).map_err(BlobError::Chain)?;
+    chain
+        .set_workpiece_origin(origin)
+        .map_err(BlobError::Chain)?;
     let (mut axes, mut location, mut assembly) =
         (Vec::new(), PerAxis::default(), PerAxis::default());
     for (index, &name) in structure.axes().iter().enumerate() {
         let (direction, point) = (reader.numbers()?, reader.numbers()?);
-        chain.set_direction(name, direction).map_err(broken)?;
-        chain.set_point(name, point).map_err(broken)?;
+        chain
+            .set_direction(name, direction)
+            .map_err(BlobError::Chain)?;
+        chain.set_point(name, point).map_err(BlobError::Chain)?;
         (location[index], assembly[index]) = (reader.motion()?, reader.motion()?);
         axes.push(read_axis(reader, name, &structure)?);
     }
@@ -262,8 +267,16 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
         let name = structure.axes()[reader.count(last, "as an axis")?];
         moved.push(name); // at most as many as the structure has
     }
+    let mut thermal = Vec::new();
+    // Version 2 has none.
+    for _ in structure.axes().iter().filter(|_| version >= 3) {
+        thermal.push(Thermal {
+            at_tip: reader.numbers()?,
+            slope_mm: reader.numbers()?,
+        });
+    }
     if !reader.body.is_empty() {
-        return Err(refused("it goes on behind its end"));
+        return Err(BlobError::TooLong.into());
     }
     let tolerance = Tolerance {
         linear_mm,
@@ -272,6 +285,10 @@ fn read_machine(reader: &mut Reader<'_>) -> Result<CompiledMachine, EvaluatorErr
     let frame = Frame::new(chain, &location, &assembly, tolerance);
     let mut machine = CompiledMachine::from_tables(frame, axes, ranges);
     machine.set_correctors(&moved)?;
+    for (axis, thermal) in machine.axes.iter_mut().zip(thermal) {
+        axis.thermal = thermal;
+    }
+    machine.choose_path();
     Ok(machine)
 }
 
@@ -279,14 +296,14 @@ fn read_axis(
     reader: &mut Reader<'_>,
     name: AxisName,
     structure: &Structure,
-) -> Result<AxisTables, EvaluatorError> {
+) -> Result<AxisTables, BlobError> {
     let [low, high, period] = reader.numbers()?;
     if low >= high || period < 0.0 || (period > 0.0 && name.kind() == AxisKind::Linear) {
-        return Err(refused("found a travel or a modulo that makes no axis"));
+        return Err(senseless("a travel or a modulo that makes no axis"));
     }
     let count = reader.count(3, "tables")?;
     if count != 1 && count != 3 {
-        return Err(refused("expected one table or three"));
+        return Err(senseless("another number of tables than one or three"));
     }
     let tables = (0..count)
         .map(|_| read_table(reader))
@@ -303,7 +320,7 @@ fn read_axis(
     })
 }
 
-fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, EvaluatorError> {
+fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, BlobError> {
     let count = reader.count(MAX_PIECES, "pieces")?;
     let mut pieces: Vec<Piece> = Vec::new();
     for place in 0..count {
@@ -312,7 +329,7 @@ fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, EvaluatorError> {
         // The first and the last are the held ends.
         let held = place == 0 || place + 1 == count;
         if !joins || (start >= end) != held || start > end {
-            return Err(refused("found pieces that do not follow one another"));
+            return Err(senseless("pieces that do not follow one another"));
         }
         let mut powers = [[0.0; LANES]; 4];
         for power in &mut powers {
@@ -321,15 +338,12 @@ fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, EvaluatorError> {
         pieces.push(Piece::new(start, end, powers));
     }
     if pieces.len() < 2 {
-        return Err(refused("found a table without ends"));
+        return Err(senseless("a table without ends"));
     }
     Ok(pieces)
 }
 
-fn read_patch(
-    reader: &mut Reader<'_>,
-    structure: &Structure,
-) -> Result<CompiledPatch, EvaluatorError> {
+fn read_patch(reader: &mut Reader<'_>, structure: &Structure) -> Result<CompiledPatch, BlobError> {
     let component = reader.component()?;
     let weights = reader.numbers()?;
     let mut looked_at = [0; 2];
@@ -339,7 +353,7 @@ fn read_patch(
         let count = reader.count(MAX_NODES, "nodes")?;
         *nodes = reader.list(count)?;
         if nodes.is_empty() || nodes.windows(2).any(|pair| pair[0] >= pair[1]) {
-            return Err(refused("found nodes that do not rise"));
+            return Err(senseless("nodes that do not rise"));
         }
     }
     let values = reader.list(nodes[0].len() * nodes[1].len())?;

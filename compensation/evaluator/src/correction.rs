@@ -42,7 +42,10 @@ pub struct FirstOrder {
     pub delta: PerAxis<f64>,
     /// A direction of the tool axis is not corrected: the pose is within about 1° of a singular one, or fewer than
     /// two rotary axes may move.
-    pub singular: bool,
+    pub tool_axis_partial: bool,
+    /// Two rotary axes or more may move, and the pose is a singular one or within about 6° of it: see
+    /// [`volcomp_kinematics::NEAR_SINGULAR_BELOW`].
+    pub near_singular: bool,
 }
 
 impl CompiledMachine {
@@ -93,13 +96,15 @@ impl CompiledMachine {
             return FirstOrder {
                 error,
                 delta,
-                singular: true,
+                tool_axis_partial: true,
+                near_singular: false,
             };
         }
         let mut passed = Passed([None; MAX_AXES]);
         let error = self.walk::<PATCHED>(state, registers, &mut passed);
         let directions = self.directions(&passed, registers);
-        let singular = correct_axis(correctors, &error, &directions, &mut delta);
+        let [tool_axis_partial, near_singular] =
+            correct_axis(correctors, &error, &directions, &mut delta);
         let mut position = Vector3::from(error.position_mm);
         for (arm_mm, delta) in directions.arms_mm.iter().zip(&delta) {
             position += arm_mm * *delta;
@@ -113,7 +118,8 @@ impl CompiledMachine {
         FirstOrder {
             error,
             delta,
-            singular,
+            tool_axis_partial,
+            near_singular,
         }
     }
 
@@ -192,14 +198,14 @@ impl CompiledMachine {
 }
 
 /// Rotary axes, least norm on the two components of the tool-axis error normal to it. Whether a direction is left
-/// out.
+/// out, and whether two axes or more are near a singular pose.
 #[inline(always)]
 fn correct_axis(
     correctors: &Correctors,
     error: &Evaluation,
     directions: &Directions,
     delta: &mut PerAxis<f64>,
-) -> bool {
+) -> [bool; 2] {
     let [first, second] = normals(&directions.tool_axis);
     // (v × t) · n = v · (t × n).
     let seen = |v: &Vector3<f64>| Vector2::new(second.dot(v), -first.dot(v));
@@ -213,7 +219,8 @@ fn correct_axis(
     for &index in correctors.rotary() {
         delta[index] = -seen(&directions.axes[index]).dot(&weighted);
     }
-    rank < 2
+    let near_singular = correctors.rotary().len() >= 2 && gram.is_near_singular();
+    [rank < 2, near_singular]
 }
 
 /// Linear axes on position: exactly with three directions, least squares with fewer.

@@ -65,11 +65,56 @@ pub enum EvaluatorError {
     #[error(transparent)]
     Chain(#[from] ChainError),
     /// Bytes that are no compiled machine.
-    #[error("compiled machine: {reason}")]
-    Blob {
-        /// The reason why the bytes are refused.
-        reason: String,
+    #[error("compiled machine: {0}")]
+    Blob(#[from] BlobError),
+}
+
+/// Why bytes are no compiled machine.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BlobError {
+    /// The bytes do not begin with the letters of a compiled machine.
+    #[error("found no VOLCOMPM at its start")]
+    NotABlob,
+    /// The bytes are of a version that this program does not read.
+    #[error("found version {found}, expected {expected}")]
+    Version {
+        /// The version of the bytes.
+        found: u32,
+        /// The newest version that is read.
+        expected: u32,
     },
+    /// The checksum does not belong to the content.
+    #[error("its checksum does not fit: it was changed or cut off")]
+    Checksum,
+    /// The bytes end before the machine does.
+    #[error("it ends too early")]
+    CutOff,
+    /// There are bytes behind the machine.
+    #[error("it goes on behind its end")]
+    TooLong,
+    /// A number is NaN or infinite.
+    #[error("found a number that is not finite")]
+    NotFinite,
+    /// More of something than a machine can have.
+    #[error("found {found} {what}, expected {most} at most")]
+    TooMany {
+        /// What is counted, in the plural.
+        what: &'static str,
+        /// How many the bytes state.
+        found: u64,
+        /// How many are allowed.
+        most: usize,
+    },
+    /// A part of the machine that makes no sense.
+    #[error("found {found}")]
+    Content {
+        /// The part that makes no sense.
+        found: &'static str,
+    },
+    /// Geometry that a chain cannot have.
+    #[error(transparent)]
+    Chain(#[from] ChainError),
 }
 
 fn expected(fitting_nm: Option<f64>) -> String {

@@ -29,9 +29,11 @@ mod walk;
 
 pub use blob::BLOB_VERSION;
 pub use correction::FirstOrder;
-pub use error::EvaluatorError;
+pub use error::{BlobError, EvaluatorError};
 #[cfg(feature = "std")]
 pub use grid::LinearGrid;
 pub use machine::{CompiledMachine, Evaluation, OutsideRange};
 pub use parts::{AxisParts, MachineParts, RawCurve, Tolerance};
 pub use patch::Patch;
+pub use volcomp_kinematics as kinematics;
+pub use volcomp_vocabulary as vocabulary;

@@ -109,7 +109,7 @@ impl CompiledMachine {
 
     /// Sets the thermal part of the error motions of the axis at `index` (its place in the chain): `offset` (mm,
     /// rad) at the axis's point, and `slope_mm` for each mm of a linear axis's coordinate. It replaces the thermal
-    /// part before; an index without an axis changes nothing. Allocates nothing. Blobs do not hold it.
+    /// part before; an index without an axis changes nothing. Allocates nothing. Blobs hold it.
     pub fn set_thermal_offset(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
         let Some(axis) = self.axes.get_mut(index) else {
             return;

@@ -1,9 +1,12 @@
 //! Why the state of a guard is what it is, as a set.
 
-use core::ops::{BitOr, BitOrAssign};
+use core::{
+    fmt,
+    ops::{BitOr, BitOrAssign},
+};
 
 /// A set of reasons. Plain bits: cheap to pass between threads.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Reasons(u64);
 
 macro_rules! reasons {
@@ -73,8 +76,12 @@ reasons! {
     CANNOT_SEE_OTHERS = 26, "cannot see other gateways";
     /// The program is stopping.
     STOPPING = 27, "stopping";
-    /// Near a pose in which the tool axis cannot be corrected in one direction.
+    /// The pose is within about 1° of one in which the tool axis cannot be corrected in one direction: that direction
+    /// is left as it is.
     SINGULAR = 28, "singular pose";
+    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
+    /// axis.
+    NEAR_SINGULAR = 29, "near a singular pose";
 }
 
 impl Reasons {
@@ -94,7 +101,8 @@ impl Reasons {
             | Self::OVERRUNS.0
             | Self::FALLBACK.0
             | Self::CANNOT_SEE_OTHERS.0
-            | Self::SINGULAR.0,
+            | Self::SINGULAR.0
+            | Self::NEAR_SINGULAR.0,
     );
 
     /// Whether the set holds no reason.
@@ -135,6 +143,13 @@ impl Reasons {
             .iter()
             .filter(move |(reason, _)| self.contains(*reason))
             .map(|(_, text)| *text)
+    }
+}
+
+impl fmt::Debug for Reasons {
+    /// The reasons in words.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_set().entries(self.texts()).finish()
     }
 }
 

@@ -31,7 +31,7 @@ impl Default for SensorLimits {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Rejected {
     /// The device says that it is broken, or says nothing.
-    #[error("broken")]
+    #[error("broken or silent")]
     Broken,
     /// The temperature is older than the limit of the sensor.
     #[error("stale")]

@@ -5,9 +5,11 @@
 
 use std::{env, path::PathBuf, process::ExitCode};
 
-use volcomp_kinematics::{CorrectionOptions, Form};
-use volcomp_model::{Machine, ModelError, Temperatures, Tolerance};
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_model::{
+    Machine, ModelError, Temperatures, Tolerance,
+    kinematics::{CorrectionOptions, Form},
+    vocabulary::{AxisKind, AxisName, Displacement},
+};
 
 fn main() -> ExitCode {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/trunnion.toml");
@@ -48,10 +50,7 @@ fn answer(machine: &Machine) -> Result<(), ModelError> {
     // names none), and on the linear axes alone. What the axes cannot reach is residual.
     let linear = command.iter().map(|(axis, _)| *axis);
     let linear = linear.filter(|axis| axis.kind() == AxisKind::Linear);
-    let linear_only = CorrectionOptions {
-        correct: Some(linear.collect()),
-        ..CorrectionOptions::default()
-    };
+    let linear_only = CorrectionOptions::of(&linear.collect::<Vec<_>>());
     for (text, options) in [
         ("as the machine file says", machine.correction_options()),
         ("linear axes alone", linear_only),
@@ -59,10 +58,11 @@ fn answer(machine: &Machine) -> Result<(), ModelError> {
         let found = machine.correction_at(&state, &steady, &options);
         print!("correction, {text}:");
         for (joint, delta) in machine.chain().joints().iter().zip(&found.delta) {
-            match joint.kind {
-                AxisKind::Linear => print!("  {} {:.2} µm", joint.name, delta * 1e3),
-                AxisKind::Rotary => print!("  {} {:.2} µrad", joint.name, delta * 1e6),
-            }
+            print!(
+                "  {} {:.2}",
+                joint.name,
+                Displacement::new(joint.kind, *delta)
+            );
         }
         println!(
             "; left: {:.3} µm, tool axis {:.1} µrad",

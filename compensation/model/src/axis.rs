@@ -1,6 +1,6 @@
 //! An axis as a machine file states it.
 
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_vocabulary::AxisName;
 
 /// One axis as the machine file states it.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,13 +33,5 @@ impl Axis {
 
     pub(crate) fn contains(&self, coordinate: f64) -> bool {
         (self.travel[0]..=self.travel[1]).contains(&coordinate)
-    }
-}
-
-/// A coordinate of the chain (mm, rad) in the units of the file (mm, deg).
-pub(crate) fn file_units(axis: AxisName, q: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => q,
-        AxisKind::Rotary => q.to_degrees(),
     }
 }

@@ -3,7 +3,7 @@
 use volcomp_curve::{ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Tolerance};
 use volcomp_kinematics::ErrorMotion;
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Deg, Direction, Displacement, MAX_AXES};
+use volcomp_vocabulary::{AxisName, Component, Deg, Direction, Displacement, MAX_AXES};
 
 use crate::{error::ModelError, machine::Machine, thermal::Temperatures};
 
@@ -40,12 +40,7 @@ impl Machine {
             parts = parts.assembly(axis.name, assembly).map_err(refused)?;
         }
         for (&name, &value) in self.locations() {
-            let kind = if name.component.is_angular() {
-                AxisKind::Rotary
-            } else {
-                AxisKind::Linear
-            };
-            let value = Displacement::from_micro(kind, value);
+            let value = Displacement::from_micro(name.component.kind(), value);
             parts = parts.location(name, value).map_err(refused)?;
         }
         let mut compiled = CompiledMachine::new(parts, tolerance).map_err(refused)?;
@@ -158,13 +153,14 @@ fn one_argument(
 
 /// A grid in µm or µrad as a patch in mm or rad.
 fn patch(component: Component, grid: &Grid, weights: [f64; 3], axes: [AxisName; 2]) -> Patch {
-    let to_internal = if component.is_angular() { 1e-6 } else { 1e-3 };
     let values = grid.values().iter().flatten();
     Patch {
         component,
         weights,
         axes,
         nodes: grid.nodes().clone(),
-        values: values.map(|value| value * to_internal).collect(),
+        values: values
+            .map(|&value| Displacement::from_micro(component.kind(), value).mm_or_rad())
+            .collect(),
     }
 }

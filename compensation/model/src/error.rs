@@ -1,7 +1,7 @@
 //! The reasons why a machine file is refused or a machine cannot answer.
 
 use volcomp_document::{InputError, ReadError};
-use volcomp_kinematics::ChainError;
+use volcomp_kinematics::{ChainError, NoEffect};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Why a machine file is refused or a machine cannot answer.
@@ -34,13 +34,19 @@ pub enum ModelError {
         /// The names of the tools that the file has.
         known: String,
     },
-    /// A coordinate that is no finite number.
-    #[error("axis {axis}: coordinate is {found}, expected a finite number")]
+    /// A coordinate that is no number, or too large for a machine.
+    #[error("axis {axis}: coordinate is {found}, expected a finite number from -1e9 to 1e9 {}", axis.kind().coordinate_unit())]
     Coordinate {
         /// The axis that is meant.
         axis: AxisName,
-        /// The value that was found.
+        /// The value that was found, mm or deg.
         found: f64,
+    },
+    /// Two coordinates of one axis.
+    #[error("axis {axis} has two coordinates, expected one at the most")]
+    AxisTwice {
+        /// The axis that is meant.
+        axis: AxisName,
     },
     /// An error motion or a location error that the machine cannot have.
     #[error("{error}: {reason}")]
@@ -101,28 +107,9 @@ pub enum ErrorRefusal {
     /// A number of the curve, or the location error, is NaN or infinite.
     #[error("expected finite numbers")]
     NotFinite,
-    /// A location offset of a linear axis moves nothing.
-    #[error("has no effect; put a zero offset into the constant of {constant}")]
-    OffsetOfLinearAxis {
-        /// The error motion whose constant means the same.
-        constant: ErrorName,
-    },
-    /// A location error along a rotary axis, or about it, moves nothing.
-    #[error(
-        "lies along the axis itself and has no effect; put a zero offset into the constant of {constant}"
-    )]
-    AlongRotaryAxis {
-        /// The error motion whose constant means the same.
-        constant: ErrorName,
-    },
-    /// A tilt of a linear axis about itself moves nothing.
-    #[error(
-        "turns the axis about itself and has no effect; put a zero offset into the constant of {constant}"
-    )]
-    AboutLinearAxis {
-        /// The error motion whose constant means the same.
-        constant: ErrorName,
-    },
+    /// A location error that moves nothing.
+    #[error(transparent)]
+    NoEffect(#[from] NoEffect),
     /// On an axis with a modulo the curve does not close.
     #[error(
         "first value {first} and last value {last} differ, expected the same: the axis has a modulo"

@@ -2,12 +2,9 @@
 
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_kinematics::Joint;
-use volcomp_vocabulary::{AxisKind, Component, ErrorName};
+use volcomp_vocabulary::ErrorName;
 
 use crate::error::ErrorRefusal;
-
-/// A location error is along or about the axis itself when this share of its direction is.
-const ALONG_ITSELF: f64 = 1.0 - 1e-12;
 
 /// Why a location error is refused.
 pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Option<ErrorRefusal> {
@@ -17,21 +14,7 @@ pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Op
     if !value.is_finite() {
         return Some(ErrorRefusal::NotFinite);
     }
-    let place = name.component.mcs_index();
-    let (linear, angular) = (Component::ALL[place], Component::ALL[3 + place]);
-    let along_itself = joint.direction[place].abs() > ALONG_ITSELF;
-    match (joint.kind, name.component.is_angular()) {
-        (AxisKind::Linear, false) => Some(ErrorRefusal::OffsetOfLinearAxis {
-            constant: ErrorName::motion(name.component, name.axis),
-        }),
-        (AxisKind::Rotary, _) if along_itself => Some(ErrorRefusal::AlongRotaryAxis {
-            constant: ErrorName::motion(angular, name.axis),
-        }),
-        (AxisKind::Linear, true) if along_itself => Some(ErrorRefusal::AboutLinearAxis {
-            constant: ErrorName::motion(linear, name.axis),
-        }),
-        _ => None,
-    }
+    joint.no_effect(name.component).map(ErrorRefusal::NoEffect)
 }
 
 /// Why the curve of an error motion is refused on a machine with so many axes; `goes_round`: the axis has a

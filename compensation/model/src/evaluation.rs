@@ -3,32 +3,36 @@
 use volcomp_kinematics::{
     Correction, CorrectionOptions, Form, State, VolumetricError, correct, volumetric_error,
 };
-use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{AxisName, Displacement, ErrorName, MAX_AXES};
 
 use crate::{
-    axis::{Axis, file_units},
-    error::ModelError,
-    machine::Machine,
-    source::MachineErrors,
-    thermal::Temperatures,
+    axis::Axis, error::ModelError, machine::Machine, source::MachineErrors, thermal::Temperatures,
 };
+
+/// The largest coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
+const MOST_COORDINATE: f64 = 1e9;
 
 impl Machine {
     /// A state from coordinates in mm and deg; axes not named stand at 0, approach unknown.
     ///
     /// # Errors
-    /// An axis that is not there, a coordinate that is not finite.
+    /// [`ModelError::NoSuchAxis`]; [`ModelError::Coordinate`] for one that is no number from −1e9 to 1e9 mm or deg;
+    /// [`ModelError::AxisTwice`] for an axis with two coordinates.
     pub fn state(&self, coordinates: &[(AxisName, f64)]) -> Result<State, ModelError> {
         let mut state = State::default();
-        for &(axis, found) in coordinates {
+        for (place, &(axis, found)) in coordinates.iter().enumerate() {
             let index = self.index_of(axis)?;
-            if !found.is_finite() {
+            // Also refuses NaN.
+            if !(-MOST_COORDINATE..=MOST_COORDINATE).contains(&found) {
                 return Err(ModelError::Coordinate { axis, found });
             }
-            state.q[index] = match axis.kind() {
-                AxisKind::Linear => found,
-                AxisKind::Rotary => found.to_radians(),
-            };
+            if coordinates[..place]
+                .iter()
+                .any(|(before, _)| *before == axis)
+            {
+                return Err(ModelError::AxisTwice { axis });
+            }
+            state.q[index] = Displacement::from_coordinate(axis.kind(), found).mm_or_rad();
         }
         Ok(state)
     }
@@ -95,8 +99,10 @@ impl Machine {
 
     /// The axes that stand outside their travel at a state, in chain order.
     pub fn outside_travel(&self, state: &State) -> Vec<AxisName> {
-        let outside =
-            |&(axis, &q): &(&Axis, &f64)| !axis.contains(axis.looked_up(file_units(axis.name, q)));
+        let outside = |&(axis, &q): &(&Axis, &f64)| {
+            let coordinate = Displacement::new(axis.name.kind(), q).mm_or_deg();
+            !axis.contains(axis.looked_up(coordinate))
+        };
         let stands = self.axes().iter().zip(&state.q);
         stands.filter(outside).map(|(axis, _)| axis.name).collect()
     }

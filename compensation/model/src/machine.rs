@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{Chain, ErrorMotion, State, Structure};
-use volcomp_vocabulary::{AxisName, Component, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES};
 
 use crate::{
-    axis::{Axis, file_units},
+    axis::Axis,
     error::{CorrectRefusal, ModelError},
     error_rules::{curve_refusal, location_refusal},
     thermal::Thermal,
@@ -289,7 +289,7 @@ impl Machine {
     pub fn curve_coordinates(&self, state: &State) -> [f64; MAX_AXES] {
         let mut coordinates = [0.0; MAX_AXES];
         for ((place, axis), &q) in coordinates.iter_mut().zip(&self.axes).zip(&state.q) {
-            *place = axis.looked_up(file_units(axis.name, q));
+            *place = axis.looked_up(Displacement::new(axis.name.kind(), q).mm_or_deg());
         }
         coordinates
     }

@@ -3,7 +3,7 @@
 use volcomp_curve::first_order_lag;
 use volcomp_evaluator::CompiledMachine;
 use volcomp_kinematics::ErrorMotion;
-use volcomp_vocabulary::{ErrorName, MAX_AXES};
+use volcomp_vocabulary::{Displacement, ErrorName, MAX_AXES};
 
 use crate::{
     error::{ModelError, ThermalRefusal},
@@ -180,13 +180,8 @@ impl Term {
     }
 
     fn drift(machine: &Machine, term: &Drift, sensors: &[String]) -> Result<Self, ModelError> {
-        let to_internal = if term.error.component.is_angular() {
-            1e-6
-        } else {
-            1e-3
-        };
         let effect = Effect::Drift {
-            per_k: term.per_k * to_internal,
+            per_k: Displacement::from_micro(term.error.component.kind(), term.per_k).mm_or_rad(),
         };
         let weights = term.sensors.iter().map(|(name, weight)| (name, *weight));
         let made = Self::of(machine, term.error, effect, weights, sensors)?;

@@ -37,7 +37,7 @@ fn control(clock: &Clock) -> impl Controller + 'static {
 
 pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let (clock, settings) = (Clock::manual(), runtime::PathSettings::default());
-    let guard = runtime::GuardSettings::new(runtime::AxisSettings::<Um>::new(Um(100.0), Um(500.0)));
+    let guard = runtime::GuardSettings::new(runtime::AxisSettings::new(Um(100.0), Um(500.0)));
     let model = runtime::Model::new(&Machine::parse(MACHINE, "example")?, guard.fading)?;
     let control = control(&clock);
     let described = control.description().clone();

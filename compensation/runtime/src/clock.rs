@@ -27,7 +27,7 @@ impl Deadlines {
     /// The first deadline is one period from now.
     pub(crate) fn new(period: Duration) -> Self {
         Self {
-            next: monotonic() + period,
+            next: monotonic().saturating_add(period),
             period,
         }
     }
@@ -42,13 +42,13 @@ impl Deadlines {
     /// The work for a deadline was done at `now`. Periods that have passed already are left out, so that no burst
     /// follows; gives how many.
     pub(crate) fn done(&mut self, now: Duration) -> u32 {
-        self.next += self.period;
+        self.next = self.next.saturating_add(self.period);
         if now <= self.next {
             return 0;
         }
         let late = now.saturating_sub(self.next).as_nanos() / self.period.as_nanos().max(1);
         let missed = u32::try_from(late + 1).unwrap_or(u32::MAX);
-        self.next += self.period * missed;
+        self.next = self.next.saturating_add(self.period.saturating_mul(missed));
         missed
     }
 }

@@ -13,9 +13,18 @@ use volcomp_port::Description;
 use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
 use crate::{
-    asked::Asked, error::PlanError, model::Model, path::ControlPath, place::Place,
-    replacement::Replacement, report::Report, sensors::Sensors,
+    asked::Asked,
+    error::{LimitsRefusal, PlanError},
+    model::Model,
+    path::ControlPath,
+    place::Place,
+    replacement::Replacement,
+    report::Report,
+    sensors::Sensors,
 };
+
+/// The longest time that an exchange with a controller may take, however long its positions may be held.
+const LONGEST_EXCHANGE: Duration = Duration::from_secs(10);
 
 /// Travel after which a direction counts as turned: of linear axes 5 µm.
 const REVERSAL_MM: f64 = 0.005;
@@ -54,7 +63,8 @@ impl Cycle {
     /// `hand_back`.
     ///
     /// # Errors
-    /// No path, or more than [`MAX_PATHS`].
+    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`]. [`PlanError::Period`]: another period than that for
+    /// which a path was planned.
     pub fn new(
         model: Box<Model>,
         mut paths: Vec<ControlPath>,
@@ -64,6 +74,17 @@ impl Cycle {
     ) -> Result<Self, PlanError> {
         if !(1..=MAX_PATHS).contains(&paths.len()) {
             return Err(PlanError::Paths { found: paths.len() });
+        }
+        // A guard has checked the period of its plan, so none that makes no sense comes through.
+        for path in &paths {
+            let planned = path.guard.limits().period;
+            if planned != period {
+                return Err(PlanError::Period {
+                    device: path.controller.description().device.clone(),
+                    found: period,
+                    planned,
+                });
+            }
         }
         number_channels(&mut paths);
         Ok(Self {
@@ -112,6 +133,11 @@ impl Cycle {
         self.paths.iter().map(|path| path.controller.description())
     }
 
+    /// The time from one cycle to the next.
+    pub fn period(&self) -> Duration {
+        self.period
+    }
+
     /// When the clock of the cycle began.
     pub fn start(&self) -> Instant {
         self.start
@@ -125,12 +151,29 @@ impl Cycle {
         }
     }
 
-    /// Takes other limits for the path at `index`; limits that its guard refuses leave the old ones.
-    pub fn set_limits(&mut self, index: usize, limits: &Limits) {
-        if let Some(path) = self.paths.get_mut(index) {
-            // Whoever sends limits has checked them.
-            let _ = path.guard.set_limits(*limits);
+    /// Takes other limits for the path at `index`. Allocates nothing.
+    ///
+    /// # Errors
+    /// Limits that make no sense, of another number of axes or of another period, or for a path that is not there: the
+    /// old ones stay.
+    pub fn set_limits(&mut self, index: usize, limits: &Limits) -> Result<(), LimitsRefusal> {
+        let paths = self.paths.len();
+        let Some(path) = self.paths.get_mut(index) else {
+            return Err(LimitsRefusal::NoSuchPath { path: index, paths });
+        };
+        if limits.period != self.period {
+            return Err(LimitsRefusal::Period {
+                path: index,
+                found: limits.period,
+                expected: self.period,
+            });
         }
+        path.guard
+            .set_limits(*limits)
+            .map_err(|source| LimitsRefusal::Limits {
+                path: index,
+                source,
+            })
     }
 
     /// Counts periods that were missed.
@@ -183,7 +226,8 @@ impl Cycle {
             .paths
             .get(index)
             .map_or(Duration::ZERO, |path| path.guard.limits().hold);
-        self.period.mul_f64(0.6).max(hold / 3)
+        let patience = self.period.mul_f64(0.6).max(hold / 3);
+        patience.min(LONGEST_EXCHANGE)
     }
 
     fn read(&mut self, index: usize, deadline: Instant, since_start: Duration) {
@@ -247,10 +291,12 @@ impl Cycle {
             return (PerAxis::ZERO, unknown);
         }
         let correctors = &self.paths[self.selector.active()].correctors;
-        let (wanted, singular) = self.model.correction_of(&state, correctors);
+        let wanted = self.model.correction_of(&state, correctors);
         let outside = self.model.is_outside_range(&state);
-        let notes = Reasons::SINGULAR.when(singular) | Reasons::OUTSIDE_RANGE.when(outside);
-        (wanted, notes)
+        let notes = Reasons::SINGULAR.when(wanted.singular)
+            | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
+            | Reasons::OUTSIDE_RANGE.when(outside);
+        (wanted.delta, notes)
     }
 
     /// Which path corrects, what the model asks for, what each guard makes of it.

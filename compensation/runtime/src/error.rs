@@ -1,4 +1,7 @@
-//! Why a configuration makes no correction, and why a correction does not start.
+//! Why settings make no correction, and why a correction does not start. A program with a configuration file can match
+//! the variants and name its own keys.
+
+use std::time::Duration;
 
 use volcomp_guard::{LimitsError, Quantity};
 use volcomp_port::UnfitAxes;
@@ -21,7 +24,7 @@ pub enum PlanError {
         axes: Vec<AxisName>,
     },
     /// The position of an axis is stated that the machine lacks.
-    #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
+    #[error("{device}: fixed position of axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchFixedAxis {
         /// The device as the driver names it.
         device: String,
@@ -41,7 +44,7 @@ pub enum PlanError {
         source: UnfitAxes,
     },
     /// The stated position of an axis is no finite coordinate of its kind.
-    #[error("{device}: fixed: axis {axis}: expected a finite {} coordinate", axis.kind())]
+    #[error("{device}: fixed position of axis {axis}: expected a finite number of {}", axis.kind().coordinate_unit())]
     FixedPosition {
         /// The device as the driver names it.
         device: String,
@@ -50,7 +53,7 @@ pub enum PlanError {
     },
     /// The position of an axis is stated although the controller shows where it is.
     #[error(
-        "{device}: fixed: axis {axis} is one of the controller's axes, which shows where it stands"
+        "{device}: fixed position of axis {axis}: the controller shows where this axis stands, expected no fixed position"
     )]
     FixedIsShown {
         /// The device as the driver names it.
@@ -70,7 +73,7 @@ pub enum PlanError {
     },
     /// Nothing on the control's side notices when the program stops.
     #[error(
-        "{device}: nothing at the control ramps the correction out when the gateway stops: name a heartbeat that the control watches, or state unwatched = true"
+        "{device}: nothing at the control ramps the correction out when this program stops: expected a heartbeat that the control watches, or the setting `unwatched`"
     )]
     Unwatched {
         /// The device as the driver names it.
@@ -78,7 +81,7 @@ pub enum PlanError {
     },
     /// The device cannot keep up with the cycle.
     #[error(
-        "{device}: cycle_ms: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
+        "{device}: cycle: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
     )]
     CycleTooShort {
         /// The device as the driver names it.
@@ -89,7 +92,7 @@ pub enum PlanError {
         shortest_ms: f64,
     },
     /// A rotary axis is to be corrected, and nothing is allowed to rotary axes.
-    #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
+    #[error("{device}: axis {axis} is rotary: expected limits of rotary axes, found none")]
     NoRotaryLimits {
         /// The device as the driver names it.
         device: String,
@@ -105,6 +108,26 @@ pub enum PlanError {
         axis: Option<AxisName>,
         /// Which limit, and what is wrong with it.
         source: LimitsError,
+    },
+    /// The smallest step of the position of an axis is negative, no number, or of the wrong kind.
+    #[error("{device}: position step of axis {axis}: expected {}", step_of(*.axis))]
+    PositionStep {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis whose step is stated.
+        axis: AxisName,
+    },
+    /// A cycle of another period than that for which a path was planned.
+    #[error(
+        "{device}: period of the cycle: found {found:?}, expected {planned:?}, for which this path was planned"
+    )]
+    Period {
+        /// The device as the driver names it.
+        device: String,
+        /// The period of the cycle.
+        found: Duration,
+        /// The period of the plan.
+        planned: Duration,
     },
     /// More temperatures than a cycle can carry.
     #[error(
@@ -140,37 +163,72 @@ fn letters(axes: &[AxisName]) -> String {
     letters.join(" ")
 }
 
-/// In the units and by the keys of the configuration.
+fn step_of(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "a length of 0 or more",
+        AxisKind::Rotary => "an angle of 0 or more",
+    }
+}
+
+/// A quantity of the limits of an axis in the units of people: µm or µrad, ms; the number itself where it has no unit.
+pub fn quantity_text(error: &LimitsError, kind: AxisKind) -> String {
+    let displacement = Displacement::new(kind, error.found);
+    match error.what {
+        Quantity::Resolution | Quantity::Limit | Quantity::Warn | Quantity::TestShift => {
+            displacement.to_string()
+        }
+        Quantity::Slew => format!("{displacement}/s"),
+        Quantity::Accel => format!("{displacement}/s²"),
+        Quantity::Period | Quantity::Hold | Quantity::ZeroAfter => {
+            format!("{} ms", error.found * 1e3)
+        }
+        Quantity::Axes | Quantity::ReadBack => error.found.to_string(),
+    }
+}
+
 fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> String {
     let kind = axis.map_or(AxisKind::Linear, AxisName::kind);
-    let unit = match kind {
-        AxisKind::Linear => "um",
-        AxisKind::Rotary => "urad",
-    };
-    let displacement = || Displacement::new(kind, error.found);
-    let ms = || format!("{} ms", error.found * 1e3);
-    let (key, found) = match error.what {
-        Quantity::Resolution => (format!("resolution_{unit}"), displacement().to_string()),
-        Quantity::Limit => (format!("limit_{unit}"), displacement().to_string()),
-        Quantity::Warn => (format!("warn_{unit}"), displacement().to_string()),
-        Quantity::Slew => (
-            format!("slew_{unit}_per_s"),
-            format!("{}/s", displacement()),
-        ),
-        Quantity::Accel => (
-            format!("accel_{unit}_per_s2"),
-            format!("{}/s²", displacement()),
-        ),
-        Quantity::TestShift => (format!("test_shift_{unit}"), displacement().to_string()),
-        Quantity::Axes => ("axes".to_owned(), error.found.to_string()),
-        Quantity::Period => ("cycle_ms".to_owned(), ms()),
-        Quantity::Hold => ("hold_ms".to_owned(), ms()),
-        Quantity::ZeroAfter => ("zero_after_ms".to_owned(), ms()),
-        Quantity::ReadBack => ("read-back, cycles".to_owned(), error.found.to_string()),
-    };
     let of = axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
+    let found = quantity_text(error, kind);
+    // The unit stands with the number.
+    let what = error.what.to_string();
+    let what = what.split(',').next().unwrap_or_default();
     format!(
-        "{device}: [guard] {key}{of}: found {found}, expected {}",
+        "{device}: {what}{of}: found {found}, expected {}",
         error.expected
     )
+}
+
+/// Why a running cycle does not take other limits.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LimitsRefusal {
+    /// The cycle has no path at this place.
+    #[error("limits of path {path}: the cycle has {paths} paths, counted from 0")]
+    NoSuchPath {
+        /// The place that was named.
+        path: usize,
+        /// How many paths the cycle has.
+        paths: usize,
+    },
+    /// Limits for another period.
+    #[error(
+        "limits of path {path}: found a period of {found:?}, expected {expected:?}, that of the cycle"
+    )]
+    Period {
+        /// The path, from 0.
+        path: usize,
+        /// The period of the limits.
+        found: Duration,
+        /// The period of the cycle.
+        expected: Duration,
+    },
+    /// A number of the limits is not allowed; lengths in mm, angles in rad.
+    #[error("limits of path {path}: {source}")]
+    Limits {
+        /// The path, from 0.
+        path: usize,
+        /// Which number, and what is wrong with it.
+        source: LimitsError,
+    },
 }

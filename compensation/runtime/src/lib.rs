@@ -18,18 +18,24 @@ mod settings;
 pub use asked::Asked;
 pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, Spent};
-pub use error::{PlanError, StartError};
-pub use model::Model;
+pub use error::{LimitsRefusal, PlanError, StartError, quantity_text};
+pub use model::{Model, ModelCorrection, WorstCorner};
 pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS, limits};
 pub use realtime::{Handle, Order, start};
 pub use replacement::Replacement;
-pub use report::{Change, MAX_SENSORS, Report, SENSOR_TEXTS, SensorReport, Timing, ToolError};
+pub use report::{Change, MAX_SENSORS, Report, SensorReport, Timing, ToolError};
 pub use schedule::schedule;
 pub use sensors::Sensors;
 pub use settings::{AxisSettings, GuardSettings, PathSettings, Realtime};
 
 /// The guard, whose requests, states and reasons a caller handles.
 pub use volcomp_guard as guard;
+/// Chains, states and corrections.
+pub use volcomp_kinematics as kinematics;
+/// The machine file, from which [`Model`] is made.
+pub use volcomp_model as machine;
 /// The ports, which a caller implements or takes from a driver.
 pub use volcomp_port as port;
+/// Axis letters and units, which settings are made of.
+pub use volcomp_vocabulary as vocabulary;

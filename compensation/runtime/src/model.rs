@@ -2,9 +2,43 @@
 
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
 use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
-use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, Mm, PerAxis, Rad};
 
 use crate::report::ToolError;
+
+/// The correction that a model asks for at a state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelCorrection {
+    /// To be added to the command, in machine order: mm for linear, rad for rotary axes.
+    pub delta: PerAxis<f64>,
+    /// A direction of the tool axis that two rotary axes could correct elsewhere is left as it is here: the pose is
+    /// within about 1° of a singular one.
+    pub singular: bool,
+    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
+    /// axis, or left out.
+    pub near_singular: bool,
+}
+
+/// How far the correction at the worst corner of the work space moves when another model takes over. Infinite where
+/// the axes of the machines differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorstCorner {
+    /// Of a linear axis.
+    pub linear: Mm,
+    /// Of a rotary axis.
+    pub rotary: Rad,
+}
+
+impl WorstCorner {
+    /// The larger of each.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            linear: Mm(self.linear.0.max(other.linear.0)),
+            rotary: Rad(self.rotary.0.max(other.rotary.0)),
+        }
+    }
+}
 
 /// A compiled machine with its thermal terms. Boxed, and handed to the cycle as a whole.
 #[derive(Clone)]
@@ -17,8 +51,8 @@ pub struct Model {
     pub text: String,
     /// Its axes in machine order.
     pub axes: Vec<AxisName>,
-    /// The travel of each axis, mm or deg.
-    pub travel: Vec<[f64; 2]>,
+    /// The lower and the upper end of travel of each axis, in machine order.
+    pub travel: Vec<[Displacement; 2]>,
     compiled: CompiledMachine,
     thermal: ThermalState,
 }
@@ -35,7 +69,15 @@ impl Model {
             name: machine.name.clone(),
             hash: machine.checksum(),
             text: machine.to_toml(),
-            travel: machine.axes().iter().map(|axis| axis.travel).collect(),
+            travel: machine
+                .axes()
+                .iter()
+                .map(|axis| {
+                    let kind = axis.name.kind();
+                    let end = |end| Displacement::from_coordinate(kind, end);
+                    axis.travel.map(end)
+                })
+                .collect(),
             axes,
             compiled: machine.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
@@ -75,16 +117,14 @@ impl Model {
         self.compiled.correctors_among(written)
     }
 
-    /// The correction (mm, rad, to be added to the command) of all axes that may move: see
-    /// [`correction_of`](Self::correction_of).
-    pub fn correction(&self, state: &State) -> (PerAxis<f64>, bool) {
+    /// The correction of all axes that may move: see [`correction_of`](Self::correction_of).
+    pub fn correction(&self, state: &State) -> ModelCorrection {
         self.correction_of(state, self.compiled.correctors())
     }
 
-    /// The correction (mm, rad, to be added to the command) at a state, solved for the axes that correct while all
-    /// others are held: two first-order steps, the second with the errors where the first leads. And whether a
-    /// direction of the tool axis that two rotary axes could correct elsewhere is left as it is there.
-    pub fn correction_of(&self, state: &State, correctors: &Correctors) -> (PerAxis<f64>, bool) {
+    /// The correction at a state, solved for the axes that correct while all others are held: two first-order steps,
+    /// the second with the errors where the first leads. Allocates nothing.
+    pub fn correction_of(&self, state: &State, correctors: &Correctors) -> ModelCorrection {
         let first = self.compiled.first_order_of(state, correctors);
         let mut there = *state;
         for (q, delta) in there.q.iter_mut().zip(&first.delta) {
@@ -92,7 +132,11 @@ impl Model {
         }
         let second = self.compiled.first_order_of(&there, correctors);
         let corrects_tool_axis = correctors.rotary().len() >= 2;
-        (second.delta, second.singular && corrects_tool_axis)
+        ModelCorrection {
+            delta: second.delta,
+            singular: second.tool_axis_partial && corrects_tool_axis,
+            near_singular: second.near_singular,
+        }
     }
 
     /// The error of the tool at a state, in workpiece axes: first without correction, then with `correction` (mm, rad)
@@ -134,10 +178,8 @@ impl Model {
         let count = self.axes.len().min(MAX_AXES);
         (0..1_usize << count).map(move |corner| {
             let mut state = State::default();
-            let axes = self.travel.iter().zip(&self.axes).enumerate();
-            for (q, (axis, (travel, name))) in state.q.iter_mut().zip(axes) {
-                let end = travel[corner >> axis & 1];
-                *q = Displacement::from_coordinate(name.kind(), end).mm_or_rad();
+            for (q, (axis, travel)) in state.q.iter_mut().zip(self.travel.iter().enumerate()) {
+                *q = travel[corner >> axis & 1].mm_or_rad();
             }
             state
         })
@@ -152,24 +194,26 @@ impl Model {
         warm
     }
 
-    /// How far the correction at the worst corner moves when `other` takes the place of this model: mm of a linear
-    /// axis and rad of a rotary axis. `written` names the axes that each controller writes: which axes a correction
+    /// How far the correction at the worst corner moves when `other` takes the place of this model. `written` names the axes that each controller writes: which axes a correction
     /// moves depends on them, so the correction of all axes and that of each controller are compared. Infinite where
     /// the axes of the machines differ.
     pub fn worst_corner<'a>(
         &'a self,
         other: &Self,
         written: impl IntoIterator<Item = &'a [AxisName]>,
-    ) -> [f64; 2] {
+    ) -> WorstCorner {
         if self.axes != other.axes {
-            return [f64::INFINITY; 2];
+            return WorstCorner {
+                linear: Mm(f64::INFINITY),
+                rotary: Rad(f64::INFINITY),
+            };
         }
         let mut worst = [0.0_f64; 2];
         for names in written.into_iter().chain([&self.axes[..]]) {
             let (before, after) = (self.correctors_among(names), other.correctors_among(names));
             for state in self.corners().chain(other.corners()) {
-                let before = self.correction_of(&state, &before).0;
-                let after = other.correction_of(&state, &after).0;
+                let before = self.correction_of(&state, &before).delta;
+                let after = other.correction_of(&state, &after).delta;
                 for (index, name) in self.axes.iter().enumerate() {
                     let moved = (after[index] - before[index]).abs();
                     let kind = usize::from(name.is_rotary());
@@ -178,7 +222,11 @@ impl Model {
                 }
             }
         }
-        worst
+        let [linear, rotary] = worst;
+        WorstCorner {
+            linear: Mm(linear),
+            rotary: Rad(rotary),
+        }
     }
 }
 
@@ -197,10 +245,17 @@ mod tests {
             Model::new(&machine, Fading::default()).expect("compiles")
         };
         let (old, new) = (model(10.0), model(20.0));
-        assert_eq!(old.worst_corner(&new, []), [0.0; 2]);
+        let none = WorstCorner {
+            linear: Mm(0.0),
+            rotary: Rad(0.0),
+        };
+        assert_eq!(old.worst_corner(&new, []), none);
         let warm = |model: &Model| model.warmed(|_| Some(25.0));
-        let [mm, rad] = warm(&old).worst_corner(&warm(&new), []);
-        assert!((mm - 0.05).abs() < 1e-5 && rad == 0.0, "{mm}");
+        let WorstCorner { linear, rotary } = warm(&old).worst_corner(&warm(&new), []);
+        assert!(
+            (linear.0 - 0.05).abs() < 1e-5 && rotary == Rad(0.0),
+            "{linear}"
+        );
     }
 
     /// With the axis A held, Z takes what A would take: a tilt of A moves nothing of X, Y and Z else.
@@ -214,9 +269,9 @@ mod tests {
             Model::new(&machine, Fading::default()).expect("compiles")
         };
         let (old, new) = (model(0.0), model(400.0));
-        assert!(old.worst_corner(&new, [])[0] < 0.02);
+        assert!(old.worst_corner(&new, []).linear < Mm(0.02));
         let written = [AxisName::X, AxisName::Y, AxisName::Z];
-        let [mm, _] = old.worst_corner(&new, [&written[..]]);
-        assert!((mm - 0.08).abs() < 1e-3, "{mm}");
+        let moved = old.worst_corner(&new, [&written[..]]).linear;
+        assert!((moved - Mm(0.08)).abs() < Mm(1e-3), "{moved}");
     }
 }

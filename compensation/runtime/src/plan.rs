@@ -145,10 +145,16 @@ pub fn limits(
             })?;
         *into = axis_limits(axis, &of_kind);
         let asked = of_kind.test_shift.mm_or_rad();
-        let shown = settings
-            .position_step
-            .filter(|step| step.kind() == axis.kind());
-        let position_step = shown.map_or(0.0, Displacement::mm_or_rad);
+        let position_step = match settings.position_steps.get(&axis.name) {
+            None => 0.0,
+            Some(step) if step.kind() == axis.kind() && step.mm_or_rad() >= 0.0 => step.mm_or_rad(),
+            Some(_) => {
+                return Err(PlanError::PositionStep {
+                    device: description.device.clone(),
+                    axis: axis.name,
+                });
+            }
+        };
         let wanted = asked.max(SHIFT_STEPS * axis.step().max(position_step));
         if settings.proves && asked > 0.0 && wanted <= into.limit {
             *shift = wanted;

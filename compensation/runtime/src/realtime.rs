@@ -16,7 +16,7 @@ use crate::{
     asked::Asked,
     clock::{Deadlines, monotonic, thread_time},
     cycle::Cycle,
-    error::StartError,
+    error::{LimitsRefusal, StartError},
     replacement::Replacement,
     report::{Change, Report, Timing},
     schedule::{STACK, schedule, touch_stack},
@@ -44,6 +44,7 @@ pub struct Handle {
     retired: Consumer<Retired>,
     timings: Consumer<Timing>,
     changes: Consumer<Change>,
+    refusals: Consumer<LimitsRefusal>,
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -102,6 +103,11 @@ impl Handle {
         std::iter::from_fn(|| self.changes.pop().ok()).collect()
     }
 
+    /// The orders of other limits that were refused since the last call: the old limits hold on.
+    pub fn refusals(&mut self) -> impl Iterator<Item = LimitsRefusal> + '_ {
+        std::iter::from_fn(|| self.refusals.pop().ok())
+    }
+
     /// Frees what the thread has given back.
     pub fn free_retired(&mut self) {
         while self.retired.pop().is_ok() {}
@@ -133,19 +139,16 @@ impl Drop for Handle {
     }
 }
 
-/// Starts the control thread: a cycle every `period`. Gives in words what of the scheduling was refused.
+/// Starts the control thread: a cycle every period of the cycle. Gives in words what of the scheduling was refused.
 ///
 /// # Errors
 /// The operating system gives no thread.
-pub fn start(
-    cycle: Cycle,
-    period: Duration,
-    realtime: Realtime,
-) -> Result<(Handle, Vec<String>), StartError> {
+pub fn start(cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), StartError> {
     let (orders_in, orders) = RingBuffer::new(64);
     let (retired_in, retired) = RingBuffer::new(64);
     let (timings_in, timings) = RingBuffer::new(TIMINGS);
     let (changes_in, changes) = RingBuffer::new(1024);
+    let (refusals_in, refusals) = RingBuffer::new(64);
     let (reports_in, reports) = triple_buffer::triple_buffer(&Report::default());
     let shared = Arc::new(Shared::default());
     let start = cycle.start();
@@ -156,9 +159,9 @@ pub fn start(
         retired: retired_in,
         timings: timings_in,
         changes: changes_in,
+        refusals: refusals_in,
         reports: reports_in,
         shared: Arc::clone(&shared),
-        period,
     };
     let thread = thread::Builder::new()
         .name("volcomp-control".to_owned())
@@ -177,6 +180,7 @@ pub fn start(
             retired,
             timings,
             changes,
+            refusals,
             reports,
             shared,
             thread: Some(thread),
@@ -192,14 +196,14 @@ struct Control {
     retired: Producer<Retired>,
     timings: Producer<Timing>,
     changes: Producer<Change>,
+    refusals: Producer<LimitsRefusal>,
     reports: triple_buffer::Input<Report>,
     shared: Arc<Shared>,
-    period: Duration,
 }
 
 impl Control {
     fn run(mut self) {
-        let mut deadlines = Deadlines::new(self.period);
+        let mut deadlines = Deadlines::new(self.cycle.period());
         let mut overran: Option<Duration> = None;
         let mut last = (State::Disarmed, 0);
         while !self.shared.stop.load(Ordering::Relaxed) {
@@ -266,7 +270,10 @@ impl Control {
                     let _ = self.retired.push(Retired::Model(replacement));
                 }
                 Ok(Order::Limits(path, limits)) => {
-                    self.cycle.set_limits(path, &limits);
+                    if let Err(refusal) = self.cycle.set_limits(path, &limits) {
+                        // Where the ring is full, sixty-three others tell the same.
+                        let _ = self.refusals.push(refusal);
+                    }
                     let _ = self.retired.push(Retired::Limits(limits));
                 }
                 Err(_) => break,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Reasons, State};
+use volcomp_guard::{Reasons, Rejected, State};
 use volcomp_vocabulary::PerAxis;
 
 /// The largest number of temperatures of one machine.
@@ -13,12 +13,9 @@ pub const MAX_SENSORS: usize = 64;
 pub struct SensorReport {
     /// °C; `None` when the temperature is not used.
     pub degc: Option<f64>,
-    /// Why it is not used: an index of [`SENSOR_TEXTS`], 0 for a temperature that is used.
-    pub flaw: u8,
+    /// Why it is not used; `None` for one that is used, and before the first cycle.
+    pub flaw: Option<Rejected>,
 }
-
-/// Why a temperature is not used, by [`SensorReport::flaw`].
-pub const SENSOR_TEXTS: [&str; 5] = ["", "broken or silent", "stale", "out of range", "jumping"];
 
 /// The error of the tool at one position, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

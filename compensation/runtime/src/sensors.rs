@@ -63,15 +63,8 @@ impl Sensors {
 }
 
 fn report(found: Result<f64, Rejected>) -> SensorReport {
-    let flaw = match found {
-        Ok(_) => 0,
-        Err(Rejected::Broken) => 1,
-        Err(Rejected::Stale) => 2,
-        Err(Rejected::OutOfRange) => 3,
-        Err(Rejected::Jumping) => 4,
-    };
     SensorReport {
         degc: found.ok(),
-        flaw,
+        flaw: found.err(),
     }
 }

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use volcomp_guard::SensorLimits;
 use volcomp_model::Fading;
-use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Unit, Urad};
 
 /// The limits of the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,42 +67,30 @@ impl GuardSettings {
     /// The limits of axes of the kind of `axis`, as lengths (mm) or angles (rad); `None` without limits for that
     /// kind.
     pub fn of(&self, axis: AxisName) -> Option<AxisSettings<Displacement>> {
-        if axis.is_rotary() {
-            self.rotary
-                .map(|rotary| rotary.map(|angle| Displacement::Angle(angle.to_rad())))
-        } else {
-            Some(
-                self.linear
-                    .map(|length| Displacement::Length(length.to_mm())),
-            )
+        match axis.kind() {
+            AxisKind::Linear => {
+                let length = |length: Um| Displacement::Length(length.to_mm());
+                Some(self.linear.map(length))
+            }
+            AxisKind::Rotary => {
+                let angle = |angle: Urad| Displacement::Angle(angle.to_rad());
+                self.rotary.map(|rotary| rotary.map(angle))
+            }
         }
     }
 }
 
-impl AxisSettings<Um> {
-    /// Limits of linear axes without a limit of the acceleration, and without a test shift.
-    pub fn new(limit: Um, slew_per_s: Um) -> Self {
+impl<U: Unit> AxisSettings<U> {
+    /// Limits without a limit of the acceleration, and without a test shift: in [`Um`] for linear, in [`Urad`] for
+    /// rotary axes.
+    pub fn new(limit: U, slew_per_s: U) -> Self {
         Self {
             limit,
             warn: limit,
             slew_per_s,
-            accel_per_s2: Um(f64::INFINITY),
+            accel_per_s2: U::of(f64::INFINITY),
             confirm: limit,
-            test_shift: Um(0.0),
-        }
-    }
-}
-
-impl AxisSettings<Urad> {
-    /// Limits of rotary axes without a limit of the acceleration, and without a test shift.
-    pub fn new(limit: Urad, slew_per_s: Urad) -> Self {
-        Self {
-            limit,
-            warn: limit,
-            slew_per_s,
-            accel_per_s2: Urad(f64::INFINITY),
-            confirm: limit,
-            test_shift: Urad(0.0),
+            test_shift: U::of(0.0),
         }
     }
 }
@@ -130,8 +118,9 @@ pub struct PathSettings {
     pub unwatched: bool,
     /// Whether the test shift at arming is made.
     pub proves: bool,
-    /// The smallest step that its reported positions show; `None`: finer than that of the correction.
-    pub position_step: Option<Displacement>,
+    /// The smallest step that the reported position of an axis shows; of an axis that is not named, finer than that of
+    /// the correction.
+    pub position_steps: BTreeMap<AxisName, Displacement>,
     /// How many writes its read-back may be behind, from 1.
     pub read_back_cycles: usize,
 }
@@ -143,7 +132,7 @@ impl Default for PathSettings {
             fixed: BTreeMap::new(),
             unwatched: false,
             proves: true,
-            position_step: None,
+            position_steps: BTreeMap::new(),
             read_back_cycles: 1,
         }
     }

@@ -112,6 +112,30 @@ impl AxisKind {
             Self::Rotary => "rotary",
         }
     }
+
+    /// The unit of a coordinate in files and displays: `mm` or `deg`.
+    pub fn coordinate_unit(self) -> &'static str {
+        match self {
+            Self::Linear => "mm",
+            Self::Rotary => "deg",
+        }
+    }
+
+    /// The unit of an error or a correction in keys of files and answers: `um` or `urad`.
+    pub fn micro_unit(self) -> &'static str {
+        match self {
+            Self::Linear => "um",
+            Self::Rotary => "urad",
+        }
+    }
+
+    /// The unit of an error or a correction as people read it: `µm` or `µrad`.
+    pub fn micro_symbol(self) -> &'static str {
+        match self {
+            Self::Linear => "µm",
+            Self::Rotary => "µrad",
+        }
+    }
 }
 
 impl fmt::Display for AxisName {

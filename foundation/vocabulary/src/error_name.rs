@@ -4,7 +4,7 @@ use core::{fmt, str::FromStr};
 
 use arrayvec::ArrayString;
 
-use crate::axis::AxisName;
+use crate::axis::{AxisKind, AxisName};
 
 /// One of the six components of an error: along or about an axis of the machine coordinate system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -42,14 +42,23 @@ impl Component {
         self.index() % 3
     }
 
+    /// The kind of axis that has the units of this component: linear for a translation, rotary for a rotation.
+    pub fn kind(self) -> AxisKind {
+        if self.is_angular() {
+            AxisKind::Rotary
+        } else {
+            AxisKind::Linear
+        }
+    }
+
     /// The unit in keys of files and answers: `um` or `urad`.
     pub fn unit(self) -> &'static str {
-        if self.is_angular() { "urad" } else { "um" }
+        self.kind().micro_unit()
     }
 
     /// The unit as people read it: `µm` or `µrad`.
     pub fn symbol(self) -> &'static str {
-        if self.is_angular() { "µrad" } else { "µm" }
+        self.kind().micro_symbol()
     }
 
     /// The letter behind the E: X Y Z A B C.

@@ -13,4 +13,4 @@ pub use axis::{AxisKind, AxisName, MAX_AXES, UnknownAxis};
 pub use direction::{Direction, UnknownDirection};
 pub use error_name::{Component, ErrorName, UnknownErrorName};
 pub use per_axis::{PerAxis, PerChannel};
-pub use units::{Deg, Degc, Displacement, Mm, Rad, Um, Urad};
+pub use units::{Coordinate, Deg, Degc, Displacement, Mm, Rad, Um, Unit, Urad};

@@ -7,6 +7,12 @@ use core::{
 
 use crate::axis::AxisKind;
 
+/// A number with a unit, whatever the unit is: for settings that are the same for lengths and for angles.
+pub trait Unit: Copy {
+    /// The quantity of a number in this unit.
+    fn of(number: f64) -> Self;
+}
+
 macro_rules! unit {
     ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
         $(#[$doc])*
@@ -27,6 +33,12 @@ macro_rules! unit {
             /// Whether it is a number and not infinite.
             pub fn is_finite(self) -> bool {
                 self.0.is_finite()
+            }
+        }
+
+        impl Unit for $name {
+            fn of(number: f64) -> Self {
+                Self(number)
             }
         }
 
@@ -230,8 +242,28 @@ impl Displacement {
     }
 }
 
+/// A displacement as people read a coordinate, with its unit: in mm, or in deg for a rotary axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coordinate(pub Displacement);
+
+impl fmt::Display for Coordinate {
+    /// With the digits that the formatter asks for (default: up to six), and the unit.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // 30 deg are 30 deg, not 29.999999999999996.
+        let number = match f.precision() {
+            Some(_) => self.0.mm_or_deg(),
+            None => rounded(self.0.mm_or_deg() * 1e3) / 1e3,
+        };
+        match self.0 {
+            Displacement::Length(_) => Mm(number).fmt(f),
+            Displacement::Angle(_) => Deg(number).fmt(f),
+        }
+    }
+}
+
 impl fmt::Display for Displacement {
-    /// In µm or µrad, with the digits that the formatter asks for (default: up to three), and the unit.
+    /// An error, a correction or a step: in µm or µrad, with the digits that the formatter asks for (default: up to
+    /// three), and the unit. A position is shown by [`Coordinate`].
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // 17e-6 rad are 17 µrad, not 16.999999999999996.
         let micro = match f.precision() {

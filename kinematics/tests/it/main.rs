@@ -6,6 +6,7 @@ mod algebra;
 mod conversions;
 mod correction;
 mod forms;
+mod given;
 mod plain;
 mod published;
 mod structures;
@@ -77,9 +78,7 @@ fn plain_data_goes_to_json_and_back() {
     assert!(serde_json::from_str::<Structure>("\"w X\"").is_err());
     let chain = Chain::new(structure);
     let mut errors = GivenErrors::default();
-    errors
-        .set(chain.structure(), "EZB".parse().unwrap(), 5.0)
-        .unwrap();
+    errors.set(&chain, "EZB".parse().unwrap(), 5.0).unwrap();
     let state = State::from_coordinates(&[1.0, 2.0]);
     let correction =
         volcomp_kinematics::correct(&chain, &errors, &state, &CorrectionOptions::default());

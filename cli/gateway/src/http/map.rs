@@ -38,7 +38,7 @@ pub(super) fn map(model: &Model, status: &Status) -> ErrorMap {
         *q = Displacement::from_coordinate(name.kind(), coordinate).mm_or_rad();
     }
     let nodes = |axis: usize| {
-        let [low, high] = model.travel[axis];
+        let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
         (0..NODES).map(move |i| low + (high - low) * i as f64 / (NODES - 1) as f64)
     };
     let error_um = nodes(second)
@@ -56,7 +56,7 @@ pub(super) fn map(model: &Model, status: &Status) -> ErrorMap {
         .collect();
     let axis = |index: usize| MapAxis {
         name: model.axes[index],
-        travel: model.travel[index],
+        travel: model.travel[index].map(Displacement::mm_or_deg),
     };
     ErrorMap {
         axes: vec![axis(first), axis(second)],

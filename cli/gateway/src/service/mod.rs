@@ -190,6 +190,10 @@ impl Service {
     /// Changes since the last look go into the log, times into the histograms, and a state is published.
     fn look(&mut self) {
         self.parts.handle.free_retired();
+        for refusal in self.parts.handle.refusals() {
+            // The plan of a reload has checked them, so this is a fault of the program.
+            tracing::error!("{refusal}");
+        }
         for change in self.parts.handle.changes() {
             let mut reasons: Vec<&str> = change.reasons.texts().collect();
             reasons.sort_unstable();

@@ -129,8 +129,8 @@ impl Service {
         let written = || written.iter().map(Vec::as_slice);
         let cold = old.worst_corner(new, written());
         let warm = old.warmed(degc).worst_corner(&new.warmed(degc), written());
-        let worst_um = cold[0].max(warm[0]) * 1e3;
-        let worst_urad = cold[1].max(warm[1]) * 1e6;
+        let worst = cold.max(warm);
+        let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let confirm_um = guard.linear.confirm.0;
         let confirm_urad = guard.rotary.as_ref().map(|rotary| rotary.confirm.0);
         let moves = worst_um > confirm_um || worst_urad > confirm_urad.unwrap_or(f64::INFINITY);

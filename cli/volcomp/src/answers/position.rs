@@ -34,9 +34,14 @@ pub(crate) struct CorrectionAt {
     pub(crate) residual_axis_urad: [f64; 3],
     /// How many Newton steps were taken.
     pub(crate) iterations: usize,
+    /// Whether these steps brought what the axes can correct below 1e-5 µm and 1e-4 µrad.
+    pub(crate) converged: bool,
     /// Whether a direction of the tool axis cannot be corrected: near a singular pose, or with fewer than two
     /// rotary axes.
     pub(crate) singular: bool,
+    /// Whether the pose is within about 6° of a singular one of two rotary axes, where rotary corrections are more
+    /// than ten times the error of the tool axis, or leave a direction of it out.
+    pub(crate) near_singular: bool,
     /// The commanded position, mm or deg.
     pub(crate) command: ByAxis,
     /// The command with the correction added, mm or deg.

@@ -12,8 +12,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use super::{
     Answer,
     error::{outside, outside_note},
-    fixed, in_degrees, micro, micro_symbol, micrometres, microradians, table, table_text,
-    thermal_note,
+    fixed, in_degrees, micro, micrometres, microradians, table, table_text, thermal_note,
 };
 use crate::{
     answers::position::CorrectionAt,
@@ -62,6 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         thermal_note(&machine, &temperatures),
         outside_note(rows.iter().map(|row| &row.outside)),
         one_rotary_note(&machine, &options),
+        not_converged_note(&rows),
     ];
     let notes = notes.into_iter().flatten().collect();
     Answer::new(&states.document(rows), text, notes)
@@ -107,7 +107,9 @@ fn evaluate(
         residual_um: micrometres(&found.residual_mm),
         residual_axis_urad: microradians(&found.residual_axis),
         iterations: found.iterations,
-        singular: found.singular,
+        converged: found.converged,
+        singular: found.tool_axis_partial,
+        near_singular: found.near_singular,
         command: by_axis(&|index, kind| in_degrees(kind, state.q[index])),
         corrected: by_axis(&|index, kind| in_degrees(kind, state.q[index] + found.delta[index])),
         outside: outside(machine, state),
@@ -118,6 +120,17 @@ fn evaluate(
 fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<String> {
     (movable_rotary(machine, options) == 1).then(|| {
         "one rotary axis may move: the tool axis is corrected in one direction only".to_owned()
+    })
+}
+
+/// Names the positions whose correction the solver did not bring to an end.
+fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
+    let open = rows.iter().filter(|row| !row.converged).count();
+    (open > 0).then(|| {
+        format!(
+            "{open} of {} corrections did not converge: what they leave is in the residual; check the errors of the machine file near these positions",
+            rows.len()
+        )
     })
 }
 
@@ -144,14 +157,11 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
             let value = values.0.get(&name).copied().unwrap_or(0.0);
             fixed(value, digits)
         };
-        let unit = match name.kind() {
-            AxisKind::Linear => "mm",
-            AxisKind::Rotary => "deg",
-        };
+        let unit = name.kind().coordinate_unit();
         axes.add_row([
             name.to_string(),
             number(&row.command, 4),
-            format!("{} {}", fixed(*correction, 3), micro_symbol(name.kind())),
+            format!("{} {}", fixed(*correction, 3), name.kind().micro_symbol()),
             number(&row.corrected, 6),
             unit.to_owned(),
         ]);
@@ -165,6 +175,8 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
         norm(&row.residual_axis_urad),
         if is_singular(row, rotary) {
             " (singular: not fully correctable here)"
+        } else if row.near_singular {
+            " (near a singular pose: large rotary corrections)"
         } else {
             ""
         }
@@ -179,14 +191,14 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
 fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     let has_remarks = rows
         .iter()
-        .any(|row| is_singular(row, rotary) || !row.outside.words().is_empty());
+        .any(|row| row.near_singular || !row.outside.words().is_empty());
     let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
     names.sort_unstable();
     let mut header = vec![String::new()];
     header.extend(
         names
             .iter()
-            .map(|name| format!("{name} {}", micro_symbol(name.kind()))),
+            .map(|name| format!("{name} {}", name.kind().micro_symbol())),
     );
     header.extend(["residual µm", "µrad"].map(str::to_owned));
     if has_remarks {
@@ -199,8 +211,15 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
         cells.push(format!("{:.3}", norm(&row.residual_um)));
         cells.push(format!("{:.3}", norm(&row.residual_axis_urad)));
         if has_remarks {
-            let singular = is_singular(row, rotary).then(|| "singular".to_owned());
-            let said = singular.into_iter().chain([row.outside.words()]);
+            let singular = if is_singular(row, rotary) {
+                Some("singular")
+            } else {
+                row.near_singular.then_some("near singular")
+            };
+            let said = singular
+                .map(str::to_owned)
+                .into_iter()
+                .chain([row.outside.words()]);
             let said: Vec<String> = said.filter(|word| !word.is_empty()).collect();
             cells.push(said.join(", "));
         }
@@ -243,11 +262,10 @@ fn csv(machine: &Machine, states: &States, rows: &[CorrectionAt]) -> String {
         Some(table) => table.names().map(|(_, name)| name.to_owned()).collect(),
         None => names.iter().map(ToString::to_string).collect(),
     };
-    let [mm, um] = [["mm", "deg"], ["um", "urad"]].map(|[linear, rotary]| {
-        move |name: &AxisName| if name.is_rotary() { rotary } else { linear }
-    });
-    header.extend(names.iter().map(|n| format!("{n}_corrected_{}", mm(n))));
-    header.extend(names.iter().map(|n| format!("{n}_correction_{}", um(n))));
+    let unit = |n: &AxisName| n.kind().coordinate_unit();
+    let micro = |n: &AxisName| n.kind().micro_unit();
+    header.extend(names.iter().map(|n| format!("{n}_corrected_{}", unit(n))));
+    header.extend(names.iter().map(|n| format!("{n}_correction_{}", micro(n))));
     header.extend(
         [
             "residual_um",

@@ -23,7 +23,7 @@ use serde::Serialize;
 use serde_json::Value;
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::AxisKind;
+use volcomp_vocabulary::{AxisKind, Displacement};
 
 pub(crate) use crate::table::{fixed, table, table_text};
 use crate::{failure::Failure, output::OutputFile};
@@ -73,26 +73,12 @@ fn microradians(v: &Vector3<f64>) -> [f64; 3] {
 
 /// mm or rad of an axis in µm or µrad.
 fn micro(kind: AxisKind, value: f64) -> f64 {
-    match kind {
-        AxisKind::Linear => value * 1e3,
-        AxisKind::Rotary => value * 1e6,
-    }
+    Displacement::new(kind, value).um_or_urad()
 }
 
 /// mm or rad of an axis in mm or deg.
 fn in_degrees(kind: AxisKind, value: f64) -> f64 {
-    match kind {
-        AxisKind::Linear => value,
-        AxisKind::Rotary => value.to_degrees(),
-    }
-}
-
-/// The unit of a correction of an axis, as people read it.
-fn micro_symbol(kind: AxisKind) -> &'static str {
-    match kind {
-        AxisKind::Linear => "µm",
-        AxisKind::Rotary => "µrad",
-    }
+    Displacement::new(kind, value).mm_or_deg()
 }
 
 /// Names the sensors whose thermal terms count nothing.

@@ -38,11 +38,11 @@ fn broken_blobs_are_refused() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
     let blob = machine.compile(Tolerance::default()).unwrap().to_blob();
     let reason = |blob: &[u8]| CompiledMachine::from_blob(blob).unwrap_err().to_string();
-    assert!(reason(&blob[..20]).contains("cut off in its head"));
+    assert!(reason(&blob[..20]).contains("ends too early"));
     assert!(reason(b"something else that is long enough for a head of bytes").contains("VOLCOMPM"));
     let mut version = blob.clone();
     version[8] = 9;
-    assert!(reason(&version).contains("found version 9, expected 2"));
+    assert!(reason(&version).contains("found version 9, expected 3"));
     let mut changed = blob.clone();
     changed[100] ^= 1;
     assert!(reason(&changed).contains("checksum"));

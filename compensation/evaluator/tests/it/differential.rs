@@ -239,7 +239,7 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
         assert_eq!(compiled.first_order(&state).delta, first.delta);
         let (plain, is_singular) = by_decomposition(&chain, &errors, &state, &names);
         assert_eq!(
-            (exact.singular, first.singular),
+            (exact.tool_axis_partial, first.tool_axis_partial),
             (is_singular, is_singular),
             "{chain:?} {state:?}"
         );

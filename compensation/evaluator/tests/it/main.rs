@@ -4,6 +4,7 @@
 
 mod batches;
 mod blob;
+mod blob_versions;
 mod builder;
 mod compiled;
 mod differential;

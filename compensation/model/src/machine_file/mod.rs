@@ -40,12 +40,12 @@ const TOP_KEYS: [&str; 12] = [
 ];
 
 impl Machine {
-    /// Reads a machine file.
+    /// Reads a machine file; [`parse`](Self::parse) takes its text.
     ///
     /// # Errors
     /// A file that cannot be read, is not UTF-8 or no valid machine: with file, line and key.
-    pub fn read(path: &Path) -> Result<Self, ModelError> {
-        Self::decode(&Document::read(path)?)
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
+        Self::decode(&Document::read(path.as_ref())?)
     }
 
     /// Decodes the text of a machine file; `file` names it in messages.

@@ -57,11 +57,7 @@ fn decode_expansion(term: &Section<'_>, structure: &Structure) -> Result<Expansi
 fn decode_drift(term: &Section<'_>, structure: &Structure) -> Result<Drift, InputError> {
     term.allow(&["error", "sensors", "um_per_k", "urad_per_k", "lag_s"])?;
     let error = decode_motion(term, structure)?;
-    let per_k = if error.component.is_angular() {
-        "urad_per_k"
-    } else {
-        "um_per_k"
-    };
+    let per_k = format!("{}_per_k", error.component.unit());
     let mut sensors = BTreeMap::new();
     for (name, weight) in term.require("sensors")?.section()?.values() {
         sensors.insert(name.to_owned(), weight.number()?);
@@ -69,7 +65,7 @@ fn decode_drift(term: &Section<'_>, structure: &Structure) -> Result<Drift, Inpu
     let drift = Drift {
         error,
         sensors,
-        per_k: term.require(per_k)?.number()?,
+        per_k: term.require(&per_k)?.number()?,
         lag_s: term.number_or("lag_s", NUMBERS, 0.0)?,
     };
     match drift.check(structure) {

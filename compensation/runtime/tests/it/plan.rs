@@ -1,14 +1,15 @@
-//! What does not fit is named, with what was found and what was expected, in the units of the configuration.
+//! What does not fit is named, with what was found and what was expected, in µm, µrad and ms.
 
 use std::time::Duration;
 
 use volcomp_port::{Axis, Clock, Controller, Description, Heartbeat};
 use volcomp_runtime::{
-    Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Sensors, guard::Quantity,
+    ControlPath, Cycle, GuardSettings, LimitsRefusal, Model, PathPlan, PathSettings, PlanError,
+    Sensors, guard::Quantity,
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Um, Urad};
 
-use crate::rig::{PERIOD, control, guard, machine};
+use crate::rig::{PERIOD, Rig, control, guard, machine};
 
 fn planned(
     describe: impl FnOnce(&mut Description),
@@ -45,7 +46,7 @@ fn what_does_not_fit_is_named() {
     );
     let message = with(planned(same, |guard| guard.rotary = None, |_| {}));
     assert!(
-        message.contains("axis B is rotary") && message.contains("limit_urad"),
+        message.contains("axis B is rotary") && message.contains("expected limits of rotary axes"),
         "{message}"
     );
     let message = with(planned(
@@ -56,25 +57,25 @@ fn what_does_not_fit_is_named() {
                 .insert(AxisName::U, Displacement::Length(Mm(1.0)));
         },
     ));
-    assert!(message.contains("fixed: axis U"), "{message}");
+    assert!(message.contains("fixed position of axis U"), "{message}");
     let message = with(planned(
         |d| d.heartbeat = Heartbeat::Unwatched,
         |_| {},
         |_| {},
     ));
-    assert!(message.contains("unwatched = true"), "{message}");
+    assert!(message.contains("expected a heartbeat"), "{message}");
     let message = with(planned(
         |d| d.shortest_cycle = Duration::from_micros(7500),
         |_| {},
         |_| {},
     ));
     assert!(
-        message.contains("cycle_ms: found 4 ms, expected at least 7.5 ms"),
+        message.contains("cycle: found 4 ms, expected at least 7.5 ms"),
         "{message}"
     );
 }
 
-/// Limits are told in µm and µrad, by the keys of the configuration.
+/// Limits are told in µm and µrad; no key of any configuration file is named, since this crate has none.
 #[test]
 fn limits_are_told_in_the_units_of_the_user() {
     let coarse = |d: &mut Description| {
@@ -86,7 +87,7 @@ fn limits_are_told_in_the_units_of_the_user() {
         .expect_err("less than a step");
     assert_eq!(
         error.to_string(),
-        "simulated: [guard] limit_um of axis Z: found 0.5 µm, expected at least one step of the controller"
+        "simulated: limit of axis Z: found 0.5 µm, expected at least one step of the controller"
     );
     assert!(
         matches!(error, PlanError::Limits { axis: Some(AxisName::Z), source, .. } if source.what == Quantity::Limit)
@@ -99,7 +100,7 @@ fn limits_are_told_in_the_units_of_the_user() {
     let error = planned(|_| {}, rotary, |_| {}).expect_err("it never moves");
     assert_eq!(
         error.to_string(),
-        "simulated: [guard] slew_urad_per_s of axis B: found 0 µrad/s, expected a positive number"
+        "simulated: slew of axis B: found 0 µrad/s, expected a positive number"
     );
     let error = planned(
         |_| {},
@@ -109,7 +110,7 @@ fn limits_are_told_in_the_units_of_the_user() {
     let message = error.expect_err("shorter than a cycle").to_string();
     assert_eq!(
         message,
-        "simulated: [guard] hold_ms: found 1 ms, expected at least one cycle"
+        "simulated: hold: found 1 ms, expected at least one cycle"
     );
 }
 
@@ -120,4 +121,103 @@ fn a_cycle_needs_a_path() {
     let sensors = Sensors::new(Vec::new(), guard.temperatures);
     let cycle = Cycle::new(model, Vec::new(), guard.hand_back, sensors, PERIOD);
     assert!(matches!(cycle.err(), Some(PlanError::Paths { found: 0 })));
+}
+
+/// Periods that make no sense, and a period that is not that of the plan, are refused; nothing panics.
+#[test]
+fn a_cycle_has_the_period_of_its_plan() {
+    for period in [
+        Duration::ZERO,
+        Duration::from_nanos(1),
+        Duration::from_secs(3600),
+        Duration::MAX,
+    ] {
+        let guard = GuardSettings {
+            hold: Duration::MAX,
+            zero_after: Duration::MAX,
+            ..guard()
+        };
+        let model = Model::new(&machine(), guard.fading).expect("shipped");
+        let described = control([0.0; 5], &Clock::manual()).description().clone();
+        let settings = PathSettings::default();
+        let refused = PathPlan::new(described, &model, &guard, &settings, period);
+        assert!(
+            matches!(
+                &refused,
+                Err(PlanError::Limits { source, .. }) if [Quantity::Period, Quantity::Hold].contains(&source.what)
+            ) || matches!(&refused, Err(PlanError::CycleTooShort { .. })),
+            "{refused:?}"
+        );
+        let fits = planned(|_| {}, |_| {}, |_| {}).expect("fits");
+        let control = control([0.0; 5], &Clock::manual());
+        let path = ControlPath::new(Box::new(control), &fits).expect("fits");
+        let sensors = Sensors::new(Vec::new(), guard.temperatures);
+        let cycle = Cycle::new(
+            Box::new(model),
+            vec![path],
+            guard.hand_back,
+            sensors,
+            period,
+        );
+        let refused = cycle.err();
+        assert!(
+            matches!(
+                refused,
+                Some(PlanError::Period { found, planned, .. }) if found == period && planned == PERIOD
+            ),
+            "{refused:?}"
+        );
+    }
+}
+
+/// Limits that a guard refuses are told to whoever sets them, and the old ones hold on.
+#[test]
+fn limits_that_make_no_sense_are_refused() {
+    let mut rig = Rig::at([0.0; 5]);
+    let good = planned(|_| {}, |_| {}, |_| {}).expect("fits").limits;
+    assert_eq!(rig.cycle.set_limits(0, &good), Ok(()));
+    let mut wrong = good;
+    wrong.axes[1].limit = f64::NAN;
+    let refused = rig.cycle.set_limits(0, &wrong).expect_err("no number");
+    assert!(matches!(
+        refused,
+        LimitsRefusal::Limits { path: 0, source } if source.what == Quantity::Limit && source.axis == Some(1)
+    ));
+    let mut fewer = good;
+    fewer.count -= 1;
+    assert!(matches!(
+        rig.cycle.set_limits(0, &fewer),
+        Err(LimitsRefusal::Limits { source, .. }) if source.what == Quantity::Axes
+    ));
+    let missing = rig.cycle.set_limits(1, &good);
+    assert_eq!(
+        missing,
+        Err(LimitsRefusal::NoSuchPath { path: 1, paths: 1 })
+    );
+}
+
+/// A step that is no length of a linear axis, or negative.
+#[test]
+fn a_position_step_has_the_kind_of_its_axis() {
+    for step in [
+        Displacement::from_micro(AxisName::C.kind(), 1.0),
+        Displacement::Length(Mm(-1.0)),
+        Displacement::Length(Mm(f64::NAN)),
+    ] {
+        let refused = planned(
+            |_| {},
+            |_| {},
+            |path| path.position_steps = [(AxisName::X, step)].into(),
+        );
+        assert!(
+            matches!(
+                refused,
+                Err(PlanError::PositionStep {
+                    axis: AxisName::X,
+                    ..
+                })
+            ),
+            "{refused:?}"
+        );
+    }
 }

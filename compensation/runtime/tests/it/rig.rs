@@ -26,8 +26,8 @@ pub(crate) fn machine() -> Machine {
 }
 
 pub(crate) fn guard() -> GuardSettings {
-    let mut guard = GuardSettings::new(AxisSettings::<Um>::new(Um(250.0), Um(500.0)));
-    guard.rotary = Some(AxisSettings::<Urad>::new(Urad(250.0), Urad(500.0)));
+    let mut guard = GuardSettings::new(AxisSettings::new(Um(250.0), Um(500.0)));
+    guard.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
     guard
 }
 

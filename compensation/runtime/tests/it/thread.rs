@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use volcomp_port::Clock;
 use volcomp_runtime::{
-    ControlPath, Cycle, Model, Order, PathPlan, PathSettings, Realtime, Sensors, guard::Request,
-    start,
+    ControlPath, Cycle, LimitsRefusal, Model, Order, PathPlan, PathSettings, Realtime, Sensors,
+    guard::Request, start,
 };
 
 use crate::rig::{PERIOD, control, guard, machine};
@@ -18,7 +18,9 @@ fn a_thread_arms_and_ends() {
     let control = control([-100.0, 40.0, 200.0, 50.0, 300.0], &Clock::system());
     let described = control.description().clone();
     let plan = PathPlan::new(described, &model, &guard, &PathSettings::default(), PERIOD);
-    let path = ControlPath::new(Box::new(control), &plan.expect("fits")).expect("fits");
+    let plan = plan.expect("fits");
+    let limits = plan.limits;
+    let path = ControlPath::new(Box::new(control), &plan).expect("fits");
     let sensors = Sensors::new(Vec::new(), guard.temperatures);
     let cycle = Cycle::new(
         Box::new(model),
@@ -28,7 +30,7 @@ fn a_thread_arms_and_ends() {
         PERIOD,
     );
     let (mut handle, lacking) =
-        start(cycle.expect("one path"), PERIOD, Realtime::default()).expect("a thread");
+        start(cycle.expect("one path"), Realtime::default()).expect("a thread");
     assert!(lacking.is_empty(), "nothing was asked for: {lacking:?}");
     let end = Instant::now() + Duration::from_secs(20);
     while handle.cycles() < 5 && Instant::now() < end {
@@ -43,6 +45,27 @@ fn a_thread_arms_and_ends() {
     let names: Vec<&str> = changes.iter().map(|change| change.state.name()).collect();
     assert_eq!(names.last(), Some(&"compensating"), "{names:?}");
     assert!(handle.timings().count() > 5);
+    // Limits of another period, and of a path that is not there: refused, and told.
+    let mut limits = limits;
+    assert!(handle.send(Order::Limits(7, Box::new(limits))));
+    limits.period = Duration::from_millis(1);
+    assert!(handle.send(Order::Limits(0, Box::new(limits))));
+    let mut refusals = Vec::new();
+    while refusals.len() < 2 && Instant::now() < end {
+        refusals.extend(handle.refusals());
+        std::thread::sleep(PERIOD);
+    }
+    assert_eq!(
+        refusals,
+        [
+            LimitsRefusal::NoSuchPath { path: 7, paths: 1 },
+            LimitsRefusal::Period {
+                path: 0,
+                found: Duration::from_millis(1),
+                expected: PERIOD
+            }
+        ]
+    );
     handle.stop();
     let cycles = handle.cycles();
     std::thread::sleep(PERIOD * 3);

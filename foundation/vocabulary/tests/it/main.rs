@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use volcomp_vocabulary::{
-    AxisKind, AxisName, Component, Deg, Direction, Displacement, ErrorName, Mm, PerAxis, Rad, Um,
-    Urad,
+    AxisKind, AxisName, Component, Coordinate, Deg, Direction, Displacement, ErrorName, Mm,
+    PerAxis, Rad, Um, Urad,
 };
 
 #[test]
@@ -98,6 +98,24 @@ fn quantities_are_written_with_their_unit() {
         Displacement::new(AxisKind::Linear, f64::INFINITY).to_string(),
         "inf µm"
     );
+}
+
+/// A position of 250 mm is no 250000 µm, and 30 deg are not 29.999999999999996.
+#[test]
+fn coordinates_are_written_in_mm_and_deg() {
+    for (kind, number, text) in [
+        (AxisKind::Linear, 250.0, "250 mm"),
+        (AxisKind::Linear, -0.0005, "-0.0005 mm"),
+        (AxisKind::Rotary, 30.0, "30 deg"),
+    ] {
+        let at = Displacement::from_coordinate(kind, number);
+        assert_eq!(Coordinate(at).to_string(), text);
+        assert!(text.ends_with(kind.coordinate_unit()));
+        assert!(at.to_string().ends_with(kind.micro_symbol()));
+    }
+    for component in Component::ALL {
+        assert_eq!(component.kind() == AxisKind::Rotary, component.is_angular());
+    }
 }
 
 #[test]

@@ -1,0 +1,87 @@
+//! Errors set by their names: what cannot be an error of the chain is refused and changes nothing.
+
+use volcomp_kinematics::{Chain, ChainError, Form, GivenErrors, NoEffect, State, volumetric_error};
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
+
+use crate::plain;
+
+fn name(text: &str) -> ErrorName {
+    text.parse().unwrap()
+}
+
+#[test]
+fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
+    let chain = Chain::new("w X' b Y Z t".parse().unwrap());
+    let mut errors = GivenErrors::default();
+    for found in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let refused = errors.set(&chain, name("EYX"), found);
+        assert!(
+            matches!(refused, Err(ChainError::NotFinite { error, .. }) if error == name("EYX"))
+        );
+    }
+    let refused = errors.set(&chain, name("EYX"), f64::NAN).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "EYX is NaN, expected a finite number of µm"
+    );
+    let refused = errors.set(&chain, name("EZB"), 1.0);
+    assert!(matches!(
+        refused,
+        Err(ChainError::NoSuchAxis {
+            axis: AxisName::B,
+            ..
+        })
+    ));
+    assert_eq!(errors, GivenErrors::default());
+}
+
+/// A location error is refused exactly where the chain, computed by hand, is the same with it and without it.
+#[test]
+fn a_location_error_is_refused_where_it_moves_nothing() {
+    let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
+    chain
+        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
+        .unwrap();
+    chain.set_direction(AxisName::Y, [0.1, 1.0, 0.0]).unwrap();
+    let state = State::from_coordinates(&[0.5, 100.0, 200.0, -50.0, 0.7]);
+    let at_zero = GivenErrors::default();
+    for (index, joint) in chain.joints().iter().enumerate() {
+        for component in Component::ALL {
+            let named = ErrorName::location(component, joint.name);
+            let mut set = GivenErrors::default();
+            let refused = set.set(&chain, named, 1000.0);
+            let mut by_hand = GivenErrors::default();
+            let place = component.mcs_index();
+            if component.is_angular() {
+                by_hand.location[index].angular_rad[place] = 1e-3;
+            } else {
+                by_hand.location[index].linear_mm[place] = 1.0;
+            }
+            let [without, with] = [&at_zero, &by_hand]
+                .map(|errors| plain::error(&chain, errors, &state, Form::Exact));
+            let pairs = without.iter().flatten().zip(with.iter().flatten());
+            let moves = pairs.into_iter().any(|(a, b)| (a - b).abs() > 1e-9);
+            assert_eq!(refused.is_ok(), moves, "{named}: {refused:?}");
+            if moves {
+                assert_eq!(set, by_hand);
+            } else {
+                assert!(matches!(refused, Err(ChainError::NoEffect { .. })));
+                assert_eq!(set, at_zero);
+            }
+        }
+    }
+    let refused = GivenErrors::default().set(&chain, name("EX0X"), 1.0);
+    let Err(ChainError::NoEffect { reason, .. }) = refused else {
+        panic!("{refused:?}");
+    };
+    assert_eq!(
+        reason,
+        NoEffect::OffsetOfLinearAxis {
+            constant: name("EXX")
+        }
+    );
+    let mut errors = GivenErrors::default();
+    errors.set(&chain, name("EXX"), 5.0).unwrap();
+    let error = volumetric_error(&chain, &errors, &State::default(), Form::Exact);
+    assert!((error.position_mm.x - 0.005).abs() < 1e-12);
+}
