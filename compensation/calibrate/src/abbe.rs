@@ -3,7 +3,7 @@
 use volcomp_kinematics::{ErrorSource, Joint, Side, State, nalgebra::Vector3};
 use volcomp_metrology::{CarriedSide, MotionKind, Rides, Travel, abbe_um, lever_mm};
 use volcomp_model::{Machine, ModelError, Temperatures};
-use volcomp_vocabulary::{AxisKind, Direction};
+use volcomp_vocabulary::Direction;
 
 use crate::{calibration_file::Line, profile::Profile};
 
@@ -22,14 +22,14 @@ pub(crate) fn without_abbe<'a>(
     Ok(profile)
 }
 
-/// The lever of a measured line of a linear axis.
+/// The lever of a measured line of a linear axis, in the frame of what carries the axis: MCS at machine zero, brought
+/// by the held axes to where the axis was during the test.
 pub(crate) struct Lever {
-    point_mcs: [f64; 3],
-    carriage_mcs: [f64; 3],
+    point: [f64; 3],
     rides: Rides,
     joint: Joint,
-    /// Weights (MCS) that turn a displacement into a reading: the direction of the axis for positioning, one MCS axis
-    /// for the other errors.
+    /// Weights that turn a displacement into a reading: the direction of the axis for positioning, one axis of the
+    /// frame for the other errors.
     sense: Vector3<f64>,
 }
 
@@ -38,14 +38,19 @@ impl Lever {
         let setup = &line.setup;
         let index = machine.index_of(setup.error.axis)?;
         let joint = machine.chain().joints()[index];
-        let carriage_mcs = carried_point(index, line, machine);
+        let carried = machine
+            .chain()
+            .carrier_pose(index, &held_state(line, machine)?)
+            .inverse();
+        let point = setup.point_mcs.map_or(joint.point_mm, |point_mcs| {
+            carried.transform_point(&Vector3::from(point_mcs))
+        });
         let mut component = Vector3::zeros();
         component[setup.error.component.mcs_index()] = 1.0;
         Ok(Self {
             // Measured at the axis's own point unless stated; on the other side of the joint the
             // travel is a lever still.
-            point_mcs: setup.point_mcs.unwrap_or(carriage_mcs),
-            carriage_mcs,
+            point: point.into(),
             rides: setup.rides,
             joint,
             sense: match MotionKind::of(setup.error) {
@@ -55,7 +60,7 @@ impl Lever {
         })
     }
 
-    /// m − c̃ with the travel on the other side of the joint, mm along the MCS axes.
+    /// m − c with the travel on the other side of the joint, mm along the axes of the frame.
     fn at_mm(&self, position_mm: f64) -> [f64; 3] {
         let travel = Travel {
             side: match self.joint.side {
@@ -65,7 +70,7 @@ impl Lever {
             direction_mcs: self.joint.direction.into(),
             position_mm,
         };
-        lever_mm(self.point_mcs, self.carriage_mcs, self.rides, travel)
+        lever_mm(self.point, self.joint.point_mm.into(), self.rides, travel)
     }
 
     /// The Abbe error that the tilts of the axis (µrad) add to a reading at a position (mm), µm.
@@ -84,26 +89,6 @@ impl Lever {
             })
         })
     }
-}
-
-/// c̃ = c + Σ u_h q_h over the held axes between `b` and the axis, whose motion carries it.
-fn carried_point(index: usize, line: &Line, machine: &Machine) -> [f64; 3] {
-    let joints = machine.chain().joints();
-    let joint = joints[index];
-    let carries = |other: usize| match joint.side {
-        Side::Tool => joints[other].side == Side::Tool && other < index,
-        Side::Workpiece => joints[other].side == Side::Workpiece && other > index,
-    };
-    let linear = |other: &usize| carries(*other) && joints[*other].kind == AxisKind::Linear;
-    (0..joints.len())
-        .filter(linear)
-        .fold(joint.point_mm, |point, other| {
-            // A workpiece-side axis moves its carriage the other way: coordinates are of the tool
-            // relative to the workpiece.
-            let sense = if joint.side == Side::Tool { 1.0 } else { -1.0 };
-            point + joints[other].direction * (sense * line.setup.held_at(other))
-        })
-        .into()
 }
 
 /// ε of the measured axis at a target, µrad, on the branch of the direction.

@@ -7,6 +7,7 @@ use volcomp_vocabulary::{ErrorName, Urad};
 use crate::{
     angular::angular,
     calibration_file::CalibrationFile,
+    checks::{different_machines, odd},
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
@@ -61,7 +62,11 @@ pub fn calibrate(
     let curves: Vec<FittedCurve> = fitted
         .flat_map(|fitted| fitted.branches.fitted(fitted.error))
         .collect();
-    let mut warnings = angular.notes;
+    let mut warnings: Vec<String> = different_machines(&file.measurements).into_iter().collect();
+    for line in &file.measurements {
+        warnings.extend(odd(line, &file.machine));
+    }
+    warnings.extend(angular.notes);
     warnings.extend(linear.notes);
     warnings.extend(not_measured(&machine, &measured, &curves, &squareness));
     Ok(Calibration {

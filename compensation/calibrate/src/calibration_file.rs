@@ -11,6 +11,8 @@ use crate::{curve_choice::CurveChoice, setup::Setup};
 /// A calibration file with everything it names read.
 #[derive(Clone, Debug)]
 pub struct CalibrationFile {
+    /// The calibration file, its machine file and its measurement files, as paths: what must not be overwritten.
+    pub files: Vec<PathBuf>,
     /// The machine as its file states it.
     pub machine: Machine,
     /// Coordinates at which curves are zero, mm or deg, by the place of the axis in the chain; without a value, 0.

@@ -5,6 +5,7 @@ mod angular;
 mod branches;
 mod calibration;
 mod calibration_file;
+mod checks;
 mod curve_choice;
 mod error;
 mod fitted;

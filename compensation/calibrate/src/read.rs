@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use volcomp_document::{Document, InputError, Section, Value};
-use volcomp_metrology::{DeviationUnit, Measurement, read_file, squareness_parts};
+use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, read_file, squareness_parts};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource, Uncertainty},
+    checks,
     curve_choice::CurveChoice,
     error::CalibrateError,
     setup::Setup,
@@ -22,7 +23,9 @@ impl CalibrationFile {
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibrateError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Document::read(path)?.decode(|root| decode(&root, folder))
+        let mut file = Document::read(path)?.decode(|root| decode(&root, folder))?;
+        file.files.insert(0, path.to_owned());
+        Ok(file)
     }
 }
 
@@ -35,7 +38,8 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         "squareness",
         "uncertainty",
     ])?;
-    let machine = Machine::read(&folder.join(root.require("machine")?.text()?))?;
+    let machine_file = folder.join(root.require("machine")?.text()?);
+    let machine = Machine::read(&machine_file)?;
     let mut reference: Vec<f64> = machine
         .axes()
         .iter()
@@ -63,7 +67,9 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         }
         squareness.push(found);
     }
+    let measured = measurements.iter().map(|line| line.file.clone());
     Ok(CalibrationFile {
+        files: core::iter::once(machine_file).chain(measured).collect(),
         reference_axes: decode_reference_axes(root)?,
         machine,
         reference,
@@ -110,7 +116,14 @@ fn decode_line(
     let setup = Setup::decode(section, error, machine)?;
     let file_value = section.require("file")?;
     let file = folder.join(file_value.text()?);
-    let mut readings = read_file(&file)?;
+    let mut readings = read_file(&file).map_err(|error| match error {
+        // Not what is in a file, but which file is named: the calibration file is where to look.
+        MetrologyError::Unreadable { .. }
+        | MetrologyError::Directory { .. }
+        | MetrologyError::Extension { .. }
+        | MetrologyError::TooLarge { .. } => file_value.error(error.to_string()).into(),
+        inside => CalibrateError::from(inside),
+    })?;
     tracing::debug!(
         "{error}: {} readings from {}",
         readings.readings.len(),
@@ -120,6 +133,7 @@ fn decode_line(
     for reading in &mut readings.readings {
         reading.deviation *= factor;
     }
+    checks::refuse(&file_value, &setup, &readings, machine)?;
     Ok(Line {
         setup,
         file,

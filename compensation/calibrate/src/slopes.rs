@@ -43,9 +43,14 @@ fn held_slope(line: &Line, tilted: &Machine) -> Result<Urad, ModelError> {
     let state = held_state(line, tilted)?;
     let none = Temperatures::new();
     let source = tilted.source(&none);
-    let tilt = tilting.fold(Vector3::zeros(), |sum: Vector3<f64>, held| {
-        sum + source.error_motion(held, &state).angular_rad
+    // Errors are stated in the frame of what carries their axis; held rotary axes turn these frames.
+    let chain = tilted.chain();
+    let tilt_mcs = tilting.fold(Vector3::zeros(), |sum: Vector3<f64>, held| {
+        let carried = chain.carrier_pose(held, &state).rotation;
+        sum + carried * source.error_motion(held, &state).angular_rad
     });
+    let own = chain.carrier_pose(index, &state).rotation;
+    let tilt = own.transpose() * tilt_mcs;
     let slope = tilt.cross(&joints[index].direction) * sign;
     Ok(Urad(slope[line.setup.error.component.mcs_index()] * 1e6))
 }

@@ -20,6 +20,7 @@ pub(crate) fn machine(errors: &str) -> Machine {
 
 pub(crate) fn file(measurements: Vec<Line>) -> CalibrationFile {
     CalibrationFile {
+        files: Vec::new(),
         machine: machine(""),
         reference: vec![0.0; 3],
         reference_axes: [AxisName::X, AxisName::Y],

@@ -8,7 +8,7 @@ use volcomp_kinematics::{
 };
 use volcomp_metrology::{MotionKind, Rides};
 use volcomp_model::{Machine, ModelError};
-use volcomp_vocabulary::{AxisKind, Direction};
+use volcomp_vocabulary::{AxisKind, Direction, Displacement};
 
 /// A measured line laid through a machine: the tool side relative to the workpiece side at the
 /// measured point, from the whole chain with every error in it.
@@ -19,6 +19,8 @@ pub struct LineOfSight<'a> {
     /// The held axes, the measured one at 0.
     held: State,
     axis: usize,
+    /// Where the held axes have carried the measured one: its frame in MCS.
+    carried: Pose,
     /// The measured point m, mm in MCS with the measured axis at 0.
     point_mcs: Vector3<f64>,
 }
@@ -34,44 +36,47 @@ impl<'a> LineOfSight<'a> {
         let coordinates: Vec<_> = names.zip(setup.at.iter().copied()).collect();
         let held = machine.state(&coordinates)?;
         let chain = machine.chain();
+        let carried = chain.carrier_pose(axis, &held);
+        let own_point = carried.transform_point(&chain.joints()[axis].point_mm);
         Ok(Self {
             chain,
             setup,
             held,
             axis,
-            point_mcs: setup
-                .point_mcs
-                .map_or_else(|| carried_point(chain, axis, &held), Vector3::from),
+            carried,
+            point_mcs: setup.point_mcs.map_or(own_point, Vector3::from),
         })
     }
 
     /// The ideal command for a coordinate of the measured axis (mm or deg), approached in a direction.
     pub fn state(&self, coordinate: f64, direction: Direction) -> State {
         let mut state = self.held;
-        state.q[self.axis] = match self.chain.joints()[self.axis].kind {
-            AxisKind::Linear => coordinate,
-            AxisKind::Rotary => coordinate.to_radians(),
-        };
+        let kind = self.chain.joints()[self.axis].kind;
+        state.q[self.axis] = Displacement::from_coordinate(kind, coordinate).mm_or_rad();
         state.approach[self.axis] = Some(direction);
         state
     }
 
     /// The reading at a target when `command` is commanded for it, µm or µrad, in the sign of the
-    /// error; positioning along the axis (ISO 230-2).
+    /// error; positioning along the axis (ISO 230-2), other errors along or about the axes of the frame in which the
+    /// errors of the axis are stated.
     pub fn reading(&self, errors: &impl ErrorSource, target: &State, command: &State) -> f64 {
         let [workpiece, tool] = self.sides(target);
         let measured = self.measured_point_mcs(target);
         let on_tool = tool.inverse().transform_point(&measured);
         let actual = actual_pose(self.chain, errors, command);
         let ideal = workpiece * tool;
-        let to_mcs: Matrix3<f64> = workpiece.rotation.transpose();
+        // The instrument stands along the axis as the held axes have turned it: its components are those in which
+        // the errors of the axis are stated.
+        let to_frame: Matrix3<f64> =
+            self.carried.rotation.transpose() * workpiece.rotation.transpose();
         let name = self.setup.error;
         let (motion, micro) = if name.component.is_angular() {
             let turned = actual.rotation * ideal.rotation.transpose();
-            (to_mcs * vector_from_rotation(&turned), 1e6)
+            (to_frame * vector_from_rotation(&turned), 1e6)
         } else {
             let moved = actual.transform_point(&on_tool) - ideal.transform_point(&on_tool);
-            (to_mcs * moved, 1e3)
+            (to_frame * moved, 1e3)
         };
         micro
             * match MotionKind::of(name) {
@@ -89,7 +94,10 @@ impl<'a> LineOfSight<'a> {
             (_, Rides::Other) => 0.0,
         };
         match joint.kind {
-            AxisKind::Linear => self.point_mcs + joint.direction * (moves * state.q[self.axis]),
+            AxisKind::Linear => {
+                let direction = self.carried.rotation * joint.direction;
+                self.point_mcs + direction * (moves * state.q[self.axis])
+            }
             AxisKind::Rotary => self.point_mcs,
         }
     }
@@ -103,22 +111,5 @@ impl<'a> LineOfSight<'a> {
             *side = *side * joint.motion(q);
         }
         sides
-    }
-}
-
-/// The axis's own point where the held axes have carried it, MCS.
-fn carried_point(chain: &Chain, axis: usize, held: &State) -> Vector3<f64> {
-    let joints = chain.joints();
-    let side = joints[axis].side;
-    let chained = joints.iter().zip(&held.q).enumerate();
-    let carriers = chained.filter(|(index, (joint, _))| {
-        joint.side == side && (*index < axis) == (side == Side::Tool) && *index != axis
-    });
-    let pose = carriers.fold(Pose::identity(), |pose, (_, (joint, &q))| {
-        pose * joint.motion(q)
-    });
-    match side {
-        Side::Tool => pose.transform_point(&joints[axis].point_mm),
-        Side::Workpiece => pose.inverse().transform_point(&joints[axis].point_mm),
     }
 }

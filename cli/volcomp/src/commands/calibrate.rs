@@ -1,6 +1,7 @@
 //! `volcomp calibrate`: from measurement files to a machine file.
 
-use std::path::PathBuf;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_vocabulary::{Um, Urad};
@@ -22,12 +23,29 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let file = CalibrationFile::read(&arguments.calibration)?;
+    refuse_overwriting(&file, &arguments.output)?;
     let mut output = OutputFile::open(&arguments.output)?;
     let calibration = fit(&file)?;
     output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &calibration);
     Answer::new(&document, text(&document), calibration.warnings)
+}
+
+/// The output must not take the place of what it is made from: a second run would start from its own result.
+fn refuse_overwriting(file: &CalibrationFile, output: &Path) -> Result<(), Failure> {
+    let Ok(there) = output.canonicalize() else {
+        return Ok(()); // it does not exist yet
+    };
+    let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
+    match file.files.iter().find(same) {
+        Some(path) => Err(Failure::Input(format!(
+            "--output {}: is {}, which this calibration reads; expected another file",
+            output.display(),
+            path.display()
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Calibrates with a progress bar.
@@ -76,9 +94,21 @@ fn text(document: &Document) -> String {
         text.push('\n');
         text += &table_text(&squareness);
     }
+    let _ = write!(
+        text,
+        "\nwrote {}: {} fitted, {} squareness\n",
+        document.file,
+        counted(document.curves.len(), "curve"),
+        document.squareness_urad.len()
+    );
     text += "\nResidual: mean reading minus curve. LOO error: root mean square of what the\n\
              curve misses of readings that were left out of its fit one at a time.\n";
     text
+}
+
+fn counted(count: usize, what: &str) -> String {
+    let s = if count == 1 { "" } else { "s" };
+    format!("{count} {what}{s}")
 }
 
 /// The unit of a key as people read it.

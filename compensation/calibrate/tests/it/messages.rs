@@ -3,6 +3,8 @@
 use std::fs;
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_metrology::{DeviationUnit, Measurement, Reading, write_renishaw};
+use volcomp_vocabulary::Direction;
 
 const GOOD: &str =
     "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
@@ -56,7 +58,7 @@ fn every_wrong_key_is_named() {
         ),
         (
             "[[measurement]]\nerror = \"EXX\"\nfile = \"b.csv\"",
-            "b.csv: cannot be read",
+            ":7: measurement[1].file: ",
         ),
         ("error = \"EYX\"", "duplicate key"),
         (
@@ -76,4 +78,96 @@ fn every_wrong_key_is_named() {
         .expect_err("no lines")
         .to_string();
     assert!(message.contains("was not measured"), "{message}");
+}
+
+/// What a measurement file says against its calibration file: refused with line and key where it is certainly wrong,
+/// told with the name of the file where it is odd.
+#[test]
+fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).expect("written");
+    };
+    write(
+        "machine.toml",
+        "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n",
+    );
+    let laser = |axis: &str, machine: &str, step: f64, um: f64| {
+        let readings = (0..=10).map(|k| Reading {
+            target: step * f64::from(k),
+            run: 1,
+            direction: Direction::Positive,
+            deviation: um * f64::from(k),
+        });
+        let mut measurement = Measurement {
+            unit: Some(DeviationUnit::Um),
+            readings: readings.collect(),
+            ..Measurement::default()
+        };
+        measurement.metadata.axis = Some(axis.to_owned());
+        measurement.metadata.machine = Some(machine.to_owned());
+        write_renishaw(&measurement)
+    };
+    let read = |files: &[&str]| {
+        let mut text = String::from("machine = \"machine.toml\"\n");
+        for (file, error) in files.iter().zip(["EXX", "EYY"]) {
+            text += &format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n");
+        }
+        let path = folder.path().join("calibration.toml");
+        fs::write(&path, text).expect("written");
+        CalibrationFile::read(&path)
+    };
+    write("good.rtl", &laser("X", "Gantry", 100.0, 1.0));
+    write("other-axis.rtl", &laser("Y", "Gantry", 100.0, 1.0));
+    write("far.csv", "target,deviation\n5000,1\n6000,2\n7000,4\n");
+    write("metres.csv", "target,deviation\n0,0\n500,1e6\n1000,2e6\n");
+    for (file, expected) in [
+        (
+            "other-axis.rtl",
+            "states that axis Y was measured, expected X, the axis of EXX",
+        ),
+        (
+            "far.csv",
+            "found targets from 5000 to 7000 mm, expected some within the travel of X, 0 to 1000 mm",
+        ),
+        (
+            "metres.csv",
+            "found a deviation of 2000 mm, expected less than 100 mm",
+        ),
+    ] {
+        let message = read(&[file]).expect_err(file).to_string();
+        assert!(
+            message.contains("calibration.toml:4: measurement[0].file: "),
+            "{message}"
+        );
+        assert!(message.contains(expected), "{message}");
+    }
+    let warnings = |files: &[&str]| {
+        let file = read(files).expect("read");
+        assert_eq!(file.files.len(), 2 + files.len());
+        calibrate(&file, |_, _| {})
+            .expect("calibrated")
+            .warnings
+            .join("\n")
+    };
+    assert!(!warnings(&["good.rtl"]).contains("good.rtl"));
+    write("short.rtl", &laser("X", "Gantry", 40.0, 1.0));
+    write("long.rtl", &laser("X", "Gantry", 110.0, 1.0));
+    write("mm.rtl", &laser("X", "Gantry", 100.0, 200.0));
+    write("mill.rtl", &laser("Y", "Mill", 10.0, 1.0));
+    for (files, expected) in [
+        (&["short.rtl"][..], "cover 40 % of the travel of X"),
+        (
+            &["long.rtl"],
+            "targets from 0 to 1100 mm go beyond the travel of X, 0 to 1000 mm",
+        ),
+        (&["mm.rtl"], "a deviation of 2000 µm is large"),
+        (
+            &["good.rtl", "mill.rtl"],
+            "state different machines: `Gantry` (",
+        ),
+    ] {
+        let told = warnings(files);
+        assert!(told.contains(expected), "{files:?}: {told}");
+    }
 }

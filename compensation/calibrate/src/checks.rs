@@ -1,0 +1,134 @@
+//! Whether what a measurement file says fits the line that a calibration file makes of it: refused where it is
+//! certainly wrong, noted where it is odd.
+
+use volcomp_document::{InputError, Value};
+use volcomp_metrology::{Measurement, MotionKind};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisName, Displacement};
+
+use crate::{calibration_file::Line, setup::Setup};
+
+/// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
+const NEVER_ABOVE: f64 = 1e5;
+/// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
+const ODD_ABOVE: f64 = 1e3;
+/// A line over a smaller share of the travel is noted.
+const SHORT_BELOW: f64 = 0.5;
+/// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.
+const BEYOND_ABOVE: f64 = 0.02;
+
+/// Refuses readings (µm or µrad) that cannot be those of this line: of another axis that the machine has, none of them
+/// within the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.
+pub(crate) fn refuse(
+    file: &Value<'_>,
+    setup: &Setup,
+    readings: &Measurement,
+    machine: &Machine,
+) -> Result<(), InputError> {
+    let error = setup.error;
+    let stated = readings.metadata.axis.as_deref().map(str::trim);
+    let stated = stated.and_then(|text| text.to_uppercase().parse::<AxisName>().ok());
+    if let Some(other) = stated.filter(|axis| *axis != error.axis && machine.axis(*axis).is_some())
+    {
+        return Err(file.error(format!(
+            "the file states that axis {other} was measured, expected {}, the axis of {error}",
+            error.axis
+        )));
+    }
+    let sizes = readings.readings.iter().map(|reading| reading.deviation);
+    let largest = sizes.fold(0.0_f64, |largest, size| largest.max(size.abs()));
+    if largest > NEVER_ABOVE {
+        let unit = if setup.reads_angles() { "mrad" } else { "mm" };
+        return Err(file.error(format!(
+            "found a deviation of {:.0} {unit}, expected less than 100 {unit}: check the unit of the file, or state `unit`",
+            largest * 1e-3
+        )));
+    }
+    let Some(axis) = machine.axis(error.axis) else {
+        return Ok(());
+    };
+    let [low, high] = axis.travel;
+    let within = |target: f64| (low..=high).contains(&target);
+    let mut targets = readings.readings.iter().map(|reading| reading.target);
+    if let Some([first, last]) = ends(readings)
+        && axis.modulo.is_none()
+        && !targets.any(within)
+    {
+        let unit = error.axis.kind().coordinate_unit();
+        return Err(file.error(format!(
+            "found targets from {first} to {last} {unit}, expected some within the travel of {}, {low} to {high} {unit}",
+            error.axis
+        )));
+    }
+    Ok(())
+}
+
+/// The smallest and the largest target.
+fn ends(readings: &Measurement) -> Option<[f64; 2]> {
+    let targets = readings.readings.iter().map(|reading| reading.target);
+    targets.fold(None, |ends, target| {
+        let [first, last] = ends.unwrap_or([target; 2]);
+        Some([target.min(first), target.max(last)])
+    })
+}
+
+/// Notes on what is odd about a line that is not refused.
+pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
+    let error = line.setup.error;
+    let mut notes = Vec::new();
+    let mut note = |text: String| notes.push(format!("{}: {text}", line.file.display()));
+    let (Some([first, last]), Some(axis)) = (ends(&line.readings), machine.axis(error.axis)) else {
+        return notes;
+    };
+    let [low, high] = axis.travel;
+    let unit = error.axis.kind().coordinate_unit();
+    let travel = high - low;
+    let beyond = (low - first).max(last - high);
+    if axis.modulo.is_none() && beyond > BEYOND_ABOVE * travel {
+        note(format!(
+            "targets from {first} to {last} {unit} go beyond the travel of {}, {low} to {high} {unit}: is it the right axis and machine?",
+            error.axis
+        ));
+    }
+    if last - first < SHORT_BELOW * travel {
+        note(format!(
+            "targets from {first} to {last} {unit} cover {:.0} % of the travel of {}: beyond them {error} keeps its end values",
+            100.0 * (last - first) / travel,
+            error.axis
+        ));
+    }
+    // The slope of the instrument's own line makes straightness readings large, and bridge readings are summed up.
+    let is_direct = MotionKind::of(error) != MotionKind::Straightness;
+    let sizes = line.readings.readings.iter().map(|r| r.deviation.abs());
+    let largest = sizes.fold(0.0, f64::max);
+    if is_direct && largest > ODD_ABOVE {
+        let largest = Displacement::from_micro(error.component.kind(), largest);
+        note(format!(
+            "a deviation of {largest:.0} is large for a machine tool: check the unit of the file, or state `unit`"
+        ));
+    }
+    notes
+}
+
+/// A note where measurement files state different machines.
+pub(crate) fn different_machines(lines: &[Line]) -> Option<String> {
+    let stated = lines.iter().filter_map(|line| {
+        let machine = line.readings.metadata.machine.as_deref()?.trim();
+        (!machine.is_empty()).then_some((machine, line))
+    });
+    let mut machines: Vec<(&str, &Line)> = Vec::new();
+    for (machine, line) in stated {
+        if !machines.iter().any(|(known, _)| *known == machine) {
+            machines.push((machine, line));
+        }
+    }
+    (machines.len() > 1).then(|| {
+        let each =
+            |(machine, line): &(&str, &Line)| format!("`{machine}` ({})", line.file.display());
+        let each: Vec<String> = machines.iter().map(each).collect();
+        format!(
+            "the measurement files state different machines: {}",
+            each.join(", ")
+        )
+    })
+}
