@@ -1,4 +1,4 @@
-//! Compiled machines as bytes: thermal offsets are in, older versions are read, and what is refused can be matched.
+//! Versions of a compiled machine as bytes: thermal offsets are in, older versions are read, and what is refused can be matched.
 
 use sha2::{Digest, Sha256};
 use volcomp_evaluator::{BlobError, CompiledMachine, EvaluatorError};
