@@ -4,7 +4,7 @@ use std::{fmt::Write, path::Path};
 
 use volcomp_model::MapGrid;
 
-use super::work::Node;
+use super::node::Node;
 use crate::{failure::Failure, output::OutputFile};
 
 /// The arrays of a node in a file besides its place, names with units: errors (µm, µrad) and their standard

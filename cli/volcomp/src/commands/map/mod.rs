@@ -2,6 +2,7 @@
 
 mod field;
 mod model;
+mod node;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod uncertainty;
@@ -15,8 +16,9 @@ use volcomp_model::MapGrid;
 use self::{
     field::Field,
     model::Model,
+    node::Node,
     uncertainty::{ensemble, read_calibration},
-    work::{Largest, Node, Work},
+    work::{Largest, Work},
 };
 use super::{Answer, fixed, thermal_note};
 use crate::{

@@ -4,7 +4,10 @@ use rayon::prelude::*;
 use volcomp_kinematics::State;
 use volcomp_model::{Ensemble, Machine, MapGrid};
 
-use super::field::{Field, TextFormat};
+use super::{
+    field::{Field, TextFormat},
+    node::Node,
+};
 use crate::{failure::Failure, progress};
 
 /// Nodes that one core takes at a time.
@@ -12,33 +15,6 @@ const CHUNK: usize = 4096;
 
 /// Computes position (mm) and rotation (rad) at a state.
 pub(super) type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
-
-/// One node of the map: mm and rad, in workpiece axes.
-#[derive(Clone, Copy)]
-pub(super) struct Node {
-    /// Coordinates along the axes of the grid, mm.
-    pub(super) at_mm: [f64; 3],
-    /// Position (mm) and rotation (rad) error.
-    error: [f64; 6],
-    /// Standard uncertainty of the six, where it was asked for.
-    pub(super) uncertainty: Option<[f64; 6]>,
-}
-
-impl Node {
-    pub(super) fn in_file_units(&self) -> [f64; 6] {
-        in_file_units(&self.error)
-    }
-
-    pub(super) fn uncertainty_in_file_units(&self) -> [f64; 6] {
-        in_file_units(&self.uncertainty.unwrap_or_default())
-    }
-}
-
-/// mm and rad in µm and µrad.
-fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
-    let [x, y, z, a, b, c] = six;
-    [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
-}
 
 /// The inputs from which a node is computed.
 pub(super) struct Work<'a> {
