@@ -10,6 +10,7 @@ use volcomp_port::{DeviceError, Temperature};
 
 use crate::{
     address::Address,
+    facts::{BusFacts, Facts, SeenFrames},
     probe::{Probe, ProbedPosition},
 };
 
@@ -79,17 +80,16 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
             }
         }
     }
-    let seen = frames.iter().map(|((extended, id), (_, count))| {
-        let id = if *extended {
-            format!("{id:08X}")
-        } else {
-            format!("{id:03X}")
-        };
-        format!("{id} ({count})")
-    });
-    probe.facts = vec![
-        ("frames".to_owned(), seen.collect::<Vec<_>>().join(", ")),
-        ("errors".to_owned(), errors.to_string()),
-    ];
+    let seen = frames
+        .iter()
+        .map(|(&(extended, id), &(_, count))| SeenFrames {
+            id,
+            extended,
+            count,
+        });
+    probe.facts = Some(Facts::Bus(BusFacts {
+        frames: seen.collect(),
+        errors,
+    }));
     Ok(probe)
 }

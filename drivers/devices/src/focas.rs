@@ -4,11 +4,11 @@ use std::time::{Duration, Instant};
 
 use volcomp_focas::{Client, FocasConfig, FocasError, PositionKind};
 use volcomp_port::DeviceError;
-
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::{
     address::Address,
+    facts::{ControlFacts, Facts},
     probe::{Probe, ProbedPosition},
 };
 
@@ -44,7 +44,6 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         times.push(begun.elapsed());
     }
     times.sort_unstable();
-    let microseconds = |place: usize| times[place].as_secs_f64() * 1e6;
     let position = |(name, value): (&char, f64)| {
         // The control does not say which axes turn; their letters do, as everywhere.
         let known = AxisName::from_letter(*name);
@@ -56,31 +55,16 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     };
     let mut probe = Probe::new(address);
     probe.positions = names.iter().zip(positions).map(position).collect();
-    probe.facts = vec![
-        (
-            "control".to_owned(),
-            format!("{}{}", system.cnc_type, system.machine_type)
-                .trim()
-                .to_owned(),
-        ),
-        (
-            "series".to_owned(),
-            format!("{} {}", system.series, system.version),
-        ),
-        ("version".to_owned(), client.version().to_string()),
-        (
-            "emergency_stop".to_owned(),
-            (status.emergency != 0).to_string(),
-        ),
-        ("alarm".to_owned(), (status.alarm != 0).to_string()),
-        (
-            "round_trip_p50_us".to_owned(),
-            format!("{:.0}", microseconds(TIMED / 2)),
-        ),
-        (
-            "round_trip_max_us".to_owned(),
-            format!("{:.0}", microseconds(TIMED - 1)),
-        ),
-    ];
+    probe.facts = Some(Facts::Control(ControlFacts {
+        control: format!("{}{}", system.cnc_type, system.machine_type)
+            .trim()
+            .to_owned(),
+        series: format!("{} {}", system.series, system.version),
+        version: client.version(),
+        emergency_stop: status.emergency != 0,
+        alarm: status.alarm != 0,
+        round_trip_median: times[TIMED / 2],
+        round_trip_longest: times[TIMED - 1],
+    }));
     Ok(probe)
 }

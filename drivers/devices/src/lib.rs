@@ -3,6 +3,7 @@
 mod address;
 #[cfg(feature = "can")]
 mod can;
+mod facts;
 #[cfg(feature = "focas")]
 mod focas;
 #[cfg(feature = "gpio")]
@@ -17,6 +18,7 @@ mod probe;
 pub use address::{Address, Scheme};
 #[cfg(feature = "can")]
 pub use can::signal_table;
+pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames};
 #[cfg(feature = "focas")]
 pub use focas::focas_config;
 #[cfg(feature = "gpio")]

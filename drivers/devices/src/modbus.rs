@@ -13,6 +13,7 @@ use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer, Unopene
 
 use crate::{
     address::{Address, Scheme},
+    facts::{Facts, ModuleFacts},
     list::serial_ports,
     probe::Probe,
 };
@@ -133,14 +134,10 @@ fn module(address: &Address) -> Result<(Bus, DigitalModule), DeviceError> {
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let profile = profile(address)?;
     let mut probe = Probe::new(address);
-    probe
-        .facts
-        .push(("profile".to_owned(), profile.name.clone()));
-    if !profile.unproven.is_empty() {
-        probe
-            .facts
-            .push(("not_proven".to_owned(), profile.unproven.join("; ")));
-    }
+    probe.facts = Some(Facts::Module(ModuleFacts {
+        profile: profile.name.clone(),
+        unproven: profile.unproven.clone(),
+    }));
     let deadline = Instant::now() + at_most;
     let nobody = || {
         let ports: Vec<String> = serial_ports().into_iter().map(|port| port.device).collect();

@@ -5,7 +5,10 @@ use std::time::Duration;
 use volcomp_port::{DeviceError, Temperature};
 use volcomp_vocabulary::Displacement;
 
-use crate::address::{Address, Scheme};
+use crate::{
+    address::{Address, Scheme},
+    facts::Facts,
+};
 
 /// A position as a device tells it.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,8 +30,8 @@ pub struct Probe {
     pub temperatures: Vec<(String, Temperature)>,
     /// Levels of digital inputs.
     pub inputs: Vec<bool>,
-    /// Other properties that the device reports, as pairs of name and text.
-    pub facts: Vec<(String, String)>,
+    /// Further properties that the kind of device has; `None` for digital lines.
+    pub facts: Option<Facts>,
 }
 
 impl Probe {

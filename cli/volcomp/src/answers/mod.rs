@@ -11,6 +11,7 @@ pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
 pub(crate) mod position;
+pub(crate) mod probe;
 pub(crate) mod program;
 pub(crate) mod simulate;
 
@@ -23,7 +24,7 @@ use volcomp_vocabulary::AxisName;
 /// The name of a command and the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
-/// The documents by the name of their command: `volcomp-NAME.json` is the file of the schema.
+/// The documents by the name of their command, `probe-list` for `probe --list`: `volcomp-NAME.json` is the file of the schema.
 pub(crate) const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<program::Compile>),
@@ -39,6 +40,8 @@ pub(crate) const ALL: &[Named] = &[
     ("inspect", schema::<inspect::Inspect>),
     ("simulate", schema::<simulate::Simulate>),
     ("demo", schema::<simulate::Demo>),
+    ("probe", schema::<probe::Probe>),
+    ("probe-list", schema::<probe::ProbeList>),
     ("failure", schema::<failure::Document>),
 ];
 

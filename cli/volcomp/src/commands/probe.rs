@@ -1,17 +1,18 @@
-//! `volcomp probe`: what a device says now, and which devices there are.
+//! `volcomp probe`: the values that a device reports now, and the interfaces of this computer.
 
 use std::{fmt::Write, time::Duration};
 
 use comfy_table::CellAlignment;
-use serde_json::{Map, Value, json};
-use volcomp_devices::{Address, LocalDevices, Probe, ProbedPosition, list, probe};
-use volcomp_port::{DeviceError, Quality, Temperature};
-use volcomp_vocabulary::AxisKind;
+use volcomp_devices::{Address, list, probe};
+use volcomp_port::DeviceError;
 
 use super::{Answer, table, table_text};
-use crate::failure::Failure;
+use crate::{
+    answers::probe::{Facts, Probe, ProbeList},
+    failure::Failure,
+};
 
-/// What a device says now: positions, temperatures, inputs; or which serial ports, CAN interfaces and GPIO lines there are
+/// Asks a device once for positions, temperatures and inputs, or lists the serial ports, CAN interfaces and GPIO lines
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// focas://HOST:8193, modbus://HOST?profile=NAME, modbus-rtu:///dev/ttyUSB0?profile=NAME, can://can0,
@@ -29,7 +30,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let Some(url) = arguments.url.as_ref().filter(|_| !arguments.list) else {
-        return Ok(listed(&list()));
+        return listed(&ProbeList::from(list()));
     };
     let told = |e: DeviceError| {
         let message = e.to_string();
@@ -48,15 +49,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             Failure::Input(format!("--within: found {found}, expected 0 to 3600 s"))
         })?;
     let found = probe(&address, within).map_err(told)?;
-    Ok(Answer {
-        json: json(&found),
-        text: text(&found),
-        notes: Vec::new(),
-    })
+    let found = Probe::from(&found);
+    Answer::new(&found, text(&found), Vec::new())
 }
 
 /// The serial ports, CAN interfaces and GPIO lines of this computer, as JSON and as a table.
-fn listed(found: &LocalDevices) -> Answer {
+fn listed(found: &ProbeList) -> Result<Answer, Failure> {
     let mut rows = table(&["device", "what it is", "state"]);
     for column in rows.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Left);
@@ -93,87 +91,38 @@ fn listed(found: &LocalDevices) -> Answer {
             rows.add_row([&*place, &line.name, &state]);
         }
     }
-    let is_empty = found == &LocalDevices::default();
-    Answer {
-        json: json!(found),
-        text: if is_empty {
-            "no serial port, CAN interface or GPIO chip was found\n".to_owned()
-        } else {
-            table_text(&rows)
-        },
-        notes: Vec::new(),
-    }
-}
-
-/// Good, uncertain or bad, and why.
-fn quality(temperature: &Temperature) -> (&'static str, Option<String>) {
-    match temperature.quality {
-        Quality::Good => ("good", None),
-        Quality::Uncertain(reason) => ("uncertain", Some(reason.to_string())),
-        Quality::Bad(reason) => ("bad", Some(reason.to_string())),
-    }
-}
-
-fn json(found: &Probe) -> Value {
-    let mut json = json!({ "device": found.device });
-    let positions = |kind: AxisKind| {
-        let of_kind = found.positions.iter().filter(|p| p.at.kind() == kind);
-        let entry = |p: &ProbedPosition| (p.name.clone(), json!(p.at.mm_or_deg()));
-        let map: Map<String, Value> = of_kind.map(entry).collect();
-        (!map.is_empty()).then_some(map)
+    let is_empty = found.serial_ports.is_empty()
+        && found.can_interfaces.is_empty()
+        && found.gpio_chips.is_empty();
+    let text = if is_empty {
+        "no serial port, CAN interface or GPIO chip was found\n".to_owned()
+    } else {
+        table_text(&rows)
     };
-    for (key, map) in [
-        ("positions_mm", positions(AxisKind::Linear)),
-        ("positions_deg", positions(AxisKind::Rotary)),
-    ] {
-        if let Some(map) = map {
-            json[key] = Value::Object(map);
-        }
-    }
-    if !found.temperatures.is_empty() {
-        let temperature = |(name, temperature): &(String, Temperature)| {
-            let (quality, reason) = quality(temperature);
-            let mut entry = json!({ "name": name, "degc": temperature.degc, "quality": quality });
-            if let Some(reason) = reason {
-                entry["reason"] = json!(reason);
-            }
-            entry
-        };
-        json["temperatures"] = found.temperatures.iter().map(temperature).collect();
-    }
-    if !found.inputs.is_empty() {
-        json["inputs"] = json!(found.inputs);
-    }
-    for (name, value) in &found.facts {
-        json[name] = match (value.parse::<bool>(), value.parse::<f64>()) {
-            (Ok(flag), _) => json!(flag),
-            (_, Ok(number)) => json!(number),
-            _ => json!(value),
-        };
-    }
-    json
+    Answer::new(found, text, Vec::new())
 }
 
 fn text(found: &Probe) -> String {
     let mut text = format!("{}\n", found.device);
     let mut rows = table(&["", "", "", ""]);
-    for position in &found.positions {
-        let unit = match position.at.kind() {
-            AxisKind::Linear => "mm",
-            AxisKind::Rotary => "deg",
-        };
-        let value = format!("{:.4}", position.at.mm_or_deg());
-        rows.add_row([&*position.name, &value, unit, ""]);
+    for (positions, unit) in [(&found.positions_mm, "mm"), (&found.positions_deg, "deg")] {
+        for (name, at) in positions {
+            let value = format!("{:.4}", at.as_f64().unwrap_or(f64::NAN));
+            rows.add_row([name, &value, unit, ""]);
+        }
     }
-    for (name, temperature) in &found.temperatures {
-        let (quality, reason) = quality(temperature);
+    for temperature in &found.temperatures {
+        let quality = temperature.quality;
         let value = temperature
             .degc
             .map_or_else(|| "-".to_owned(), |t| format!("{t:.2}"));
-        let reason = reason.map_or_else(|| quality.to_owned(), |why| format!("{quality}: {why}"));
-        rows.add_row([name, &value, "°C", &reason]);
+        let reason = match &temperature.reason {
+            Some(why) => format!("{quality}: {why}"),
+            None => quality.to_owned(),
+        };
+        rows.add_row([&temperature.name, &value, "°C", &reason]);
     }
-    if !found.positions.is_empty() || !found.temperatures.is_empty() {
+    if !rows.is_empty() {
         let body = table_text(&rows);
         // The table's head is empty.
         text += body.trim_start_matches('\n');
@@ -186,8 +135,33 @@ fn text(found: &Probe) -> String {
             .collect();
         let _ = writeln!(text, "inputs, line 0 first: {lines}"); // writing to a String cannot fail
     }
-    for (name, value) in &found.facts {
-        let _ = writeln!(text, "{}: {value}", name.replace('_', " "));
+    if let Some(facts) = &found.facts {
+        text += &told(facts);
     }
     text
+}
+
+/// The further properties of a device, one a line.
+fn told(facts: &Facts) -> String {
+    match facts {
+        Facts::Control(facts) => format!(
+            "control: {}\nseries: {}\nversion: {}\nemergency stop: {}\nalarm: {}\n\
+             round trip, median: {} µs\nround trip, longest: {} µs\n",
+            facts.control,
+            facts.series,
+            facts.version,
+            facts.emergency_stop,
+            facts.alarm,
+            facts.round_trip_p50_us,
+            facts.round_trip_max_us
+        ),
+        Facts::Module(facts) => {
+            let profile = format!("profile: {}\n", facts.profile);
+            match &facts.not_proven {
+                Some(parts) => format!("{profile}not proven: {parts}\n"),
+                None => profile,
+            }
+        }
+        Facts::Bus(facts) => format!("frames: {}\nerrors: {}\n", facts.frames, facts.errors),
+    }
 }

@@ -7,7 +7,7 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{json, refused, text, volcomp};
 
-fn simulator() -> Simulator {
+pub(crate) fn simulator() -> Simulator {
     let mut world = World::new(&['X', 'Y', 'C']);
     world.motion = Arc::new(|_| vec![1234.567, -0.001, 45.0]);
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("a free port")

@@ -111,7 +111,12 @@ fn live_documents_follow_their_schemas() {
     for call in calls {
         validate(call[0], &json(call));
     }
-    let known: Vec<&str> = calls.iter().map(|call| call[0]).collect();
+    let simulator = crate::probe::simulator();
+    let url = format!("focas://{}", simulator.address());
+    validate("probe", &json(&["probe", &url]));
+    validate("probe-list", &json(&["probe", "--list"]));
+    let mut known: Vec<&str> = calls.iter().map(|call| call[0]).collect();
+    known.extend(["probe", "probe-list", "failure"]);
     for entry in fs::read_dir(root().join("docs/schema")).expect("the schemas") {
         let name = entry
             .expect("an entry")
@@ -128,13 +133,10 @@ fn live_documents_follow_their_schemas() {
             continue;
         }
         assert!(
-            name == "failure" || commands().iter().any(|c| c == name),
+            ["failure", "probe-list"].contains(&name) || commands().iter().any(|c| c == name),
             "{name}"
         );
-        assert!(
-            name == "failure" || known.contains(&name),
-            "no call shows {name}"
-        );
+        assert!(known.contains(&name), "no call shows {name}");
     }
 }
 

@@ -2,21 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::{
-    process::{Child, Command},
-    time::Duration,
-};
+use std::{process::Command, time::Duration};
 
-use volcomp_devices::{Address, probe};
-
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
+use volcomp_devices::{Address, Facts, probe};
+use volcomp_test_support::Running;
 
 #[test]
 fn lines_are_probed() {
@@ -54,7 +43,7 @@ fn a_bus_is_probed() {
     let text = format!("100#{}", hex.concat());
     let script =
         format!("while true; do cansend vcan0 {text}; cansend vcan0 7E5#05; sleep 0.05; done");
-    let _control = Running(Command::new("bash").args(["-c", &script]).spawn().unwrap());
+    let _control = Running::start(Command::new("bash").args(["-c", &script]));
     let address = Address::parse("can://vcan0").unwrap();
     let found = probe(&address, Duration::from_millis(800)).unwrap();
     let positions: Vec<_> = found
@@ -65,11 +54,12 @@ fn a_bus_is_probed() {
     assert_eq!(positions.len(), 2);
     assert_eq!(positions[0].0, "X");
     assert!((positions[0].1 - 100.0).abs() < 1e-9 && (positions[1].1 + 2.0).abs() < 1e-9);
-    let frames = &found.facts[0].1;
-    assert!(
-        frames.contains("100 (") && frames.contains("7E5 ("),
-        "{frames}"
-    );
+    let Some(Facts::Bus(bus)) = found.facts else {
+        panic!("{:?}", found.facts);
+    };
+    let ids: Vec<u32> = bus.frames.iter().map(|seen| seen.id).collect();
+    assert_eq!(ids, [0x100, 0x7e5]);
+    assert!(bus.frames[0].to_string().starts_with("100 ("));
     let silent = Address::parse("can://vcan1").unwrap();
     let message = probe(&silent, Duration::from_millis(100))
         .unwrap_err()

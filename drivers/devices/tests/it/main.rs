@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use volcomp_devices::{Address, Scheme, focas_config, probe, thermometer};
+use volcomp_devices::{Address, Facts, Scheme, focas_config, probe, thermometer};
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::{AxisKind, AxisName};
@@ -106,11 +106,12 @@ fn a_control_is_probed() {
             ("C", AxisKind::Rotary, 90.0)
         ]
     );
-    assert!(
-        found
-            .facts
-            .contains(&("series".to_owned(), "D4G3 28.0".to_owned()))
-    );
+    let Some(Facts::Control(control)) = found.facts else {
+        panic!("{:?}", found.facts);
+    };
+    assert_eq!((&*control.series, control.version), ("D4G3 28.0", 3));
+    assert!(!control.alarm && !control.emergency_stop);
+    assert!(control.round_trip_median <= control.round_trip_longest);
 }
 
 /// A profile from disk is used like a shipped one; what is wrong in it is told with file, line and key.

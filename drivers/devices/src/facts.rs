@@ -1,0 +1,70 @@
+//! Properties of a device that are neither positions, temperatures nor inputs, by the kind of device.
+
+use std::time::Duration;
+
+/// Further properties that a device reports when it is asked once.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Facts {
+    /// The properties of a control over FOCAS.
+    Control(ControlFacts),
+    /// The properties of a Modbus module.
+    Module(ModuleFacts),
+    /// The traffic that was seen on a CAN bus.
+    Bus(BusFacts),
+}
+
+/// The properties of a control over FOCAS.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ControlFacts {
+    /// The type of the control and of the machine, such as `31 M`.
+    pub control: String,
+    /// The series and the version of the control's software, such as `D4G3 28.0`.
+    pub series: String,
+    /// The version of the protocol in the control's answers: 2, 3 or 4.
+    pub version: u16,
+    /// Whether the emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// Whether the control shows an alarm.
+    pub alarm: bool,
+    /// The median of the times from a request to its answer.
+    pub round_trip_median: Duration,
+    /// The longest of the times from a request to its answer.
+    pub round_trip_longest: Duration,
+}
+
+/// The properties of a Modbus module.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ModuleFacts {
+    /// The name of the profile by which the registers of the module are read.
+    pub profile: String,
+    /// The parts of the profile that nobody has compared with a real module yet, in words.
+    pub unproven: Vec<String>,
+}
+
+/// The traffic that was seen on a CAN bus.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct BusFacts {
+    /// The identifiers that were seen, classic ones first, each in ascending order.
+    pub frames: Vec<SeenFrames>,
+    /// The number of error frames and of frames whose checksum or length is wrong.
+    pub errors: u64,
+}
+
+/// The frames of one identifier that were seen on a CAN bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SeenFrames {
+    /// The identifier of the frames.
+    pub id: u32,
+    /// Whether the identifier has 29 bits (extended) and not 11.
+    pub extended: bool,
+    /// The number of these frames.
+    pub count: u64,
+}
+
+impl core::fmt::Display for SeenFrames {
+    /// The identifier in hexadecimal digits, 8 for an extended one and 3 for a classic one, and the number of frames.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let digits = if self.extended { 8 } else { 3 };
+        write!(f, "{:0digits$X} ({})", self.id, self.count)
+    }
+}
