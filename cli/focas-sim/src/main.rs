@@ -172,3 +172,13 @@ fn report(
         let _ = writeln!(output, "{line}").and_then(|()| output.flush());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn man_pages_are_those_of_the_help() {
+        volcomp_test_support::man_pages::compare(super::Arguments::command(), "1", "", &[]);
+    }
+}

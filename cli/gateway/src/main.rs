@@ -47,7 +47,7 @@ struct Arguments {
 
 #[derive(clap::Args)]
 struct RunArguments {
-    /// The configuration, TOML
+    /// The TOML file of the configuration
     #[arg(long, conflicts_with = "simulate")]
     config: Option<PathBuf>,
     /// Simulate a machine, which is what happens without a configuration
@@ -81,7 +81,7 @@ enum Command {
     /// Check a configuration without opening a device, and print what it means
     #[command(after_help = CHECK_EXAMPLES)]
     Check {
-        /// The configuration, TOML
+        /// The TOML file of the configuration
         config: PathBuf,
         /// Print one JSON document
         #[arg(long)]
@@ -242,5 +242,16 @@ fn log(form: LogForm) {
             .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
             .init(),
         LogForm::Json => builder.json().flatten_event(true).init(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn man_pages_are_those_of_the_help() {
+        let end = include_str!("../debian/man-end.roff");
+        volcomp_test_support::man_pages::compare(super::Arguments::command(), "8", end, &[]);
     }
 }

@@ -83,8 +83,6 @@ enum Command {
     #[command(after_help = examples::COMPLETIONS)]
     Completions(commands::completions::Arguments),
     #[command(hide = true)]
-    Man(commands::generate::Arguments),
-    #[command(hide = true)]
     Schema(commands::generate::Arguments),
 }
 
@@ -119,7 +117,6 @@ fn main() -> ExitCode {
         Command::Probe(a) => commands::probe::run(a),
         Command::Compile(a) => commands::compile::run(a),
         Command::Completions(a) => commands::completions::run(a, &mut Arguments::command()),
-        Command::Man(a) => commands::generate::man(a, Arguments::command()),
         Command::Schema(a) => commands::generate::schemas(a),
     };
     match answer.and_then(|answer| print(&answer, arguments.json)) {
@@ -158,4 +155,15 @@ fn print(answer: &Answer, json: bool) -> Result<(), Failure> {
         answer.text.clone()
     };
     output::print(&text)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn man_pages_are_those_of_the_help() {
+        let others = ["volcomp-gateway"];
+        volcomp_test_support::man_pages::compare(super::Arguments::command(), "1", "", &others);
+    }
 }

@@ -1,42 +1,20 @@
-//! The hidden commands `man` and `schema`, which write what is made from this program's own source: its man pages
-//! (`docs/man/`) and the JSON Schemas of its answers (`docs/schema/`).
+//! The hidden command `schema`, which writes the JSON Schemas of this program's answers: `docs/schema/`.
 
 use std::path::{Path, PathBuf};
 
-use clap::Command;
-use clap_mangen::Man;
 use serde_json::json;
 
 use super::{Answer, write_file};
 use crate::{answers, failure::Failure};
 
-/// Writes files that are made from this program
+/// Writes the JSON Schemas of the answers
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Folder for the files
     folder: PathBuf,
 }
 
-/// One man page for the program and one for each command.
-pub(crate) fn man(arguments: &Arguments, command: Command) -> Result<Answer, Failure> {
-    let mut command = command.disable_help_subcommand(true);
-    command.build();
-    let mut files = Vec::new();
-    let shown = command.get_subcommands().filter(|c| !c.is_hide_set());
-    let pages = std::iter::once(command.clone()).chain(shown.cloned());
-    for page in pages {
-        let man = Man::new(page);
-        let mut text = Vec::new();
-        man.render(&mut text)
-            .map_err(|e| Failure::Work(format!("a man page: {e}")))?;
-        let text =
-            String::from_utf8(text).map_err(|e| Failure::Work(format!("a man page: {e}")))?;
-        files.push((man.get_filename(), text));
-    }
-    write(&arguments.folder, &files)
-}
-
-/// One JSON Schema for each document.
+/// Writes one JSON Schema for each document.
 pub(crate) fn schemas(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut files = Vec::new();
     for (name, schema) in answers::ALL {
