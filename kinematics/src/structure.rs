@@ -300,7 +300,7 @@ impl FromStr for Structure {
 
 #[cfg(feature = "serde")]
 impl serde::Serialize for Structure {
-    /// The structural code.
+    /// Writes the structural code, such as `w X' b Y Z t`.
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }

@@ -13,14 +13,14 @@ use crate::{answers::OneOrMany, failure::Failure};
 /// The machine and what is in its spindle.
 #[derive(Args)]
 pub(crate) struct MachineArguments {
-    /// Machine file (TOML)
+    /// The machine file (TOML) with axes, tool and errors
     #[arg(long, short, value_name = "FILE")]
     pub(crate) machine: PathBuf,
     #[command(flatten)]
     pub(crate) spindle: SpindleArguments,
 }
 
-/// What decides about the errors of a machine besides its file.
+/// The tool in the spindle and the temperatures of the sensors, on which the errors of a machine depend too.
 #[derive(Args)]
 pub(crate) struct SpindleArguments {
     /// Tool from the machine file's table `tools`; without it the tool of `[tool]`
@@ -31,7 +31,7 @@ pub(crate) struct SpindleArguments {
     pub(crate) temperature: Vec<String>,
 }
 
-/// Where to evaluate.
+/// The positions to evaluate: one from the command line, or the rows of a CSV file.
 #[derive(Args)]
 #[group(required = true, multiple = true)]
 pub(crate) struct PointArguments {

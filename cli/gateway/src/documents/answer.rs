@@ -1,4 +1,4 @@
-//! What the gateway answers when it is told to arm, disarm, acknowledge or reload.
+//! The answers of the gateway to the requests to arm, disarm, acknowledge and reload.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

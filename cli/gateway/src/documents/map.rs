@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use volcomp_vocabulary::AxisName;
 
-/// What `GET /api/map` answers: the error over the travels of two linear axes, the others where they stand. Empty for
+/// The answer to `GET /api/map`: the error over the travels of two linear axes, the others where they stand. Empty for
 /// a machine with fewer than two linear axes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ErrorMap {

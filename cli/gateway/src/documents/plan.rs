@@ -1,4 +1,4 @@
-//! What a configuration means: the document of `check --json`.
+//! The plan that a configuration makes: the document of `check --json`.
 
 use std::collections::BTreeMap;
 
@@ -29,10 +29,10 @@ pub struct Stated<T> {
     pub source: Source,
 }
 
-/// What a configuration means.
+/// The plan that a configuration makes: every device, limit and path, and where each value comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlanDocument {
-    /// What a person should know before the first start, in words: nothing here forbids the start.
+    /// Notes in words, to be read before the first start; none of them forbids it.
     pub notes: Vec<String>,
     /// The machine that is corrected.
     pub machine: MachinePlan,
@@ -40,7 +40,7 @@ pub struct PlanDocument {
     pub cycle_ms: Stated<f64>,
     /// Whether it arms itself after the start.
     pub auto_arm: Stated<bool>,
-    /// What the guard allows for every controller; null without `[guard]`: it does not arm then.
+    /// The limits of the guard for every controller; null without `[guard]`: the gateway does not arm then.
     pub guard: Option<GuardPlan>,
     /// The controllers in the order of preference.
     pub controllers: Vec<ControllerPlan>,
@@ -70,7 +70,7 @@ pub struct MachinePlan {
     pub axes: Vec<AxisName>,
 }
 
-/// What the guard allows for every controller.
+/// The limits of the guard that hold for every controller.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GuardPlan {
     /// Positions that are older are held, ms.
@@ -111,7 +111,7 @@ pub struct ControllerPlan {
     pub fixed: ByAxis,
 }
 
-/// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
+/// The limits and properties of one axis of a controller, in µm for linear and µrad for rotary axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AxisPlan {
     /// The letter of the axis.
@@ -187,7 +187,7 @@ pub struct DashboardPlan {
 pub struct TokenPlan {
     /// The name of its holder.
     pub name: String,
-    /// What it allows: `view` or `operate`.
+    /// The role of its holder: `view` (read only) or `operate`.
     pub role: String,
 }
 
@@ -198,10 +198,10 @@ pub struct AuditPlan {
     pub dir: Stated<String>,
 }
 
-/// What went wrong, on standard error where `--json` was given.
+/// The document on standard error when a call with `--json` fails.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct CheckFailure {
-    /// What is wrong, in words.
+    /// The message in words.
     pub error: String,
     /// The exit status: 1 the work failed, 2 the configuration or the call is wrong.
     pub status: u8,

@@ -20,24 +20,24 @@ pub struct Record {
     pub time: String,
     /// Who asked for it: the name of a token, `signal`, `auto_arm`, or `gateway` for what happened by itself.
     pub who: String,
-    /// What happened, in a few words.
+    /// The event in a few words.
     pub what: String,
-    /// What else belongs to it.
+    /// The particulars of the event.
     pub details: Details,
     /// The checksum of the record before; empty in the first.
     pub previous: String,
 }
 
-/// What belongs to a record.
+/// The particulars of a record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Details {
     /// The hash of the machine file that corrects.
     pub model: String,
-    /// What happened in particular.
+    /// The particulars that the kind of event has.
     pub what: Event,
 }
 
-/// What happened in particular.
+/// The particulars that the kind of event has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Event {
@@ -65,7 +65,7 @@ pub enum Event {
     Nothing,
 }
 
-/// What the gateway found when it started.
+/// The state of the audit log that the gateway found when it started, and the version of the gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Start {
     /// Whole records in the current file of the log.

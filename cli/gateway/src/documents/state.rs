@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 /// A value for each axis, listed in the order X Y Z A B C U V W.
 pub type ByAxis = BTreeMap<AxisName, f64>;
 
-/// What the guard does, as one word.
+/// The state of the guard, as one word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StateName {
@@ -72,7 +72,7 @@ impl From<volcomp_guard::State> for StateName {
 /// The state of the gateway at one cycle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Status {
-    /// What the guard does; `unknown` when the control thread has told nothing for some time.
+    /// The state of the guard; `unknown` when the control thread has reported nothing for some time.
     pub state: StateName,
     /// Why the state is what it is, and what else is to be known.
     pub reasons: Vec<String>,
@@ -122,10 +122,10 @@ pub struct Status {
     /// axes; only on machines with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_axis_urad: Option<[f64; 3]>,
-    /// What the simulated machine really misses without correction, µm; only in the simulation.
+    /// The true error of the simulated machine without correction, µm; only in the simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub true_error_um: Option<[f64; 3]>,
-    /// What the simulated machine really misses with the applied correction, µm; only in the simulation.
+    /// The true error of the simulated machine with the applied correction, µm; only in the simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub true_residual_um: Option<[f64; 3]>,
     /// The temperatures in the order of the configuration.

@@ -1,4 +1,4 @@
-//! What `volcomp calibrate` answers.
+//! The JSON document of `volcomp calibrate`.
 
 #![expect(clippy::struct_field_names, reason = "the keys are named in full")]
 
@@ -18,11 +18,11 @@ pub(crate) struct Calibrate {
     pub(crate) curves: Vec<Curve>,
     /// Every squareness by its error name, µrad.
     pub(crate) squareness_urad: BTreeMap<String, f64>,
-    /// What a person must know: errors not measured, levers left in, notes on files.
+    /// Warnings in words: errors that were not measured, Abbe offsets that could not be removed, notes on the files.
     pub(crate) warnings: Vec<String>,
 }
 
-/// One fitted curve.
+/// One fitted error curve and how well it follows its readings.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Curve {
     /// The error that the curve states: `EXX`.
@@ -72,12 +72,12 @@ pub(crate) struct AngleQuality {
     pub(crate) reversal_urad: Option<f64>,
 }
 
-/// Residuals in short, in the unit of their key.
+/// The range and the size of the residuals, readings minus curve, in the unit of their key.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub(crate) struct Residual {
-    /// The smallest residual.
+    /// The smallest residual, with its sign.
     pub(crate) min: f64,
-    /// The largest residual.
+    /// The largest residual, with its sign.
     pub(crate) max: f64,
     /// Root mean square of the residuals.
     pub(crate) rms: f64,

@@ -1,4 +1,4 @@
-//! What `volcomp check` answers.
+//! The JSON document of `volcomp check`.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -9,7 +9,7 @@ use super::ByAxis;
 /// The document of `volcomp check`: the machine as it is understood.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Check {
-    /// The machine file.
+    /// The path of the machine file.
     pub(crate) file: String,
     /// Name of the machine.
     pub(crate) name: String,
@@ -43,15 +43,15 @@ pub(crate) struct Check {
     pub(crate) corners: Vec<Place>,
 }
 
-/// One axis.
+/// One axis of the machine.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Axis {
-    /// Its letter.
+    /// The letter of the axis.
     #[schemars(with = "String")]
     pub(crate) name: AxisName,
-    /// `linear` or `rotary`.
+    /// The kind of the axis: `linear` or `rotary`.
     pub(crate) kind: String,
-    /// What it carries: `workpiece` or `tool`.
+    /// The side that the axis carries: `workpiece` or `tool`.
     pub(crate) carries: String,
     /// Unit of `travel` and `modulo`: `mm` or `deg`.
     pub(crate) unit: String,
@@ -64,7 +64,7 @@ pub(crate) struct Axis {
     pub(crate) direction: [f64; 3],
     /// Point at machine zero, mm in MCS: on the line of a rotary axis; where a linear axis's errors are stated.
     pub(crate) point_mm: [f64; 3],
-    /// What a positive motion does, in words.
+    /// The effect of a positive motion, in words.
     pub(crate) motion: String,
 }
 
@@ -87,7 +87,7 @@ pub(crate) struct Size {
     pub(crate) name: ErrorName,
     /// Its name in words.
     pub(crate) meaning: String,
-    /// `um` or `urad`.
+    /// The unit of the values: `um` (µm) or `urad` (µrad).
     pub(crate) unit: String,
     /// Smallest value over travel, in `unit`; a location error has the same smallest and largest value.
     pub(crate) smallest: f64,
@@ -101,7 +101,7 @@ pub(crate) struct Size {
 /// The six assembly errors of an axis.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Assembly {
-    /// The axis.
+    /// The letter of the axis.
     #[schemars(with = "String")]
     pub(crate) axis: AxisName,
     /// Displacements along X, Y and Z, µm.

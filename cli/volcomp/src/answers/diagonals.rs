@@ -1,4 +1,4 @@
-//! What `volcomp diagonals` answers.
+//! The JSON document of `volcomp diagonals`.
 
 use schemars::JsonSchema;
 use serde::Serialize;

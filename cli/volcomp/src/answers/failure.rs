@@ -1,4 +1,4 @@
-//! What is written on standard error with `--json` when the program stops.
+//! The JSON document on standard error when a call with `--json` fails.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -13,7 +13,7 @@ pub(crate) struct Document {
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Error {
     pub(crate) kind: Kind,
-    /// What was found and what was expected, in one text.
+    /// The message: the value that was found and the one that was expected, in one text.
     pub(crate) message: String,
     /// The file in which something is wrong.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,4 +1,4 @@
-//! What `volcomp fit` answers.
+//! The JSON document of `volcomp fit`.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -28,12 +28,12 @@ pub(crate) struct Fit {
     pub(crate) meets_required: Option<bool>,
 }
 
-/// Residuals in short.
+/// The range and the size of the residuals, readings minus curve, in the unit of the key.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub(crate) struct Spread {
-    /// The smallest residual.
+    /// The smallest residual, with its sign.
     pub(crate) min: f64,
-    /// The largest residual.
+    /// The largest residual, with its sign.
     pub(crate) max: f64,
     /// Root mean square of the residuals.
     pub(crate) rms: f64,

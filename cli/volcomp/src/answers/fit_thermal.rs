@@ -1,4 +1,4 @@
-//! What `volcomp fit-thermal` answers.
+//! The JSON document of `volcomp fit-thermal`.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ pub(crate) struct FitThermal {
 /// One displacement. A column in µm fills the keys that end in `_um`, one in µrad those in `_urad`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Displacement {
-    /// The column.
+    /// The name of the column in the file.
     pub(crate) name: String,
     /// Ridge regression on the temperatures as they are.
     pub(crate) baseline: Prediction,
@@ -56,7 +56,7 @@ pub(crate) struct Prediction {
     pub(crate) forward_rms_urad: Option<f64>,
     /// Ridge penalties of the models that are averaged.
     pub(crate) penalties: Vec<f64>,
-    /// Time constants, s.
+    /// Time constants of the drift terms, s.
     pub(crate) lags_s: Vec<f64>,
     /// Sensors with a weight.
     pub(crate) sensors: Vec<String>,
@@ -65,9 +65,9 @@ pub(crate) struct Prediction {
 /// A stretch of time and the error of its prediction.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Segment {
-    /// Start, s.
+    /// The start of the stretch, s in the time of the file.
     pub(crate) from_s: f64,
-    /// End, s.
+    /// The end of the stretch, s in the time of the file.
     pub(crate) to_s: f64,
     /// Root mean square error, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -80,7 +80,7 @@ pub(crate) struct Segment {
 /// One `[[thermal.drift]]` of a machine file.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct DriftTerm {
-    /// Time constant, s.
+    /// Time constant of the first-order lag, s.
     pub(crate) lag_s: f64,
     /// Weight of each sensor, µm/K or µrad/K.
     pub(crate) sensors: BTreeMap<String, f64>,

@@ -1,4 +1,4 @@
-//! What `volcomp inspect` answers.
+//! The JSON document of `volcomp inspect`.
 
 #![expect(clippy::struct_field_names, reason = "the keys are those of the file")]
 
@@ -12,7 +12,7 @@ use volcomp_vocabulary::Direction;
 pub(crate) struct Inspect {
     /// The file as it was named in the call.
     pub(crate) file: String,
-    /// What the file says in words; only what it says.
+    /// The texts of the header; a text that the file does not state is left out.
     #[serde(flatten)]
     pub(crate) texts: Texts,
     /// `um` or `urad`; null: the file does not say.
@@ -23,7 +23,7 @@ pub(crate) struct Inspect {
     pub(crate) runs_forward: usize,
     /// Number of runs approached backward.
     pub(crate) runs_backward: usize,
-    /// Number of readings.
+    /// Number of readings over all targets and runs.
     pub(crate) readings: usize,
     /// The smallest deviation, in the unit of the file.
     pub(crate) deviation_min: Option<f64>,
@@ -33,7 +33,7 @@ pub(crate) struct Inspect {
     pub(crate) environment: Environment,
 }
 
-/// What a file says in words.
+/// The texts in the header of a measurement file.
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) struct Texts {

@@ -1,4 +1,5 @@
-//! What `volcomp iso230` answers: of a file of lengths with keys that end in `_um`, of a file of angles in `_urad`.
+//! The JSON document of `volcomp iso230`. The keys end in `_um` for a file of lengths and in `_urad` for a file of
+//! angles.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -42,19 +43,19 @@ macro_rules! evaluation {
             /// Bidirectional accuracy of positioning.
             #[schemars(with = "Option<f64>")]
             $a: Option<$unit>,
-            /// Unidirectional accuracy, forward.
+            /// Unidirectional accuracy of positioning, forward.
             #[schemars(with = "Option<f64>")]
             $a_forward: Option<$unit>,
-            /// Unidirectional accuracy, backward.
+            /// Unidirectional accuracy of positioning, backward.
             #[schemars(with = "Option<f64>")]
             $a_backward: Option<$unit>,
             /// Bidirectional repeatability of positioning.
             #[schemars(with = "Option<f64>")]
             $r: Option<$unit>,
-            /// Unidirectional repeatability, forward.
+            /// Unidirectional repeatability of positioning, forward.
             #[schemars(with = "Option<f64>")]
             $r_forward: Option<$unit>,
-            /// Unidirectional repeatability, backward.
+            /// Unidirectional repeatability of positioning, backward.
             #[schemars(with = "Option<f64>")]
             $r_backward: Option<$unit>,
             /// Bidirectional systematic positioning deviation.
@@ -79,11 +80,11 @@ macro_rules! evaluation {
             targets: Vec<$target>,
             /// Runs and readings that differ from the others; nothing was left out.
             hints: Vec<$hint>,
-            /// What a person should know about the file and its readings.
+            /// Notes in words on the file and its readings.
             notes: Vec<String>,
         }
 
-        /// One target.
+        /// The evaluation at one target position.
         #[derive(Debug, Serialize, JsonSchema)]
         #[expect(non_snake_case, reason = "the symbols of ISO 230-2 are keys")]
         struct $target {
@@ -99,7 +100,7 @@ macro_rules! evaluation {
             /// Reversal value: mean forward − mean backward.
             #[schemars(with = "Option<f64>")]
             $b: Option<$unit>,
-            /// Bidirectional repeatability.
+            /// Bidirectional repeatability of positioning at the target.
             #[schemars(with = "Option<f64>")]
             $r: Option<$unit>,
         }
@@ -108,9 +109,9 @@ macro_rules! evaluation {
         #[derive(Debug, Serialize, JsonSchema)]
         #[expect(non_snake_case, reason = "the symbols of ISO 230-2 are keys")]
         struct $approach {
-            /// Number of readings.
+            /// Number of readings of the target in the direction.
             n: usize,
-            /// Mean positioning deviation.
+            /// Mean unidirectional positioning deviation.
             #[schemars(with = "f64")]
             $mean: $unit,
             /// Estimator of the standard deviation; null with one reading.
@@ -126,7 +127,7 @@ macro_rules! evaluation {
         struct $hint {
             /// The number of the run among those of its direction, from 1.
             run: u32,
-            /// `forward` or `backward`.
+            /// The direction of the run: `forward` or `backward`.
             direction: &'static str,
             /// The target, mm or deg; null: the whole run.
             target: Option<f64>,

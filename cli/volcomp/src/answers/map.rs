@@ -1,4 +1,4 @@
-//! What `volcomp map` answers; the field itself stands in the file that it wrote.
+//! The JSON document of `volcomp map`; the errors at the nodes are in the file that it wrote.
 
 use schemars::JsonSchema;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! What `volcomp error` and `volcomp correct` answer at positions.
+//! The JSON documents of `volcomp error` and `volcomp correct`.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -26,7 +26,7 @@ pub(crate) struct ErrorAt {
 /// The correction at one commanded position.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct CorrectionAt {
-    /// What must be added to the command: µm for linear axes, µrad for rotary axes.
+    /// The correction to be added to the command: µm for linear axes, µrad for rotary axes.
     pub(crate) correction: ByAxis,
     /// Error of the tool tip that the correction leaves, in workpiece axes, µm.
     pub(crate) residual_um: [f64; 3],
@@ -50,7 +50,7 @@ pub(crate) struct CorrectionAt {
     pub(crate) outside: Outside,
 }
 
-/// What the model does not cover at a position.
+/// The errors and axes for which a position is outside of what the model covers.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Outside {
     /// Errors whose curves are evaluated outside their range, sorted by name.

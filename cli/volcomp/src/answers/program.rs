@@ -1,4 +1,4 @@
-//! What `volcomp compile` and `volcomp completions` answer.
+//! The JSON documents of `volcomp compile` and `volcomp completions`.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use serde::Serialize;
 pub(crate) struct Compile {
     /// The file that was written.
     pub(crate) file: String,
-    /// Its size, bytes.
+    /// The size of the file, bytes.
     pub(crate) bytes: usize,
     /// Version of the format.
     pub(crate) version: u32,
@@ -23,7 +23,7 @@ pub(crate) struct Compile {
 /// The document of `volcomp completions`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Completions {
-    /// The shell.
+    /// The shell for which the script is.
     pub(crate) shell: String,
     /// The script that the shell reads.
     pub(crate) script: String,

@@ -1,4 +1,4 @@
-//! What `volcomp simulate` and `volcomp demo` answer.
+//! The JSON documents of `volcomp simulate` and `volcomp demo`.
 
 #![expect(clippy::struct_field_names, reason = "the keys are named in full")]
 
@@ -29,7 +29,7 @@ pub(crate) struct Demo {
     pub(crate) mean_percent: MeanPercent,
     /// The largest ratio of what is left of a line to its floor.
     pub(crate) worst_times_floor: f64,
-    /// What three kinds of curve leave of one irregular axis.
+    /// The deviation that each of three kinds of curve leaves of one irregular axis.
     pub(crate) irregular_curve: IrregularCurve,
 }
 
@@ -44,7 +44,8 @@ pub(crate) struct Line {
     pub(crate) before_um: f64,
     /// On the corrected machine, µm.
     pub(crate) after_um: f64,
-    /// What noise and the step of the correction leave of a curve that is known perfectly, µm.
+    /// The deviation that the noise of the measurement and the rounding of the correction leave even of a curve that
+    /// is known perfectly, µm.
     pub(crate) floor_um: f64,
     /// The ratio of after to floor.
     pub(crate) times_floor: f64,
@@ -53,7 +54,7 @@ pub(crate) struct Line {
 /// A squareness before and after.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Squareness {
-    /// The error: `EC0Y`.
+    /// The squareness error by its name, such as `EC0Y`.
     pub(crate) error: String,
     /// On the machine as it is, µrad.
     pub(crate) before_urad: f64,
@@ -86,7 +87,7 @@ pub(crate) struct MeanPercent {
 /// Peak to peak of truth minus curve over 61 points, by kind of curve.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct IrregularCurve {
-    /// The error: `EXX`.
+    /// The fitted error by its name, such as `EXX`.
     pub(crate) error: &'static str,
     /// Left by a polynomial of order 6, µm.
     pub(crate) polynomial_um: f64,

@@ -14,7 +14,7 @@ use crate::{
 /// Fits measurement files to a machine file
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Calibration file (TOML)
+    /// The calibration file (TOML), which names the machine file and the measurement files
     calibration: PathBuf,
     /// Machine file to write
     #[arg(long, short)]

@@ -17,7 +17,7 @@ use crate::{
 /// version of its format and the SHA-256 of what follows; `volcomp_evaluator::CompiledMachine::from_blob` reads it.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Machine file (TOML)
+    /// The machine file (TOML) to compile
     machine: PathBuf,
     #[command(flatten)]
     spindle: SpindleArguments,

@@ -9,7 +9,7 @@ use crate::{answers::program::Completions, failure::Failure};
 /// A script for a shell that completes commands, options and file names
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// The shell
+    /// The shell to write completions for
     shell: Shell,
 }
 

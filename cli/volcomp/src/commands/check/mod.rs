@@ -25,7 +25,7 @@ use crate::{
 /// missing prime shows here.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Machine file (TOML)
+    /// The machine file (TOML) to check
     machine: PathBuf,
     #[command(flatten)]
     spindle: SpindleArguments,
