@@ -153,10 +153,15 @@ fn temperatures(facts: &Facts<'_>, report: &Report, is_silent: bool) -> Vec<Sens
             } else {
                 (sensor.degc, sensor.flaw.map(|flaw| flaw.to_string()))
             };
+            let quality = match (degc, &reason) {
+                (None, _) => "bad",
+                (Some(_), Some(_)) => "uncertain",
+                (Some(_), None) => "good",
+            };
             SensorState {
                 name: name.clone(),
                 degc: degc.map(round),
-                quality: if degc.is_some() { "good" } else { "bad" }.to_owned(),
+                quality: quality.to_owned(),
                 reason,
             }
         })

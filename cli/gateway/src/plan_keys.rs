@@ -45,6 +45,15 @@ pub(crate) fn by_keys(error: &PlanError) -> String {
             axis,
             source,
         } => limits(device, *axis, source),
+        PlanError::BeyondDevice {
+            device,
+            axis,
+            found,
+            largest,
+        } => format!(
+            "{device}: [guard] limit_{} of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device can be told",
+            axis.kind().micro_unit()
+        ),
         other => other.to_string(),
     }
 }

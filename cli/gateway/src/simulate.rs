@@ -140,6 +140,7 @@ impl Simulation {
             name,
             includes_correction: false,
             resolution: Displacement::Length(RESOLUTION),
+            largest: None,
         };
         let machine = simulated::Machine {
             axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),

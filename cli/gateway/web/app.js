@@ -66,7 +66,7 @@ function showTemperatures(list) {
     while (row.cells.length < 2) row.insertCell();
     row.className = temperature.quality;
     row.cells[0].textContent = temperature.name;
-    row.cells[1].textContent = temperature.degc === null ? temperature.reason : `${fixed(temperature.degc, 2)} °C`;
+    row.cells[1].textContent = temperature.degc === null ? temperature.reason : `${fixed(temperature.degc, 2)} °C${temperature.reason ? `, ${temperature.reason}` : ""}`;
   });
   if (list.length === 0 && body.rows.length === 0) make("td", "", body.insertRow()).textContent = "no thermometer is configured";
 }
@@ -150,9 +150,10 @@ function showMap() {
 
 function showButtons(state) {
   const may = token() !== "";
+  const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
   element("arm").disabled = !may || state.armed || state.state === "faulted";
   element("disarm").disabled = !may || !(state.armed || state.state === "unknown");
-  element("acknowledge").disabled = !may || state.state !== "faulted";
+  element("acknowledge").disabled = !may || !(state.state === "faulted" || jumped);
   element("reload").disabled = !may;
 }
 

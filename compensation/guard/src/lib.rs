@@ -19,7 +19,9 @@ pub use guard::{Guard, Inputs, Output, Reading};
 pub use limits::{AxisLimits, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity};
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
-pub use temperature::{Rejected, SensorCheck, SensorLimits};
+pub use temperature::{
+    Heard, MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
+};
 
 /// The vocabulary of the public interface: axis letters, values by axis.
 pub use volcomp_vocabulary as vocabulary;

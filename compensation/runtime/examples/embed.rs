@@ -18,6 +18,7 @@ fn control(clock: &Clock) -> impl Controller + 'static {
         name,
         includes_correction: false,
         resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
     };
     let there = simulated::Move {
         to: PerChannel([600.0, 400.0, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),

@@ -192,6 +192,9 @@ impl Cycle {
         let last = self.last.replace(since_start).unwrap_or(since_start);
         let dt = since_start.saturating_sub(last).min(self.period * 5);
         self.read_all(now, since_start);
+        if asked.request == Some(Request::Acknowledge) {
+            self.sensors.acknowledge();
+        }
         let (computes, read) = (own_clock(), Instant::now());
         self.thermal(since_start, dt);
         let output = self.decide(since_start, asked);

@@ -129,6 +129,20 @@ pub enum PlanError {
         /// The period of the plan.
         planned: Duration,
     },
+    /// A limit is larger than the largest correction that the device can be told.
+    #[error(
+        "{device}: limit of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device can be told"
+    )]
+    BeyondDevice {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis with the limit.
+        axis: AxisName,
+        /// The limit.
+        found: Displacement,
+        /// The largest correction that the device can be told.
+        largest: Displacement,
+    },
     /// More temperatures than a cycle can carry.
     #[error(
         "found {found} temperatures, expected {} at the most",

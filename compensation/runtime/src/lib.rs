@@ -24,10 +24,13 @@ pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS, limits};
 pub use realtime::{Handle, Order, start};
 pub use replacement::Replacement;
-pub use report::{Change, MAX_SENSORS, Report, SensorReport, Timing, ToolError};
+pub use report::{Change, Report, Timing, ToolError};
 pub use schedule::schedule;
 pub use sensors::Sensors;
 pub use settings::{AxisSettings, GuardSettings, PathSettings, Realtime};
+
+/// How temperatures are told in a report.
+pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};
 
 /// The guard, whose requests, states and reasons a caller handles.
 pub use volcomp_guard as guard;

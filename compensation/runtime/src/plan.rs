@@ -124,10 +124,13 @@ pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
 }
 
+/// A limit of so many steps is no exact number.
+const ROUNDING: f64 = 1.0 + 1e-9;
+
 /// The limits that the guard of a controller enforces, mm and rad.
 ///
 /// # Errors
-/// Rotary axes without limits, or limits that a guard refuses.
+/// Rotary axes without limits, limits that a guard refuses, or that are larger than what the device can be told.
 pub fn limits(
     description: &Description,
     guard: &GuardSettings,
@@ -144,6 +147,16 @@ pub fn limits(
                 axis: axis.name,
             })?;
         *into = axis_limits(axis, &of_kind);
+        if let Some(largest) = axis.largest
+            && into.limit > largest.mm_or_rad() * ROUNDING
+        {
+            return Err(PlanError::BeyondDevice {
+                device: description.device.clone(),
+                axis: axis.name,
+                found: of_kind.limit,
+                largest,
+            });
+        }
         let asked = of_kind.test_shift.mm_or_rad();
         let position_step = match settings.position_steps.get(&axis.name) {
             None => 0.0,

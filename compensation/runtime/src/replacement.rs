@@ -2,10 +2,9 @@
 
 use std::{ops::Deref, time::Duration};
 
-use crate::{
-    model::Model,
-    report::{MAX_SENSORS, SensorReport},
-};
+use volcomp_guard::{MAX_SENSORS, SensorReport};
+
+use crate::model::Model;
 
 /// A model with the places of its sensors among the temperatures of a cycle.
 pub struct Replacement {

@@ -2,20 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Reasons, Rejected, State};
+use volcomp_guard::{MAX_SENSORS, Reasons, SensorReport, State};
 use volcomp_vocabulary::PerAxis;
-
-/// The largest number of temperatures of one machine.
-pub const MAX_SENSORS: usize = 64;
-
-/// One temperature as the cycle uses it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SensorReport {
-    /// °C; `None` when the temperature is not used.
-    pub degc: Option<f64>,
-    /// Why it is not used; `None` for one that is used, and before the first cycle.
-    pub flaw: Option<Rejected>,
-}
 
 /// The error of the tool at one position, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

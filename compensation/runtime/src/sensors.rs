@@ -1,13 +1,11 @@
-//! The temperatures of a cycle: read, judged, and handed to the model's terms. State: what each sensor said last.
+//! The temperatures of a cycle: read, judged, and handed to the model's terms. State: the memory of each sensor.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use volcomp_guard::{Rejected, SensorCheck, SensorLimits};
-use volcomp_port::{Quality, Thermometer};
-
-use std::time::Instant;
-
-use crate::report::{MAX_SENSORS, SensorReport};
+use volcomp_guard::{
+    Heard, MAX_SENSORS, SensorCheck, SensorLimits, SensorReport, judge_temperatures,
+};
+use volcomp_port::{Quality, Reason, Temperature, Thermometer};
 
 /// Thermometers, and which of their temperatures are believed.
 pub struct Sensors {
@@ -37,6 +35,11 @@ impl Sensors {
             .collect()
     }
 
+    /// A person confirms that sensors which jumped are right: their next readings are believed.
+    pub(crate) fn acknowledge(&mut self) {
+        self.checks.iter_mut().for_each(SensorCheck::acknowledge);
+    }
+
     /// Takes the latest temperatures and judges them. Allocates nothing.
     pub(crate) fn read(
         &mut self,
@@ -44,27 +47,24 @@ impl Sensors {
         start: Instant,
         told: &mut [SensorReport; MAX_SENSORS],
     ) {
-        let mut places = self.checks.iter_mut().zip(told);
+        let mut heard = [Heard::Silence; MAX_SENSORS];
+        let mut places = heard.iter_mut();
         for thermometer in &mut self.thermometers {
-            for latest in thermometer.latest() {
-                let Some((check, told)) = places.next() else {
-                    return;
-                };
-                let taken = latest
-                    .taken
-                    .map(|taken| taken.saturating_duration_since(start));
-                let degc = latest
-                    .degc
-                    .filter(|_| !matches!(latest.quality, Quality::Bad(_)));
-                *told = report(check.check(now, degc, taken, &self.limits));
+            for (latest, place) in thermometer.latest().iter().zip(places.by_ref()) {
+                *place = what_was_heard(latest, start);
             }
         }
+        judge_temperatures(&mut self.checks, &heard, now, &self.limits, told);
     }
 }
 
-fn report(found: Result<f64, Rejected>) -> SensorReport {
-    SensorReport {
-        degc: found.ok(),
-        flaw: found.err(),
+fn what_was_heard(latest: &Temperature, start: Instant) -> Heard {
+    match (latest.degc, latest.taken, latest.quality) {
+        (Some(degc), Some(taken), Quality::Good | Quality::Uncertain(_)) => Heard::Temperature {
+            degc,
+            taken: taken.saturating_duration_since(start),
+        },
+        (_, _, Quality::Bad(Reason::NotRead | Reason::NoAnswer)) => Heard::Silence,
+        _ => Heard::Fault,
     }
 }

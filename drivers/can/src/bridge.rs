@@ -4,19 +4,21 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, Reason,
-    Snapshot, Temperature, Thermometer,
+    Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, Snapshot,
 };
 
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
-    frame::{CanPort, Frame, Received},
+    ears::{Ears, Health, Heard, Place, hear, to_internal},
+    frame::{CanPort, Frame},
     signals::{Message, Signal, SignalTable},
+    unopened::Unopened,
 };
 
 /// The signals, axes and time limit by which a control on a CAN bus is read and corrected.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BridgeConfig {
     /// The table of signals.
     pub table: SignalTable,
@@ -39,143 +41,6 @@ impl BridgeConfig {
         let unopened = Unopened(device.to_owned());
         Ok(CanController::new(unopened, self)?.description)
     }
-}
-
-/// The names of the temperatures of a table, in the order in which [`CanThermometer`] tells them.
-///
-/// # Errors
-/// A table without temperatures.
-pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String>, DeviceError> {
-    let unopened = Unopened(device.to_owned());
-    Ok(CanThermometer::new(unopened, table, Duration::ZERO)?.names)
-}
-
-/// A bus that is only named: what is built on it can be checked, and never hears a frame.
-struct Unopened(String);
-
-impl CanPort for Unopened {
-    fn device(&self) -> &str {
-        &self.0
-    }
-
-    fn receive(&mut self, _deadline: Instant) -> Result<Option<Received>, Fault> {
-        Err(Fault::NotConnected)
-    }
-
-    fn send(&mut self, _frame: &Frame, _deadline: Instant) -> Result<(), Fault> {
-        Err(Fault::NotConnected)
-    }
-}
-
-/// The errors that were noticed on the bus so far: counts of frames, and whether the controller is off the bus.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Health {
-    /// Frames of other lengths or with a wrong checksum.
-    pub broken: u64,
-    /// Frames with the counter of the one before: the sender stands still, or somebody repeats it.
-    pub repeated: u64,
-    /// Counters left out: frames were lost.
-    pub lost: u64,
-    /// Error frames of the bus's controller.
-    pub errors: u64,
-    /// The controller has left the bus, and nothing came since.
-    pub bus_off: bool,
-}
-
-/// A message that is received: the last data that were whole.
-struct Heard {
-    message: Message,
-    data: [u8; 64],
-    counter: Option<u64>,
-    taken: Option<Instant>,
-}
-
-impl Heard {
-    fn new(message: &Message) -> Self {
-        Self {
-            message: message.clone(),
-            data: [0; 64],
-            counter: None,
-            taken: None,
-        }
-    }
-
-    fn data(&self) -> &[u8] {
-        &self.data[..self.message.length]
-    }
-
-    fn is_fresh(&self, stale_after: Duration) -> bool {
-        self.taken
-            .is_some_and(|taken| taken.elapsed() <= stale_after)
-    }
-
-    /// Takes a frame of this message.
-    fn hear(&mut self, frame: &Frame, taken: Instant, health: &mut Health) {
-        if !self.message.is_whole(frame.data()) {
-            health.broken += 1;
-            return;
-        }
-        if let (Some(before), Some(now)) = (self.counter, self.message.counter(frame.data())) {
-            match (now + 16 - before % 16) % 16 {
-                0 => {
-                    health.repeated += 1;
-                    return;
-                }
-                ahead => health.lost += ahead - 1,
-            }
-        }
-        self.counter = self.message.counter(frame.data());
-        self.data[..self.message.length].copy_from_slice(frame.data());
-        self.taken = Some(taken);
-    }
-}
-
-/// Everything that is received over one port.
-struct Ears<P> {
-    port: P,
-    heard: Vec<Heard>,
-    health: Health,
-}
-
-impl<P: CanPort> Ears<P> {
-    /// Takes what there is; waits for one frame until the deadline where `wait`. Whether one came.
-    fn listen(&mut self, deadline: Instant, wait: bool) -> Result<bool, Fault> {
-        let mut came = false;
-        let until = if wait { deadline } else { Instant::now() };
-        // A flooded bus must not hold a cycle up.
-        for _ in 0..256 {
-            let until = if came { Instant::now() } else { until };
-            match self.port.receive(until)? {
-                None => break,
-                Some(Received::Error) => self.health.errors += 1,
-                Some(Received::BusOff) => {
-                    self.health.errors += 1;
-                    self.health.bus_off = true;
-                }
-                Some(Received::Frame(frame, taken)) => {
-                    self.health.bus_off = false;
-                    let same = |heard: &&mut Heard| {
-                        let message = &heard.message;
-                        (message.id, message.extended) == (frame.id, frame.extended)
-                    };
-                    if let Some(heard) = self.heard.iter_mut().find(same) {
-                        heard.hear(&frame, taken, &mut self.health);
-                        came = true;
-                    }
-                }
-            }
-        }
-        Ok(came)
-    }
-}
-
-/// Where a signal is: which message that is heard, and it itself.
-#[derive(Clone)]
-struct Place {
-    heard: usize,
-    signal: Signal,
-    /// Its unit in mm, rad or °C.
-    to_internal: f64,
 }
 
 struct BridgeAxis {
@@ -223,12 +88,14 @@ impl<P: CanPort> CanController<P> {
             let (message, place) = needed("CORR")?;
             let correction = table.messages[message].signals[place].clone();
             let to_internal = to_internal(&correction);
+            let largest = correction.largest() * to_internal;
             let applied = table.find(&format!("{name}_APPLIED"));
             let applied = applied.map(|at| hear(table, &mut heard, at));
             described.push(Axis {
                 name: *name,
                 includes_correction: config.includes_correction,
                 resolution: Displacement::new(name.kind(), correction.step() * to_internal),
+                largest: Some(Displacement::new(name.kind(), largest)),
             });
             axes.push(BridgeAxis {
                 position: hear(table, &mut heard, position),
@@ -262,11 +129,7 @@ impl<P: CanPort> CanController<P> {
         };
         description.check().map_err(|e| refused(e.to_string()))?;
         Ok(Self {
-            ears: Ears {
-                port,
-                heard,
-                health: Health::default(),
-            },
+            ears: Ears::new(port, heard),
             description,
             axes,
             flags,
@@ -288,7 +151,7 @@ impl<P: CanPort> CanController<P> {
     }
 
     fn value(&self, place: &Place) -> f64 {
-        let heard = &self.ears.heard[place.heard];
+        let heard = self.ears.heard(place);
         place.signal.value(heard.data()) * place.to_internal
     }
 
@@ -296,7 +159,7 @@ impl<P: CanPort> CanController<P> {
         let places = self.axes.iter().map(|axis| &axis.position);
         places
             .chain(self.flags.iter().flatten())
-            .all(|place| self.ears.heard[place.heard].is_fresh(self.stale_after))
+            .all(|place| self.ears.heard(place).is_fresh(self.stale_after))
     }
 }
 
@@ -324,7 +187,7 @@ impl<P: CanPort> Controller for CanController<P> {
         for (index, axis) in self.axes.iter().enumerate() {
             positions[index] = self.value(&axis.position);
             applied[index] = axis.applied.as_ref().map_or(0.0, |place| self.value(place));
-            if let Some(when) = self.ears.heard[axis.position.heard].taken {
+            if let Some(when) = self.ears.heard(&axis.position).taken {
                 taken = taken.min(when);
                 newest = newest.max(Some(when));
             }
@@ -332,7 +195,7 @@ impl<P: CanPort> Controller for CanController<P> {
         let flag = |place: &Option<Place>| place.as_ref().map(|place| self.value(place) != 0.0);
         let knows_applied = self.axes.iter().all(|axis| {
             let place = axis.applied.as_ref();
-            place.is_some_and(|p| self.ears.heard[p.heard].is_fresh(self.stale_after))
+            place.is_some_and(|p| self.ears.heard(p).is_fresh(self.stale_after))
         });
         Ok(Snapshot {
             positions,
@@ -367,27 +230,6 @@ impl<P: CanPort> Controller for CanController<P> {
     }
 }
 
-/// The factor from a signal's unit to mm, rad or °C; flags have no unit. [`SignalTable::parse`] refuses other units.
-fn to_internal(signal: &Signal) -> f64 {
-    signal.to_internal().unwrap_or(1.0)
-}
-
-/// Adds the message of a signal to those that are heard.
-fn hear(table: &SignalTable, heard: &mut Vec<Heard>, (message, place): (usize, usize)) -> Place {
-    let message = &table.messages[message];
-    let known = heard.iter().position(|h| h.message.name == message.name);
-    let index = known.unwrap_or_else(|| {
-        heard.push(Heard::new(message));
-        heard.len() - 1
-    });
-    let signal = message.signals[place].clone();
-    Place {
-        heard: index,
-        to_internal: to_internal(&signal),
-        signal,
-    }
-}
-
 /// Adds a message to those that are sent.
 fn send(table: &SignalTable, sent: &mut Vec<(Message, Frame)>, message: usize) -> Option<usize> {
     let message = &table.messages[message];
@@ -399,83 +241,4 @@ fn send(table: &SignalTable, sent: &mut Vec<(Message, Frame)>, message: usize) -
     }
     sent.push((message.clone(), message.frame()?));
     Some(sent.len() - 1)
-}
-
-/// Temperatures in plain frames: signals that end in `_TEMP`, named by what stands before, in small letters.
-/// Raw 0 stands for a shorted sensor, the highest raw number for a broken one. Reading takes what has come:
-/// it does not wait.
-pub struct CanThermometer<P> {
-    ears: Ears<P>,
-    names: Vec<String>,
-    places: Vec<Place>,
-    latest: Vec<Temperature>,
-    stale_after: Duration,
-}
-
-impl<P: CanPort> CanThermometer<P> {
-    /// The temperatures of a table.
-    ///
-    /// # Errors
-    /// A table without temperatures.
-    pub fn new(port: P, table: &SignalTable, stale_after: Duration) -> Result<Self, DeviceError> {
-        let refused =
-            |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
-        let (mut heard, mut names, mut places) = (Vec::new(), Vec::new(), Vec::new());
-        for (message, found) in table.messages.iter().enumerate() {
-            for (place, signal) in found.signals.iter().enumerate() {
-                if let Some(name) = signal.name.strip_suffix("_TEMP") {
-                    names.push(name.to_lowercase());
-                    places.push(hear(table, &mut heard, (message, place)));
-                }
-            }
-        }
-        if names.is_empty() {
-            return Err(refused("there is no signal that ends in _TEMP".to_owned()));
-        }
-        Ok(Self {
-            latest: vec![Temperature::NOT_READ; names.len()],
-            ears: Ears {
-                port,
-                heard,
-                health: Health::default(),
-            },
-            names,
-            places,
-            stale_after,
-        })
-    }
-
-    /// The errors that were noticed on the bus so far.
-    pub fn health(&self) -> Health {
-        self.ears.health
-    }
-}
-
-impl<P: CanPort> Thermometer for CanThermometer<P> {
-    fn device(&self) -> &str {
-        self.ears.port.device()
-    }
-
-    fn names(&self) -> &[String] {
-        &self.names
-    }
-
-    fn latest(&mut self) -> &[Temperature] {
-        let listened = self.ears.listen(Instant::now(), false);
-        for (latest, place) in self.latest.iter_mut().zip(&self.places) {
-            let heard = &self.ears.heard[place.heard];
-            let Some(taken) = heard.taken else { continue };
-            let raw = place.signal.raw(heard.data());
-            *latest = if listened.is_err() || taken.elapsed() > self.stale_after {
-                Temperature::bad(Reason::NoAnswer, taken)
-            } else if raw == 0 {
-                Temperature::bad(Reason::Short, taken)
-            } else if raw == u64::MAX >> (64 - place.signal.bits) {
-                Temperature::bad(Reason::Open, taken)
-            } else {
-                Temperature::good(place.signal.value(heard.data()) * place.to_internal, taken)
-            };
-        }
-        &self.latest
-    }
 }

@@ -68,6 +68,9 @@ pub enum Received {
     BusOff,
 }
 
+/// The most frames that are taken from a bus at once: a flooded bus must not hold a cycle up.
+pub(crate) const AT_ONCE: usize = 256;
+
 /// A bus. Calls of a cycle: no allocation, bounded by their deadline.
 pub trait CanPort: Send {
     /// The device as the configuration names it.

@@ -2,17 +2,24 @@
 
 mod bridge;
 pub mod canopen;
+mod dbc;
+mod ears;
 mod frame;
 mod quantity;
 mod signals;
 #[cfg(feature = "socket")]
 mod socket;
+mod thermometer;
+mod unopened;
 
-pub use bridge::{BridgeConfig, CanController, CanThermometer, Health, temperature_names};
+pub use bridge::{BridgeConfig, CanController};
+pub use dbc::DbcError;
+pub use ears::Health;
 pub use frame::{CanPort, Frame, Received};
-pub use signals::{DbcError, Message, Signal, SignalTable, checksum};
+pub use signals::{Message, Signal, SignalTable, checksum};
 #[cfg(feature = "socket")]
 pub use socket::CanSocket;
+pub use thermometer::{CanThermometer, temperature_names};
 
 /// The shipped description of the plain frames.
 pub const SHIPPED_DBC: &str = include_str!("../volcomp.dbc");

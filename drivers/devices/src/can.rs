@@ -11,7 +11,7 @@ use volcomp_port::{DeviceError, Temperature};
 use crate::{
     address::Address,
     facts::{BusFacts, Facts, SeenFrames},
-    probe::{Probe, ProbedPosition},
+    probed::{Probe, ProbedPosition},
 };
 
 /// The signals of a URL: the DBC file it names, else the shipped one.
@@ -61,7 +61,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         let what = format!("no frame came within {} ms", at_most.as_millis());
         return Err(address.no_answer(what, "check the wire, the bit rate and the other side"));
     }
-    let mut probe = Probe::new(address);
+    let mut probe = Probe::of(&address.text);
     for (frame, _) in frames.values() {
         let Some(message) = table.message_of(frame).map(|index| &table.messages[index]) else {
             continue;

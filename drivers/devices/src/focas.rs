@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 use crate::{
     address::Address,
     facts::{ControlFacts, Facts},
-    probe::{Probe, ProbedPosition},
+    probed::{Probe, ProbedPosition},
 };
 
 const PORT: u16 = 8193;
@@ -53,7 +53,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
             at: Displacement::from_coordinate(kind, value),
         }
     };
-    let mut probe = Probe::new(address);
+    let mut probe = Probe::of(&address.text);
     probe.positions = names.iter().zip(positions).map(position).collect();
     probe.facts = Some(Facts::Control(ControlFacts {
         control: format!("{}{}", system.cnc_type, system.machine_type)

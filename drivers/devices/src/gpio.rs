@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::{
     address::Address,
-    probe::{Probe, ProbedPosition},
+    probed::{Probe, ProbedPosition},
 };
 
 /// The lines of a URL, named from the control: `position` are its outputs, `correction` its inputs.
@@ -43,7 +43,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
     let levels = read.map_err(|fault| address.failed(fault, "check the chip"))?;
-    let mut probe = Probe::new(address);
+    let mut probe = Probe::of(&address.text);
     probe.inputs = (0..port.inputs())
         .map(|line| levels >> line & 1 == 1)
         .collect();

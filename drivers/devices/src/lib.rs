@@ -14,6 +14,7 @@ mod list;
 #[cfg(feature = "modbus")]
 mod modbus;
 mod probe;
+mod probed;
 
 pub use address::{Address, Scheme};
 #[cfg(feature = "can")]
@@ -28,4 +29,5 @@ pub use lines::digital_lines;
 pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
 #[cfg(feature = "modbus")]
 pub use modbus::{digital_modules, thermometer, thermometer_names};
-pub use probe::{Probe, ProbedPosition, probe};
+pub use probe::probe;
+pub use probed::{Probe, ProbedPosition};

@@ -15,7 +15,7 @@ use crate::{
     address::{Address, Scheme},
     facts::{Facts, ModuleFacts},
     list::serial_ports,
-    probe::Probe,
+    probed::Probe,
 };
 
 /// The profile that a URL names: one from disk where it ends in `.toml`, else a shipped one by its name.
@@ -133,7 +133,7 @@ fn module(address: &Address) -> Result<(Bus, DigitalModule), DeviceError> {
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let profile = profile(address)?;
-    let mut probe = Probe::new(address);
+    let mut probe = Probe::of(&address.text);
     probe.facts = Some(Facts::Module(ModuleFacts {
         profile: profile.name.clone(),
         unproven: profile.unproven.clone(),

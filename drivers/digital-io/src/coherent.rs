@@ -8,6 +8,7 @@ use crate::wiring::Wiring;
 
 /// When a word counts as whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
     /// Two readings one after the other agree. Lines that stay skewed for longer than a reading takes can
     /// still agree on a wrong word: use Gray code, a parity or a strobe.

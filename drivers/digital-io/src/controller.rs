@@ -17,6 +17,7 @@ use crate::{
 
 /// One axis and its words.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalAxis {
     /// The letter of the axis, which also says whether it slides or turns.
     pub name: AxisName,
@@ -118,6 +119,10 @@ impl<D: DigitalIo> DigitalController<D> {
             name: axis.name,
             includes_correction: axis.includes_correction,
             resolution: axis.correction.step,
+            largest: Some(Displacement::new(
+                axis.correction.step.kind(),
+                axis.correction.limit(),
+            )),
         };
         let readings = match coherence {
             Coherence::Latched => 1,

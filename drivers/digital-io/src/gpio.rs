@@ -13,6 +13,7 @@ use volcomp_port::{DeviceError, DigitalIo, Fault, UnopenedLines};
 
 /// Lines of one chip, in the order of their bits.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LineSet {
     /// Label, name or path of the chip: `panel-out`, `gpiochip0`, `/dev/gpiochip0`.
     pub chip: String,

@@ -5,6 +5,7 @@ use crate::words::{CorrectionWord, PositionWord, mask};
 /// Which line carries which bit. Named from the control: its outputs show the position and are our inputs,
 /// its inputs take the correction and are our outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wiring {
     /// Our inputs with the bits of the position, lowest first.
     pub position: Vec<u32>,

@@ -7,6 +7,7 @@ use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 
 /// The code in which the bits of a position count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PositionCode {
     /// Plain binary code: the count is an unsigned number.
     #[default]
@@ -19,6 +20,7 @@ pub enum PositionCode {
 /// A position in up to 32 bits. Quantising loses up to half a step; the range is 2^bits steps from `zero` on.
 /// Published: 15 bits of 1/32 mm, 1024 mm, a loss of 15.6 µm at the most, of which an error of 10 µm/m makes 0.2 nm.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PositionWord {
     /// The number of lines of the word.
     pub bits: u32,
@@ -32,6 +34,7 @@ pub struct PositionWord {
 
 /// The code in which the bits of a correction count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CorrectionCode {
     /// Two's complement: the word of a negative count is the count plus 2 to the power of `bits`.
     #[default]
@@ -43,6 +46,7 @@ pub enum CorrectionCode {
 /// A correction in up to 32 bits. Quantising loses up to half a step; the largest correction is 2^(bits−1) − 1 steps:
 /// the most negative number of two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionWord {
     /// The number of lines of the word.
     pub bits: u32,
@@ -54,6 +58,7 @@ pub struct CorrectionWord {
 
 /// A correction as it is sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
     /// The bits of the word, lowest first.
     pub word: u32,
@@ -65,6 +70,7 @@ pub struct Correction {
 
 /// A position that a word stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coded {
     /// The position in the middle of what the word stands for, mm or rad.
     pub position: f64,

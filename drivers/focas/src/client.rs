@@ -258,8 +258,11 @@ impl Client {
         slot(&data, axis).map_err(|e| broken("reading a work offset", e))
     }
 
-    /// Sets a work offset of an axis, counted from 0, with three decimals. It takes effect at block
-    /// look-ahead: no substitute for a zero point shift. Seen on a real control for G54 only.
+    /// Sets a work offset of an axis, counted from 0, with three decimals: mm or deg.
+    ///
+    /// No substitute for a zero point shift: a work offset is said to take effect only when blocks are read ahead. A public
+    /// description of the protocol proves this order for G54 of the X axis alone, with a read-back that lags behind; for the
+    /// external offset and other axes it is not shown there. This client has been tried against its own simulator only.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -272,7 +275,7 @@ impl Client {
         let axis = i32::try_from(axis + 1).unwrap_or(i32::MAX);
         let args = [number, number, axis, 0, 8];
         let [a, b, c, d, ..] = number_bytes(value, 3);
-        // As captured: the mantissa alone, exponent ffff.
+        // As that description has it: the mantissa alone, exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
         self.ask(
             Target::Cnc,

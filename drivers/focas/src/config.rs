@@ -33,6 +33,12 @@ impl Shift {
             AxisKind::Rotary => Displacement::Angle(self.count_rotary),
         }
     }
+
+    /// The largest shift of an axis of this kind, in either direction, that the width can hold.
+    pub fn largest(&self, kind: AxisKind) -> Displacement {
+        let count = self.count(kind).mm_or_rad();
+        Displacement::new(kind, count * f64::from(self.width.largest()))
+    }
 }
 
 /// How a control is reached and corrected.
@@ -105,12 +111,14 @@ impl FocasConfig {
     /// The description of the controller that this configuration makes, without connecting.
     ///
     /// # Errors
-    /// No axis, an axis that stands twice, a count that moves an axis by no positive distance.
+    /// No axis, an axis that stands twice, a count that moves an axis by no positive distance; bytes that cannot be
+    /// written, lie beyond the end of the PMC's memory, or within the words of the shifts.
     pub fn describe(&self) -> Result<Description, FocasError> {
         let axis = |&name: &AxisName| Axis {
             name,
             includes_correction: self.includes_correction,
             resolution: self.shift.count(name.kind()),
+            largest: Some(self.shift.largest(name.kind())),
         };
         let description = Description {
             device: self.device(),
@@ -124,20 +132,35 @@ impl FocasConfig {
             shortest_cycle: Duration::from_millis(1),
         };
         description.check()?;
-        self.check_overlaps(self.axes.len())?;
+        self.check_addresses(self.axes.len())?;
         Ok(description)
     }
 
-    /// Checks that no byte with a meaning of its own lies within the words of a control's first `slots` axes.
-    pub(crate) fn check_overlaps(&self, slots: usize) -> Result<(), FocasError> {
+    /// Checks the words of a control's first `slots` axes and the bytes with a meaning of their own: what is written may
+    /// be written and exists, and none lies within the others.
+    pub(crate) fn check_addresses(&self, slots: usize) -> Result<(), FocasError> {
         let first = self.shift.first;
+        let written = [
+            ("area.first", Some(first)),
+            ("heartbeat", self.heartbeat),
+            ("sequence", self.sequence),
+        ];
+        for (key, at) in written {
+            if let Some(at) = at.filter(|at| !at.area.is_writable()) {
+                return Err(FocasError::NotWritable { key, at });
+            }
+        }
         let bytes = u16::try_from(slots)
             .unwrap_or(u16::MAX)
             .saturating_mul(self.shift.width.bytes());
-        let last = PmcAddress {
-            at: first.at.saturating_add(bytes.saturating_sub(1)),
-            ..first
-        };
+        let at = first.at.checked_add(bytes.saturating_sub(1));
+        let last = at
+            .map(|at| PmcAddress { at, ..first })
+            .ok_or(FocasError::BeyondEnd {
+                first,
+                slots,
+                bytes: self.shift.width.bytes(),
+            })?;
         let named = [
             ("the heartbeat", self.heartbeat),
             ("the sequence byte", self.sequence),

@@ -75,6 +75,28 @@ pub enum FocasError {
         /// The last byte of the shifts, as far as it is known.
         last: PmcAddress,
     },
+    /// Something is to be written into an area of the PMC that only the control writes.
+    #[error(
+        "{key}: found {at}, expected another area: F holds the signals of the control, which nobody else writes"
+    )]
+    NotWritable {
+        /// The key of the configuration: `area.first`, `heartbeat` or `sequence`.
+        key: &'static str,
+        /// The address that was found.
+        at: PmcAddress,
+    },
+    /// The words of the shifts would end beyond the largest address of an area.
+    #[error(
+        "area.first: found {first} for {slots} axes of {bytes} bytes each, expected words that end at byte 65535 at the latest"
+    )]
+    BeyondEnd {
+        /// The first byte of the shifts.
+        first: PmcAddress,
+        /// How many axes of the control have words from there on.
+        slots: usize,
+        /// The bytes of each word.
+        bytes: u16,
+    },
     /// The axes of the configuration, or what one count moves them, make no sense.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
@@ -113,6 +135,8 @@ impl FocasError {
             Self::Failed { .. } => "check the cable and that the control is not overloaded",
             Self::NoAxis { .. } => "correct the axes of the configuration",
             Self::Overlap { .. } => "name a byte that nothing else uses",
+            Self::NotWritable { .. } => "name a byte in R or D that the ladder leaves free",
+            Self::BeyondEnd { .. } => "begin at a lower address",
             Self::Axes(_) => "correct the axes, or what one count moves them",
             Self::Request(_) => "correct fewer axes",
         }
@@ -121,9 +145,12 @@ impl FocasError {
     /// The error as drivers tell it: which device, what, what to do, and of which kind. This error is its source.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let kind = match &self {
-            Self::NoAxis { .. } | Self::Overlap { .. } | Self::Axes(_) | Self::Request(_) => {
-                DeviceError::option
-            }
+            Self::NoAxis { .. }
+            | Self::Overlap { .. }
+            | Self::NotWritable { .. }
+            | Self::BeyondEnd { .. }
+            | Self::Axes(_)
+            | Self::Request(_) => DeviceError::option,
             Self::Resolve { .. }
             | Self::NoAddress(_)
             | Self::Connect { .. }

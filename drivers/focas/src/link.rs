@@ -143,6 +143,6 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
         .collect::<Result<_, FocasError>>()?;
     // The control may have axes before those that are corrected: its words then reach further than the description knew.
     let slots = axes.iter().map(|axis| axis.slot + 1).max().unwrap_or(0);
-    config.check_overlaps(slots)?;
+    config.check_addresses(slots)?;
     Ok(axes)
 }

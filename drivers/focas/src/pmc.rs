@@ -44,6 +44,11 @@ impl PmcArea {
         Self::D,
     ];
 
+    /// Whether a program outside may write to the area: not to the signals of the control itself, which it sets.
+    pub fn is_writable(self) -> bool {
+        self != Self::F
+    }
+
     /// The area of a letter; `None` where there is none.
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL
@@ -72,6 +77,15 @@ impl Width {
             Self::Byte => 1,
             Self::Word => 2,
             Self::Long => 4,
+        }
+    }
+
+    /// The largest number, in either direction, that a point can hold.
+    pub fn largest(self) -> i32 {
+        match self {
+            Self::Byte => i32::from(i8::MAX),
+            Self::Word => i32::from(i16::MAX),
+            Self::Long => i32::MAX,
         }
     }
 

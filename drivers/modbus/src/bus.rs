@@ -22,6 +22,7 @@ use volcomp_port::DeviceError;
 
 /// Parity of a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Parity {
     /// There is no parity bit.
     #[default]
@@ -34,6 +35,7 @@ pub enum Parity {
 
 /// How modules are reached.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Bus {
     /// The modules answer on Modbus TCP.
     Tcp {

@@ -21,6 +21,7 @@ const STALE_EXCHANGES: u32 = 5;
 
 /// A module with lines.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalModule {
     /// Its address on the line.
     pub unit: u8,

@@ -9,27 +9,27 @@ use crate::{
     profile::{Channels, NumberType, Unit, WordOrder},
 };
 
-/// A channel's number before it is scaled.
-pub type Raw = f64;
-
-/// One channel among the registers that were read from the first channel's on. `status`: its fault bits,
-/// where the module tells them.
+/// The temperature of one channel among the registers that were read from the first channel's on. `status` are its fault
+/// bits, where the module tells them. Bad is only what the module itself says: its codes and bits of faults, the ends of
+/// its range.
 pub fn read_channel(
     channels: &Channels,
     registers: &[u16],
     channel: usize,
     status: Option<u16>,
     taken: Instant,
-) -> (Option<Raw>, Temperature) {
+) -> Temperature {
     let width = usize::from(channels.number.registers());
-    let words = registers.get(channel * width..(channel + 1) * width);
-    let Some(raw) = words.and_then(|words| number(channels, words)) else {
-        return (None, Temperature::bad(Reason::NotANumber, taken));
-    };
-    (Some(raw), judge(channels, raw, status, taken))
+    let words = channel
+        .checked_mul(width)
+        .and_then(|first| registers.get(first..)?.get(..width));
+    match words.and_then(|words| number(channels, words)) {
+        Some(raw) => temperature(channels, raw, status, taken),
+        None => Temperature::bad(Reason::NotANumber, taken),
+    }
 }
 
-fn number(channels: &Channels, words: &[u16]) -> Option<Raw> {
+fn number(channels: &Channels, words: &[u16]) -> Option<f64> {
     let wide = || {
         let [first, second] = *words else { return None };
         let [high, low] = match channels.word_order {
@@ -46,7 +46,7 @@ fn number(channels: &Channels, words: &[u16]) -> Option<Raw> {
     })
 }
 
-fn judge(channels: &Channels, raw: Raw, status: Option<u16>, taken: Instant) -> Temperature {
+fn temperature(channels: &Channels, raw: f64, status: Option<u16>, taken: Instant) -> Temperature {
     let stands_for = |fault: &&crate::profile::Fault| {
         let [low, high] = fault.raw;
         (low..=high).contains(&raw)

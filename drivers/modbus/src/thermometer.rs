@@ -1,4 +1,5 @@
-//! Modules asked in the background, their temperatures judged and published.
+//! Modules asked in the background, their temperatures published as they tell them: whether a temperature is plausible is
+//! not decided here.
 
 use std::{
     sync::{
@@ -16,7 +17,6 @@ use volcomp_port::{
 use crate::{
     bus::{Bus, Line, Unanswered, no_thread},
     profile::{Channels, Profile, Status},
-    quality::{Judge, Limits},
     registers::read_channel,
 };
 
@@ -25,6 +25,7 @@ const SKIPPED_AT_MOST: u32 = 16;
 
 /// A module on the line.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerUnit {
     /// Its address on the line.
     pub unit: u8,
@@ -36,6 +37,7 @@ pub struct ThermometerUnit {
 
 /// Modules on one line.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerConfig {
     /// The TCP connection or serial line to the modules.
     pub bus: Bus,
@@ -45,8 +47,6 @@ pub struct ThermometerConfig {
     pub interval: Duration,
     /// A module answers within.
     pub answer_within: Duration,
-    /// The limits within which readings are believed.
-    pub limits: Limits,
     /// Between tries to connect.
     pub backoff: Backoff,
 }
@@ -59,7 +59,6 @@ impl ThermometerConfig {
             units: vec![unit],
             interval: Duration::from_secs(1),
             answer_within: Duration::from_millis(300),
-            limits: Limits::default(),
             backoff: Backoff::default(),
         }
     }
@@ -114,15 +113,15 @@ impl ModbusThermometer {
     pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
         let device = config.bus.device();
         let names = config.names()?;
+        let count = names.len();
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
             .map_err(|e| no_thread(&device, e))?;
-        let (publisher, published) = published(&*device, names.clone());
+        let (publisher, published) = published(&*device, names);
         let stop = Arc::new(AtomicBool::new(false));
         let poller = Poller {
-            judge: Judge::new(config.limits, names.len()),
-            temperatures: vec![Temperature::NOT_READ; names.len()],
+            temperatures: vec![Temperature::NOT_READ; count],
             silent: vec![Silence::default(); config.units.len()],
             config,
             publisher,
@@ -165,7 +164,6 @@ struct Silence {
 
 struct Poller {
     config: ThermometerConfig,
-    judge: Judge,
     temperatures: Vec<Temperature>,
     silent: Vec<Silence>,
     publisher: Publisher,
@@ -216,7 +214,6 @@ impl Poller {
                     continue;
                 }
                 let answered = self.ask(line, index).await;
-                self.judge.compare(&mut self.temperatures);
                 self.publisher.publish(&self.temperatures);
                 let silence = &mut self.silent[index];
                 match answered {
@@ -261,8 +258,7 @@ impl Poller {
                 Err(_) => Temperature::bad(Reason::NoAnswer, taken),
                 Ok((registers, status)) => {
                     let bits = status.as_ref().and_then(|bits| bits.get(sensor).copied());
-                    let (raw, found) = read_channel(channels, registers, sensor, bits, taken);
-                    self.judge.see(first + sensor, raw, found)
+                    read_channel(channels, registers, sensor, bits, taken)
                 }
             };
         }

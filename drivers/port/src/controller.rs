@@ -8,6 +8,7 @@ use crate::Fault;
 
 /// One axis of a controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
     /// The letter of the axis, which also says whether it slides or turns.
     pub name: AxisName,
@@ -15,6 +16,8 @@ pub struct Axis {
     pub includes_correction: bool,
     /// The smallest step of a correction: a length for a linear, an angle for a rotary axis.
     pub resolution: Displacement,
+    /// The largest correction, in either direction, that the device can be told; `None` where there is no such bound.
+    pub largest: Option<Displacement>,
 }
 
 impl Axis {
@@ -31,6 +34,7 @@ impl Axis {
 
 /// Who ramps a correction out when the cycle stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Heartbeat {
     /// The controller's side watches a word that [`Controller::apply`] moves on.
     Watched,
@@ -40,6 +44,7 @@ pub enum Heartbeat {
 
 /// The properties of a controller that stay the same as long as its configuration does.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Description {
     /// The device as the configuration names it.
     pub device: String,
@@ -62,7 +67,7 @@ impl Description {
     }
 
     /// Checks what every driver promises: 1 to [`MAX_AXES`] axes, each once, each with a positive resolution of
-    /// its own kind. Drivers call it when they are set up, before any device is opened.
+    /// its own kind, and a largest correction of at least that much. Drivers call it when they are set up, before any device is opened.
     ///
     /// # Errors
     /// The first rule that is broken.
@@ -82,6 +87,11 @@ impl Description {
             let step = resolution.mm_or_rad();
             if !(step > 0.0 && step.is_finite()) {
                 return Err(UnfitAxes::Resolution { name, resolution });
+            }
+            if let Some(largest) = axis.largest
+                && !(largest.kind() == axis.kind() && largest.mm_or_rad() >= step)
+            {
+                return Err(UnfitAxes::Largest { name, largest });
             }
         }
         Ok(())
@@ -117,10 +127,21 @@ pub enum UnfitAxes {
         /// The resolution that was found.
         resolution: Displacement,
     },
+    /// The largest correction is less than one step, or of the other kind.
+    #[error(
+        "axis {name}: found a largest correction of {largest}, expected at least one step in either direction"
+    )]
+    Largest {
+        /// The name of the axis.
+        name: AxisName,
+        /// The largest correction that was found.
+        largest: Displacement,
+    },
 }
 
 /// The operating state of a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ControllerState {
     /// Every axis was sent to its reference.
     pub referenced: bool,

@@ -10,6 +10,7 @@ use crate::{Controller, Description, DigitalIo, Fault, Snapshot, Temperature, Th
 
 /// How often what goes wrong: chances of a call, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Faults {
     /// The call takes so long besides.
     pub delay: Duration,

@@ -22,6 +22,7 @@ pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send 
 
 /// One move of a program.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Move {
     /// Where to, mm and rad.
     pub to: PerChannel<f64>,
@@ -33,6 +34,7 @@ pub struct Move {
 
 /// A sensor that warms up: T = start + rise·(1 − exp(−t/τ)).
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Warming {
     /// The name of the sensor.
     pub name: String,

@@ -14,6 +14,7 @@ use crate::{DeviceError, Fault};
 
 /// How long to wait before the next try.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Backoff {
     /// After the first failure; doubled with every further one.
     pub first: Duration,

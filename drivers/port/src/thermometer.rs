@@ -5,6 +5,7 @@ use std::time::Instant;
 /// Why a temperature is not simply good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Reason {
     /// Nothing was heard of it yet.
     #[error("no reading yet")]
@@ -21,31 +22,23 @@ pub enum Reason {
     /// The sensor is shorted, or the value at the lower clamp of the module.
     #[error("short circuit, or the value below the range")]
     Short,
-    /// Outside what the configuration allows.
-    #[error("outside the valid range")]
+    /// The device reports a value outside its range.
+    #[error("outside the range of the device")]
     OutOfRange,
-    /// The same digits for too long.
-    #[error("stuck at one value")]
-    Stuck,
-    /// Faster than the machine's mass allows.
-    #[error("changes too fast")]
-    TooFast,
-    /// Far from the sensors beside it.
-    #[error("disagrees with its neighbours")]
-    Disagrees,
     /// The value is not a number.
     #[error("not a number")]
     NotANumber,
 }
 
-/// How far a temperature can be relied on.
+/// What a device says of a temperature. Whether the temperature is plausible is not decided by drivers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Quality {
-    /// The temperature can be relied on.
+    /// The device reports no fault.
     Good,
-    /// It may be used with care.
+    /// The device gives the temperature with a reservation; it may be used.
     Uncertain(Reason),
-    /// It is never used.
+    /// There is no temperature, or none that may be used.
     Bad(Reason),
 }
 

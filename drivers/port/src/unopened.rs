@@ -7,6 +7,7 @@ use crate::{DigitalIo, Fault};
 /// A digital port that is described and not opened: what is built on it can be checked, and every exchange fails with
 /// [`Fault::NotConnected`].
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnopenedLines {
     /// The device as the configuration names it.
     pub device: String,

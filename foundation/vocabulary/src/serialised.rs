@@ -4,7 +4,7 @@ use core::{fmt, marker::PhantomData, str::FromStr};
 
 use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
-    de::{Error, SeqAccess, Visitor},
+    de::{Error, MapAccess, SeqAccess, Visitor},
     ser::SerializeStruct,
 };
 
@@ -87,6 +87,54 @@ impl Serialize for Displacement {
             Self::Angle(angle) => fields.serialize_field("rad", angle)?,
         }
         fields.end()
+    }
+}
+
+/// Reads `{"mm": …}` or `{"rad": …}`.
+struct LengthOrAngle;
+
+/// The key of a [`Displacement`].
+struct UnitKey(AxisKind);
+
+impl FromStr for UnitKey {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "mm" => Ok(Self(AxisKind::Linear)),
+            "rad" => Ok(Self(AxisKind::Rotary)),
+            _ => Err("expected mm or rad"),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for UnitKey {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_str(Text(PhantomData, "mm or rad"))
+    }
+}
+
+impl<'de> Visitor<'de> for LengthOrAngle {
+    type Value = Displacement;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a length in mm or an angle in rad")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Displacement, A::Error> {
+        let Some((UnitKey(kind), number)) = map.next_entry()? else {
+            return Err(A::Error::invalid_length(0, &self));
+        };
+        if map.next_key::<UnitKey>()?.is_some() {
+            return Err(A::Error::invalid_length(2, &self));
+        }
+        Ok(Displacement::new(kind, number))
+    }
+}
+
+impl<'de> Deserialize<'de> for Displacement {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(LengthOrAngle)
     }
 }
 

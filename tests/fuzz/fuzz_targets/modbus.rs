@@ -12,7 +12,7 @@ fuzz_target!(|input: (&str, Vec<u16>, u8, Option<u16>)| {
     if let Ok(profile) = Profile::parse(text)
         && let Some(channels) = &profile.channels
     {
-        let (_, found) = read_channel(channels, &registers, usize::from(channel), status, Instant::now());
+        let found = read_channel(channels, &registers, usize::from(channel), status, Instant::now());
         let [low, high] = channels.valid_degc;
         match found.quality {
             Quality::Good => assert!(found.degc.is_some_and(|t| low < t && t < high)),

@@ -31,6 +31,8 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
         "temperature_stale_s",
         "temperature_hold_s",
         "temperature_fade_s",
+        "temperature_stuck_s",
+        "temperature_neighbours_k",
     ])?;
     let hold_ms = section.require("hold_ms")?.number_in(cycle_ms..=60_000.0)?;
     let zero_after_ms = section
@@ -41,6 +43,7 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
             .number_or(key, range, default)
             .map(Duration::from_secs_f64)
     };
+    let believed = SensorLimits::default();
     let range_degc = match section.get("range_degc") {
         Some(value) => {
             let [low, high] = value.vector::<2>()?;
@@ -51,8 +54,15 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
             }
             [low, high]
         }
-        None => [-20.0, 120.0],
+        None => believed.range_degc,
     };
+    let stuck_s = section.number_or(
+        "temperature_stuck_s",
+        0.0..=1e7,
+        believed
+            .stuck_after
+            .map_or(0.0, |after| after.as_secs_f64()),
+    )?;
     let fading = Fading::default();
     let rotary = section.get("limit_urad").is_some();
     Ok(GuardSettings {
@@ -67,9 +77,22 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
         stop: seconds("stop_s", 0.0..=600.0, 5.0)?,
         hand_back: seconds("hand_back_s", 0.0..=3600.0, 2.0)?,
         temperatures: SensorLimits {
-            max_degc_per_min: section.number_or("max_degc_per_min", 0.01..=1000.0, 5.0)?,
+            max_degc_per_min: section.number_or(
+                "max_degc_per_min",
+                0.01..=1000.0,
+                believed.max_degc_per_min,
+            )?,
             range_degc,
-            stale: seconds("temperature_stale_s", 0.1..=3600.0, 30.0)?,
+            stale: seconds(
+                "temperature_stale_s",
+                0.1..=3600.0,
+                believed.stale.as_secs_f64(),
+            )?,
+            stuck_after: (stuck_s > 0.0).then(|| Duration::from_secs_f64(stuck_s)),
+            neighbours_k: section
+                .get("temperature_neighbours_k")
+                .map(|value| value.number_in(0.1..=1000.0))
+                .transpose()?,
         },
         fading: Fading {
             hold_s: section.number_or("temperature_hold_s", 0.0..=1e6, fading.hold_s)?,

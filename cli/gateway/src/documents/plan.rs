@@ -89,6 +89,10 @@ pub struct GuardPlan {
     pub range_degc: Stated<[f64; 2]>,
     /// A temperature that is older is stale, s.
     pub temperature_stale_s: Stated<f64>,
+    /// A temperature with the same digits for this long is told to be stuck, s; 0: never.
+    pub temperature_stuck_s: Stated<f64>,
+    /// A temperature farther than this from the median of the others is told to disagree, K; null: not compared.
+    pub temperature_neighbours_k: Stated<Option<f64>>,
 }
 
 /// One controller of a plan.

@@ -172,7 +172,7 @@ pub struct SensorState {
     pub name: String,
     /// °C; null when it is not used.
     pub degc: Option<f64>,
-    /// `good` when it is used, else `bad`.
+    /// `good` or `uncertain` when it is used, else `bad`.
     pub quality: String,
     /// Why it is not used.
     pub reason: Option<String>,

@@ -92,6 +92,16 @@ fn of_guard(config: &Config, guard: &GuardSettings) -> GuardPlan {
         ),
         range_degc: stated(config, "guard.range_degc", temperatures.range_degc),
         temperature_stale_s: seconds("temperature_stale_s", temperatures.stale, 1.0),
+        temperature_stuck_s: seconds(
+            "temperature_stuck_s",
+            temperatures.stuck_after.unwrap_or_default(),
+            1.0,
+        ),
+        temperature_neighbours_k: stated(
+            config,
+            "guard.temperature_neighbours_k",
+            temperatures.neighbours_k,
+        ),
     }
 }
 

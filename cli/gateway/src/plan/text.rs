@@ -115,6 +115,17 @@ impl Lines {
             format!("{k} K/min")
         });
         self.stated("  stale after", &guard.temperature_stale_s, s);
+        self.stated("  stuck after", &guard.temperature_stuck_s, |s| {
+            if *s > 0.0 {
+                format!("{s} s")
+            } else {
+                "never".to_owned()
+            }
+        });
+        let neighbours = &guard.temperature_neighbours_k;
+        self.stated("  neighbours within", neighbours, |k| {
+            k.map_or_else(|| "not compared".to_owned(), |k| format!("{k} K"))
+        });
     }
 
     fn controller(&mut self, number: usize, controller: &ControllerPlan, has_limits: bool) {

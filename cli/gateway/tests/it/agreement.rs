@@ -136,6 +136,40 @@ const CASES: &[Wrong] = &[
         &[("heartbeat", "resolution_um = 200.0\nheartbeat")],
         "limit_um of axis X: found 150 µm",
     ),
+    // Limits against what a word can carry: 8 lines, one byte.
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "limit_um of axis X: found 150 µm, expected at most 127 µm",
+    ),
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1 }",
+        )],
+        "limit_um of axis X: found 150 µm, expected at most 127 µm",
+    ),
+    // Bytes that only the control writes, and words beyond the end of an area.
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
+        )],
+        "area.first: found F100, expected another area",
+    ),
+    wrong(
+        &[("pmc = \"R\", at = 120", "pmc = \"F\", at = 120")],
+        "heartbeat: found F120, expected another area",
+    ),
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"R\", first = 65535, width = 2 }",
+        )],
+        "area.first: found R65535 for 3 axes of 2 bytes each",
+    ),
     // Devices: keys of the URL, profiles, files, lines.
     wrong(
         &[("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99")],

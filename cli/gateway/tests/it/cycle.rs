@@ -228,6 +228,7 @@ fn every_axis_gets_its_own_correction() {
                     name,
                     includes_correction: false,
                     resolution: Displacement::new(name.kind(), 1e-6),
+                    largest: None,
                 })
                 .to_vec(),
             program: vec![volcomp_port::simulated::Move {

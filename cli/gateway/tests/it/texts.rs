@@ -25,7 +25,7 @@ fn status_fits_a_small_terminal() {
         "residual_axis_urad": [0.4, 1.0, 0.0],
         "temperatures": [
             { "name": "bed", "degc": 21.46, "quality": "good", "reason": null },
-            { "name": "spindle", "degc": null, "quality": "bad", "reason": "jumping" },
+            { "name": "spindle", "degc": null, "quality": "bad", "reason": "jumped" },
         ],
         "held_back": 0,
         "faults": 0,

@@ -1,28 +1,348 @@
 use std::time::Duration;
 
-use volcomp_guard::{Rejected, SensorCheck, SensorLimits};
+use proptest::prelude::*;
+use volcomp_guard::{
+    Heard, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
+};
 
-fn at(seconds: u64) -> Duration {
-    Duration::from_secs(seconds)
+/// Sensors of a machine, asked once in `pause` seconds.
+struct Machine {
+    limits: SensorLimits,
+    checks: Vec<SensorCheck>,
+    now: f64,
+    pause: f64,
 }
+
+impl Machine {
+    fn new(sensors: usize, limits: SensorLimits) -> Self {
+        Self {
+            limits,
+            checks: vec![SensorCheck::default(); sensors],
+            now: 0.0,
+            pause: 1.0,
+        }
+    }
+
+    /// The next round: what is heard of each sensor, measured now.
+    fn hears(&mut self, heard: &[Heard]) -> Vec<SensorReport> {
+        self.now += self.pause;
+        let now = Duration::from_secs_f64(self.now);
+        let mut told = vec![SensorReport::default(); heard.len()];
+        judge_temperatures(&mut self.checks, heard, now, &self.limits, &mut told);
+        told
+    }
+
+    fn reads(&mut self, degc: &[f64]) -> Vec<Option<SensorFlaw>> {
+        let taken = Duration::from_secs_f64(self.now + self.pause);
+        let heard: Vec<Heard> = degc
+            .iter()
+            .map(|degc| Heard::Temperature { degc: *degc, taken })
+            .collect();
+        let told = self.hears(&heard);
+        for (told, degc) in told.iter().zip(degc) {
+            let used = told.flaw.is_none_or(SensorFlaw::is_used);
+            assert_eq!(told.degc, used.then_some(*degc));
+        }
+        told.iter().map(|told| told.flaw).collect()
+    }
+
+    /// The same temperatures for so many seconds: when the first sensor was used first.
+    fn used_after(&mut self, degc: &[f64], seconds: f64) -> Option<f64> {
+        let start = self.now;
+        while self.now - start < seconds {
+            if self.reads(degc)[0].is_none_or(SensorFlaw::is_used) {
+                return Some(self.now - start);
+            }
+        }
+        None
+    }
+
+    fn acknowledge(&mut self) {
+        self.checks.iter_mut().for_each(SensorCheck::acknowledge);
+    }
+}
+
+const DAY: f64 = 86_400.0;
 
 #[test]
 fn every_way_to_be_wrong() {
     let limits = SensorLimits::default();
-    let mut sensor = SensorCheck::default();
-    let mut check = |now: u64, degc: Option<f64>, taken: u64| {
-        sensor.check(at(now), degc, Some(at(taken)), &limits)
+    let check = |checks: &mut [SensorCheck], now: u64, degc: f64, taken: u64| {
+        let heard = Heard::Temperature {
+            degc,
+            taken: Duration::from_secs(taken),
+        };
+        let mut told = [SensorReport::default()];
+        judge_temperatures(
+            checks,
+            &[heard],
+            Duration::from_secs(now),
+            &limits,
+            &mut told,
+        );
+        (told[0].degc, told[0].flaw)
     };
-    assert_eq!(check(1, Some(21.0), 1), Ok(21.0));
-    assert_eq!(check(2, None, 2), Err(Rejected::Broken));
-    assert_eq!(check(3, Some(f64::NAN), 3), Err(Rejected::OutOfRange));
-    assert_eq!(check(4, Some(850.0), 4), Err(Rejected::OutOfRange));
-    assert_eq!(check(5, Some(23.0), 5), Err(Rejected::Jumping));
-    assert_eq!(check(40, Some(21.0), 5), Err(Rejected::Stale));
-    // 5 K in a minute is fast enough for that.
-    assert_eq!(check(65, Some(25.0), 65), Ok(25.0));
+    let mut one = [SensorCheck::default()];
+    assert_eq!(check(&mut one, 1, 21.0, 1), (Some(21.0), None));
+    let out = |flaw| (None, Some(flaw));
+    assert_eq!(check(&mut one, 3, f64::NAN, 3), out(SensorFlaw::OutOfRange));
+    assert_eq!(check(&mut one, 4, 850.0, 4), out(SensorFlaw::OutOfRange));
+    assert_eq!(check(&mut one, 40, 21.0, 5), out(SensorFlaw::Stale));
+    // 2.5 K are what may happen in the 30 s that a faulty time counts for.
+    assert_eq!(check(&mut one, 65, 23.9, 65), (Some(23.9), None));
     // The same reading again and again is fine.
-    assert_eq!(check(66, Some(25.0), 65), Ok(25.0));
-    let never = SensorCheck::default().check(at(1), Some(20.0), None, &limits);
-    assert_eq!(never, Err(Rejected::Broken));
+    assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
+    assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
+    for heard in [Heard::Silence, Heard::Fault] {
+        let mut told = [SensorReport::default()];
+        let mut new = [SensorCheck::default()];
+        judge_temperatures(&mut new, &[heard], Duration::ZERO, &limits, &mut told);
+        assert_eq!((told[0].degc, told[0].flaw), out(SensorFlaw::Broken));
+    }
+}
+
+/// A sensor that is wrong by 40 K from one second to the next was believed again after 475 s.
+#[test]
+fn forty_kelvin_are_never_believed() {
+    let mut alone = Machine::new(1, SensorLimits::default());
+    assert_eq!(alone.reads(&[20.0]), [None]);
+    assert_eq!(alone.used_after(&[60.0], DAY), None);
+    let mut among = Machine::new(4, SensorLimits::default());
+    assert_eq!(among.reads(&[20.0, 21.0, 25.0, 22.0]), [None; 4]);
+    assert_eq!(
+        among.used_after(&[60.0, 21.0, 25.0, 22.0], 5.0 * 3600.0),
+        None
+    );
+    // The others are not drawn into it.
+    assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
+}
+
+/// Behind a fault, a break or a pause there is no other way in.
+#[test]
+fn a_jump_behind_a_gap_is_a_jump() {
+    for gap in [Heard::Fault, Heard::Silence] {
+        let mut machine = Machine::new(1, SensorLimits::default());
+        assert_eq!(machine.reads(&[20.0]), [None]);
+        for _ in 0..3600 {
+            assert_eq!(machine.hears(&[gap])[0].flaw, Some(SensorFlaw::Broken));
+        }
+        assert_eq!(machine.used_after(&[60.0], DAY), None, "{gap:?}");
+    }
+}
+
+#[test]
+fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
+    let mut machine = Machine::new(1, SensorLimits::default());
+    machine.reads(&[20.0]);
+    assert_eq!(machine.reads(&[60.0]), [Some(SensorFlaw::Jumped)]);
+    assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
+    // A reading that does not agree lets the ten minutes begin anew.
+    machine.reads(&[60.0]);
+    assert_eq!(machine.used_after(&[20.8], 500.0), None);
+    machine.reads(&[22.5]);
+    assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
+    // And so does a fault.
+    machine.reads(&[60.0]);
+    assert_eq!(machine.used_after(&[20.8], 500.0), None);
+    machine.hears(&[Heard::Fault]);
+    assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
+}
+
+/// The machine cooled by 6 K while the sensor was out: its neighbours know.
+#[test]
+fn neighbours_by_their_usual_difference_bring_a_sensor_back() {
+    let mut machine = Machine::new(3, SensorLimits::default());
+    assert_eq!(machine.reads(&[30.0, 22.0, 41.0]), [None; 3]);
+    machine.reads(&[70.0, 22.0, 41.0]);
+    for step in 0_u32..600 {
+        let cooled = f64::from(step) * 0.01;
+        let flaws = machine.reads(&[70.0, 22.0 - cooled, 41.0 - cooled]);
+        assert_eq!(flaws, [Some(SensorFlaw::Jumped), None, None]);
+    }
+    assert_eq!(machine.used_after(&[24.5, 16.0, 35.0], 3600.0), Some(601.0));
+    // Of two sensors nobody knows which one is right.
+    let mut two = Machine::new(2, SensorLimits::default());
+    two.reads(&[30.0, 22.0]);
+    two.reads(&[70.0, 22.0]);
+    for step in 0_u32..600 {
+        two.reads(&[70.0, 22.0 - f64::from(step) * 0.01]);
+    }
+    assert_eq!(two.used_after(&[24.0, 16.0], DAY), None);
+}
+
+/// All sensors of a module that lost its reference jump together: they do not vouch for one another.
+#[test]
+fn sensors_that_jump_together_stay_out() {
+    let mut machine = Machine::new(4, SensorLimits::default());
+    machine.reads(&[20.0, 21.0, 22.0, 23.0]);
+    assert_eq!(
+        machine.used_after(&[60.0, 61.0, 62.0, 63.0], DAY),
+        None,
+        "a common fault"
+    );
+}
+
+#[test]
+fn a_person_acknowledges_a_jump() {
+    let mut machine = Machine::new(2, SensorLimits::default());
+    machine.reads(&[20.0, 20.0]);
+    assert_eq!(machine.used_after(&[60.0, 20.0], 3600.0), None);
+    machine.acknowledge();
+    assert_eq!(machine.reads(&[60.0, 20.0]), [None; 2]);
+    // What was not out is not let in by it.
+    machine.acknowledge();
+    assert_eq!(machine.reads(&[60.0, 60.0])[1], Some(SensorFlaw::Jumped));
+}
+
+/// A machine that was off overnight: its thermometer was silent, nothing speaks of a fault.
+#[test]
+fn a_cold_morning_is_believed() {
+    let mut machine = Machine::new(2, SensorLimits::default());
+    machine.reads(&[31.0, 24.0]);
+    for _ in 0..8 * 3600 {
+        machine.hears(&[Heard::Silence; 2]);
+    }
+    assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
+}
+
+/// Many small steps are no way around the rate.
+#[test]
+fn creeping_is_jumping() {
+    let mut machine = Machine::new(1, SensorLimits::default());
+    let out = (0_u32..10).find(|step| machine.reads(&[20.0 + 0.4 * f64::from(*step)])[0].is_some());
+    assert!(out.is_some(), "24 K in a minute");
+}
+
+#[test]
+fn the_same_digits_for_too_long_are_told() {
+    let limits = SensorLimits {
+        stuck_after: Some(Duration::from_secs(60)),
+        ..SensorLimits::default()
+    };
+    let mut machine = Machine::new(1, limits);
+    for _ in 0..60 {
+        assert_eq!(machine.reads(&[20.1]), [None]);
+    }
+    assert_eq!(machine.reads(&[20.1]), [Some(SensorFlaw::Stuck)]);
+    assert_eq!(machine.reads(&[20.2]), [None]);
+    let mut never = Machine::new(
+        1,
+        SensorLimits {
+            stuck_after: None,
+            ..limits
+        },
+    );
+    assert!((0..86_400).all(|_| never.reads(&[20.1]) == [None]));
+}
+
+#[test]
+fn a_sensor_apart_from_the_others_is_told() {
+    let disagrees = |degc: &[f64]| {
+        let limits = SensorLimits {
+            neighbours_k: Some(3.0),
+            ..SensorLimits::default()
+        };
+        let flaws = Machine::new(degc.len(), limits).reads(degc);
+        let one = |flaw: &Option<SensorFlaw>| *flaw == Some(SensorFlaw::Disagrees);
+        flaws.iter().map(one).collect::<Vec<_>>()
+    };
+    assert_eq!(disagrees(&[20.0, 21.0, 22.0, 22.9]), [false; 4]);
+    assert_eq!(
+        disagrees(&[20.0, 21.0, 27.0, 22.0]),
+        [false, false, true, false]
+    );
+    assert_eq!(
+        disagrees(&[20.0, 40.0]),
+        [false; 2],
+        "two cannot tell who is wrong"
+    );
+    let many: Vec<f64> = (0..80).map(|k| if k == 5 { 30.0 } else { 20.0 }).collect();
+    let limits = SensorLimits {
+        neighbours_k: Some(3.0),
+        ..SensorLimits::default()
+    };
+    let told = Machine::new(80, limits).hears(
+        &many
+            .iter()
+            .map(|degc| Heard::Temperature {
+                degc: *degc,
+                taken: Duration::ZERO,
+            })
+            .collect::<Vec<_>>(),
+    );
+    assert_eq!(told[5].flaw, Some(SensorFlaw::Disagrees));
+    assert_eq!(
+        told[79],
+        SensorReport::default(),
+        "beyond the largest number"
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// A real warm-up is never thrown out, whatever the module's resolution, its pace and its noise.
+    #[test]
+    fn a_slow_warm_up_stays(
+        k_per_min in -4.0..4.0_f64,
+        resolution in prop::sample::select(vec![0.001, 0.01, 0.1, 0.25]),
+        pause in prop::sample::select(vec![0.05, 1.0, 7.0, 29.0]),
+        noise in prop::collection::vec(-0.1..0.1_f64, 1..40),
+        silent in 0_usize..400,
+    ) {
+        let mut machine = Machine::new(1, SensorLimits::default());
+        machine.pause = pause;
+        for round in 0..400 {
+            if (silent..silent + 5).contains(&round) {
+                machine.hears(&[Heard::Silence]);
+                continue;
+            }
+            // Within the range of the machine the temperature goes up or down and then stands.
+            let true_degc = (50.0 + k_per_min * machine.now / 60.0).clamp(-15.0, 110.0);
+            let read = ((true_degc + noise[round % noise.len()]) / resolution).round() * resolution;
+            prop_assert_eq!(machine.reads(&[read]), vec![None], "round {} at {}", round, read);
+        }
+    }
+
+    /// A sensor that is wrong by more than it must agree by, always by the same amount, never comes back after its jump:
+    /// whatever the machine does meanwhile, whatever gaps there are, alone and among others.
+    #[test]
+    fn constantly_wrong_stays_out(
+        wrong in prop_oneof![-25.0..-6.0_f64, 6.0..60.0_f64],
+        drift in -4.0..4.0_f64,
+        sensors in 1_usize..6,
+        gaps in prop::collection::vec((1_usize..4000, prop::bool::ANY, 1_usize..200), 0..6),
+        hides_in_a_gap: bool,
+        pause in prop::sample::select(vec![1.0, 10.0]),
+    ) {
+        let mut machine = Machine::new(sensors, SensorLimits::default());
+        machine.pause = pause;
+        let usual: Vec<f64> = (0_u32..6).map(|k| 30.0 + 1.5 * f64::from(k)).collect();
+        for _ in 0..30 {
+            machine.reads(&usual[..sensors]);
+        }
+        if hides_in_a_gap {
+            let mut heard = vec![Heard::Silence; sensors];
+            heard[0] = Heard::Fault;
+            machine.hears(&heard);
+        }
+        for round in 0_u32..4000 {
+            // The machine drifts by up to 4 K, there and back.
+            let now = drift * (f64::from(round) / 500.0).sin();
+            let mut degc: Vec<f64> = usual[..sensors].iter().map(|usual| usual + now).collect();
+            degc[0] += wrong;
+            let place = round as usize;
+            let gap = gaps.iter().find(|(from, _, long)| (*from..from + long).contains(&place));
+            let flaw = match gap {
+                Some((_, is_fault, _)) => {
+                    let taken = Duration::from_secs_f64(machine.now + pause);
+                    let mut heard: Vec<Heard> = degc.iter().map(|degc| Heard::Temperature { degc: *degc, taken }).collect();
+                    heard[0] = if *is_fault { Heard::Fault } else { Heard::Silence };
+                    machine.hears(&heard)[0].flaw
+                }
+                None => machine.reads(&degc)[0],
+            };
+            prop_assert!(!flaw.is_none_or(SensorFlaw::is_used), "round {}: {:?}", round, degc);
+        }
+    }
 }

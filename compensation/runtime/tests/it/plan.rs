@@ -35,6 +35,7 @@ fn what_does_not_fit_is_named() {
                 name: AxisName::W,
                 includes_correction: false,
                 resolution: Displacement::Length(Mm(0.001)),
+                largest: None,
             }
         },
         |_| {},
@@ -91,6 +92,19 @@ fn limits_are_told_in_the_units_of_the_user() {
     );
     assert!(
         matches!(error, PlanError::Limits { axis: Some(AxisName::Z), source, .. } if source.what == Quantity::Limit)
+    );
+    let small = |d: &mut Description| {
+        for axis in &mut d.axes {
+            axis.largest = Some(Displacement::from_micro(axis.kind(), 127.0));
+        }
+    };
+    let error = planned(small, |guard| guard.linear.limit = Um(127.5), |_| {})
+        .expect_err("more than the device can be told");
+    assert!(
+        error.to_string().contains(
+            "limit of axis Z: found 127.5 µm, expected at most 127 µm, the largest correction"
+        ),
+        "{error}"
     );
     let rotary = |guard: &mut GuardSettings| {
         if let Some(rotary) = &mut guard.rotary {

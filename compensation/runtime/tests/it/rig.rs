@@ -55,6 +55,7 @@ fn control_of(
                 name,
                 includes_correction: false,
                 resolution: Displacement::new(name.kind(), 1e-8),
+                largest: None,
             })
             .collect(),
         program: vec![simulated::Move {

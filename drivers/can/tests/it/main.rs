@@ -7,6 +7,7 @@ mod canopen;
 mod contracts;
 mod fuzz_corpus;
 mod peer;
+mod serialised;
 mod signals;
 
 use std::{

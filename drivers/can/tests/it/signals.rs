@@ -235,3 +235,23 @@ fn units_are_those_of_the_quantity() {
     assert_eq!(name.letter(), 'X');
     assert!((at.mm_or_rad() - 0.0025).abs() < 1e-12, "{at}");
 }
+
+/// What a signal can say with either sign: of two's complement one step less than half its range, of a number without a
+/// sign nothing.
+#[test]
+fn the_largest_value_of_both_signs() {
+    let largest = |size: u32, sign: char, scale: &str| {
+        let dbc = format!(
+            "VERSION \"\"\nBU_: A\nBO_ 256 M: 8 A\n SG_ S : 0|{size}@1{sign} {scale} [0|0] \"\" A\n"
+        );
+        SignalTable::parse(&dbc).unwrap().messages[0].signals[0].largest()
+    };
+    let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-9, "{found}");
+    near(largest(12, '-', "(1,0)"), 2047.0);
+    near(largest(8, '-', "(-0.5,0)"), 63.5);
+    near(largest(8, '+', "(1,0)"), 0.0);
+    // An offset makes both signs of a number without one.
+    near(largest(8, '+', "(1,-100)"), 100.0);
+    near(largest(8, '+', "(1,-200)"), 55.0);
+    near(largest(1, '-', "(1,0)"), 0.0);
+}

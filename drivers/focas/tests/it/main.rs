@@ -5,6 +5,7 @@
 
 mod abilities;
 mod client;
+mod config;
 mod connection;
 mod controller;
 mod frames;

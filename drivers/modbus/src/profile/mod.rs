@@ -47,6 +47,7 @@ pub enum ProfileError {
 
 /// How a channel's registers make a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NumberType {
     /// One register, a signed number.
     I16,
@@ -70,6 +71,7 @@ impl NumberType {
 
 /// Which of two registers comes first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum WordOrder {
     /// The high word comes first.
     #[default]
@@ -80,6 +82,7 @@ pub enum WordOrder {
 
 /// The quantity and unit of a scaled number.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Unit {
     /// The number is a temperature in °C.
     Degc,
@@ -94,6 +97,7 @@ pub enum Unit {
 
 /// A raw number that stands for a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fault {
     /// The lowest and the highest of the raw numbers that tell this fault.
     pub raw: [f64; 2],
@@ -103,6 +107,7 @@ pub struct Fault {
 
 /// Bits that tell of a channel's faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Status {
     /// The Modbus function that reads them: 1 coils, 2 inputs, 3 holding registers, 4 input registers.
     pub function: u8,
@@ -114,6 +119,7 @@ pub struct Status {
 
 /// Temperature channels of a module.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channels {
     /// The Modbus function that reads them: 3 holding registers, 4 input registers.
     pub function: u8,
@@ -141,6 +147,7 @@ pub struct Channels {
 
 /// Digital lines of a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Digital {
     /// The address of the first input (function 2), counted from 0.
     pub input_address: u16,
@@ -154,6 +161,7 @@ pub struct Digital {
 
 /// A module: its temperature channels, its digital lines, or both.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Profile {
     /// The name of the module.
     pub name: String,

@@ -22,7 +22,7 @@ fn kept_profiles() {
         if let Some(channels) = read.ok().and_then(|profile| profile.channels) {
             let registers: Vec<u16> = bytes.iter().map(|byte| u16::from(*byte) * 257).collect();
             for channel in 0..usize::from(channels.count) {
-                let (_, found) = read_channel(&channels, &registers, channel, None, Instant::now());
+                let found = read_channel(&channels, &registers, channel, None, Instant::now());
                 assert_eq!(
                     found.quality == Quality::Good,
                     found.degc.is_some(),

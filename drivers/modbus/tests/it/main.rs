@@ -1,4 +1,4 @@
-//! PT100 by the standard, profiles, judgement, and modules on the wire: our own that misbehave, and servers of
+//! PT100 by the standard, profiles, and modules on the wire: our own that misbehave, and servers of
 //! pymodbus and libmodbus.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -8,7 +8,7 @@ mod iec60751;
 mod line;
 mod peers;
 mod profiles;
-mod quality;
+mod serialised;
 
 use std::{
     path::{Path, PathBuf},

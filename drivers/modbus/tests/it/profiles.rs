@@ -42,7 +42,7 @@ fn every_shipped_profile_is_read() {
 
 fn found(profile: &str, registers: &[u16], status: Option<u16>) -> (Option<f64>, Quality) {
     let channels = Profile::named(profile).unwrap().channels.unwrap();
-    let (_, found) = read_channel(&channels, registers, 0, status, Instant::now());
+    let found = read_channel(&channels, registers, 0, status, Instant::now());
     (found.degc, found.quality)
 }
 
@@ -94,9 +94,7 @@ fn numbers_of_two_registers() {
     };
     let second = |kind, order, words: [u16; 2]| {
         let registers = [0, 0, words[0], words[1]];
-        read_channel(&profile(kind, order), &registers, 1, None, Instant::now())
-            .1
-            .degc
+        read_channel(&profile(kind, order), &registers, 1, None, Instant::now()).degc
     };
     let bits = 21.5_f32.to_bits();
     #[expect(clippy::cast_possible_truncation, reason = "the two halves")]
@@ -176,7 +174,7 @@ proptest! {
     fn good_is_within_the_range(registers in proptest::collection::vec(any::<u16>(), 0..20), which in 0_usize..11, channel in 0_usize..8, status: Option<u16>) {
         let profile = &Profile::shipped()[which];
         let channels = profile.channels.as_ref().unwrap();
-        let (_, found) = read_channel(channels, &registers, channel, status, Instant::now());
+        let found = read_channel(channels, &registers, channel, status, Instant::now());
         let [low, high] = channels.valid_degc;
         if found.quality == Quality::Good {
             prop_assert!(found.degc.is_some_and(|t| low < t && t < high));

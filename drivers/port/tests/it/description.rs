@@ -18,6 +18,7 @@ fn axis(name: AxisName, resolution: Displacement) -> Axis {
         name,
         includes_correction: false,
         resolution,
+        largest: None,
     }
 }
 

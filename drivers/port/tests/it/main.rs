@@ -4,6 +4,7 @@
 
 mod description;
 mod faults;
+mod serialised;
 mod simulated;
 mod supply;
 
@@ -20,6 +21,7 @@ fn axis(name: AxisName, includes_correction: bool) -> Axis {
         name,
         includes_correction,
         resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
     }
 }
 

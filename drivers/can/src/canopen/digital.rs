@@ -1,0 +1,104 @@
+//! Digital lines of CiA 401 nodes.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::{DeviceError, DigitalIo, Fault, Reason};
+
+use super::nodes::Nodes;
+use crate::frame::{CanPort, Frame};
+
+/// A CiA 401 node as a digital port: its inputs from process data 1 that it sends, its outputs in process data
+/// 1 that it receives.
+pub struct CanopenDigital<P> {
+    port: P,
+    node: u8,
+    nodes: Nodes,
+    inputs: u32,
+    outputs: u32,
+    levels: Option<(u64, Instant)>,
+    stale_after: Duration,
+}
+
+impl<P: CanPort> CanopenDigital<P> {
+    /// A node with so many lines.
+    ///
+    /// # Errors
+    /// Numbers that there are not.
+    pub fn new(
+        port: P,
+        node: u8,
+        inputs: u32,
+        outputs: u32,
+        silent_after: Duration,
+        stale_after: Duration,
+    ) -> Result<Self, DeviceError> {
+        if !(1..=127).contains(&node) || inputs > 64 || outputs > 64 {
+            let what = format!("found node {node}, {inputs} inputs, {outputs} outputs");
+            let remedy = "expected nodes 1 to 127 and at most 64 lines each way";
+            return Err(DeviceError::option(port.device(), what, remedy));
+        }
+        Ok(Self {
+            nodes: Nodes::new([node].into_iter(), silent_after),
+            port,
+            node,
+            inputs,
+            outputs,
+            levels: None,
+            stale_after,
+        })
+    }
+}
+
+impl<P: CanPort> DigitalIo for CanopenDigital<P> {
+    fn device(&self) -> &str {
+        self.port.device()
+    }
+
+    fn inputs(&self) -> u32 {
+        self.inputs
+    }
+
+    fn outputs(&self) -> u32 {
+        self.outputs
+    }
+
+    /// Four frames at 125 kBd.
+    fn shortest_cycle(&self) -> Duration {
+        Duration::from_millis(4)
+    }
+
+    /// The inputs that the node sent last.
+    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
+        let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
+        self.nodes
+            .listen(&mut self.port, |node, number, frame, taken| {
+                if (node, number) == (own, 1) {
+                    let mut bytes = [0; 8];
+                    for (byte, told) in bytes.iter_mut().zip(frame.data()) {
+                        *byte = *told;
+                    }
+                    let lines = u64::MAX.checked_shr(64 - inputs).unwrap_or(0);
+                    *levels = Some((u64::from_le_bytes(bytes) & lines, taken));
+                }
+            })?;
+        match (self.levels, self.nodes.trouble(self.node)) {
+            (Some((levels, taken)), None) if taken.elapsed() <= self.stale_after => Ok(levels),
+            (_, Some(Reason::NoAnswer)) | (None, _) => Err(Fault::NotConnected),
+            (_, Some(_)) => Err(Fault::Protocol("the node reports an error or does not run")),
+            (Some(_), None) => Err(Fault::TimedOut),
+        }
+    }
+
+    fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
+        let frame = outputs_frame(self.node, levels, self.outputs);
+        let frame = frame.ok_or(Fault::Unsupported("so many lines"))?;
+        self.port.send(&frame, deadline)
+    }
+}
+
+/// The frame with a node's output lines: process data that it receives, number 1.
+fn outputs_frame(node: u8, levels: u64, lines: u32) -> Option<Frame> {
+    let bytes = levels.to_le_bytes();
+    let count = usize::try_from(lines.div_ceil(8)).ok()?;
+    Frame::new(0x200 + u32::from(node), false, false, bytes.get(..count)?)
+}

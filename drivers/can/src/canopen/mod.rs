@@ -1,0 +1,15 @@
+//! A small CANopen consumer: starts nodes, watches their heartbeat, reads and writes single objects, and takes
+//! temperatures (CiA 404) and digital lines (CiA 401) from their process data. Default identifiers (CiA 301).
+
+mod digital;
+mod nodes;
+mod sdo;
+mod telegrams;
+mod thermometer;
+
+pub use digital::CanopenDigital;
+pub use sdo::SdoClient;
+pub use telegrams::{
+    NmtCommand, NodeState, SdoAnswer, Telegram, nmt, sdo_read, sdo_write, telegram,
+};
+pub use thermometer::{CanopenThermometer, Channel, Number};

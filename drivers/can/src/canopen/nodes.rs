@@ -1,0 +1,125 @@
+//! The nodes of a consumer: started when they wait, watched by their heartbeat.
+
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
+
+use volcomp_port::{Fault, Reason};
+
+use super::telegrams::{NmtCommand, NodeState, Telegram, nmt, telegram};
+use crate::frame::{AT_ONCE, CanPort, Frame, Received};
+
+/// A node that is watched.
+#[derive(Clone, Copy, Debug)]
+struct Watched {
+    state: Option<NodeState>,
+    heard: Instant,
+    emergency: u16,
+    started: Option<Instant>,
+}
+
+/// The nodes of a consumer: started when they wait, silent when their heartbeat is.
+#[derive(Debug)]
+pub(super) struct Nodes {
+    watched: BTreeMap<u8, Watched>,
+    silent_after: Duration,
+}
+
+impl Nodes {
+    /// These nodes; one whose heartbeat is older than `silent_after` does not answer.
+    pub(super) fn new(nodes: impl Iterator<Item = u8>, silent_after: Duration) -> Self {
+        let watched = Watched {
+            state: None,
+            heard: Instant::now(),
+            emergency: 0,
+            started: None,
+        };
+        Self {
+            watched: nodes.map(|node| (node, watched)).collect(),
+            silent_after,
+        }
+    }
+
+    /// Takes the frames that have come without waiting, hands on the process data (node, number, frame, when it came),
+    /// and starts a node that waits for it.
+    ///
+    /// # Errors
+    /// [`Fault::Disconnected`] when the interface is down or has left the bus.
+    pub(super) fn listen(
+        &mut self,
+        port: &mut impl CanPort,
+        mut process_data: impl FnMut(u8, u8, &Frame, Instant),
+    ) -> Result<(), Fault> {
+        let now = Instant::now();
+        for _ in 0..AT_ONCE {
+            match port.receive(now)? {
+                None => break,
+                Some(Received::BusOff) => return Err(Fault::Disconnected),
+                Some(Received::Error) => {}
+                Some(Received::Frame(frame, taken)) => {
+                    let Some(telegram) = telegram(&frame) else {
+                        continue;
+                    };
+                    self.hear(telegram, taken);
+                    if let Telegram::Pdo { node, number } = telegram {
+                        process_data(node, number, &frame, taken);
+                    }
+                }
+            }
+        }
+        if let Some(frame) = self.start(now) {
+            // A bus that takes nothing shows in the heartbeats.
+            let _ = port.send(&frame, now);
+        }
+        Ok(())
+    }
+
+    /// Takes what concerns the nodes.
+    fn hear(&mut self, telegram: Telegram, taken: Instant) {
+        let (Telegram::Heartbeat { node, .. }
+        | Telegram::Emergency { node, .. }
+        | Telegram::Pdo { node, .. }
+        | Telegram::Sdo { node, .. }) = telegram;
+        let Some(watched) = self.watched.get_mut(&node) else {
+            return;
+        };
+        match telegram {
+            Telegram::Heartbeat { state, .. } => {
+                watched.state = Some(state);
+                watched.heard = taken;
+            }
+            Telegram::Emergency { code, .. } => watched.emergency = code,
+            _ => {}
+        }
+    }
+
+    /// What starts a node that waits for it, once in a while.
+    fn start(&mut self, now: Instant) -> Option<Frame> {
+        let waits = |watched: &Watched| {
+            let due = watched
+                .started
+                .is_none_or(|then| now.saturating_duration_since(then) > Duration::from_secs(1));
+            due && watched.state != Some(NodeState::Operational)
+        };
+        let (node, watched) = self
+            .watched
+            .iter_mut()
+            .find(|(_, watched)| waits(watched))?;
+        watched.started = Some(now);
+        nmt(NmtCommand::Start, *node)
+    }
+
+    /// Why a node's data must not be used; `None` when they may.
+    pub(super) fn trouble(&self, node: u8) -> Option<Reason> {
+        let watched = self.watched.get(&node)?;
+        if watched.heard.elapsed() > self.silent_after || watched.state.is_none() {
+            return Some(Reason::NoAnswer);
+        }
+        match watched.state {
+            Some(NodeState::Operational) if watched.emergency == 0 => None,
+            Some(NodeState::Operational) => Some(Reason::Reported),
+            _ => Some(Reason::NotRead),
+        }
+    }
+}

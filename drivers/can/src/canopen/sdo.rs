@@ -1,0 +1,92 @@
+//! Single objects of nodes, read and written.
+
+use std::time::Instant;
+
+use volcomp_port::Fault;
+
+use super::telegrams::{SdoAnswer, Telegram, sdo_read, sdo_write, telegram};
+use crate::frame::{CanPort, Received};
+
+/// Asks nodes for single objects, one at a time. For set-up: it waits.
+#[derive(Debug)]
+pub struct SdoClient<P> {
+    port: P,
+}
+
+impl<P: CanPort> SdoClient<P> {
+    /// On a bus.
+    pub fn new(port: P) -> Self {
+        Self { port }
+    }
+
+    /// The bus.
+    pub fn into_port(self) -> P {
+        self.port
+    }
+
+    /// Reads an object of up to four bytes, little-endian.
+    ///
+    /// # Errors
+    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for objects
+    /// that need more than one frame.
+    pub fn read(&mut self, node: u8, object: (u16, u8), deadline: Instant) -> Result<u32, Fault> {
+        let question = sdo_read(node, object).ok_or(Fault::Unsupported("a node number"))?;
+        self.port.send(&question, deadline)?;
+        match self.answer(node, object, deadline)? {
+            SdoAnswer::Read { value, .. } => Ok(value),
+            _ => Err(Fault::Protocol("an object that was not read")),
+        }
+    }
+
+    /// Writes an object of 1 to 4 bytes.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn write(
+        &mut self,
+        node: u8,
+        object: (u16, u8),
+        value: &[u8],
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        let question = sdo_write(node, object, value).ok_or(Fault::Unsupported("1 to 4 bytes"))?;
+        self.port.send(&question, deadline)?;
+        match self.answer(node, object, deadline)? {
+            SdoAnswer::Written { .. } => Ok(()),
+            _ => Err(Fault::Protocol("an object that was not written")),
+        }
+    }
+
+    fn answer(
+        &mut self,
+        node: u8,
+        wanted: (u16, u8),
+        deadline: Instant,
+    ) -> Result<SdoAnswer, Fault> {
+        while let Some(received) = self.port.receive(deadline)? {
+            let Received::Frame(frame, _) = received else {
+                continue;
+            };
+            let Some(Telegram::Sdo { node: from, answer }) = telegram(&frame) else {
+                continue;
+            };
+            let (SdoAnswer::Read { object, .. }
+            | SdoAnswer::Written { object }
+            | SdoAnswer::Aborted { object, .. }
+            | SdoAnswer::Segmented { object }) = answer;
+            // A late answer to another question.
+            if from != node || object != wanted {
+                continue;
+            }
+            return match answer {
+                SdoAnswer::Aborted { code, .. } => Err(Fault::Refused {
+                    code: code.cast_signed(),
+                    what: "an object of the node",
+                }),
+                SdoAnswer::Segmented { .. } => Err(Fault::Unsupported("a transfer in segments")),
+                other => Ok(other),
+            };
+        }
+        Err(Fault::TimedOut)
+    }
+}

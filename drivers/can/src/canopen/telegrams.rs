@@ -1,0 +1,204 @@
+//! The telegrams of CANopen: what frames mean, and the frames that a consumer sends.
+
+use crate::frame::Frame;
+
+/// What a node says of itself in its heartbeat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum NodeState {
+    /// It has just started.
+    BootUp,
+    /// It was stopped.
+    Stopped,
+    /// It sends process data.
+    Operational,
+    /// It waits to be started.
+    PreOperational,
+    /// Something else.
+    Other(u8),
+}
+
+impl NodeState {
+    fn from_code(code: u8) -> Self {
+        match code & 0x7f {
+            0 => Self::BootUp,
+            4 => Self::Stopped,
+            5 => Self::Operational,
+            0x7f => Self::PreOperational,
+            other => Self::Other(other),
+        }
+    }
+}
+
+/// A frame as CANopen means it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Telegram {
+    /// Heartbeat of a node.
+    Heartbeat {
+        /// The node.
+        node: u8,
+        /// Its state.
+        state: NodeState,
+    },
+    /// An emergency of a node: its error code, 0 when all errors are gone.
+    Emergency {
+        /// The node.
+        node: u8,
+        /// CiA error code.
+        code: u16,
+    },
+    /// Process data that a node sends: number 1 to 4.
+    Pdo {
+        /// The node.
+        node: u8,
+        /// Which.
+        number: u8,
+    },
+    /// The answer to reading or writing an object.
+    Sdo {
+        /// The node.
+        node: u8,
+        /// What it says.
+        answer: SdoAnswer,
+    },
+}
+
+/// The answer to an expedited transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum SdoAnswer {
+    /// An object was read: up to four bytes, little-endian.
+    Read {
+        /// Index and subindex.
+        object: (u16, u8),
+        /// Its value.
+        value: u32,
+        /// How many bytes of it count.
+        bytes: u8,
+    },
+    /// An object was written.
+    Written {
+        /// Index and subindex.
+        object: (u16, u8),
+    },
+    /// Refused, with the code of CiA 301.
+    Aborted {
+        /// Index and subindex.
+        object: (u16, u8),
+        /// Why.
+        code: u32,
+    },
+    /// A transfer in segments, which this consumer does not do.
+    Segmented {
+        /// Index and subindex.
+        object: (u16, u8),
+    },
+}
+
+/// What a frame means; `None` where it is none of these or broken.
+pub fn telegram(frame: &Frame) -> Option<Telegram> {
+    if frame.extended || frame.fd {
+        return None;
+    }
+    let node = u8::try_from(frame.id & 0x7f)
+        .ok()
+        .filter(|node| *node > 0)?;
+    let data = frame.data();
+    let number = |function: u32| u8::try_from((function - 0x180) / 0x100 + 1).ok();
+    match frame.id & 0x780 {
+        0x700 => Some(Telegram::Heartbeat {
+            node,
+            state: NodeState::from_code(*data.first()?),
+        }),
+        0x080 => Some(Telegram::Emergency {
+            node,
+            code: u16::from_le_bytes(*data.first_chunk()?),
+        }),
+        function @ (0x180 | 0x280 | 0x380 | 0x480) => Some(Telegram::Pdo {
+            node,
+            number: number(function)?,
+        }),
+        0x580 => Some(Telegram::Sdo {
+            node,
+            answer: sdo_answer(*data.first_chunk()?)?,
+        }),
+        _ => None,
+    }
+}
+
+fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
+    let [command, low, high, sub, a, b, c, d] = data;
+    let object = (u16::from_le_bytes([low, high]), sub);
+    let value = u32::from_le_bytes([a, b, c, d]);
+    Some(match command >> 5 {
+        2 if command & 0b10 != 0 => {
+            // Without a stated size all four bytes count.
+            let unused = if command & 1 == 1 {
+                command >> 2 & 3
+            } else {
+                0
+            };
+            let bytes = 4 - unused;
+            SdoAnswer::Read {
+                object,
+                value: value & (u32::MAX >> (8 * unused)),
+                bytes,
+            }
+        }
+        2 => SdoAnswer::Segmented { object },
+        3 => SdoAnswer::Written { object },
+        4 => SdoAnswer::Aborted {
+            object,
+            code: value,
+        },
+        _ => return None,
+    })
+}
+
+/// Network management: what a node is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum NmtCommand {
+    /// Send process data.
+    Start = 1,
+    /// Stop.
+    Stop = 2,
+    /// Wait.
+    PreOperational = 128,
+    /// Start anew.
+    Reset = 129,
+}
+
+/// The frame that tells a node (0: all of them).
+pub fn nmt(command: NmtCommand, node: u8) -> Option<Frame> {
+    Frame::new(0, false, false, &[command as u8, node])
+}
+
+/// The frame that asks for an object.
+pub fn sdo_read(node: u8, (index, sub): (u16, u8)) -> Option<Frame> {
+    let [low, high] = index.to_le_bytes();
+    let data = [0x40, low, high, sub, 0, 0, 0, 0];
+    Frame::new(0x600 + u32::from(node), false, false, &data)
+}
+
+/// The frame that writes an object of 1 to 4 bytes.
+pub fn sdo_write(node: u8, (index, sub): (u16, u8), value: &[u8]) -> Option<Frame> {
+    let unused = 4_usize
+        .checked_sub(value.len())
+        .filter(|unused| *unused < 4)?;
+    let [low, high] = index.to_le_bytes();
+    let mut data = [
+        0x23 | u8::try_from(unused << 2).ok()?,
+        low,
+        high,
+        sub,
+        0,
+        0,
+        0,
+        0,
+    ];
+    data[4..4 + value.len()].copy_from_slice(value);
+    Frame::new(0x600 + u32::from(node), false, false, &data)
+}

@@ -1,0 +1,162 @@
+//! The messages that are received over one port: the last whole data of each, and the errors on the bus.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::Fault;
+
+use crate::{
+    frame::{AT_ONCE, CanPort, Frame, Received},
+    signals::{Message, Signal, SignalTable},
+};
+
+/// The errors that were noticed on the bus so far: counts of frames, and whether the controller is off the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Health {
+    /// Frames of other lengths or with a wrong checksum.
+    pub broken: u64,
+    /// Frames with the counter of the one before: the sender stands still, or somebody repeats it.
+    pub repeated: u64,
+    /// Counters left out: frames were lost.
+    pub lost: u64,
+    /// Error frames of the bus's controller.
+    pub errors: u64,
+    /// The controller has left the bus, and nothing came since.
+    pub bus_off: bool,
+}
+
+/// A message that is received: the last data that were whole.
+pub(crate) struct Heard {
+    message: Message,
+    data: [u8; 64],
+    counter: Option<u64>,
+    pub(crate) taken: Option<Instant>,
+}
+
+impl Heard {
+    fn new(message: &Message) -> Self {
+        Self {
+            message: message.clone(),
+            data: [0; 64],
+            counter: None,
+            taken: None,
+        }
+    }
+
+    /// The data of the last whole frame; zeros before it.
+    pub(crate) fn data(&self) -> &[u8] {
+        &self.data[..self.message.length]
+    }
+
+    /// Whether the last whole frame is not older than `stale_after`.
+    pub(crate) fn is_fresh(&self, stale_after: Duration) -> bool {
+        self.taken
+            .is_some_and(|taken| taken.elapsed() <= stale_after)
+    }
+
+    /// Takes a frame of this message.
+    fn hear(&mut self, frame: &Frame, taken: Instant, health: &mut Health) {
+        if !self.message.is_whole(frame.data()) {
+            health.broken += 1;
+            return;
+        }
+        if let (Some(before), Some(now)) = (self.counter, self.message.counter(frame.data())) {
+            match (now + 16 - before % 16) % 16 {
+                0 => {
+                    health.repeated += 1;
+                    return;
+                }
+                ahead => health.lost += ahead - 1,
+            }
+        }
+        self.counter = self.message.counter(frame.data());
+        self.data[..self.message.length].copy_from_slice(frame.data());
+        self.taken = Some(taken);
+    }
+}
+
+/// Everything that is received over one port.
+pub(crate) struct Ears<P> {
+    pub(crate) port: P,
+    heard: Vec<Heard>,
+    pub(crate) health: Health,
+}
+
+impl<P: CanPort> Ears<P> {
+    /// Listens for these messages.
+    pub(crate) fn new(port: P, heard: Vec<Heard>) -> Self {
+        Self {
+            port,
+            heard,
+            health: Health::default(),
+        }
+    }
+
+    /// The message that holds a signal.
+    pub(crate) fn heard(&self, place: &Place) -> &Heard {
+        &self.heard[place.heard]
+    }
+
+    /// Takes what there is; waits for one frame until the deadline where `wait`. Whether one came.
+    pub(crate) fn listen(&mut self, deadline: Instant, wait: bool) -> Result<bool, Fault> {
+        let mut came = false;
+        let until = if wait { deadline } else { Instant::now() };
+        for _ in 0..AT_ONCE {
+            let until = if came { Instant::now() } else { until };
+            match self.port.receive(until)? {
+                None => break,
+                Some(Received::Error) => self.health.errors += 1,
+                Some(Received::BusOff) => {
+                    self.health.errors += 1;
+                    self.health.bus_off = true;
+                }
+                Some(Received::Frame(frame, taken)) => {
+                    self.health.bus_off = false;
+                    let same = |heard: &&mut Heard| {
+                        let message = &heard.message;
+                        (message.id, message.extended) == (frame.id, frame.extended)
+                    };
+                    if let Some(heard) = self.heard.iter_mut().find(same) {
+                        heard.hear(&frame, taken, &mut self.health);
+                        came = true;
+                    }
+                }
+            }
+        }
+        Ok(came)
+    }
+}
+
+/// Where a signal is: which message that is heard, and it itself.
+#[derive(Clone)]
+pub(crate) struct Place {
+    heard: usize,
+    pub(crate) signal: Signal,
+    /// The factor from the unit of the signal to mm, rad or °C.
+    pub(crate) to_internal: f64,
+}
+
+/// The factor from a signal's unit to mm, rad or °C; flags have no unit. [`SignalTable::parse`] refuses other units.
+pub(crate) fn to_internal(signal: &Signal) -> f64 {
+    signal.to_internal().unwrap_or(1.0)
+}
+
+/// Adds the message of a signal to those that are heard.
+pub(crate) fn hear(
+    table: &SignalTable,
+    heard: &mut Vec<Heard>,
+    (message, place): (usize, usize),
+) -> Place {
+    let message = &table.messages[message];
+    let known = heard.iter().position(|h| h.message.name == message.name);
+    let index = known.unwrap_or_else(|| {
+        heard.push(Heard::new(message));
+        heard.len() - 1
+    });
+    let signal = message.signals[place].clone();
+    Place {
+        heard: index,
+        to_internal: to_internal(&signal),
+        signal,
+    }
+}

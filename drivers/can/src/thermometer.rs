@@ -1,0 +1,96 @@
+//! Temperatures in plain frames.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::{DeviceError, Reason, Temperature, Thermometer};
+
+use crate::{
+    ears::{Ears, Health, Place, hear},
+    frame::CanPort,
+    signals::SignalTable,
+    unopened::Unopened,
+};
+
+/// The names of the temperatures of a table, in the order in which [`CanThermometer`] tells them.
+///
+/// # Errors
+/// A table without temperatures.
+pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String>, DeviceError> {
+    let unopened = Unopened(device.to_owned());
+    Ok(CanThermometer::new(unopened, table, Duration::ZERO)?.names)
+}
+
+/// Temperatures in plain frames: signals that end in `_TEMP`, named by what stands before, in small letters.
+/// Raw 0 stands for a shorted sensor, the highest raw number for a broken one. Reading takes what has come:
+/// it does not wait.
+pub struct CanThermometer<P> {
+    ears: Ears<P>,
+    names: Vec<String>,
+    places: Vec<Place>,
+    latest: Vec<Temperature>,
+    stale_after: Duration,
+}
+
+impl<P: CanPort> CanThermometer<P> {
+    /// The temperatures of a table.
+    ///
+    /// # Errors
+    /// A table without temperatures.
+    pub fn new(port: P, table: &SignalTable, stale_after: Duration) -> Result<Self, DeviceError> {
+        let refused =
+            |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
+        let (mut heard, mut names, mut places) = (Vec::new(), Vec::new(), Vec::new());
+        for (message, found) in table.messages.iter().enumerate() {
+            for (place, signal) in found.signals.iter().enumerate() {
+                if let Some(name) = signal.name.strip_suffix("_TEMP") {
+                    names.push(name.to_lowercase());
+                    places.push(hear(table, &mut heard, (message, place)));
+                }
+            }
+        }
+        if names.is_empty() {
+            return Err(refused("there is no signal that ends in _TEMP".to_owned()));
+        }
+        Ok(Self {
+            latest: vec![Temperature::NOT_READ; names.len()],
+            ears: Ears::new(port, heard),
+            names,
+            places,
+            stale_after,
+        })
+    }
+
+    /// The errors that were noticed on the bus so far.
+    pub fn health(&self) -> Health {
+        self.ears.health
+    }
+}
+
+impl<P: CanPort> Thermometer for CanThermometer<P> {
+    fn device(&self) -> &str {
+        self.ears.port.device()
+    }
+
+    fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        let listened = self.ears.listen(Instant::now(), false);
+        for (latest, place) in self.latest.iter_mut().zip(&self.places) {
+            let heard = self.ears.heard(place);
+            let Some(taken) = heard.taken else { continue };
+            let raw = place.signal.raw(heard.data());
+            *latest = if listened.is_err() || taken.elapsed() > self.stale_after {
+                Temperature::bad(Reason::NoAnswer, taken)
+            } else if raw == 0 {
+                Temperature::bad(Reason::Short, taken)
+            } else if raw == u64::MAX >> (64 - place.signal.bits) {
+                Temperature::bad(Reason::Open, taken)
+            } else {
+                Temperature::good(place.signal.value(heard.data()) * place.to_internal, taken)
+            };
+        }
+        &self.latest
+    }
+}

@@ -1,0 +1,24 @@
+//! Buses that are described without being opened.
+
+use std::time::Instant;
+
+use volcomp_port::Fault;
+
+use crate::frame::{CanPort, Frame, Received};
+
+/// A bus that is only named: what is built on it can be checked, and never hears a frame.
+pub(crate) struct Unopened(pub(crate) String);
+
+impl CanPort for Unopened {
+    fn device(&self) -> &str {
+        &self.0
+    }
+
+    fn receive(&mut self, _deadline: Instant) -> Result<Option<Received>, Fault> {
+        Err(Fault::NotConnected)
+    }
+
+    fn send(&mut self, _frame: &Frame, _deadline: Instant) -> Result<(), Fault> {
+        Err(Fault::NotConnected)
+    }
+}

@@ -1,0 +1,73 @@
+//! Configurations that cannot be carried out are refused before anything is connected.
+
+use volcomp_focas::{FocasConfig, FocasError, PmcAddress, PmcArea, Width};
+use volcomp_vocabulary::{AxisName, Displacement, Urad};
+
+fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
+    let mut config = FocasConfig::new("192.0.2.10", &[AxisName::X, AxisName::C]);
+    change(&mut config);
+    config
+}
+
+const F100: PmcAddress = PmcAddress {
+    area: PmcArea::F,
+    at: 100,
+};
+
+/// The signals of the control are never written to; they may be read.
+#[test]
+fn only_what_may_be_written_is_written() {
+    let refused = |change: &dyn Fn(&mut FocasConfig), expected: &str| {
+        let found = config(change).describe().unwrap_err();
+        assert!(
+            matches!(found, FocasError::NotWritable { key, at: F100 } if key == expected),
+            "{found}"
+        );
+        assert!(found.of("focas://a").is_input());
+    };
+    refused(&|c| c.shift.first = F100, "area.first");
+    refused(&|c| c.heartbeat = Some(F100), "heartbeat");
+    refused(&|c| c.sequence = Some(F100), "sequence");
+    assert!(config(|c| c.referenced = Some(F100)).describe().is_ok());
+}
+
+/// Addresses of the PMC have 16 bits.
+#[test]
+fn words_end_within_the_area() {
+    for (width, bytes) in [(Width::Byte, 1_u16), (Width::Word, 2), (Width::Long, 4)] {
+        let at = |at: u16| {
+            config(|c| {
+                c.shift.width = width;
+                c.shift.first.at = at;
+            })
+            .describe()
+        };
+        let last = u16::MAX - 2 * bytes + 1;
+        assert!(at(last).is_ok());
+        let found = at(last + 1).unwrap_err();
+        assert!(
+            matches!(found, FocasError::BeyondEnd { slots: 2, .. }),
+            "{found}"
+        );
+        assert!(at(u16::MAX).is_err());
+    }
+}
+
+/// Signed numbers of one, two and four bytes of 1 µm and 0.001 deg.
+#[test]
+fn the_largest_shift_is_that_of_the_width() {
+    for (width, most) in [
+        (Width::Byte, 127.0),
+        (Width::Word, 32_767.0),
+        (Width::Long, 2_147_483_647.0),
+    ] {
+        let described = config(|c| c.shift.width = width).describe().unwrap();
+        let near = |found: Option<Displacement>, micro: f64| {
+            let found = found.unwrap().um_or_urad();
+            assert!((found - micro).abs() < 1e-9 * micro, "{found} {micro}");
+        };
+        near(described.axes[0].largest, most);
+        let milli_deg = Urad(1e3 * std::f64::consts::PI / 180.0).0;
+        near(described.axes[1].largest, most * milli_deg);
+    }
+}
