@@ -68,3 +68,47 @@ fn what_was_heard(latest: &Temperature, start: Instant) -> Heard {
         _ => Heard::Fault,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use volcomp_guard::SensorFlaw;
+    use volcomp_port::published;
+
+    use super::*;
+
+    /// Two thermometers one after the other: every sensor has its own place, silence and faults are told apart, and a jump
+    /// is believed once it is acknowledged.
+    #[test]
+    fn sensors_of_several_thermometers() {
+        let start = Instant::now();
+        let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let (mut first, one) = published("one", names(&["bed", "column"]));
+        let (mut second, other) = published("other", names(&["spindle"]));
+        let thermometers: Vec<Box<dyn Thermometer>> = vec![Box::new(one), Box::new(other)];
+        let mut sensors = Sensors::new(thermometers, SensorLimits::default());
+        let mut told = [SensorReport::default(); MAX_SENSORS];
+        let mut read = |sensors: &mut Sensors, seconds: u64, spindle: f64| {
+            let now = Duration::from_secs(seconds);
+            let taken = start + now;
+            first.publish(&[
+                Temperature::good(21.0, taken),
+                Temperature::bad(Reason::Open, taken),
+            ]);
+            second.publish(&[Temperature::good(spindle, taken)]);
+            sensors.read(now, start, &mut told);
+            [0, 1, 2].map(|place| (told[place].degc, told[place].flaw))
+        };
+        let bed = (Some(21.0), None);
+        let broken = (None, Some(SensorFlaw::Broken));
+        let good = [bed, broken, (Some(30.0), None)];
+        assert_eq!(read(&mut sensors, 1, 30.0), good);
+        let jumped = [bed, broken, (None, Some(SensorFlaw::Jumped))];
+        assert_eq!(read(&mut sensors, 2, 70.0), jumped);
+        assert_eq!(read(&mut sensors, 1000, 70.0), jumped);
+        sensors.acknowledge();
+        assert_eq!(
+            read(&mut sensors, 1001, 70.0),
+            [bed, broken, (Some(70.0), None)]
+        );
+    }
+}

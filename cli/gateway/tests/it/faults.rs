@@ -3,7 +3,7 @@
 use std::{sync::atomic::Ordering, time::Duration};
 
 use volcomp_gateway::simulate;
-use volcomp_guard::{Reasons, Request};
+use volcomp_guard::{Reasons, Request, SensorFlaw};
 use volcomp_port::{
     Fault, Reason, Temperature, Thermometer,
     inject::{Faults, Faulty},
@@ -319,4 +319,20 @@ fn bad_temperatures_are_left_out_and_told() {
         // Held for five minutes, faded in ten more: never a jump.
         assert!(bench.largest_step(900 * SECOND) <= ONE_CYCLE_MM, "{name}");
     }
+}
+
+/// A temperature that jumped stays out until a person acknowledges it.
+#[test]
+fn an_acknowledged_jump_is_believed() {
+    let mut bench = spoiled(Some(2), |t| with(t, 60.0));
+    bench.run(20 * SECOND);
+    let report = bench.run(PERIOD);
+    assert_eq!(report.sensors[2].flaw, Some(SensorFlaw::Jumped));
+    assert!(report.reasons.contains(Reasons::DEGRADED));
+    bench.request(Request::Acknowledge);
+    assert!(bench.largest_step(60 * SECOND) <= ONE_CYCLE_MM);
+    let report = bench.run(PERIOD);
+    assert_eq!(report.sensors[2].degc, Some(60.0));
+    assert!(!report.reasons.contains(Reasons::DEGRADED));
+    assert_eq!(report.state.name(), "compensating");
 }

@@ -94,7 +94,7 @@ impl Nodes {
         }
     }
 
-    /// What starts a node that waits for it, once in a while.
+    /// The frame that starts a node which does not run, at most once in a second for each node.
     fn start(&mut self, now: Instant) -> Option<Frame> {
         let waits = |watched: &Watched| {
             let due = watched

@@ -14,12 +14,12 @@ pub struct SdoClient<P> {
 }
 
 impl<P: CanPort> SdoClient<P> {
-    /// On a bus.
+    /// A client on this bus.
     pub fn new(port: P) -> Self {
         Self { port }
     }
 
-    /// The bus.
+    /// Gives the bus back.
     pub fn into_port(self) -> P {
         self.port
     }

@@ -2,19 +2,19 @@
 
 use crate::frame::Frame;
 
-/// What a node says of itself in its heartbeat.
+/// The state that a node tells in its heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NodeState {
     /// It has just started.
     BootUp,
-    /// It was stopped.
+    /// The node was stopped: it sends only its heartbeat.
     Stopped,
     /// It sends process data.
     Operational,
     /// It waits to be started.
     PreOperational,
-    /// Something else.
+    /// Another state, by the code of the heartbeat.
     Other(u8),
 }
 
@@ -36,30 +36,30 @@ impl NodeState {
 pub enum Telegram {
     /// Heartbeat of a node.
     Heartbeat {
-        /// The node.
+        /// The number of the node, 1 to 127.
         node: u8,
-        /// Its state.
+        /// The state that the node tells.
         state: NodeState,
     },
     /// An emergency of a node: its error code, 0 when all errors are gone.
     Emergency {
-        /// The node.
+        /// The number of the node, 1 to 127.
         node: u8,
-        /// CiA error code.
+        /// The error code by CiA 301; 0 when all errors are gone.
         code: u16,
     },
     /// Process data that a node sends: number 1 to 4.
     Pdo {
-        /// The node.
+        /// The number of the node, 1 to 127.
         node: u8,
-        /// Which.
+        /// The number of the process data object, 1 to 4.
         number: u8,
     },
     /// The answer to reading or writing an object.
     Sdo {
-        /// The node.
+        /// The number of the node, 1 to 127.
         node: u8,
-        /// What it says.
+        /// The answer of the node.
         answer: SdoAnswer,
     },
 }
@@ -70,33 +70,33 @@ pub enum Telegram {
 pub enum SdoAnswer {
     /// An object was read: up to four bytes, little-endian.
     Read {
-        /// Index and subindex.
+        /// The index and subindex of the object.
         object: (u16, u8),
-        /// Its value.
+        /// The value of the object.
         value: u32,
         /// How many bytes of it count.
         bytes: u8,
     },
     /// An object was written.
     Written {
-        /// Index and subindex.
+        /// The index and subindex of the object.
         object: (u16, u8),
     },
     /// Refused, with the code of CiA 301.
     Aborted {
-        /// Index and subindex.
+        /// The index and subindex of the object.
         object: (u16, u8),
-        /// Why.
+        /// The abort code by CiA 301.
         code: u32,
     },
     /// A transfer in segments, which this consumer does not do.
     Segmented {
-        /// Index and subindex.
+        /// The index and subindex of the object.
         object: (u16, u8),
     },
 }
 
-/// What a frame means; `None` where it is none of these or broken.
+/// The meaning of a frame; `None` where it is none of these or broken.
 pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {
         return None;
@@ -161,13 +161,13 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
 #[repr(u8)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NmtCommand {
-    /// Send process data.
+    /// The node starts to send process data.
     Start = 1,
-    /// Stop.
+    /// The node stops.
     Stop = 2,
-    /// Wait.
+    /// The node waits to be started.
     PreOperational = 128,
-    /// Start anew.
+    /// The node starts anew.
     Reset = 129,
 }
 

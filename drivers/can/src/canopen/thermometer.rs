@@ -43,15 +43,15 @@ impl Number {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel {
-    /// The sensor's name.
+    /// The name of the sensor.
     pub name: String,
-    /// The node.
+    /// The number of the node, 1 to 127.
     pub node: u8,
-    /// Process data 1 to 4.
+    /// The number of the process data object, 1 to 4.
     pub pdo: u8,
-    /// First byte in them.
+    /// The first byte of the number in the process data, from 0.
     pub at: usize,
-    /// How the number stands there.
+    /// The form of the number in the process data.
     pub number: Number,
     /// The byte with the channel's status (object 6150h), 0 when good, in the same process data.
     pub status_at: Option<usize>,
