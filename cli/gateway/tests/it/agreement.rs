@@ -394,7 +394,11 @@ fn a_plan_describes_what_is_opened() {
     let dir = folder();
     let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6";
     let slow = RIGHT.replace("cycle_ms = 4.0", "cycle_ms = 20.0");
-    for text in [slow.clone(), slow.replace(FOCAS, lines)] {
+    // Six bits carry 31 µm.
+    let lines = slow
+        .replace(FOCAS, lines)
+        .replace("limit_um = 150.0", "limit_um = 31.0");
+    for text in [slow, lines] {
         std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
         let config = Config::parse(&text, "G.toml", dir.path()).unwrap_or_else(|e| panic!("{e}"));
         let plan = Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
