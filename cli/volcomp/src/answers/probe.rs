@@ -1,5 +1,7 @@
 //! The JSON documents of `volcomp probe` and `volcomp probe --list`.
 
+#![expect(clippy::struct_field_names, reason = "the keys are named in full")]
+
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
