@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::{
     check::SensorCheck,
     neighbours::mark_disagreeing,
-    types::{Heard, MAX_SENSORS, SensorLimits, SensorReport},
+    types::{Heard, MAX_SENSORS, SensorFlaw, SensorLimits, SensorReport},
 };
 
 /// Judges what was heard of the sensors of a machine at the time `now`. `checks` are their memories, `told` takes what
@@ -31,7 +31,7 @@ pub fn judge_temperatures(
             Heard::Silence | Heard::Fault => None,
         };
         *told = SensorReport {
-            degc: degc.filter(|_| flaw.is_none_or(|flaw| flaw.is_used())),
+            degc: degc.filter(|_| flaw.is_none_or(SensorFlaw::is_used)),
             flaw,
         };
         count = own + 1;
