@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use url::Url;
-use volcomp_port::{DeviceError, Fault};
+use volcomp_port::DeviceError;
 
 /// The bus or protocol by which a device is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,6 +120,7 @@ impl Address {
     }
 
     /// The error that the device does not answer.
+    #[cfg(any(feature = "modbus", feature = "can"))]
     pub(crate) fn no_answer(
         &self,
         found: impl Into<String>,
@@ -129,7 +130,12 @@ impl Address {
     }
 
     /// The error of an exchange that failed.
-    pub(crate) fn failed(&self, fault: Fault, expected: impl Into<String>) -> DeviceError {
+    #[cfg(any(feature = "can", feature = "gpio"))]
+    pub(crate) fn failed(
+        &self,
+        fault: volcomp_port::Fault,
+        expected: impl Into<String>,
+    ) -> DeviceError {
         DeviceError::of_fault(&*self.text, fault, expected)
     }
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use volcomp_digital_io::{GpioPort, LineSet, PositionWord, Wiring};
-use volcomp_port::{DeviceError, DigitalIo, UnopenedLines};
+use volcomp_port::{DeviceError, DigitalIo};
 
 use volcomp_vocabulary::{AxisKind, Displacement};
 
@@ -22,7 +22,8 @@ pub fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
 }
 
 /// The port that [`gpio_port`] would open, described without opening it.
-pub(crate) fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
+#[cfg(all(feature = "gpio", feature = "modbus"))]
+pub(crate) fn unopened(address: &Address) -> Result<volcomp_port::UnopenedLines, DeviceError> {
     let [position, correction] = line_sets(address)?;
     Ok(GpioPort::describe(&position, &correction))
 }

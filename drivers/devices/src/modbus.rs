@@ -9,7 +9,7 @@ use volcomp_modbus::{
     Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile, ThermometerConfig,
     ThermometerUnit,
 };
-use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer, UnopenedLines};
+use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer};
 
 use crate::{
     address::{Address, Scheme},
@@ -116,7 +116,8 @@ pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> 
 }
 
 /// The port that [`digital_modules`] would open, described without connecting.
-pub(crate) fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
+#[cfg(all(feature = "gpio", feature = "modbus"))]
+pub(crate) fn unopened(address: &Address) -> Result<volcomp_port::UnopenedLines, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::describe(&bus, &[module])
 }

@@ -4,10 +4,14 @@ use std::time::Duration;
 
 use volcomp_port::DeviceError;
 
-use crate::{
-    address::{Address, Scheme},
-    probed::Probe,
-};
+#[cfg(any(
+    feature = "focas",
+    feature = "modbus",
+    feature = "can",
+    feature = "gpio"
+))]
+use crate::address::Scheme;
+use crate::{address::Address, probed::Probe};
 
 /// Asks a device what it says now. Nothing is written but what opening needs; GPIO outputs are taken, at 0.
 ///
