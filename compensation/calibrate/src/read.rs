@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, read_file, squareness_parts};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Urad};
@@ -30,14 +30,17 @@ impl CalibrationFile {
 }
 
 fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, CalibrateError> {
-    root.allow(&[
-        "machine",
-        "reference",
-        "reference_axes",
-        "measurement",
-        "squareness",
-        "uncertainty",
-    ])?;
+    root.allow_in(
+        FileKind::Calibration,
+        &[
+            "machine",
+            "reference",
+            "reference_axes",
+            "measurement",
+            "squareness",
+            "uncertainty",
+        ],
+    )?;
     let machine_file = folder.join(root.require("machine")?.text()?);
     let machine = Machine::read(&machine_file)?;
     let mut reference: Vec<f64> = machine

@@ -6,7 +6,7 @@ use volcomp_curve::{
     BSpline, Chebyshev, Curve, CurveError, ErrorCurve, Field, Fourier, Grid, Interpolation,
     MovingLeastSquares, Polynomial, Table,
 };
-use volcomp_document::{InputError, Section, Value};
+use volcomp_document::{InputError, Section, Value, nearest};
 use volcomp_vocabulary::AxisName;
 
 use crate::axis::Axis;
@@ -66,12 +66,18 @@ fn decode_field(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Field, 
         .filter(|kind| section.get(kind).is_some())
         .collect();
     let [kind] = kinds[..] else {
-        let found = match kinds.len() {
-            0 => "no curve".to_owned(),
+        let keys: Vec<&str> = section.values().map(|(key, _)| key).collect();
+        let found = match (kinds.len(), keys.is_empty()) {
+            (0, true) => "no curve".to_owned(),
+            (0, false) => format!("no curve in `{}`", keys.join("`, `")),
             _ => format!("{} together", kinds.join(" and ")),
         };
+        let meant = keys.iter().find_map(|key| nearest(key, &KINDS));
+        let meant = meant
+            .filter(|_| kinds.is_empty())
+            .map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
         let expected = KINDS.join(", ");
-        return Err(section.error(format!("found {found}, expected one of: {expected}")));
+        return Err(section.error(format!("found {found}, expected one of: {expected}{meant}")));
     };
     let inner = section.require(kind)?;
     if kind == "grid" {

@@ -25,7 +25,14 @@ pub enum ModelError {
         axis: AxisName,
     },
     /// The machine file has no such tool.
-    #[error("machine `{machine}` has no tool `{tool}`, expected one of: {known}")]
+    #[error(
+        "machine `{machine}` has no tool `{tool}`, {}",
+        if known.is_empty() {
+            "and its file states none in [tools]: without a choice it has the tool of [tool]".to_owned()
+        } else {
+            format!("expected one of: {known}")
+        }
+    )]
     NoSuchTool {
         /// The name that the machine file states.
         machine: String,

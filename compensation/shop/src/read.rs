@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use volcomp_calibrate::{CurveChoice, Method, Setup, decode_error, decode_motion};
-use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_metrology::{TiltReading, squareness_parts, tilt_sign};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Um, Urad};
@@ -13,6 +13,15 @@ use crate::{
     instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
     shop::{Format, Shop, ShopLine},
 };
+
+const TOP_KEYS: [&str; 6] = [
+    "machine",
+    "seed",
+    "format",
+    "instrument",
+    "measurement",
+    "squareness",
+];
 
 impl Shop {
     /// Reads a shop file and its truth machine.
@@ -44,6 +53,7 @@ impl Shop {
         machine: impl FnOnce(&str) -> Result<Machine, ShopError>,
     ) -> Result<Self, ShopError> {
         document.decode(|root| {
+            root.allow_in(FileKind::Shop, &TOP_KEYS)?;
             let truth = machine(root.require("machine")?.text()?)?;
             Ok(decode(&root, truth)?)
         })
@@ -51,14 +61,6 @@ impl Shop {
 }
 
 fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
-    root.allow(&[
-        "machine",
-        "seed",
-        "format",
-        "instrument",
-        "measurement",
-        "squareness",
-    ])?;
     let default = Instrument::default();
     let instrument = match root.section("instrument")? {
         Some(section) => {

@@ -126,12 +126,15 @@ impl CsvTable {
         self.header.line
     }
 
-    /// The names in the header as they are written, columns without a name left out.
-    pub fn names(&self) -> impl Iterator<Item = (Column, &str)> {
+    /// Every column with its name in the header as it is written, which may be empty.
+    pub fn columns(&self) -> impl Iterator<Item = (Column, &str)> {
         let cells = self.header.cells.iter().enumerate();
-        cells
-            .map(|(index, name)| (Column(index), name))
-            .filter(|(_, name)| !name.is_empty())
+        cells.map(|(index, name)| (Column(index), name))
+    }
+
+    /// The columns that have a name in the header, with their names as they are written.
+    pub fn names(&self) -> impl Iterator<Item = (Column, &str)> {
+        self.columns().filter(|(_, name)| !name.is_empty())
     }
 
     /// The column of a name, if the header has it.

@@ -2,11 +2,16 @@
 
 mod csv_file;
 mod error;
+mod file_kind;
 mod lookup;
+mod nearest;
 mod read;
+mod syntax;
 mod toml_file;
 
 pub use csv_file::{Cell, Column, CsvRow, CsvTable};
 pub use error::InputError;
-pub use read::ReadError;
+pub use file_kind::FileKind;
+pub use nearest::nearest;
+pub use read::{ReadError, read_text};
 pub use toml_file::{Document, Section, Value};

@@ -1,4 +1,4 @@
-//! A document from a file of the disk.
+//! Texts and documents from files of the disk.
 
 use std::{fs, io, path::Path};
 
@@ -32,17 +32,22 @@ impl Document {
     /// # Errors
     /// [`ReadError`]: the file cannot be read, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        let file = path.display().to_string();
-        let bytes = fs::read(path).map_err(|source| ReadError::System {
-            file: file.clone(),
-            source,
-        })?;
-        match core::str::from_utf8(&bytes) {
-            Ok(text) => Ok(Self::new(&file, text)),
-            Err(error) => Err(ReadError::Encoding {
-                file,
-                offset: error.valid_up_to(),
-            }),
-        }
+        Ok(Self::new(&path.display().to_string(), &read_text(path)?))
     }
+}
+
+/// Reads a file as text.
+///
+/// # Errors
+/// [`ReadError`]: the file cannot be read, or is not UTF-8.
+pub fn read_text(path: &Path) -> Result<String, ReadError> {
+    let file = path.display().to_string();
+    let bytes = fs::read(path).map_err(|source| ReadError::System {
+        file: file.clone(),
+        source,
+    })?;
+    String::from_utf8(bytes).map_err(|error| ReadError::Encoding {
+        file,
+        offset: error.utf8_error().valid_up_to(),
+    })
 }

@@ -11,7 +11,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use crate::error::InputError;
+use crate::{error::InputError, nearest::nearest, syntax};
 
 /// The text of a file and its name.
 #[derive(Clone, Debug)]
@@ -54,8 +54,11 @@ impl Document {
         &self,
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
     ) -> Result<T, E> {
-        let root = DeTable::parse(&self.text)
-            .map_err(|e| self.error(e.span().unwrap_or(0..0), String::new(), e.message().trim()))?;
+        let root = DeTable::parse(&self.text).map_err(|e| {
+            let span = e.span().unwrap_or(0..0);
+            let message = syntax::message(&self.text, &span, e.message());
+            self.error(span, String::new(), message)
+        })?;
         decode(Section {
             document: self,
             key: String::new(),
@@ -92,12 +95,14 @@ impl<'a> Section<'a> {
     /// Refuses every key but those expected.
     ///
     /// # Errors
-    /// The first unknown key, with the list of those expected.
+    /// The first unknown key, with the list of those expected and the one that was probably meant.
     pub fn allow(&self, expected: &[&str]) -> Result<(), InputError> {
         for (key, value) in self.values() {
             if !expected.contains(&key) {
+                let meant = nearest(key, expected)
+                    .map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
                 let expected = expected.join(", ");
-                return Err(value.error(format!("unknown key, expected one of: {expected}")));
+                return Err(value.error(format!("unknown key, expected one of: {expected}{meant}")));
             }
         }
         Ok(())
@@ -286,8 +291,15 @@ impl<'a> Value<'a> {
     /// Anything else.
     pub fn vector<const N: usize>(&self) -> Result<[f64; N], InputError> {
         let numbers = self.numbers()?;
-        <[f64; N]>::try_from(numbers)
-            .map_err(|_| self.mismatch(&format!("an array of {N} numbers")))
+        <[f64; N]>::try_from(numbers).map_err(|numbers| {
+            // Each number with a decimal comma counts as two.
+            let hint = if numbers.len() == 2 * N {
+                "; a number has a decimal point, a comma separates numbers"
+            } else {
+                ""
+            };
+            self.mismatch(&format!("an array of {N} numbers{hint}"))
+        })
     }
 
     /// The texts of an array of texts.

@@ -8,7 +8,7 @@ use std::{
 };
 
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
-use volcomp_document::{Document, InputError, Section};
+use volcomp_document::{Document, FileKind, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
 use volcomp_runtime::{GuardSettings, Realtime};
 use volcomp_vocabulary::{AxisName, Displacement};
@@ -176,17 +176,20 @@ impl Config {
     }
 
     fn decode(root: &Section<'_>, file: &str, folder: &Path) -> Result<Self, InputError> {
-        root.allow(&[
-            "machine",
-            "cycle_ms",
-            "auto_arm",
-            "guard",
-            "controller",
-            "thermometer",
-            "dashboard",
-            "audit",
-            "realtime",
-        ])?;
+        root.allow_in(
+            FileKind::Gateway,
+            &[
+                "machine",
+                "cycle_ms",
+                "auto_arm",
+                "guard",
+                "controller",
+                "thermometer",
+                "dashboard",
+                "audit",
+                "realtime",
+            ],
+        )?;
         let controllers = root.tables("controller", controller)?;
         if controllers.is_empty() {
             return Err(root.error("found no [[controller]], expected at least one"));

@@ -52,7 +52,13 @@ pub(super) fn decode_axes(
             .parse()
             .map_or(true, |name| structure.index_of(name).is_none())
         {
-            return Err(value.error(format!("the structure `{structure}` has no axis {key}")));
+            let upper = key.to_uppercase();
+            let is_lower_case = upper != key && upper.parse::<AxisName>().is_ok();
+            return Err(value.error(if is_lower_case {
+                format!("found `{key}`, expected an upper-case letter: `{upper}`")
+            } else {
+                format!("the structure `{structure}` has no axis {key}")
+            }));
         }
     }
     let decode =

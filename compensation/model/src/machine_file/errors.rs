@@ -17,9 +17,13 @@ pub(super) fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result
     };
     let mut seen: BTreeMap<ErrorName, String> = BTreeMap::new();
     for (key, value) in section.values() {
-        let name: ErrorName = key
-            .parse()
-            .map_err(|e: UnknownErrorName| value.error(e.to_string()))?;
+        let name: ErrorName = key.parse().map_err(|e: UnknownErrorName| {
+            let upper = key.to_uppercase();
+            value.error(match upper.parse::<ErrorName>() {
+                Ok(_) => format!("found `{key}`, expected upper-case letters: `{upper}`"),
+                Err(_) => e.to_string(),
+            })
+        })?;
         if let Some(other) = seen.insert(name, key.to_owned()) {
             return Err(value
                 .error(format!("{key} is the same error as {other}"))
@@ -33,7 +37,7 @@ pub(super) fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result
             ))
         })?;
         let set = if name.location {
-            if !value.is_number() {
+            if value.section().is_ok() {
                 let message = "a location error is one number, never a curve";
                 return Err(value.error(message).into());
             }

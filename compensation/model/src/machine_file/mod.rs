@@ -4,7 +4,7 @@ use core::fmt::Write;
 use std::{collections::BTreeMap, path::Path};
 
 use sha2::{Digest, Sha256};
-use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_document::{Document, FileKind, InputError, Section, Value};
 
 use crate::{
     error::ModelError,
@@ -87,7 +87,7 @@ fn checksum_of(canonical: &str) -> String {
 }
 
 fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
-    root.allow(&TOP_KEYS)?;
+    root.allow_in(FileKind::Machine, &TOP_KEYS)?;
     let structure = decode_structure(root)?;
     let axes = decode_axes(root, &structure)?;
     let tool = root

@@ -1,12 +1,15 @@
 //! A profile from its TOML file.
 
-use volcomp_document::{InputError, Section, Value};
+use volcomp_document::{FileKind, InputError, Section, Value};
 use volcomp_port::Reason;
 
 use super::{Channels, Digital, Fault, NumberType, Profile, Status, Unit, WordOrder};
 
 pub(super) fn profile(root: &Section<'_>) -> Result<Profile, InputError> {
-    root.allow(&["name", "baud", "channels", "digital", "unproven"])?;
+    root.allow_in(
+        FileKind::Profile,
+        &["name", "baud", "channels", "digital", "unproven"],
+    )?;
     let name = root.require("name")?;
     if name.text()?.is_empty() {
         return Err(name.error("found an empty text, expected the name of the module"));

@@ -1,0 +1,54 @@
+//! The messages about text that is no TOML: those of the parser, in the words of people who write such files.
+
+use core::ops::Range;
+
+/// The message about a place that is no TOML. `parser` is the parser's own message, kept where nothing is known that
+/// would help more.
+pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
+    let parser = parser.trim();
+    let at = text.get(..span.start).map_or(0, str::len);
+    let start = text[..at].rfind('\n').map_or(0, |end| end + 1);
+    let line = text[start..].lines().next().unwrap_or_default();
+    let is_first = text[..start].trim().is_empty();
+    let code = line.split('#').next().unwrap_or_default().trim();
+    if is_first && !code.contains('=') && !code.starts_with('[') && !code.is_empty() {
+        return format!(
+            "found `{}`, expected TOML: `key = value` or `[table]`",
+            shown(code)
+        );
+    }
+    let Some(value) = code.split_once('=').map(|(_, value)| value.trim()) else {
+        return parser.to_owned();
+    };
+    if let Some((whole, part)) = decimal_comma(value) {
+        return format!("found `{value}`, expected a decimal point: {whole}.{part}");
+    }
+    if value.is_empty() {
+        return "found nothing behind `=`, expected a value".to_owned();
+    }
+    // The value as a whole is one bare word: `oops`, `12µm`, `–3`.
+    let is_bare = !value.contains(['"', '\'', '[', ']', '{', '}', '=']);
+    if is_bare {
+        let expected = "expected a number (12.5), a text in quotes (\"X\"), true or false";
+        return format!("found `{}`, {expected}", shown(value));
+    }
+    parser.to_owned()
+}
+
+/// The digits before and behind the comma, of a value that is one number with a decimal comma.
+fn decimal_comma(value: &str) -> Option<(&str, &str)> {
+    let (whole, part) = value.split_once(',')?;
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let size = whole.strip_prefix(['-', '+']).unwrap_or(whole);
+    (digits(size) && digits(part)).then_some((whole, part))
+}
+
+/// A piece of the file, cut when long.
+fn shown(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let mut cut: String = text.chars().take(LONGEST).collect();
+    if cut.len() < text.len() {
+        cut.push('…');
+    }
+    cut
+}
