@@ -20,8 +20,8 @@ pub(crate) struct CompensationArguments {
     /// of --machine is worth
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Round the correction to this step of the control, µm and µrad on rotary axes
-    #[arg(long, value_name = "UM")]
+    /// Round the correction to this step of the control, µm on linear and µrad on rotary axes
+    #[arg(long, value_name = "STEP")]
     pub(crate) resolution: Option<f64>,
 }
 
@@ -51,7 +51,7 @@ impl<'a> Compensation<'a> {
             && !(step > 0.0 && step.is_finite())
         {
             return Err(Failure::Input(format!(
-                "--resolution: found {step}, expected a step above 0 µm"
+                "--resolution: found {step}, expected a step above 0 (µm, µrad)"
             )));
         }
         let truth = match &arguments.truth {
@@ -61,6 +61,7 @@ impl<'a> Compensation<'a> {
         let document = arguments.is_asked_for().then(|| Compensated {
             truth: arguments.truth.as_ref().map(|p| p.display().to_string()),
             resolution_um: arguments.resolution,
+            resolution_urad: arguments.resolution,
         });
         Ok(Self {
             machine,
@@ -84,9 +85,9 @@ impl<'a> Compensation<'a> {
         let found = self
             .machine
             .correction_at(target, self.temperatures, &self.options);
-        let delta = match asked.resolution_um {
-            Some(um) => quantised(self.machine, &found.delta, um * 1e-3, um * 1e-6),
-            None => *found.delta,
+        let delta = match (asked.resolution_um, asked.resolution_urad) {
+            (Some(um), Some(urad)) => quantised(self.machine, &found.delta, um * 1e-3, urad * 1e-6),
+            _ => *found.delta,
         };
         corrected(target, &delta)
     }
@@ -120,9 +121,9 @@ impl<'a> Compensation<'a> {
         let Some(asked) = &self.document else {
             return String::new();
         };
-        let step = match asked.resolution_um {
-            Some(um) => format!(", rounded to {um} µm and {um} µrad"),
-            None => ", not rounded".to_owned(),
+        let step = match (asked.resolution_um, asked.resolution_urad) {
+            (Some(um), Some(urad)) => format!(", rounded to {um} µm and {urad} µrad"),
+            _ => ", not rounded".to_owned(),
         };
         let sentence = match &asked.truth {
             Some(truth) => format!("With the correction of the model{step}, on {truth}."),

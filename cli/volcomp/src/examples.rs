@@ -28,7 +28,7 @@ Examples:
 
 pub(crate) const FIT: &str = "\
 Examples:
-  volcomp fit exx.rtl --method mls --auto --residual-um 1
+  volcomp fit exx.rtl --method mls --auto --residual 1
   volcomp fit exx.rtl --method chebyshev --order 5 --at 0,4000";
 
 pub(crate) const FIT_THERMAL: &str = "\

@@ -10,13 +10,14 @@ mod output;
 mod points;
 mod progress;
 mod table;
+mod unit;
 
 use std::{ffi::OsStr, io::IsTerminal, process::ExitCode};
 
 use anstyle::{AnsiColor, Style};
 use clap::{CommandFactory, Parser, Subcommand, builder::Styles};
 
-use crate::{commands::Answer, failure::Failure};
+use crate::{commands::Answer, failure::Failure, table::folded};
 
 /// Colours of the help and of messages about the call.
 const STYLES: Styles = Styles::styled()
@@ -147,7 +148,9 @@ fn not_parsed(error: &clap::Error) -> ExitCode {
 
 fn print(answer: &Answer, json: bool) -> Result<(), Failure> {
     for note in &answer.notes {
-        anstream::eprintln!("{NOTE}note:{NOTE:#} {note}");
+        let text = folded(&format!("note: {note}"), "");
+        let text = text.trim_start_matches("note:");
+        anstream::eprint!("{NOTE}note:{NOTE:#}{text}");
     }
     let text = if json {
         format!("{}\n", answer.json)

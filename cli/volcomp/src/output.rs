@@ -114,6 +114,19 @@ impl OutputFile {
         })
     }
 
+    /// Opens an output that must not be the file that is read: `input` is named by `option` in the message.
+    pub(crate) fn open_beside(path: &Path, input: &Path, option: &str) -> Result<Self, Failure> {
+        if let (Ok(output), Ok(input)) = (path.canonicalize(), input.canonicalize())
+            && output == input
+        {
+            return Err(Failure::in_file(
+                path,
+                format_args!("this is the file of {option}, expected another one to write"),
+            ));
+        }
+        Self::open(path)
+    }
+
     /// Adds bytes to the end of the file.
     pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {

@@ -22,6 +22,15 @@ pub(crate) fn table(header: &[&str]) -> Table {
     table
 }
 
+/// Aligns columns of words to the left, by their places from 0.
+pub(crate) fn to_the_left(table: &mut Table, columns: &[usize]) {
+    for &place in columns {
+        if let Some(column) = table.column_mut(place) {
+            column.set_cell_alignment(CellAlignment::Left);
+        }
+    }
+}
+
 /// A table as text, without blanks at the ends of lines. One that is wider than 80 columns is broken into several
 /// below one another, each with the first column in front.
 pub(crate) fn table_text(table: &Table) -> String {

@@ -66,6 +66,10 @@ pub(crate) struct Axis {
     pub(crate) point_mm: [f64; 3],
     /// The effect of a positive motion, in words.
     pub(crate) motion: String,
+    /// A warning where the axis does not count along its letter's direction: a positive deviation is then a negative
+    /// error, or several errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) signs: Option<String>,
 }
 
 /// The tool at machine zero.

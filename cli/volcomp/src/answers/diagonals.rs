@@ -30,6 +30,8 @@ pub(crate) struct Diagonal {
 pub(crate) struct Compensated {
     /// The machine file whose errors act on the corrected command; null: the model itself, which proves nothing.
     pub(crate) truth: Option<String>,
-    /// Step to which the correction is rounded, µm and µrad; null: not rounded.
+    /// Step to which the correction of linear axes is rounded, µm; null: not rounded.
     pub(crate) resolution_um: Option<f64>,
+    /// Step to which the correction of rotary axes is rounded, µrad; the same number as that of linear axes.
+    pub(crate) resolution_urad: Option<f64>,
 }

@@ -23,7 +23,7 @@ pub(crate) struct Fit {
     pub(crate) leave_one_out_urad: Option<f64>,
     /// The curve at the coordinates of `--at`.
     pub(crate) values: Vec<Point>,
-    /// Whether the residual asked for with `--residual-um` is met; only with `--auto --residual-um`.
+    /// Whether the residual asked for with `--residual` is met; only with `--auto --residual`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) meets_required: Option<bool>,
 }

@@ -214,7 +214,8 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
          calibration has never seen.\n\n\
          Along the measured lines, peak to peak over 61 points, µm\n{}\n\
          The floor is what noise of the mean of the runs and 1 µm output leave of a\n\
-         perfectly known curve: 100 trials. Straightness without its line.\n\n\
+         perfectly known curve: 100 trials. The best-fit line of each\n\
+         straightness is taken out first.\n\n\
          Body diagonals (ISO 230-6) and squareness\n{}\n\
          In the mean: positioning {:.0} %, straightness {:.0} %, diagonals {:.0} %;\n\
          the worst line {:.2} times its floor.\n\n\

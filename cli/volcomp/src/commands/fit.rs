@@ -15,6 +15,7 @@ use super::{Answer, table, table_text};
 use crate::{
     answers::fit::{Fit as Document, Point, Spread},
     failure::Failure,
+    unit::{self, Unit},
 };
 
 /// Fits a curve to the mean deviation at each target
@@ -22,6 +23,9 @@ use crate::{
 pub(crate) struct Arguments {
     /// Measurement file: .csv, .rtl, .rta
     data: PathBuf,
+    /// Unit of the deviations in a file that does not state it (.csv); the answer is in µm or µrad [default: um]
+    #[arg(long)]
+    unit: Option<Unit>,
     /// Kind of curve: polynomial, Chebyshev series, moving least squares or smoothing B-spline
     #[arg(long)]
     method: Method,
@@ -37,9 +41,14 @@ pub(crate) struct Arguments {
     /// Choose order and support by the leave-one-out error (mls)
     #[arg(long)]
     auto: bool,
-    /// The residual that --auto has to meet, µm, or µrad where the file is in µrad
-    #[arg(long, requires = "auto")]
-    residual_um: Option<f64>,
+    /// The residual that --auto has to meet, µm for displacements and µrad for rotations
+    #[arg(
+        long,
+        alias = "residual-um",
+        requires = "auto",
+        value_name = "UM_OR_URAD"
+    )]
+    residual: Option<f64>,
     /// Coordinates at which to print the curve: 0,100,200
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
     at: Vec<f64>,
@@ -58,13 +67,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let message = "--auto: found another method, expected --method mls";
         return Err(Failure::Input(message.to_owned()));
     }
-    let numbers = arguments.at.iter().chain(&arguments.residual_um);
+    let numbers = arguments.at.iter().chain(&arguments.residual);
     if let Some(wrong) = numbers.copied().find(|x| !x.is_finite()) {
         return Err(Failure::Input(format!(
             "found {wrong}, expected finite numbers in the call"
         )));
     }
-    let measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
+    let mut measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
+    let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let fit = fit(arguments, &x, &u)
         .map_err(|e| Failure::Input(format!("{}: {e}", arguments.data.display())))?;
@@ -79,7 +89,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "no order and support meets the residual asked for: the best is shown".to_owned(),
         );
     }
-    let unit = measurement.unit.unwrap_or(DeviationUnit::Um);
     Answer::new(
         &document(&fit, &values, unit)?,
         text(&fit, &values, unit),
@@ -103,7 +112,7 @@ fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         Method::Poly => fit_polynomial(x, u, order, domain),
         Method::Chebyshev => fit_chebyshev(x, u, order, domain),
         Method::Bspline => fit_bspline(x, u),
-        Method::Mls if arguments.auto => fit_mls_auto(x, u, arguments.shape, arguments.residual_um),
+        Method::Mls if arguments.auto => fit_mls_auto(x, u, arguments.shape, arguments.residual),
         Method::Mls => fit_mls(x, u, order, arguments.support, arguments.shape),
     }
 }

@@ -1,12 +1,15 @@
 //! `volcomp iso230`: the evaluation of a positioning test by ISO 230-2.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use clap::ValueEnum;
-use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, Measurement, evaluate, read_file};
+use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, evaluate, read_file};
 
 use super::{Answer, fixed, table, table_text};
-use crate::{answers::iso230::Iso230, failure::Failure};
+use crate::{
+    answers::iso230::Iso230,
+    failure::Failure,
+    unit::{self, Unit},
+};
 
 /// Evaluates a positioning test by ISO 230-2
 #[derive(clap::Args)]
@@ -16,54 +19,19 @@ pub(crate) struct Arguments {
     /// Part of ISO 230: 2 (positioning of an axis)
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=2))]
     part: u8,
-    /// Unit of the deviations of a file that does not state it (.csv); without it, µm
+    /// Unit of the deviations in a file that does not state it (.csv); the answer is in µm or µrad [default: um]
     #[arg(long)]
     unit: Option<Unit>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Unit {
-    Um,
-    Urad,
-}
-
-impl From<Unit> for DeviationUnit {
-    fn from(unit: Unit) -> Self {
-        match unit {
-            Unit::Um => Self::Um,
-            Unit::Urad => Self::Urad,
-        }
-    }
-}
-
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let measurement = read_file(&arguments.data)?;
-    let unit = unit_of(&arguments.data, &measurement, arguments.unit)?;
+    let mut measurement = read_file(&arguments.data)?;
+    let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let result = evaluate(&measurement)?;
     let mut notes = measurement.notes;
     notes.extend(result.outlier_hints.iter().map(|hint| hint.text.clone()));
     let document = Iso230::new(&result, unit, notes.clone());
     Answer::new(&document, text(&result, unit), notes)
-}
-
-/// The unit that the file states, else the one asked for, else µm. The option never turns angles into lengths.
-fn unit_of(
-    file: &Path,
-    measurement: &Measurement,
-    asked: Option<Unit>,
-) -> Result<DeviationUnit, Failure> {
-    let asked = asked.map(DeviationUnit::from);
-    match (measurement.unit, asked) {
-        (Some(found), Some(asked)) if found != asked => Err(Failure::in_file(
-            file,
-            format_args!(
-                "found deviations in {found}, expected {asked} (--unit {})",
-                asked.key()
-            ),
-        )),
-        (Some(found), _) => Ok(found),
-        (None, asked) => Ok(asked.unwrap_or(DeviationUnit::Um)),
-    }
 }
 
 fn number(value: Option<f64>) -> String {

@@ -14,6 +14,7 @@ pub(crate) mod generate;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
+mod outside;
 pub(crate) mod probe;
 pub(crate) mod simulate;
 

@@ -22,7 +22,7 @@ pub(crate) struct LineResult {
     /// Where the other axes stand.
     pub(crate) description: String,
     pub(crate) is_straightness: bool,
-    /// Peak to peak, straightness without its line.
+    /// Largest minus smallest deviation over the line, µm; of straightness after its best-fit line is taken out.
     pub(crate) before_um: f64,
     pub(crate) after_um: f64,
     pub(crate) floor_um: f64,

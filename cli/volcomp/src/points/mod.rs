@@ -1,13 +1,25 @@
 //! Positions, approach directions and temperatures from the command line and from CSV files.
 
-use std::path::{Path, PathBuf};
+mod file;
+mod words;
+
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
 
 use clap::Args;
-use volcomp_document::{Column, CsvTable};
+use volcomp_document::{CsvTable, ReadError};
 use volcomp_kinematics::State;
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction};
 
+use self::{
+    file::PointFile,
+    words::{AXES, SENSORS, assignments, number},
+};
+pub(crate) use self::{file::unit_of, words::axis};
 use crate::{answers::OneOrMany, failure::Failure};
 
 /// The machine and what is in its spindle.
@@ -27,7 +39,7 @@ pub(crate) struct SpindleArguments {
     #[arg(long)]
     pub(crate) tool: Option<String>,
     /// Temperatures of the machine's sensors, °C: NAME=DEGC,…
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long)]
     pub(crate) temperature: Vec<String>,
 }
 
@@ -38,8 +50,8 @@ pub(crate) struct PointArguments {
     /// One position: X=100,Y=200,Z=-50 (mm, deg); axes not named stand at 0
     #[arg(long, conflicts_with = "points", allow_hyphen_values = true)]
     pub(crate) at: Option<String>,
-    /// Many positions: a CSV file whose header has axis letters; other columns are passed through, and `;` and decimal
-    /// commas are read
+    /// Many positions: a CSV file whose header has axis letters, alone or with the unit (X, X mm, C_deg); other columns
+    /// are passed through, and `;` and decimal commas are read
     #[arg(long, value_name = "FILE")]
     pub(crate) points: Option<PathBuf>,
 }
@@ -52,34 +64,43 @@ pub(crate) struct ApproachArguments {
     pub(crate) approach: Option<String>,
 }
 
-/// One position asked for, or many.
-pub(crate) enum States {
-    One(State),
-    Many(PointFile),
-}
-
-/// Positions from a CSV file, which may have other columns too.
-pub(crate) struct PointFile {
-    pub(crate) table: CsvTable,
-    /// One state for each row of the table.
+/// The positions asked for: one, or those of a file.
+pub(crate) struct States {
+    /// Every position, in the order of the rows.
     states: Vec<State>,
+    /// The file that they stand in; `None` for one position of the command line.
+    file: Option<PointFile>,
+    /// The axes of the machine that stand at 0 because nothing names them, in the order of [`AxisName::ALL`].
+    unnamed: Vec<AxisName>,
 }
 
 impl States {
     /// Every position, in the order of the rows.
     pub(crate) fn states(&self) -> &[State] {
-        match self {
-            Self::One(state) => std::slice::from_ref(state),
-            Self::Many(file) => &file.states,
-        }
+        &self.states
+    }
+
+    /// The table that the positions stand in; `None` for one position of the command line.
+    pub(crate) fn table(&self) -> Option<&CsvTable> {
+        self.file.as_ref().map(|file| &file.table)
     }
 
     /// The document: the one answer, or a list under `points`.
     pub(crate) fn document<T>(&self, mut answers: Vec<T>) -> OneOrMany<T> {
-        match (self, answers.len()) {
-            (Self::One(_), 1) => OneOrMany::One(answers.swap_remove(0)),
+        match (&self.file, answers.len()) {
+            (None, 1) => OneOrMany::One(answers.swap_remove(0)),
             _ => OneOrMany::Many { points: answers },
         }
+    }
+
+    /// Says which axes of the machine stand at 0 because nothing names them.
+    pub(crate) fn note(&self) -> Option<String> {
+        let names: Vec<String> = self.unnamed.iter().map(ToString::to_string).collect();
+        let names = (!names.is_empty()).then(|| names.join(", "))?;
+        Some(match &self.file {
+            None => format!("at 0, as --at does not name them: {names}"),
+            Some(_) => format!("at 0, as no column is headed by their letters: {names}"),
+        })
     }
 }
 
@@ -93,7 +114,7 @@ impl MachineArguments {
 impl SpindleArguments {
     /// Reads a machine file and puts the tool into its spindle.
     pub(crate) fn read(&self, path: &Path) -> Result<(Machine, Temperatures), Failure> {
-        let mut machine = Machine::read(path)?;
+        let mut machine = Machine::read(path).map_err(|error| not_compiled(path, error))?;
         if let Some(tool) = &self.tool {
             machine.select_tool(tool)?;
         }
@@ -104,9 +125,9 @@ impl SpindleArguments {
     fn temperatures(&self, machine: &Machine) -> Result<Temperatures, Failure> {
         let sensors = machine.thermal().sensors();
         let mut temperatures = Temperatures::new();
-        for item in &self.temperature {
-            let (name, value) = assignment("--temperature", item, "NAME=DEGC")?;
-            let degc = number("--temperature", item, value)?;
+        let given = self.temperature.join(",");
+        for (name, value) in assignments("--temperature", &given, SENSORS, "NAME=DEGC")? {
+            let degc = number("--temperature", name, value, "°C")?;
             if !sensors.contains(&name) {
                 let expected = if sensors.is_empty() {
                     "none: the machine file has no thermal terms".to_owned()
@@ -133,37 +154,43 @@ impl PointArguments {
         approach: &ApproachArguments,
     ) -> Result<States, Failure> {
         let approach = approach.directions(machine)?;
-        let with_approach = |mut state: State| {
-            for &(index, direction) in &approach {
-                state.approach[index] = direction;
-            }
-            state
-        };
-        match (&self.at, &self.points) {
+        let (mut states, file, named) = match (&self.at, &self.points) {
             (_, Some(path)) => {
-                let mut file = read_points(machine, path)?;
-                file.states = file.states.into_iter().map(with_approach).collect();
-                Ok(States::Many(file))
+                let mut file = PointFile::read(machine, path)?;
+                let (states, axes) = (std::mem::take(&mut file.states), file.axes.clone());
+                (states, Some(file), axes)
             }
             (at, None) => {
                 let coordinates = parse_at(at.as_deref().unwrap_or_default())?;
-                Ok(States::One(with_approach(machine.state(&coordinates)?)))
+                let axes = coordinates.iter().map(|&(name, _)| name).collect();
+                (vec![machine.state(&coordinates)?], None, axes)
+            }
+        };
+        for state in &mut states {
+            for &(index, direction) in &approach {
+                state.approach[index] = direction;
             }
         }
+        let has = |name: &AxisName| machine.axis(*name).is_some() && !named.contains(name);
+        Ok(States {
+            states,
+            file,
+            unnamed: AxisName::ALL.into_iter().filter(has).collect(),
+        })
     }
 }
 
 impl ApproachArguments {
     fn directions(&self, machine: &Machine) -> Result<Vec<(usize, Option<Direction>)>, Failure> {
         let mut directions = Vec::new();
-        for item in items(self.approach.as_deref().unwrap_or_default()) {
-            let (name, sign) = assignment("--approach", item, "X=+ or X=-")?;
+        let given = self.approach.as_deref().unwrap_or_default();
+        for (name, sign) in assignments("--approach", given, AXES, "X=+ or X=-")? {
             let direction = match sign {
                 "+" => Some(Direction::Positive),
                 "-" => Some(Direction::Negative),
                 _ => {
                     let message =
-                        format!("--approach: found `{item}`, expected {name}=+ or {name}=-");
+                        format!("--approach: found `{name}={sign}`, expected {name}=+ or {name}=-");
                     return Err(Failure::Input(message));
                 }
             };
@@ -179,82 +206,30 @@ impl ApproachArguments {
     }
 }
 
+/// A compiled machine is no text: it is named instead of its first byte that is not UTF-8.
+fn not_compiled(path: &Path, error: ModelError) -> Failure {
+    let starts_with_magic = || {
+        let mut start = [0; 8];
+        let read = File::open(path).and_then(|mut file| file.read_exact(&mut start));
+        read.is_ok() && start == *b"VOLCOMPM"
+    };
+    match error {
+        ModelError::Read(ReadError::Encoding { .. }) if starts_with_magic() => Failure::in_file(
+            path,
+            "found a compiled machine (volcomp compile), expected a machine file (TOML)",
+        ),
+        other => other.into(),
+    }
+}
+
 fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     let mut coordinates: Vec<(AxisName, f64)> = Vec::new();
-    for item in items(text) {
-        let (name, value) = assignment("--at", item, "X=100")?;
-        let name = axis("--at", name)?;
+    for (letter, value) in assignments("--at", text, AXES, "X=100")? {
+        let name = axis("--at", letter)?;
         if coordinates.iter().any(|&(other, _)| other == name) {
             return Err(Failure::Input(format!("--at: axis {name} stands twice")));
         }
-        coordinates.push((name, number("--at", item, value)?));
+        coordinates.push((name, number("--at", letter, value, unit_of(name))?));
     }
     Ok(coordinates)
-}
-
-/// Reads a CSV file whose header has axis letters, one position a row.
-fn read_points(machine: &Machine, path: &Path) -> Result<PointFile, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::in_file(path, format_args!("cannot be read: {e}")))?;
-    let table = CsvTable::parse(&path.display().to_string(), &text)?;
-    let mut axes: Vec<(AxisName, Column)> = Vec::new();
-    for name in AxisName::ALL {
-        if let Some(column) = table.column(&name.to_string())? {
-            machine
-                .index_of(name)
-                .map_err(|e| table.header_error(e.to_string()))?;
-            axes.push((name, column));
-        }
-    }
-    if axes.is_empty() {
-        let expected = "found no axis letter, expected at least one of X Y Z A B C U V W";
-        return Err(table.header_error(expected).into());
-    }
-    let mut states = Vec::new();
-    for row in table.rows() {
-        let mut coordinates = Vec::new();
-        for &(name, column) in &axes {
-            coordinates.push((name, row.cell(column).number()?));
-        }
-        states.push(machine.state(&coordinates)?);
-    }
-    Ok(PointFile { table, states })
-}
-
-fn items(text: &str) -> impl Iterator<Item = &str> {
-    text.split(',')
-        .map(str::trim)
-        .filter(|item| !item.is_empty())
-}
-
-fn assignment<'a>(
-    option: &str,
-    item: &'a str,
-    expected: &str,
-) -> Result<(&'a str, &'a str), Failure> {
-    let pair = item
-        .split_once('=')
-        .map(|(name, value)| (name.trim(), value.trim()));
-    pair.filter(|(name, _)| !name.is_empty())
-        .ok_or_else(|| Failure::Input(format!("{option}: found `{item}`, expected {expected}")))
-}
-
-fn axis(place: &str, name: &str) -> Result<AxisName, Failure> {
-    let mut letters = name.chars();
-    letters
-        .next()
-        .and_then(AxisName::from_letter)
-        .filter(|_| letters.next().is_none())
-        .ok_or_else(|| {
-            Failure::Input(format!(
-                "{place}: found axis `{name}`, expected one of X Y Z A B C U V W"
-            ))
-        })
-}
-
-fn number(place: &str, item: &str, text: &str) -> Result<f64, Failure> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|number| number.is_finite())
-        .ok_or_else(|| Failure::Input(format!("{place}: found `{item}`, expected a finite number")))
 }

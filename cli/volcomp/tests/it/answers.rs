@@ -240,7 +240,7 @@ fn fit_gives_a_curve_of_the_machine_file() {
         "--method",
         "mls",
         "--auto",
-        "--residual-um",
+        "--residual",
         "0.1",
     ]);
     assert_eq!(auto["meets_required"], json!(true));

@@ -68,6 +68,46 @@ fn positive_motions_are_told_for_table_and_spindle() {
     assert!(motion("five-axis", "B").ends_with("the tool turns right-handed about +Y"));
 }
 
+/// On an axis that counts against its letter a positive deviation is a negative error. The truth is the rotation that
+/// the model gives: the tool turned 10 µrad too far about −Z is one of −10 µrad about Z.
+#[test]
+fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("machine.toml").display().to_string();
+    let machine = |direction: &str| {
+        let text = format!(
+            "structure = \"w X' b C t\"\n[axes]\nX.travel = [0, 100]\nC.travel = [0, 360]\n{direction}\n\
+             [errors]\nECC = -10.0\n"
+        );
+        fs::write(&path, text).expect("written");
+    };
+    machine("C.direction = [0, 0, -1]");
+    let signs = &json(&["check", &path])["axes"][1]["signs"];
+    let signs = signs.as_str().expect("a warning");
+    assert!(
+        signs.contains("C counts against Z") && signs.ends_with("ECC is negative"),
+        "{signs}"
+    );
+    let error = json(&["error", "-m", &path, "--at", "C=0"]);
+    assert!(
+        (error["rotation_urad"][2].as_f64().expect("a number") + 10.0).abs() < 1e-6,
+        "{error}"
+    );
+    assert!(text(&["check", &path]).contains("C counts against Z"));
+    machine("X.direction = [1, 1, 0]");
+    let axes = &json(&["check", &path])["axes"];
+    assert!(
+        axes[0]["signs"]
+            .as_str()
+            .is_some_and(|s| s.contains("X lies aslant")),
+        "{axes}"
+    );
+    assert_eq!(axes[1].get("signs"), None);
+    let said = volcomp(&["check", &path]).stderr;
+    assert!(String::from_utf8_lossy(&said).contains("no `point` is stated for C"));
+    assert!(text(&["check", &path]).starts_with("machine without a name: w X' b C t"));
+}
+
 #[test]
 fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     let folder = tempfile::tempdir().expect("a folder");

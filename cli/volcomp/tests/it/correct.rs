@@ -108,6 +108,17 @@ fn chosen_axes_alone_move() {
         "X,Y",
     ]);
     assert_eq!(before, answer);
+    // Letters may be small.
+    let small = json(&[
+        "correct",
+        "-m",
+        GANTRY,
+        "--at",
+        "x=1000 y=500",
+        "--axes",
+        "x,y",
+    ]);
+    assert_eq!(small, answer);
     for wrong in ["X,X", "Q", "XY", "A"] {
         refused(&["correct", "-m", GANTRY, "--at", "X=1", "--axes", wrong]);
     }
@@ -169,7 +180,7 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
         &out,
     ]);
     let written = fs::read_to_string(&out).expect("written");
-    assert!(written.starts_with("X,Y,Z,B,C,X_corrected_mm,Y_corrected_mm,Z_corrected_mm,B_corrected_deg,C_corrected_deg,"), "{written}");
+    assert!(written.starts_with("X_mm,Y_mm,Z_mm,B_deg,C_deg,X_corrected_mm,Y_corrected_mm,Z_corrected_mm,B_corrected_deg,C_corrected_deg,"), "{written}");
     assert!(
         refused(&[
             "correct",

@@ -6,10 +6,13 @@ mod correct;
 mod fit_thermal;
 mod help;
 mod map;
+mod points;
 mod probe;
 mod schema;
 mod units;
 mod whole_way;
+mod width;
+mod wrong_files;
 mod wrong_input;
 
 use std::process::{Command, Output};

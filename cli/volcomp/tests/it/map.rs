@@ -84,6 +84,20 @@ fn an_uncertainty_of_another_machine_is_refused() {
     assert!(message.contains("--uncertainty"), "{message}");
 }
 
+/// A grid over no axis would be one node: the refusal says why.
+#[test]
+fn a_machine_without_linear_axes_has_no_map() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("table.toml").display().to_string();
+    let text = "structure = \"w C' b t\"\n[axes]\nC.travel = [0, 360]\n[errors]\nECC = 5.0\n";
+    fs::write(&machine, text).expect("written");
+    let message = refused(&["map", "-m", &machine, "--grid", "5x5x5"]);
+    assert!(
+        message.contains("structure `w C' b t`, expected one of the axes X, Y and Z for a map"),
+        "{message}"
+    );
+}
+
 /// Read back by Apache Arrow's own reader.
 #[cfg(feature = "parquet")]
 #[test]

@@ -79,6 +79,49 @@ fn angles_stand_under_keys_of_angles() {
     );
 }
 
+/// The same deviations stated in other units are the same evaluation.
+#[test]
+fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |factor: f64| {
+        let rows = [[0.0, 1.5], [10.0, -2.25], [20.0, 4.0]].map(|[target, micro]| {
+            let deviation = micro * factor;
+            format!("{target},{deviation:?}\n")
+        });
+        let path = folder.path().join("plain.csv");
+        fs::write(&path, format!("target,deviation\n{}", rows.concat())).expect("written");
+        path.display().to_string()
+    };
+    let degree = std::f64::consts::PI / 180.0;
+    for (unit, per_micro, answered) in [
+        ("mm", 1e-3, "um"),
+        ("um", 1.0, "um"),
+        ("nm", 1e3, "um"),
+        ("rad", 1e-6, "urad"),
+        ("mrad", 1e-3, "urad"),
+        ("urad", 1.0, "urad"),
+        ("deg", 1e-6 / degree, "urad"),
+        ("arcsec", 1e-6 / degree * 3600.0, "urad"),
+    ] {
+        let file = write(per_micro);
+        let answer = json(&["iso230", "--unit", unit, &file]);
+        assert_eq!(answer["unit"], answered);
+        let range = answer[format!("E_forward_{answered}")].as_f64();
+        assert!(
+            (range.expect("a number") - 6.25).abs() < 1e-9,
+            "{unit}: {range:?}"
+        );
+        let fit = json(&[
+            "fit", "--unit", unit, &file, "--method", "poly", "--order", "1",
+        ]);
+        assert!(
+            !fit[format!("residual_{answered}")].is_null(),
+            "{unit}: {fit}"
+        );
+    }
+    assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
+}
+
 /// A table of a spreadsheet in a country of decimal commas, with a column that nobody reads.
 #[test]
 fn tables_with_semicolons_and_decimal_commas_are_read() {

@@ -35,7 +35,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
     let document = document(arguments, &machine, &temperatures);
     let text = text::text(&document);
-    let notes = thermal_note(&machine, &temperatures).into_iter().collect();
+    let notes = [
+        thermal_note(&machine, &temperatures),
+        no_point_note(&machine),
+    ];
+    let notes = notes.into_iter().flatten().collect();
     Answer::new(&document, text, notes)
 }
 
@@ -68,6 +72,21 @@ fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperature
     }
 }
 
+/// Names the rotary axes whose centre line is not stated: it is taken to run through the origin.
+fn no_point_note(machine: &Machine) -> Option<String> {
+    let axes = machine.axes().iter();
+    let without = axes.filter(|axis| axis.name.is_rotary() && axis.point_mm.is_none());
+    let mut names: Vec<AxisName> = without.map(|axis| axis.name).collect();
+    names.sort_unstable();
+    (!names.is_empty()).then(|| {
+        let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+        format!(
+            "no `point` is stated for {}: the centre line is taken to run through the origin [0, 0, 0] of the machine",
+            names.join(", ")
+        )
+    })
+}
+
 fn axes(machine: &Machine) -> Vec<Axis> {
     let stated = machine.axes().iter().zip(machine.chain().joints());
     let mut axes: Vec<Axis> = stated
@@ -89,6 +108,7 @@ fn axes(machine: &Machine) -> Vec<Axis> {
             direction: joint.direction.into(),
             point_mm: joint.point_mm.into(),
             motion: words::motion(joint),
+            signs: words::signs(joint),
         })
         .collect();
     axes.sort_unstable_by_key(|axis| axis.name);

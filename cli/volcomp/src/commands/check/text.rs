@@ -6,14 +6,19 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     answers::check::{Check, Place, Size},
-    table::{HEAD, fixed, folded, table, table_text},
+    table::{HEAD, fixed, folded, table, table_text, to_the_left},
 };
 
 /// The whole answer. Writing to a String cannot fail.
 pub(super) fn text(check: &Check) -> String {
+    let name = if check.name.is_empty() {
+        "machine without a name"
+    } else {
+        &check.name
+    };
     let mut text = format!(
-        "{HEAD}{}{HEAD:#}: {}\n\n{}\n",
-        check.name, check.structure, check.sketch
+        "{HEAD}{name}{HEAD:#}: {}\n\n{}\n",
+        check.structure, check.sketch
     );
     text += &axes(check);
     text += &tool(check);
@@ -28,7 +33,8 @@ fn head(text: &mut String, what: &str) {
 
 fn axes(check: &Check) -> String {
     let mut text = String::new();
-    let mut rows = table(&["axis", "from", "to", "", "carries", "point mm"]);
+    let mut rows = table(&["axis", "from", "to", "unit", "carries", "point mm"]);
+    to_the_left(&mut rows, &[3, 4, 5]);
     for axis in &check.axes {
         let [from, to] = axis.travel.map(|end| end.to_string());
         rows.add_row([
@@ -44,6 +50,9 @@ fn axes(check: &Check) -> String {
     text.push('\n');
     for axis in &check.axes {
         text += &folded(&axis.motion, " ");
+        if let Some(signs) = &axis.signs {
+            text += &folded(signs, "   ");
+        }
         if let Some(period) = axis.modulo {
             let _ = writeln!(
                 text,
@@ -88,10 +97,8 @@ fn errors(check: &Check) -> String {
     if check.errors.is_empty() {
         text += " none: every error is zero or not stated\n";
     } else {
-        let mut rows = table(&["error", "", "min", "max", "", "largest at"]);
-        if let Some(column) = rows.column_mut(1) {
-            column.set_cell_alignment(comfy_table::CellAlignment::Left);
-        }
+        let mut rows = table(&["error", "", "min", "max", "unit", "largest at"]);
+        to_the_left(&mut rows, &[1, 4, 5]);
         for size in &check.errors {
             rows.add_row([
                 size.name.to_string(),

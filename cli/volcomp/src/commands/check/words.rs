@@ -34,6 +34,36 @@ pub(super) fn motion(joint: &Joint) -> String {
     }
 }
 
+/// A warning about the signs of the errors of an axis that does not count along its letter's direction: errors are
+/// along and about the axes of MCS whatever the direction of the axis. `None` where both agree.
+pub(super) fn signs(joint: &Joint) -> Option<String> {
+    let (name, along) = (joint.name, joint.name.mcs_index());
+    let share = joint.direction[along];
+    if share > 1.0 - 1e-12 {
+        return None;
+    }
+    let letter = LETTERS[along];
+    let component = Component::ALL.into_iter().find(|component| {
+        component.mcs_index() == along && component.is_angular() == name.is_rotary()
+    })?;
+    let positioning = ErrorName::motion(component, name);
+    let too_far = match joint.kind {
+        AxisKind::Linear => "goes too far",
+        AxisKind::Rotary => "turns too far",
+    };
+    Some(if share < -1.0 + 1e-12 {
+        format!(
+            "{name} counts against {letter} of the machine, its errors do not: where {name} {too_far} (a positive \
+             deviation), {positioning} is negative"
+        )
+    } else {
+        format!(
+            "{name} lies aslant, its errors are along and about X, Y and Z of the machine: where {name} {too_far}, \
+             more components than {positioning} change"
+        )
+    })
+}
+
 /// An error by what it is: `straightness of X in Y`.
 pub(super) fn meaning(error: ErrorName) -> String {
     let axis = error.axis;

@@ -95,6 +95,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         None => None,
     };
     let grid = MapGrid::over_travels(&machine, counts)?;
+    if grid.axes.is_empty() {
+        return Err(Failure::in_file(
+            &arguments.machine.machine,
+            format_args!(
+                "structure `{}`, expected one of the axes X, Y and Z for a map; for other axes: volcomp error --points",
+                machine.chain().structure()
+            ),
+        ));
+    }
     let mut field = Field::open(arguments.output.as_deref(), &grid, calibration.is_some())?;
     let ensemble = match &calibration {
         Some(file) => Some(ensemble(file, arguments, &machine)?),
@@ -205,7 +214,10 @@ fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], 
 }
 
 fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
-    let counts: Option<Vec<usize>> = text.split('x').map(|count| count.parse().ok()).collect();
+    let counts: Option<Vec<usize>> = text
+        .split(['x', 'X', '×', ','])
+        .map(|count| count.trim().parse().ok())
+        .collect();
     counts
         .and_then(|counts| <[usize; 3]>::try_from(counts).ok())
         .filter(|counts| {

@@ -1,0 +1,91 @@
+//! Corrections for people: an axis a line for one position, a position a line for many.
+
+use std::fmt::Write;
+
+use volcomp_model::Machine;
+use volcomp_vocabulary::AxisName;
+
+use super::norm;
+use crate::{
+    answers::{ByAxis, position::CorrectionAt},
+    commands::{micro_symbol, outside::remarks},
+    points::unit_of,
+    table::{fixed, folded, table, table_text},
+};
+
+/// The text for people. `rotary` is how many rotary axes may move.
+pub(super) fn text(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
+    match rows {
+        [row] => one(row, rotary),
+        _ => many(machine, rows, rotary),
+    }
+}
+
+fn one(row: &CorrectionAt, rotary: usize) -> String {
+    let mut axes = table(&["axis", "command", "correction", "corrected", ""]);
+    for (&name, correction) in &row.correction.0 {
+        let number = |values: &ByAxis, digits| {
+            let value = values.0.get(&name).copied().unwrap_or(0.0);
+            fixed(value, digits)
+        };
+        axes.add_row([
+            name.to_string(),
+            number(&row.command, 4),
+            format!("{} {}", fixed(*correction, 3), micro_symbol(name.kind())),
+            number(&row.corrected, 6),
+            unit_of(name).to_owned(),
+        ]);
+    }
+    let mut text = table_text(&axes);
+    // Writing to a string never fails.
+    let _ = write!(
+        text,
+        "\nresidual {:.3} µm, tool axis {:.3} µrad{}",
+        norm(&row.residual_um),
+        norm(&row.residual_axis_urad),
+        if is_singular(row, rotary) {
+            " (singular: not fully correctable here)"
+        } else {
+            ""
+        }
+    );
+    text.push('\n');
+    let outside = row.outside.words();
+    if !outside.is_empty() {
+        text += &folded(&outside, "");
+    }
+    text
+}
+
+fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
+    let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
+    names.sort_unstable();
+    let mut header = vec![String::new()];
+    header.extend(
+        names
+            .iter()
+            .map(|name| format!("{name} {}", micro_symbol(name.kind()))),
+    );
+    header.extend(["residual µm", "µrad"].map(str::to_owned));
+    let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for (index, row) in rows.iter().enumerate() {
+        let mut cells = vec![(index + 1).to_string()];
+        cells.extend(row.correction.0.values().map(|value| fixed(*value, 3)));
+        cells.push(format!("{:.3}", norm(&row.residual_um)));
+        cells.push(format!("{:.3}", norm(&row.residual_axis_urad)));
+        table.add_row(cells);
+    }
+    let said = rows.iter().map(|row| {
+        let singular = is_singular(row, rotary)
+            .then(|| "singular, the tool axis is not fully correctable".to_owned());
+        let parts = singular.into_iter().chain([row.outside.words()]);
+        let parts: Vec<String> = parts.filter(|part| !part.is_empty()).collect();
+        parts.join("; ")
+    });
+    table_text(&table) + &remarks(said)
+}
+
+/// Whether the tool axis cannot be corrected at a pose where other poses of the machine can.
+fn is_singular(row: &CorrectionAt, rotary: usize) -> bool {
+    row.singular && rotary >= 2
+}

@@ -1,0 +1,108 @@
+//! Positions that the model does not cover, and remarks on rows in words.
+
+use volcomp_kinematics::State;
+use volcomp_model::Machine;
+
+use crate::{answers::position::Outside, table::folded};
+
+/// The error motions and axes that are outside the range of the model at a state.
+pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
+    let mut outside_travel = machine.outside_travel(state);
+    outside_travel.sort_unstable();
+    Outside {
+        outside_range: machine.outside_range(state),
+        outside_travel,
+    }
+}
+
+impl Outside {
+    /// `outside travel Z, range EZY EZZ`, empty where everything is covered.
+    pub(super) fn words(&self) -> String {
+        let parts = [
+            ("travel", joined(&self.outside_travel)),
+            ("range", joined(&self.outside_range)),
+        ];
+        let said = parts.into_iter().filter(|(_, names)| !names.is_empty());
+        let said: Vec<String> = said.map(|(of, names)| format!("{of} {names}")).collect();
+        if said.is_empty() {
+            return String::new();
+        }
+        format!("outside {}", said.join(", "))
+    }
+}
+
+/// Says that there are positions which the model does not cover.
+pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Option<String> {
+    let count = outside.filter(|o| !o.words().is_empty()).count();
+    let positions = match count {
+        0 => return None,
+        1 => "one position lies".to_owned(),
+        more => format!("{more} positions lie"),
+    };
+    Some(format!(
+        "{positions} beyond an axis's travel or an error's measured range: the errors there are those at the end of the range"
+    ))
+}
+
+/// Names with blanks between them.
+pub(super) fn joined<T: ToString>(names: &[T]) -> String {
+    let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+    names.join(" ")
+}
+
+/// The remarks on the rows of a table, to stand below it: rows with the same remark together, in the order in which
+/// the remarks come first. Empty where no row has one.
+pub(super) fn remarks(rows: impl Iterator<Item = String>) -> String {
+    let mut by_remark: Vec<(String, Vec<usize>)> = Vec::new();
+    for (row, remark) in (1..).zip(rows).filter(|(_, remark)| !remark.is_empty()) {
+        match by_remark.iter_mut().find(|(known, _)| *known == remark) {
+            Some((_, rows)) => rows.push(row),
+            None => by_remark.push((remark, vec![row])),
+        }
+    }
+    let lines = by_remark.iter().map(|(remark, rows)| {
+        let plural = if rows.len() == 1 { "" } else { "s" };
+        folded(&format!("row{plural} {}: {remark}", ranges(rows)), " ")
+    });
+    let lines: String = lines.collect();
+    if lines.is_empty() {
+        return lines;
+    }
+    format!("\n{lines}")
+}
+
+/// Rising numbers with runs drawn together: `1, 3-7`.
+fn ranges(rows: &[usize]) -> String {
+    let mut runs: Vec<(usize, usize)> = Vec::new();
+    for &row in rows {
+        match runs.last_mut() {
+            Some((_, last)) if *last + 1 == row => *last = row,
+            _ => runs.push((row, row)),
+        }
+    }
+    let runs = runs.iter().map(|(first, last)| match last - first {
+        0 => first.to_string(),
+        1 => format!("{first}, {last}"),
+        _ => format!("{first}-{last}"),
+    });
+    runs.collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_with_one_remark_stand_together() {
+        let rows = ["", "a", "a", "a", "b", "", "a", "b", "b"];
+        assert_eq!(
+            remarks(rows.into_iter().map(str::to_owned)),
+            "\n rows 2-4, 7: a\n rows 5, 8, 9: b\n"
+        );
+        assert_eq!(
+            remarks(["", "", "c"].into_iter().map(str::to_owned)),
+            "\n row 3: c\n"
+        );
+        assert_eq!(remarks(["", ""].into_iter().map(str::to_owned)), "");
+    }
+}

@@ -1,0 +1,188 @@
+//! Positions from a CSV file, which may have other columns too.
+
+use std::path::Path;
+
+use volcomp_document::{Column, CsvTable, InputError, read_text};
+use volcomp_kinematics::State;
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use crate::failure::Failure;
+
+/// A table of positions: one state for each row.
+pub(crate) struct PointFile {
+    pub(crate) table: CsvTable,
+    pub(super) states: Vec<State>,
+    /// The axes whose coordinates stand in a column.
+    pub(super) axes: Vec<AxisName>,
+}
+
+/// Units that a head may name and that are not the one its axis is read in.
+const OTHER_UNITS: [&str; 19] = [
+    "mm", "µm", "μm", "um", "nm", "cm", "m", "in", "inch", "ft", "deg", "°", "rad", "mrad", "urad",
+    "µrad", "μrad", "arcsec", "gon",
+];
+
+/// The errors in a file of `volcomp map`, whose heads begin with the letters of axes.
+const ERRORS_OF_A_MAP: [&str; 6] = ["x_um", "y_um", "z_um", "a_urad", "b_urad", "c_urad"];
+
+/// The head of a column by what stands in it.
+#[derive(Debug, PartialEq, Eq)]
+enum Head<'a> {
+    /// Coordinates of an axis, mm or deg.
+    Coordinates(AxisName),
+    /// A letter with a unit that its coordinates are not read in.
+    OtherUnit(AxisName, &'a str),
+    /// A column that is no position.
+    Other,
+}
+
+impl PointFile {
+    /// Reads a file whose header has axis letters, one position a row.
+    pub(super) fn read(machine: &Machine, path: &Path) -> Result<Self, Failure> {
+        let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
+        let columns = coordinates(&table)?;
+        for &(name, _) in &columns {
+            machine
+                .index_of(name)
+                .map_err(|e| table.header_error(e.to_string()))?;
+        }
+        let mut states = Vec::new();
+        for row in table.rows() {
+            let mut coordinates = Vec::new();
+            for &(name, column) in &columns {
+                coordinates.push((name, row.cell(column).number()?));
+            }
+            states.push(machine.state(&coordinates)?);
+        }
+        Ok(Self {
+            axes: columns.into_iter().map(|(name, _)| name).collect(),
+            states,
+            table,
+        })
+    }
+}
+
+/// The column of each axis that the header names. Beside `X` a column `x` is another quantity, as in files of targets.
+fn coordinates(table: &CsvTable) -> Result<Vec<(AxisName, Column)>, InputError> {
+    let is_small = |text: &str| text.starts_with(|letter: char| letter.is_ascii_lowercase());
+    let mut found: Vec<(AxisName, Column, &str)> = Vec::new();
+    for (column, text) in table.names() {
+        if let Head::Coordinates(name) = head(text) {
+            found.push((name, column, text));
+        }
+    }
+    let has_large: Vec<AxisName> = found
+        .iter()
+        .filter(|(_, _, text)| !is_small(text))
+        .map(|(name, _, _)| *name)
+        .collect();
+    found.retain(|(name, _, text)| !(is_small(text) && has_large.contains(name)));
+    let mut columns: Vec<(AxisName, Column)> = Vec::new();
+    for (place, &(name, column, text)) in found.iter().enumerate() {
+        if let Some((_, _, first)) = found[..place].iter().find(|(axis, _, _)| *axis == name) {
+            return Err(table.header_error(if *first == text {
+                format!("column `{text}` stands twice")
+            } else {
+                format!(
+                    "found columns `{first}` and `{text}`, expected one with positions of {name}"
+                )
+            }));
+        }
+        columns.push((name, column));
+    }
+    for (_, text) in table.names() {
+        if let Head::OtherUnit(name, unit) = head(text)
+            && columns.iter().all(|(axis, _)| *axis != name)
+        {
+            let expected = unit_of(name);
+            return Err(table.header_error(format!(
+                "found column `{text}` in {unit}, expected positions of {name} in {expected}: {name} or {name}_{expected}"
+            )));
+        }
+    }
+    if columns.is_empty() {
+        let expected = "found no axis letter, expected at least one of X Y Z A B C U V W, alone or with its unit: X, X mm, X_mm, C_deg";
+        return Err(table.header_error(expected));
+    }
+    Ok(columns)
+}
+
+/// Reads a head: a letter in upper or lower case, alone or with a unit behind a blank or a mark: `X`, `X mm`, `x_mm`,
+/// `X [mm]`, `C (deg)`.
+fn head(text: &str) -> Head<'_> {
+    let mut letters = text.chars();
+    let first = letters.next().map(|letter| letter.to_ascii_uppercase());
+    let (Some(name), rest) = (first.and_then(AxisName::from_letter), letters.as_str()) else {
+        return Head::Other;
+    };
+    let is_mark = |c: char| c.is_whitespace() || "_-/,:[](){}".contains(c);
+    let unit = rest.trim_matches(is_mark);
+    let own = match name.kind() {
+        AxisKind::Linear => unit.eq_ignore_ascii_case("mm"),
+        AxisKind::Rotary => unit.eq_ignore_ascii_case("deg") || unit == "°",
+    };
+    // A letter that goes on into a word is no axis: `Zone`, `amount`.
+    let is_alone = rest.is_empty() || rest.starts_with(is_mark) || rest.starts_with('°');
+    if !is_alone || (unit.is_empty() && !rest.trim().is_empty()) {
+        Head::Other
+    } else if unit.is_empty() || own {
+        Head::Coordinates(name)
+    } else if OTHER_UNITS.contains(&unit.to_lowercase().as_str())
+        && !ERRORS_OF_A_MAP.contains(&text)
+    {
+        Head::OtherUnit(name, unit)
+    } else {
+        Head::Other
+    }
+}
+
+/// The unit of an axis's coordinates, as it stands in heads.
+pub(crate) fn unit_of(name: AxisName) -> &'static str {
+    match name.kind() {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "deg",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heads_are_letters_alone_or_with_their_unit() {
+        let (x, c) = (AxisName::X, AxisName::C);
+        for text in [
+            "X", "x", "X mm", "X_mm", "x [mm]", "X (MM)", "X/mm", "X, mm",
+        ] {
+            assert_eq!(head(text), Head::Coordinates(x), "{text}");
+        }
+        for text in ["C", "C deg", "C_deg", "c [°]", "C°"] {
+            assert_eq!(head(text), Head::Coordinates(c), "{text}");
+        }
+        for (text, name, unit) in [
+            ("X in", x, "in"),
+            ("X_um", x, "um"),
+            ("X [µm]", x, "µm"),
+            ("C rad", c, "rad"),
+            ("C_mm", c, "mm"),
+            ("X deg", x, "deg"),
+        ] {
+            assert_eq!(head(text), Head::OtherUnit(name, unit), "{text}");
+        }
+        for text in [
+            "",
+            "N",
+            "Xmm",
+            "Zone",
+            "amount",
+            "X_corrected_mm",
+            "X_correction_um",
+            "x_um",
+            "X remark",
+            "µ",
+        ] {
+            assert_eq!(head(text), Head::Other, "{text}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Positions on the command line and in CSV files: heads with units, columns that pass through, slips of the hand.
+
+use std::{fs, path::Path};
+
+use serde_json::{Value, json};
+
+use crate::{json, refused, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+const FIVE_AXES: &str = "examples/five-axis.toml";
+
+fn written(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+fn first(machine: &str, points: &str) -> Value {
+    json(&["error", "-m", machine, "--points", points])["points"][0].clone()
+}
+
+/// What is said on standard error of a call that must succeed, its lines drawn together.
+fn notes(arguments: &[&str]) -> String {
+    let output = volcomp(arguments);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {output:?}");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    said.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_head_may_name_its_unit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let expected = json(&["error", "-m", FIVE_AXES, "--at", "X=700,Y=0,Z=0,B=0,C=30"]);
+    for header in [
+        "X,Y,C",
+        "x,y,c",
+        "X mm,Y_mm,C deg",
+        "X [mm],Y (mm),C_deg",
+        "X (MM),Y/mm,C [°]",
+    ] {
+        let points = written(folder.path(), "p.csv", &format!("{header}\n700,0,30\n"));
+        assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
+    }
+    for (header, expected) in [
+        (
+            "X in,Y,C",
+            "found column `X in` in in, expected positions of X in mm: X or X_mm",
+        ),
+        ("X_um,Y,C", "found column `X_um` in um"),
+        (
+            "X,Y,C [rad]",
+            "found column `C [rad]` in rad, expected positions of C in deg: C or C_deg",
+        ),
+        (
+            "X,X mm,C",
+            "found columns `X` and `X mm`, expected one with positions of X",
+        ),
+        ("X,Y,A mm", "found column `A mm` in mm"),
+        ("X,Y,A deg", "has no axis A"),
+        ("X position,Y target,remark", "found no axis letter"),
+    ] {
+        let points = written(folder.path(), "p.csv", &format!("{header}\n700,0,30\n"));
+        let message = refused(&["error", "-m", FIVE_AXES, "--points", &points]);
+        assert!(message.contains(expected), "{header}: {message}");
+        assert!(message.contains("p.csv:1: header: "), "{message}");
+    }
+    // Targets in another frame stand beside positions under small letters.
+    let points = written(folder.path(), "p.csv", "x,X,Y,C,y\n9,700,0,30,8\n");
+    assert_eq!(first(FIVE_AXES, &points), expected);
+    // Where the position itself is there, another column of the letter is one that passes through.
+    let points = written(folder.path(), "p.csv", "X,X_um,Y,C\n700,1,0,30\n");
+    assert_eq!(first(FIVE_AXES, &points), expected);
+}
+
+#[test]
+fn axes_that_nothing_names_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let said = notes(&["error", "-m", FIVE_AXES, "--at", "X=1,B=2"]);
+    assert!(
+        said.contains("note: at 0, as --at does not name them: Y, Z, C"),
+        "{said}"
+    );
+    let said = notes(&["correct", "-m", FIVE_AXES, "--at", "X=1,Y=1,Z=1,B=2,C=0"]);
+    assert!(!said.contains("at 0"), "{said}");
+    let points = written(folder.path(), "p.csv", "X,Y position\n1,2\n");
+    let said = notes(&["error", "-m", "examples/first.toml", "--points", &points]);
+    assert_eq!(
+        said,
+        "note: at 0, as no column is headed by their letters: Y, Z"
+    );
+}
+
+#[test]
+fn every_column_passes_through_and_an_answer_is_read_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (once, twice) = (path("once.csv"), path("twice.csv"));
+    let points = written(
+        folder.path(),
+        "p.csv",
+        "N,X mm,,Y,remark,\n1,1000,lost,500,\"a \"\"b\"\", c\",end\n2,0,,0,,\n",
+    );
+    let correct =
+        |from: &str, to: &str| json(&["correct", "-m", GANTRY, "--points", from, "-o", to]);
+    let answer = correct(&points, &once);
+    let file = fs::read_to_string(&once).expect("written");
+    let lines: Vec<&str> = file.lines().collect();
+    assert!(
+        lines[0].starts_with("N,X mm,,Y,remark,,X_corrected_mm,"),
+        "{file}"
+    );
+    assert!(
+        lines[1].starts_with("1,1000,lost,500,\"a \"\"b\"\", c\",end,1000.0"),
+        "{file}"
+    );
+    assert!(lines[2].starts_with("2,0,,0,,,"), "{file}");
+
+    // The answer is a table of positions again: the same numbers, no column twice.
+    assert_eq!(correct(&once, &twice), answer);
+    assert_eq!(fs::read_to_string(&twice).expect("written"), file);
+    let said = notes(&["correct", "-m", GANTRY, "--points", &once, "-o", &twice]);
+    assert!(
+        said.contains("computed anew: X_corrected_mm, Y_corrected_mm,"),
+        "{said}"
+    );
+    let errors = json(&["error", "-m", GANTRY, "--points", &once]);
+    assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
+
+    // So are the corrections of one position, and a map.
+    json(&[
+        "correct",
+        "-m",
+        FIVE_AXES,
+        "--at",
+        "X=700,B=10,C=30",
+        "-o",
+        &once,
+    ]);
+    let one = json(&["correct", "-m", FIVE_AXES, "--at", "X=700,B=10,C=30"]);
+    let again = json(&["correct", "-m", FIVE_AXES, "--points", &once]);
+    assert_eq!(again, json!({ "points": [one] }));
+    let map = path("map.csv");
+    json(&["map", "-m", GANTRY, "--grid", "2x2x2", "-o", &map]);
+    let read = json(&["error", "-m", GANTRY, "--points", &map]);
+    assert_eq!(read["points"].as_array().map(Vec::len), Some(8));
+}
+
+#[test]
+fn slips_of_the_hand_are_told_with_what_was_meant() {
+    let at = |text: &str| refused(&["error", "-m", GANTRY, "--at", text]);
+    for (text, expected) in [
+        (
+            "X=1,5",
+            "--at: found `X=1,5`, expected a decimal point: X=1.5",
+        ),
+        ("X=1,5,Y=2,5", "expected a decimal point: X=1.5"),
+        (
+            "X=1mm",
+            "--at: found `X=1mm`, expected a finite number of mm, without the unit",
+        ),
+        ("1,2,3", "--at: found `1`, expected X=100"),
+    ] {
+        let message = at(text);
+        assert!(message.contains(expected), "{text}: {message}");
+    }
+    let expected = json(&["error", "-m", GANTRY, "--at", "X=1,Y=2"]);
+    for text in ["x=1,y=2", "X = 1, Y = 2", "X=1 Y=2", "X=1;Y=2"] {
+        assert_eq!(
+            json(&["error", "-m", GANTRY, "--at", text]),
+            expected,
+            "{text}"
+        );
+    }
+    let message = refused(&[
+        "error",
+        "-m",
+        GANTRY,
+        "--at",
+        "X=1",
+        "--temperature",
+        "scale_x=20,5",
+    ]);
+    assert!(
+        message.contains("expected a decimal point: scale_x=20.5"),
+        "{message}"
+    );
+}
