@@ -42,6 +42,14 @@ impl Unit {
         }
     }
 
+    /// The unit as people read it.
+    fn symbol(self) -> String {
+        match self {
+            Self::Um | Self::Urad => self.answered().to_string(),
+            _ => self.key(),
+        }
+    }
+
     fn is_answered_in(self, unit: DeviationUnit) -> bool {
         matches!(
             (self, unit),
@@ -70,7 +78,8 @@ pub(crate) fn apply(
         Some(found) if !asked.is_answered_in(found) => Err(Failure::in_file(
             file,
             format_args!(
-                "found deviations in {found}, expected {} (--unit)",
+                "found deviations in {found}, expected {} (--unit {})",
+                asked.symbol(),
                 asked.key()
             ),
         )),

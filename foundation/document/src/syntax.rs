@@ -9,7 +9,8 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let at = text.get(..span.start).map_or(0, str::len);
     let start = text[..at].rfind('\n').map_or(0, |end| end + 1);
     let line = text[start..].lines().next().unwrap_or_default();
-    let is_first = text[..start].trim().is_empty();
+    let mut before = text[..start].lines().map(str::trim);
+    let is_first = before.all(|line| line.is_empty() || line.starts_with('#'));
     let code = line.split('#').next().unwrap_or_default().trim();
     if is_first && !code.contains('=') && !code.starts_with('[') && !code.is_empty() {
         return format!(
@@ -20,6 +21,11 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let Some(value) = code.split_once('=').map(|(_, value)| value.trim()) else {
         return parser.to_owned();
     };
+    // Other messages, as of a key that stands twice, are not about the value.
+    let about_values = ["string values", "unexpected", "invalid", "extra"];
+    if !about_values.iter().any(|start| parser.starts_with(start)) {
+        return parser.to_owned();
+    }
     if let Some((whole, part)) = decimal_comma(value) {
         return format!("found `{value}`, expected a decimal point: {whole}.{part}");
     }

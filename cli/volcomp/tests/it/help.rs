@@ -97,10 +97,13 @@ fn help_fits_eighty_columns_and_speaks_of_micrometres() {
         } else {
             &call
         });
+        let mut among_values = false;
         for line in help.lines() {
             assert!(line.chars().count() <= 80, "{command}: {line}");
             // Values that are typed as they stand.
-            if line.contains("possible values") {
+            among_values |= line.contains("possible values");
+            if among_values {
+                among_values = !line.ends_with(']');
                 continue;
             }
             for word in line.split(|c: char| !c.is_alphanumeric() && c != '_' && c != '-') {

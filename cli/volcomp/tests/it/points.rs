@@ -110,7 +110,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
         "{file}"
     );
     assert!(
-        lines[1].starts_with("1,1000,lost,500,\"a \"\"b\"\", c\",end,1000.0"),
+        lines[1].starts_with("1,1000,lost,500,\"a \"\"b\"\", c\",end,999.99"),
         "{file}"
     );
     assert!(lines[2].starts_with("2,0,,0,,,"), "{file}");

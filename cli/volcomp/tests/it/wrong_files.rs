@@ -16,7 +16,7 @@ fn a_file_of_another_kind_is_named() {
     for (call, expected) in [
         (
             ["check", calibration],
-            "found a calibration file (it has the key `reference`), expected a machine file",
+            "found a calibration file (it has the key `measurement`), expected a machine file",
         ),
         (
             ["check", "examples/gateway.toml"],

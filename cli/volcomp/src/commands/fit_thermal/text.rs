@@ -85,5 +85,5 @@ pub(super) fn comparison(channels: &[Channel]) -> String {
         ]);
     }
     table_text(&lines)
-        + "\nThe prediction is of the last part of the time, in the unit of the column (µm or µrad).\n"
+        + "\nThe prediction is of the last part of the time, in the unit of the column\n(µm or µrad).\n"
 }
