@@ -101,10 +101,20 @@ impl OutputFile {
         if path.exists() && !path.is_file() {
             return Err(refused(&"it is no ordinary file"));
         }
+        if !folder.is_dir() {
+            return Err(refused(&format_args!(
+                "there is no folder {}",
+                folder.display()
+            )));
+        }
         let file = tempfile::Builder::new()
             .permissions_as_new_file()
             .tempfile_in(folder)
-            .map_err(|e| refused(&e))?;
+            .map_err(|e| {
+                // The name of the temporary file says nothing to anybody.
+                let message = e.to_string();
+                refused(&message.split(" at path ").next().unwrap_or_default())
+            })?;
         let temporary = file.path().to_owned();
         unfinished().insert(temporary.clone());
         Ok(Self {

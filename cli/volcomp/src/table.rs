@@ -85,8 +85,12 @@ fn text_of(table: &Table) -> String {
     text
 }
 
-/// A number with so many digits behind the point; one that rounds to zero has no sign.
+/// A number with so many digits behind the point; one that rounds to zero has no sign, and one of more than twelve
+/// digits before the point stands as a power of ten.
 pub(crate) fn fixed(value: f64, digits: usize) -> String {
+    if value.is_finite() && value.abs() >= 1e12 {
+        return format!("{value:.digits$e}");
+    }
     let text = format!("{value:.digits$}");
     match text.strip_prefix('-') {
         Some(size) if size.chars().all(|c| matches!(c, '0' | '.')) => size.to_owned(),
@@ -125,6 +129,7 @@ mod tests {
         assert_eq!(fixed(-0.06, 1), "-0.1");
         assert_eq!(fixed(-0.0, 0), "0");
         assert!(fixed(f64::NAN, 2).contains("NaN"));
+        assert_eq!(fixed(-1.25e300, 2), "-1.25e300");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use volcomp_fit::{
 use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
 use volcomp_model::write_curve;
 
-use super::{Answer, table, table_text};
+use super::{Answer, fixed, table, table_text};
 use crate::{
     answers::fit::{Fit as Document, Point, Spread},
     failure::Failure,
@@ -23,7 +23,7 @@ use crate::{
 pub(crate) struct Arguments {
     /// Measurement file: .csv, .rtl, .rta
     data: PathBuf,
-    /// Unit of the deviations in a file that does not state it (.csv); the answer is in µm or µrad [default: um]
+    /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
     #[arg(long)]
     unit: Option<Unit>,
     /// Kind of curve: polynomial, Chebyshev series, moving least squares or smoothing B-spline
@@ -154,13 +154,17 @@ fn text(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> String {
         DeviationUnit::Urad => "µrad",
         DeviationUnit::Um => "µm",
     };
+    let leave_one_out = if fit.leave_one_out_rms.is_finite() {
+        format!("{} {symbol}", fixed(fit.leave_one_out_rms, 3))
+    } else {
+        "not defined, the curve needs every target".to_owned()
+    };
     let mut text = format!(
-        "{}\nresidual {:.3} to {:.3} {symbol}, rms {:.3} {symbol}; LOO error {:.3} {symbol}\n",
+        "{}\nresidual {} to {} {symbol}, rms {} {symbol}; LOO error {leave_one_out}\n",
         write_curve(&fit.curve),
-        fit.min(),
-        fit.max(),
-        fit.rms(),
-        fit.leave_one_out_rms
+        fixed(fit.min(), 3),
+        fixed(fit.max(), 3),
+        fixed(fit.rms(), 3),
     );
     if !values.is_empty() {
         let mut table = table(&["at", symbol]);

@@ -19,7 +19,7 @@ pub(crate) struct Arguments {
     /// Part of ISO 230: 2 (positioning of an axis)
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=2))]
     part: u8,
-    /// Unit of the deviations in a file that does not state it (.csv); the answer is in µm or µrad [default: um]
+    /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
     #[arg(long)]
     unit: Option<Unit>,
 }

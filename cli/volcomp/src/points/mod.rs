@@ -93,8 +93,11 @@ impl States {
         }
     }
 
-    /// Says which axes of the machine stand at 0 because nothing names them.
+    /// Says which axes of the machine stand at 0 because nothing names them, or that there is no position at all.
     pub(crate) fn note(&self) -> Option<String> {
+        if self.states.is_empty() {
+            return Some("--points has no row under its header".to_owned());
+        }
         let names: Vec<String> = self.unnamed.iter().map(ToString::to_string).collect();
         let names = (!names.is_empty()).then(|| names.join(", "))?;
         Some(match &self.file {

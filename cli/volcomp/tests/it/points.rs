@@ -82,6 +82,9 @@ fn axes_that_nothing_names_are_told() {
     );
     let said = notes(&["correct", "-m", FIVE_AXES, "--at", "X=1,Y=1,Z=1,B=2,C=0"]);
     assert!(!said.contains("at 0"), "{said}");
+    let points = written(folder.path(), "p.csv", "X,Y,Z\n");
+    let said = notes(&["error", "-m", "examples/first.toml", "--points", &points]);
+    assert_eq!(said, "note: --points has no row under its header");
     let points = written(folder.path(), "p.csv", "X,Y position\n1,2\n");
     let said = notes(&["error", "-m", "examples/first.toml", "--points", &points]);
     assert_eq!(

@@ -175,8 +175,14 @@ proptest! {
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [
         ("a = 1\na = 12.5", "f.toml:2: duplicate key"),
-        ("a = 12,5", "f.toml:1: found `12,5`, expected a decimal point: 12.5"),
-        ("a = oops", "f.toml:1: found `oops`, expected a number (12.5), a text in quotes (\"X\"), true or false"),
+        (
+            "a = 12,5",
+            "f.toml:1: found `12,5`, expected a decimal point: 12.5",
+        ),
+        (
+            "a = oops",
+            "f.toml:1: found `oops`, expected a number (12.5), a text in quotes (\"X\"), true or false",
+        ),
         (
             "\n# readings\ntarget,deviation\n0,1.5\n",
             "f.toml:3: found `target,deviation`, expected TOML: `key = value` or `[table]`",
@@ -201,10 +207,19 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
     };
     assert_eq!(read("name = 1\nstructure = 2"), Ok(()));
     for (text, expected) in [
-        ("name = 1\n[[controller]]", "found a configuration of the gateway (it has the key `controller`)"),
-        ("[[measurement]]\nx = 1", "found a calibration file (it has the key `measurement`)"),
+        (
+            "name = 1\n[[controller]]",
+            "found a configuration of the gateway (it has the key `controller`)",
+        ),
+        (
+            "[[measurement]]\nx = 1",
+            "found a calibration file (it has the key `measurement`)",
+        ),
         // Its own key makes it a machine file, in which the other key is wrong.
-        ("structure = 1\n[guard]", "f.toml:2: guard: unknown key, expected one of: name, structure"),
+        (
+            "structure = 1\n[guard]",
+            "f.toml:2: guard: unknown key, expected one of: name, structure",
+        ),
         ("strukture = 1", "did you mean `structure`?"),
     ] {
         let message = read(text).expect_err(text);

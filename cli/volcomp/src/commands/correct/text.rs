@@ -40,9 +40,9 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     // Writing to a string never fails.
     let _ = write!(
         text,
-        "\nresidual {:.3} µm, tool axis {:.3} µrad{}",
-        norm(&row.residual_um),
-        norm(&row.residual_axis_urad),
+        "\nresidual {} µm, tool axis {} µrad{}",
+        fixed(norm(&row.residual_um), 3),
+        fixed(norm(&row.residual_axis_urad), 3),
         if is_singular(row, rotary) {
             " (singular: not fully correctable here)"
         } else {
@@ -71,8 +71,8 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     for (index, row) in rows.iter().enumerate() {
         let mut cells = vec![(index + 1).to_string()];
         cells.extend(row.correction.0.values().map(|value| fixed(*value, 3)));
-        cells.push(format!("{:.3}", norm(&row.residual_um)));
-        cells.push(format!("{:.3}", norm(&row.residual_axis_urad)));
+        cells.push(fixed(norm(&row.residual_um), 3));
+        cells.push(fixed(norm(&row.residual_axis_urad), 3));
         table.add_row(cells);
     }
     let said = rows.iter().map(|row| {

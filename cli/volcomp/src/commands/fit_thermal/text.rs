@@ -27,7 +27,7 @@ pub(super) fn terms_toml(
         ("um", "µm")
     };
     let mut text = format!(
-        "# With {reference_degc} °C as [thermal] reference the constant {:.3} {symbol} belongs to the curve of {error}.\n",
+        "# With {reference_degc} °C as [thermal] reference the constant\n# {:.3} {symbol} belongs to the curve of {error}.\n",
         channel.terms.constant_at(reference_degc)
     );
     for term in &channel.terms.terms {

@@ -205,7 +205,8 @@ fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], 
     // Writing to a String cannot fail.
     let _ = writeln!(
         text,
-        "{what} {length_um:.3} µm [{}, {}, {}]\n  at {}",
+        "{what} {} µm [{}, {}, {}]\n  at {}",
+        fixed(length_um, 3),
         fixed(x, 3),
         fixed(y, 3),
         fixed(z, 3),
