@@ -95,7 +95,7 @@ fn coordinates(table: &CsvTable) -> Result<Vec<(AxisName, Column)>, InputError> 
         if let Head::OtherUnit(name, unit) = head(text)
             && columns.iter().all(|(axis, _)| *axis != name)
         {
-            let expected = unit_of(name);
+            let expected = name.kind().coordinate_unit();
             return Err(table.header_error(format!(
                 "found column `{text}` in {unit}, expected positions of {name} in {expected}: {name} or {name}_{expected}"
             )));
@@ -134,14 +134,6 @@ fn head(text: &str) -> Head<'_> {
         Head::OtherUnit(name, unit)
     } else {
         Head::Other
-    }
-}
-
-/// The unit of an axis's coordinates, as it stands in heads.
-pub(crate) fn unit_of(name: AxisName) -> &'static str {
-    match name.kind() {
-        AxisKind::Linear => "mm",
-        AxisKind::Rotary => "deg",
     }
 }
 

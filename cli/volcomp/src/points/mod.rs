@@ -15,11 +15,11 @@ use volcomp_kinematics::State;
 use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction};
 
+pub(crate) use self::words::axis;
 use self::{
     file::PointFile,
     words::{AXES, SENSORS, assignments, number},
 };
-pub(crate) use self::{file::unit_of, words::axis};
 use crate::{answers::OneOrMany, failure::Failure};
 
 /// The machine and what is in its spindle.
@@ -232,7 +232,10 @@ fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
         if coordinates.iter().any(|&(other, _)| other == name) {
             return Err(Failure::Input(format!("--at: axis {name} stands twice")));
         }
-        coordinates.push((name, number("--at", letter, value, unit_of(name))?));
+        coordinates.push((
+            name,
+            number("--at", letter, value, name.kind().coordinate_unit())?,
+        ));
     }
     Ok(coordinates)
 }

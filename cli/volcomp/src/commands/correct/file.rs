@@ -6,9 +6,7 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName;
 
 use super::norm;
-use crate::{
-    answers::position::CorrectionAt, commands::outside::joined, failure::Failure, points::unit_of,
-};
+use crate::{answers::position::CorrectionAt, commands::outside::joined, failure::Failure};
 
 /// The columns of the file. Separator and decimal mark are those of the table that was read.
 pub(super) struct Columns<'t> {
@@ -88,7 +86,7 @@ impl<'t> Columns<'t> {
             }
             None => {
                 let axes = self.axes.iter();
-                axes.map(|axis| format!("{axis}_{}", unit_of(*axis)))
+                axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit()))
                     .collect()
             }
         };
@@ -116,9 +114,9 @@ impl<'t> Columns<'t> {
 fn written(axes: &[AxisName]) -> Vec<String> {
     let corrected = axes
         .iter()
-        .map(|axis| format!("{axis}_corrected_{}", unit_of(*axis)));
+        .map(|axis| format!("{axis}_corrected_{}", axis.kind().coordinate_unit()));
     let correction = axes.iter().map(|axis| {
-        let unit = if axis.is_rotary() { "urad" } else { "um" };
+        let unit = axis.kind().micro_unit();
         format!("{axis}_correction_{unit}")
     });
     let others = [

@@ -8,8 +8,7 @@ use volcomp_vocabulary::AxisName;
 use super::norm;
 use crate::{
     answers::{ByAxis, position::CorrectionAt},
-    commands::{micro_symbol, outside::remarks},
-    points::unit_of,
+    commands::outside::remarks,
     table::{fixed, folded, table, table_text},
 };
 
@@ -31,9 +30,9 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
         axes.add_row([
             name.to_string(),
             number(&row.command, 4),
-            format!("{} {}", fixed(*correction, 3), micro_symbol(name.kind())),
+            format!("{} {}", fixed(*correction, 3), name.kind().micro_symbol()),
             number(&row.corrected, 6),
-            unit_of(name).to_owned(),
+            name.kind().coordinate_unit().to_owned(),
         ]);
     }
     let mut text = table_text(&axes);
@@ -45,6 +44,8 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
         fixed(norm(&row.residual_axis_urad), 3),
         if is_singular(row, rotary) {
             " (singular: not fully correctable here)"
+        } else if row.near_singular {
+            " (near a singular pose: large rotary corrections)"
         } else {
             ""
         }
@@ -64,7 +65,7 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     header.extend(
         names
             .iter()
-            .map(|name| format!("{name} {}", micro_symbol(name.kind()))),
+            .map(|name| format!("{name} {}", name.kind().micro_symbol())),
     );
     header.extend(["residual µm", "µrad"].map(str::to_owned));
     let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
@@ -76,8 +77,13 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
         table.add_row(cells);
     }
     let said = rows.iter().map(|row| {
-        let singular = is_singular(row, rotary)
-            .then(|| "singular, the tool axis is not fully correctable".to_owned());
+        let singular = if is_singular(row, rotary) {
+            Some("singular, the tool axis is not fully correctable")
+        } else {
+            row.near_singular
+                .then_some("near singular, rotary corrections are large")
+        };
+        let singular = singular.map(str::to_owned);
         let parts = singular.into_iter().chain([row.outside.words()]);
         let parts: Vec<String> = parts.filter(|part| !part.is_empty()).collect();
         parts.join("; ")
