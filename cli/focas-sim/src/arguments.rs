@@ -11,7 +11,7 @@ use crate::error::SimError;
 const EXAMPLES: &str = "\
 Typed commands, one a line on standard input, while it runs:
   alarm on|off          an alarm is on or off
-  estop on|off          the emergency stop is pressed or released
+  estop on|off          the emergency stop is pressed, and the axes stand, or released
   unreferenced on|off   the axes have lost their reference, or have it again
   pause SECONDS         the control answers nothing for this time
   disconnect            cut all connections

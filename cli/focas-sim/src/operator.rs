@@ -71,7 +71,7 @@ impl Command {
                 let alarm = on.then(|| (ALARM.0, ALARM.1.to_owned()));
                 world.alarms = alarm.into_iter().collect();
             }
-            Self::EmergencyStop(on) => world.emergency_stop = on,
+            Self::EmergencyStop(on) => world.set_emergency_stop(on),
             Self::Unreferenced(on) => world.set_referenced(!on),
             Self::Pause(time) => world.pause(time),
             Self::Clear => world.clear_shifts(),

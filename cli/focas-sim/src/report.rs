@@ -1,6 +1,6 @@
 //! The lines of the report: where the axes stand, which shifts are applied, how far the tool misses.
 
-use std::{collections::BTreeMap, fmt::Write};
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 use volcomp_focas::simulator::Simulator;
@@ -116,33 +116,32 @@ impl Reporter {
 
 impl Report {
     /// The line for people: where the axes stand, and how far the tool misses without and with the correction, or
-    /// where that is not known the correction.
+    /// where that is not known the correction. What does not fit into 80 columns goes on in another line.
     pub(crate) fn text(&self) -> String {
-        let mut text = format!("{:7.1} s ", self.time_s);
+        let mut items = Vec::new();
         let kinds = [
             (&self.positions_mm, &self.correction_um, "µm"),
             (&self.positions_deg, &self.correction_urad, "µrad"),
         ];
         for (positions, corrections, unit) in kinds {
             for ((letter, position), correction) in positions.iter().zip(corrections.values()) {
-                // Writing into a text cannot fail.
-                let _ = write!(text, " {letter} {position:.1}");
-                if self.error.is_none() {
-                    let _ = write!(text, " ({correction:+.1} {unit})");
-                }
+                items.push(if self.error.is_none() {
+                    format!("{letter} {position:.1} ({correction:+.1} {unit})")
+                } else {
+                    format!("{letter} {position:.1}")
+                });
             }
         }
         if let (Some(error), Some(residual)) = (self.error, self.residual) {
-            let _ = write!(
-                text,
-                "  tool misses {:.1} → {:.1} µm, {:.1} → {:.1} µrad",
+            items.push(format!(
+                " tool misses {:.1} → {:.1} µm, {:.1} → {:.1} µrad",
                 error.distance_um(),
                 residual.distance_um(),
                 error.tool_axis_urad,
                 residual.tool_axis_urad,
-            );
+            ));
         }
-        text
+        wrapped(&format!("{:7.1} s ", self.time_s), &items)
     }
 
     /// The line for programs.
@@ -150,6 +149,24 @@ impl Report {
         // Keys are letters and names, numbers are numbers: this cannot fail.
         serde_json::to_string(self).unwrap_or_default()
     }
+}
+
+/// Items behind a head, blanks between, in lines of 80 columns at the most.
+fn wrapped(head: &str, items: &[String]) -> String {
+    const COLUMNS: usize = 80;
+    let (mut text, mut column) = (head.to_owned(), head.chars().count());
+    for item in items {
+        let length = 1 + item.chars().count();
+        if column + length > COLUMNS {
+            text += "\n";
+            text.extend(std::iter::repeat_n(' ', head.chars().count()));
+            column = head.chars().count();
+        }
+        text += " ";
+        text += item;
+        column += length;
+    }
+    text
 }
 
 /// Three digits behind the point.
@@ -161,5 +178,40 @@ fn rounded_miss(miss: Miss) -> Miss {
     Miss {
         position_um: miss.position_um.map(rounded),
         tool_axis_urad: rounded(miss.tool_axis_urad),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Five axes far from zero, with and without a truth.
+    #[test]
+    fn lines_fit_into_eighty_columns() {
+        let all = |names: [AxisName; 3], value: f64| names.map(|name| (name, value)).into();
+        let linear = [AxisName::X, AxisName::Y, AxisName::Z];
+        let rotary = [AxisName::A, AxisName::B, AxisName::C];
+        let miss = Miss {
+            position_um: [-1234.5, 1234.5, -1234.5],
+            tool_axis_urad: 12345.6,
+        };
+        for truth in [None, Some(miss)] {
+            let report = Report {
+                time_s: 12345.6,
+                positions_mm: all(linear, -12345.6),
+                positions_deg: all(rotary, -359.9),
+                correction_um: all(linear, -1234.5),
+                correction_urad: all(rotary, -1234.5),
+                error: truth,
+                residual: truth,
+            };
+            let text = report.text();
+            for line in text.lines() {
+                assert!(line.chars().count() <= 80, "{text}");
+            }
+            for part in ["X -12345.6", "C -359.9"] {
+                assert!(text.contains(part), "{text}");
+            }
+        }
     }
 }

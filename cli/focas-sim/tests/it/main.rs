@@ -140,6 +140,36 @@ fn states_are_set_at_the_start_and_while_it_runs() {
     assert_eq!(simulator.end(), Some(0));
 }
 
+/// In an emergency stop the axes stand, and afterwards they go on from there without a jump.
+#[test]
+fn the_axes_stand_in_an_emergency_stop() {
+    // 100 mm to and fro within 60 s: at most 5.3 mm/s.
+    let mut running = Running::start(&["--stroke-mm", "100", "--period-s", "60"]);
+    let mut client = running.client();
+    let mut at = || client.positions(PositionKind::Machine, 3).unwrap()[0];
+    let start = at();
+    until("it moves", || at() > start + 0.01);
+    running.type_line("estop on");
+    let mut before = at();
+    until("it stands", || {
+        std::thread::sleep(Duration::from_millis(100));
+        let now = at();
+        let stands = now == before;
+        before = now;
+        stands
+    });
+    let stands = at();
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(at(), stands);
+    running.type_line("estop off");
+    let mut after = stands;
+    until("it goes on", || {
+        after = at();
+        after > stands
+    });
+    assert!(after < stands + 5.0, "{stands} to {after} mm");
+}
+
 #[test]
 fn it_pauses_and_answers_afterwards() {
     let mut simulator = Simulator::start(&[]);

@@ -107,7 +107,7 @@ fn system(options: &Options, world: &World) -> Vec<u8> {
 }
 
 fn status(world: &World) -> Vec<u8> {
-    let emergency = u16::from(world.emergency_stop);
+    let emergency = u16::from(world.emergency_stop());
     let alarm = u16::from(!world.alarms.is_empty());
     let words = [1, 3, 1, 0, emergency, alarm, 0];
     words.into_iter().flat_map(u16::to_be_bytes).collect()

@@ -27,7 +27,7 @@ pub struct ShiftArea {
     pub in_positions: bool,
 }
 
-/// Where the axes are at a time since the start, mm or deg.
+/// Where the axes are after moving for a time, mm or deg.
 pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
 /// The machine and the memory of the control.
@@ -40,8 +40,6 @@ pub struct World {
     pub shift: ShiftArea,
     /// The time after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
-    /// Whether the emergency stop is pressed.
-    pub emergency_stop: bool,
     /// The alarms that are on: number and text.
     pub alarms: Vec<(i32, String)>,
     /// Macro variables by number.
@@ -51,6 +49,10 @@ pub struct World {
     /// Work offsets by number and slot, mm or deg.
     pub offsets: BTreeMap<(i32, usize), f64>,
     started: Instant,
+    /// The time of the motion at which the emergency stop was pressed; `None` where it is released.
+    stopped_at: Option<Duration>,
+    /// How long the emergency stop was pressed, all times together.
+    stood: Duration,
     silent_until: Option<Instant>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
@@ -71,12 +73,13 @@ impl World {
                 in_positions: false,
             },
             readback_delay: Duration::ZERO,
-            emergency_stop: false,
             alarms: Vec::new(),
             macros: BTreeMap::new(),
             parameters: BTreeMap::new(),
             offsets: BTreeMap::new(),
             started: Instant::now(),
+            stopped_at: None,
+            stood: Duration::ZERO,
             silent_until: None,
             memory: vec![vec![0; AREA]; PmcArea::ALL.len()],
             pending: Vec::new(),
@@ -114,9 +117,29 @@ impl World {
         self.started.elapsed()
     }
 
+    /// Whether the emergency stop is pressed.
+    pub fn emergency_stop(&self) -> bool {
+        self.stopped_at.is_some()
+    }
+
+    /// Presses or releases the emergency stop. While it is pressed the axes stand; afterwards they go on from there.
+    pub fn set_emergency_stop(&mut self, pressed: bool) {
+        if pressed {
+            self.stopped_at = Some(self.moved_for());
+        } else if let Some(stopped_at) = self.stopped_at.take() {
+            self.stood = self.elapsed().saturating_sub(stopped_at);
+        }
+    }
+
+    /// How long the axes have been moving: the time since the start without emergency stops.
+    fn moved_for(&self) -> Duration {
+        let moves = || self.elapsed().saturating_sub(self.stood);
+        self.stopped_at.unwrap_or_else(moves)
+    }
+
     /// Where the axes are commanded to be, without shifts, mm or deg.
     pub fn commanded(&self) -> Vec<f64> {
-        (self.motion)(self.started.elapsed())
+        (self.motion)(self.moved_for())
     }
 
     /// Where the axes are, as reported, mm or deg.

@@ -80,7 +80,7 @@ fn states_are_told() {
     assert!(state(&mut controller).referenced && !state(&mut controller).alarm);
     simulator.world().write(PmcArea::F, 120, &[0b1011]);
     assert!(!state(&mut controller).referenced);
-    simulator.world().emergency_stop = true;
+    simulator.world().set_emergency_stop(true);
     simulator.world().alarms.push((1, String::new()));
     let found = state(&mut controller);
     assert!(found.alarm && found.emergency_stop);
