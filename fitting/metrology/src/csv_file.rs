@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
 
-use volcomp_document::{Column, CsvRow, CsvTable};
+use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
-use crate::number::{Place, decimals, quoted};
+use crate::number::{Place, decimals};
 use crate::{Direction, Measurement, MetrologyError, Reading};
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];

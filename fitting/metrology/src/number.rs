@@ -1,5 +1,7 @@
 //! Numbers as measurement files write them: plain decimal ASCII, nothing else.
 
+use volcomp_document::quoted;
+
 use crate::{Finding, MetrologyError};
 
 /// Beyond any target or deviation; keeps sums and squares of readings finite.
@@ -56,22 +58,6 @@ impl Place<'_> {
             ))),
         }
     }
-}
-
-/// A piece of a file for a message: in back quotes, control characters escaped, cut when long.
-pub(crate) fn quoted(text: &str) -> String {
-    const LONGEST: usize = 60;
-    let shown: String = text
-        .chars()
-        .take(LONGEST)
-        .flat_map(char::escape_debug)
-        .collect();
-    let cut = if text.chars().count() > LONGEST {
-        "…"
-    } else {
-        ""
-    };
-    format!("`{shown}{cut}`")
 }
 
 /// Digits after the decimal point.

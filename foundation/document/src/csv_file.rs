@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use crate::error::InputError;
+use crate::{error::InputError, quoted};
 
 /// A table with a header, read from CSV text.
 ///
@@ -347,21 +347,4 @@ fn is_number_with_comma(cell: &str) -> bool {
 fn counted(columns: usize) -> String {
     let plural = if columns == 1 { "" } else { "s" };
     format!("{columns} column{plural}")
-}
-
-/// A piece of the file in back quotes, control characters escaped, cut when long.
-fn quoted(text: &str) -> String {
-    const LONGEST: usize = 60;
-    let mut characters = text.chars();
-    let shown: String = characters
-        .by_ref()
-        .take(LONGEST)
-        .flat_map(char::escape_debug)
-        .collect();
-    let cut = if characters.next().is_some() {
-        "…"
-    } else {
-        ""
-    };
-    format!("`{shown}{cut}`")
 }

@@ -1,8 +1,10 @@
 //! The frame of a file: `NAME::` sections up to `EOF::`, with line numbers.
 
+use volcomp_document::quoted;
+
 use crate::MetrologyError;
 use crate::encoding::wrong_kind;
-use crate::number::{Place, quoted};
+use crate::number::Place;
 
 pub(super) struct Section<'t> {
     pub(super) name: String,

@@ -1,5 +1,7 @@
+use volcomp_document::quoted;
+
 use super::document::{Section, key_value};
-use crate::number::{Place, quoted};
+use crate::number::Place;
 use crate::{Environment, MetrologyError, StartEnd};
 
 /// A material sensor that is not connected reads exactly this, °C.

@@ -1,8 +1,9 @@
+use volcomp_document::quoted;
+
 use super::document::{Document, Section};
 use super::environment::environment;
 use super::{RenishawKind, directions, sections};
 use crate::encoding::{decode, refuse_empty, wrong_kind};
-use crate::number::quoted;
 use crate::{Measurement, Metadata, MetrologyError, Reading};
 
 /// Reads a Renishaw laser file.

@@ -2,9 +2,11 @@
 
 use std::collections::HashMap;
 
+use volcomp_document::quoted;
+
 use super::document::{Document, Section, key_value};
 use crate::MetrologyError;
-use crate::number::{Place, quoted};
+use crate::number::Place;
 
 pub(super) struct Targets {
     pub(super) values: Vec<f64>,
