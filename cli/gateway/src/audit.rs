@@ -20,6 +20,11 @@ const MAX_BYTES: u64 = 4 << 20;
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
+/// The file in the folder of the log that is written now.
+pub fn log_file(dir: &Path) -> PathBuf {
+    dir.join(CURRENT)
+}
+
 /// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
@@ -50,7 +55,7 @@ impl AuditLog {
     /// A folder or file that cannot be written.
     pub fn open(dir: &Path) -> io::Result<(Self, Found)> {
         fs::create_dir_all(dir)?;
-        let path = dir.join(CURRENT);
+        let path = log_file(dir);
         let mut file = OpenOptions::new()
             .read(true)
             .append(true)

@@ -1,11 +1,16 @@
 //! Why a gateway does not start, or does not do what it is asked.
 
-use std::{fmt, io, net::SocketAddr, path::PathBuf};
+use std::{
+    fmt, io,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+};
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
+use volcomp_vocabulary::AxisName;
 
 use crate::plan_keys::by_keys;
 
@@ -110,11 +115,28 @@ pub enum GatewayError {
         /// The mode of the file.
         mode: u32,
     },
-    /// The folder of the audit log is no folder.
-    #[error("[audit] dir: {} is no folder", dir.display())]
+    /// The folder of the audit log is no folder, or cannot be made because something above it is none.
+    #[error("[audit] dir = {}: {}", dir.display(), audit_dir(dir, found))]
     AuditDir {
-        /// The path that was found.
+        /// The folder as it is configured.
         dir: PathBuf,
+        /// The path in it that is something else than it has to be.
+        found: PathBuf,
+    },
+    /// The correction depends on the position of an axis that nobody tells.
+    #[error(
+        "{file}: {url}: axis {axis} of {}: the correction depends on where it stands, but no [[controller]] shows it and `fixed` does not state it: name {axis} in axes, or state fixed = {{ {axis} = … }}",
+        machine.display()
+    )]
+    PositionUnknown {
+        /// The path of the configuration file.
+        file: String,
+        /// The URL of the controller whose correction depends on it.
+        url: String,
+        /// The axis of the machine.
+        axis: AxisName,
+        /// The path of the machine file.
+        machine: PathBuf,
     },
     /// A reload that cannot be done while the gateway runs.
     #[error(transparent)]
@@ -197,7 +219,9 @@ pub enum ReloadError {
     #[error("the built-in configuration cannot be read again")]
     BuiltIn,
     /// Without limits nothing may be corrected.
-    #[error("{file}: [guard] is missing")]
+    #[error(
+        "{file}: [guard] is missing, expected it: without limits nothing may be corrected; nothing was changed"
+    )]
     NoGuard {
         /// The path of the configuration file.
         file: String,
@@ -282,9 +306,19 @@ impl GatewayError {
             | Self::Token { .. }
             | Self::TokenMode { .. }
             | Self::AuditDir { .. }
+            | Self::PositionUnknown { .. }
             | Self::Reload(_)
             | Self::Read { .. } => 2,
         }
+    }
+}
+
+/// What of the folder of the audit log is not as it has to be.
+fn audit_dir(dir: &Path, found: &Path) -> String {
+    if found.starts_with(dir) && found != dir {
+        format!("{} is a folder, expected a file", found.display())
+    } else {
+        format!("{} is no folder", found.display())
     }
 }
 

@@ -119,10 +119,10 @@ fn cycle(text: &str) -> Result<Duration, String> {
     let ms: f64 = text
         .parse()
         .map_err(|_| "expected a number of milliseconds".to_owned())?;
-    if (0.1..=1000.0).contains(&ms) {
+    if (0.25..=100.0).contains(&ms) {
         Ok(Duration::from_secs_f64(ms * 1e-3))
     } else {
-        Err("expected 0.1 to 1000".to_owned())
+        Err("expected 0.25 to 100".to_owned())
     }
 }
 

@@ -3,7 +3,6 @@
 use volcomp_runtime::{
     PlanError,
     guard::{LimitsError, Quantity},
-    quantity_text,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -75,7 +74,7 @@ fn limits(device: &str, axis: Option<AxisName>, error: &LimitsError) -> String {
         Quantity::ReadBack => "read-back, cycles".to_owned(),
     };
     let of = axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
-    let found = quantity_text(error, kind);
+    let found = error.found();
     let expected = error.expected;
     format!("{device}: [guard] {key}{of}: found {found}, expected {expected}")
 }
@@ -92,7 +91,7 @@ mod tests {
             axis: Some(AxisName::Z),
             source: LimitsError {
                 what: Quantity::Limit,
-                axis: Some(0),
+                axis: Some((0, AxisKind::Linear)),
                 found: 0.0005,
                 expected: "at least one step of the controller",
             },

@@ -6,13 +6,13 @@ use volcomp_kinematics::{
     Form, State,
     nalgebra::{Matrix6, Vector3, Vector6},
 };
-use volcomp_model::{Fading, Machine, Temperatures};
+use volcomp_model::{Machine, Temperatures};
 use volcomp_port::{
     Axis, Clock,
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 
-use volcomp_runtime::{AxisSettings, GuardSettings, Realtime, guard::SensorLimits};
+use volcomp_runtime::{AxisSettings, GuardSettings, Realtime};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um, Urad};
 
 use crate::{
@@ -231,29 +231,18 @@ pub fn config() -> Config {
 
 /// The built-in limits. They also stand in where a configuration has none, and arming is forbidden.
 pub fn guard() -> GuardSettings {
+    let linear = AxisSettings {
+        warn: Um(200.0),
+        accel_per_s2: Um(20_000.0),
+        confirm: Um(50.0),
+        test_shift: AxisSettings::<Um>::TEST_SHIFT,
+        ..AxisSettings::<Um>::new(Um(250.0), Um(500.0))
+    };
     GuardSettings {
-        linear: AxisSettings {
-            limit: Um(250.0),
-            warn: Um(200.0),
-            slew_per_s: Um(500.0),
-            accel_per_s2: Um(20_000.0),
-            confirm: Um(50.0),
-            test_shift: Um(5.0),
-        },
         rotary: Some(AxisSettings {
-            limit: Urad(250.0),
-            warn: Urad(200.0),
-            slew_per_s: Urad(500.0),
-            accel_per_s2: Urad(20_000.0),
-            confirm: Urad(50.0),
-            test_shift: Urad(20.0),
+            test_shift: AxisSettings::<Urad>::TEST_SHIFT,
+            ..linear.map(|Um(number)| Urad(number))
         }),
-        hold: Duration::from_millis(50),
-        zero_after: Duration::from_millis(500),
-        ramp: Duration::from_millis(500),
-        stop: Duration::from_secs(5),
-        hand_back: Duration::from_secs(2),
-        temperatures: SensorLimits::default(),
-        fading: Fading::default(),
+        ..GuardSettings::new(linear)
     }
 }

@@ -143,7 +143,7 @@ function showMap() {
   const here = map.axes.map(({ name }) => current.positions_mm[name]);
   const largest = drawMap(element("map"), map.error_um, map.axes, here.every(Number.isFinite) ? here : null);
   const others = inOrder(current.machine.axes).filter((name) => !map.axes.some((axis) => axis.name === name));
-  const stand = others.length ? `, ${others.join(" ")} as ${others.length === 1 ? "it stands" : "they stand"}` : "";
+  const stand = others.length ? `, at the present position of ${others.join(", ").replace(/, (?=[^,]*$)/, " and ")}` : "";
   text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}${stand}`);
   text("map-scale", `without correction, by the model: light 0, dark ${largest} µm; the cross is where the machine stands`);
 }
@@ -252,7 +252,7 @@ async function operate(what, body) {
     const response = await fetch(`/api/${what}`, { method: "POST", headers: headers(), body });
     const answer = await response.json();
     if (response.status === 409 && answer.model) return confirmModel(what, answer);
-    const said = answer.error || (answer.reasons || []).join(", ") || answer.state || "done";
+    const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";
     text("answer", response.ok ? `${what}: ${answer.state || "done"}` : `${what} refused: ${said}`);
   } catch {
     text("answer", `${what}: the gateway does not answer`);

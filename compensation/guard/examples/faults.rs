@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use volcomp_guard::{
     AxisLimits, Guard, Inputs, Limits, LimitsError, Reading, Request, State,
-    vocabulary::{MAX_AXES, PerChannel},
+    vocabulary::{AxisKind, MAX_AXES, PerChannel},
 };
 
 const PERIOD: Duration = Duration::from_millis(4);
@@ -14,6 +14,7 @@ const PERIOD: Duration = Duration::from_millis(4);
 fn main() -> Result<(), LimitsError> {
     let mut axes = [AxisLimits::NONE; MAX_AXES];
     axes[0] = AxisLimits {
+        kind: AxisKind::Linear,
         limit: 0.050, // mm
         warn: 0.040,
         slew_per_s: 0.2,

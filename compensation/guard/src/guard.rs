@@ -5,7 +5,7 @@ use core::time::Duration;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Limits, LimitsError, Quantity, Reasons,
+    Inputs, Limits, LimitsError, Output, Quantity, Reading, Reasons,
     axis::Follower,
     limits::MOST_READ_BACK_CYCLES,
     proof::Proof,
@@ -17,53 +17,6 @@ use crate::{
 const MOST_ADOPTED: u32 = 3;
 /// A cycle counts as so many periods at the most.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
-
-/// The positions, the applied correction and the state that a controller reported in this cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reading {
-    /// When the positions held, on the clock of [`Inputs::now`].
-    pub taken: Duration,
-    /// As reported, mm and rad.
-    pub positions: PerChannel<f64>,
-    /// The correction that is applied, where the controller can be asked.
-    pub applied: Option<PerChannel<f64>>,
-    /// Every axis was sent to its reference.
-    pub referenced: bool,
-    /// An alarm is on.
-    pub alarm: bool,
-    /// The emergency stop is pressed.
-    pub emergency_stop: bool,
-}
-
-/// The inputs of a guard in one cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Inputs {
-    /// When the cycle began, on a monotonic clock.
-    pub now: Duration,
-    /// The report of the controller; `None` when it did not answer.
-    pub reading: Option<Reading>,
-    /// The correction that the model wants, mm and rad; `None`: it has none.
-    pub target: Option<PerChannel<f64>>,
-    /// The request of a person or a program since the last cycle, if there was one.
-    pub request: Option<Request>,
-    /// Why arming is forbidden; empty where it is allowed.
-    pub forbids: Reasons,
-}
-
-/// The decision of a guard in one cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Output {
-    /// The correction, multiples of the resolution, mm and rad.
-    pub correction: PerChannel<f64>,
-    /// Whether it is to be written, and the heartbeat with it.
-    pub write: bool,
-    /// The state after this cycle.
-    pub state: State,
-    /// Why the state is what it is.
-    pub reasons: Reasons,
-    /// Cycles so far in which slew or acceleration held the output back.
-    pub held_back: u64,
-}
 
 /// The guard of one controller: it decides which correction may reach the axes (rules of the crate's front page). It
 /// keeps the last output, the ramp and the corrections that were written lately.
@@ -92,7 +45,7 @@ impl Guard {
     /// A guard that is disarmed, its output zero.
     ///
     /// # Errors
-    /// Limits that make no sense.
+    /// Limits that make no sense, or lie beyond a [`ceiling`](crate::ceiling).
     pub fn new(limits: Limits) -> Result<Self, LimitsError> {
         limits.check()?;
         Ok(Self {
@@ -122,7 +75,8 @@ impl Guard {
     /// Other limits from the next cycle on: outputs beyond them come back at the new slew rate.
     ///
     /// # Errors
-    /// Limits that make no sense, or of another number of axes: the old ones stay.
+    /// Limits that make no sense, lie beyond a [`ceiling`](crate::ceiling), or are of another number or kind of axes: the
+    /// old ones stay.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check()?;
         if limits.count != self.limits.count {
@@ -132,6 +86,15 @@ impl Guard {
                 axis: None,
                 found,
                 expected: "as many as before",
+            });
+        }
+        let kinds = |limits: &Limits| limits.axes.map(|axis| axis.kind);
+        if kinds(&limits)[..limits.count] != kinds(&self.limits)[..limits.count] {
+            return Err(LimitsError {
+                what: Quantity::Axes,
+                axis: None,
+                found: limits.count as f64,
+                expected: "axes of the same kinds as before",
             });
         }
         self.limits = limits;

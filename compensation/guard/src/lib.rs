@@ -2,7 +2,9 @@
 #![doc = include_str!("../README.md")]
 
 mod axis;
+pub mod ceiling;
 mod direction;
+mod exchange;
 mod fallback;
 mod guard;
 mod limits;
@@ -14,9 +16,12 @@ mod written;
 
 pub use axis::Follower;
 pub use direction::DirectionMemory;
+pub use exchange::{Inputs, Output, Reading};
 pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};
-pub use guard::{Guard, Inputs, Output, Reading};
-pub use limits::{AxisLimits, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity};
+pub use guard::Guard;
+pub use limits::{
+    AxisLimits, FEWEST_RAMP_CYCLES, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity,
+};
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{

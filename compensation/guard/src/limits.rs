@@ -2,16 +2,21 @@
 
 use core::time::Duration;
 
-use volcomp_vocabulary::{MAX_AXES, PerChannel};
+use volcomp_vocabulary::{AxisKind, Displacement, MAX_AXES, PerChannel};
+
+use crate::ceiling;
 
 /// The limits of one axis: lengths in mm for linear axes, angles in rad for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
-    /// The largest correction, in either direction.
+    /// Whether the axis slides (all numbers in mm) or turns (all numbers in rad).
+    pub kind: AxisKind,
+    /// The largest correction, in either direction; at most [`ceiling::LIMIT`] or [`ceiling::LIMIT_ROTARY`].
     pub limit: f64,
     /// Corrections above are reported.
     pub warn: f64,
-    /// The largest change of the correction in a second.
+    /// The largest change of the correction in a second; at most [`ceiling::SLEW_PER_S`] or
+    /// [`ceiling::SLEW_PER_S_ROTARY`].
     pub slew_per_s: f64,
     /// The largest change of the slew in a second; infinite: not limited.
     pub accel_per_s2: f64,
@@ -28,13 +33,13 @@ pub struct Limits {
     pub axes: [AxisLimits; MAX_AXES],
     /// How many axes the controller has.
     pub count: usize,
-    /// The nominal time of a cycle.
+    /// The nominal time of a cycle, from [`ceiling::SHORTEST_CYCLE`] to [`ceiling::LONGEST_CYCLE`].
     pub period: Duration,
-    /// When positions are older than this, the correction is held.
+    /// When positions are older than this, the correction is held; at most [`ceiling::HOLD`].
     pub hold: Duration,
     /// When positions are older than this, the correction ramps to zero.
     pub zero_after: Duration,
-    /// How long a ramp takes; at least 20 cycles.
+    /// How long a ramp is asked to take; it takes [`Limits::ramp_taken`].
     pub ramp: Duration,
     /// Shift that proves at arming whether positions contain it, mm and rad; 0: not proven. At least four steps
     /// of correction and position.
@@ -45,6 +50,8 @@ pub struct Limits {
 
 /// The largest number of writes that a read-back may be behind.
 pub const MOST_READ_BACK_CYCLES: usize = 32;
+/// The smallest number of cycles over which a ramp goes: a shorter one would be a step.
+pub const FEWEST_RAMP_CYCLES: u32 = 20;
 
 /// One number of the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,31 +90,60 @@ impl core::fmt::Display for Quantity {
             Self::Accel => "acceleration",
             Self::TestShift => "test shift",
             Self::Axes => "number of axes",
-            Self::Period => "time of a cycle, s",
-            Self::Hold => "hold, s",
-            Self::ZeroAfter => "zero after, s",
-            Self::ReadBack => "read-back, cycles",
+            Self::Period => "time of a cycle",
+            Self::Hold => "hold",
+            Self::ZeroAfter => "zero after",
+            Self::ReadBack => "cycles of the read-back",
         })
     }
 }
 
 /// A number of the limits that a guard refuses.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{what}: found {found}, expected {expected}")]
+#[error("{what}: found {}, expected {expected}", self.found())]
 pub struct LimitsError {
     /// Which number is wrong.
     pub what: Quantity,
-    /// The place of the axis, where the number is that of an axis.
-    pub axis: Option<usize>,
+    /// The place of the axis and its kind, where the number is that of an axis.
+    pub axis: Option<(usize, AxisKind)>,
     /// The number that was found, in the unit of the [`Quantity`].
     pub found: f64,
     /// The numbers that are allowed, in words.
     pub expected: &'static str,
 }
 
+impl LimitsError {
+    /// The number that was found, with its unit: µm or µrad for what belongs to an axis, ms for times.
+    pub fn found(&self) -> impl core::fmt::Display + use<> {
+        Found(*self)
+    }
+}
+
+struct Found(LimitsError);
+
+impl core::fmt::Display for Found {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self(error) = self;
+        let kind = error.axis.map_or(AxisKind::Linear, |(_, kind)| kind);
+        let of_axis = Displacement::new(kind, error.found);
+        match error.what {
+            Quantity::Resolution | Quantity::Limit | Quantity::Warn | Quantity::TestShift => {
+                write!(f, "{of_axis}")
+            }
+            Quantity::Slew => write!(f, "{of_axis}/s"),
+            Quantity::Accel => write!(f, "{of_axis}/s²"),
+            Quantity::Period | Quantity::Hold | Quantity::ZeroAfter => {
+                write!(f, "{} ms", error.found * 1e3)
+            }
+            Quantity::Axes | Quantity::ReadBack => write!(f, "{}", error.found),
+        }
+    }
+}
+
 impl AxisLimits {
     /// The limits of an axis that is not there: it does not move.
     pub const NONE: Self = Self {
+        kind: AxisKind::Linear,
         limit: 0.0,
         warn: 0.0,
         slew_per_s: 0.0,
@@ -116,8 +152,9 @@ impl AxisLimits {
         includes_correction: false,
     };
 
-    /// The largest multiple of the resolution within the limit: what the quantiser may say at the most.
-    pub(crate) fn reachable(&self) -> f64 {
+    /// The largest correction that is really written, mm or rad: the largest multiple of the resolution within the
+    /// limit.
+    pub fn reachable(&self) -> f64 {
         // A limit of 0.15 is 150 steps of 0.001, not 149 for a rounding.
         libm::floor(self.limit / self.resolution + 1e-6) * self.resolution
     }
@@ -129,10 +166,22 @@ impl AxisLimits {
             }
             Err(LimitsError {
                 what,
-                axis: Some(axis),
+                axis: Some((axis, self.kind)),
                 found,
                 expected,
             })
+        };
+        // A ceiling that was converted from µm or µrad is not missed by a rounding.
+        let [most, fastest] = ceiling::of(self.kind).map(|ceiling| ceiling * (1.0 + 1e-12));
+        let (expected_limit, expected_slew) = match self.kind {
+            AxisKind::Linear => (
+                "at most 2000 µm, the ceiling that no configuration raises",
+                "at most 5000 µm/s, the ceiling that no configuration raises",
+            ),
+            AxisKind::Rotary => (
+                "at most 2000 µrad, the ceiling that no configuration raises",
+                "at most 5000 µrad/s, the ceiling that no configuration raises",
+            ),
         };
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let expected = "a positive number";
@@ -149,6 +198,12 @@ impl AxisLimits {
             self.limit.is_finite() && self.limit >= self.resolution,
         )?;
         finite(
+            Quantity::Limit,
+            self.limit,
+            expected_limit,
+            self.limit <= most,
+        )?;
+        finite(
             Quantity::Warn,
             self.warn,
             "a number from 0 to the limit",
@@ -159,6 +214,12 @@ impl AxisLimits {
             self.slew_per_s,
             expected,
             positive(self.slew_per_s),
+        )?;
+        finite(
+            Quantity::Slew,
+            self.slew_per_s,
+            expected_slew,
+            self.slew_per_s <= fastest,
         )?;
         finite(
             Quantity::Accel,
@@ -197,14 +258,21 @@ impl Limits {
             limits.check(axis, self.test_shift[axis])?;
         }
         let period_s = self.period.as_secs_f64();
-        if !(1e-5..=10.0).contains(&period_s) {
-            return wrong(Quantity::Period, period_s, "10 µs to 10 s");
+        if !(ceiling::SHORTEST_CYCLE..=ceiling::LONGEST_CYCLE).contains(&self.period) {
+            return wrong(Quantity::Period, period_s, "0.25 ms to 100 ms");
         }
         if self.hold < self.period {
             return wrong(
                 Quantity::Hold,
                 self.hold.as_secs_f64(),
                 "at least one cycle",
+            );
+        }
+        if self.hold > ceiling::HOLD {
+            return wrong(
+                Quantity::Hold,
+                self.hold.as_secs_f64(),
+                "at most 200 ms, the ceiling that no configuration raises",
             );
         }
         if self.zero_after < self.hold {
@@ -220,12 +288,14 @@ impl Limits {
         Ok(())
     }
 
+    /// The time that a ramp really takes: what is asked for, or 20 cycles if that is longer.
+    pub fn ramp_taken(&self) -> Duration {
+        let fewest = self.period.saturating_mul(FEWEST_RAMP_CYCLES);
+        self.ramp.max(fewest)
+    }
+
     /// The share of a ramp that passes in `dt_s`.
     pub(crate) fn ramp_share(&self, dt_s: f64) -> f64 {
-        let ramp_s = self
-            .ramp
-            .as_secs_f64()
-            .max(20.0 * self.period.as_secs_f64());
-        (dt_s / ramp_s).min(0.05)
+        (dt_s / self.ramp_taken().as_secs_f64()).min(1.0 / f64::from(FEWEST_RAMP_CYCLES))
     }
 }

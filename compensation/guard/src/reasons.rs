@@ -82,6 +82,8 @@ reasons! {
     /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
     /// axis.
     NEAR_SINGULAR = 29, "near a singular pose";
+    /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
+    NOT_RELOADED = 30, "files on disk not taken over";
 }
 
 impl Reasons {
@@ -102,7 +104,8 @@ impl Reasons {
             | Self::FALLBACK.0
             | Self::CANNOT_SEE_OTHERS.0
             | Self::SINGULAR.0
-            | Self::NEAR_SINGULAR.0,
+            | Self::NEAR_SINGULAR.0
+            | Self::NOT_RELOADED.0,
     );
 
     /// Whether the set holds no reason.

@@ -252,12 +252,11 @@ impl Cycle {
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
         let place = Place::seen_by(&self.paths, index, self.model.axes.len(), now);
-        let young = |oldest| now.saturating_sub(oldest) <= path.guard.limits().hold;
         // A stop or an alarm of the active path is held, not fled from.
         let stays = index == self.selector.active();
         PathHealth {
             usable: place.is_complete(self.model.axes.len())
-                && place.oldest.is_some_and(young)
+                && path.is_young(place.oldest, now)
                 && (stays || path.is_free()),
             channel: path.channel,
             held_is_known: path.held_is_known(),

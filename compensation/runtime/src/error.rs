@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{LimitsError, Quantity};
+use volcomp_guard::LimitsError;
 use volcomp_port::UnfitAxes;
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 /// Why controllers, machine and settings do not fit together. Found before any device is opened.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -184,31 +184,12 @@ fn step_of(axis: AxisName) -> &'static str {
     }
 }
 
-/// A quantity of the limits of an axis in the units of people: µm or µrad, ms; the number itself where it has no unit.
-pub fn quantity_text(error: &LimitsError, kind: AxisKind) -> String {
-    let displacement = Displacement::new(kind, error.found);
-    match error.what {
-        Quantity::Resolution | Quantity::Limit | Quantity::Warn | Quantity::TestShift => {
-            displacement.to_string()
-        }
-        Quantity::Slew => format!("{displacement}/s"),
-        Quantity::Accel => format!("{displacement}/s²"),
-        Quantity::Period | Quantity::Hold | Quantity::ZeroAfter => {
-            format!("{} ms", error.found * 1e3)
-        }
-        Quantity::Axes | Quantity::ReadBack => error.found.to_string(),
-    }
-}
-
 fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> String {
-    let kind = axis.map_or(AxisKind::Linear, AxisName::kind);
     let of = axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
-    let found = quantity_text(error, kind);
-    // The unit stands with the number.
-    let what = error.what.to_string();
-    let what = what.split(',').next().unwrap_or_default();
     format!(
-        "{device}: {what}{of}: found {found}, expected {}",
+        "{device}: {}{of}: found {}, expected {}",
+        error.what,
+        error.found(),
         error.expected
     )
 }

@@ -18,7 +18,7 @@ mod settings;
 pub use asked::Asked;
 pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, Spent};
-pub use error::{LimitsRefusal, PlanError, StartError, quantity_text};
+pub use error::{LimitsRefusal, PlanError, StartError};
 pub use model::{Model, ModelCorrection, WorstCorner};
 pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS, limits};

@@ -95,8 +95,12 @@ impl ControlPath {
 
     /// Whether its positions are young enough to correct with.
     pub(crate) fn is_fresh(&self, now: Duration) -> bool {
-        let young = |taken| now.saturating_sub(taken) <= self.guard.limits().hold;
-        self.taken.is_some_and(young)
+        self.is_young(self.taken, now)
+    }
+
+    /// Whether positions that held at `taken` are young enough for this path to correct with.
+    pub(crate) fn is_young(&self, taken: Option<Duration>, now: Duration) -> bool {
+        taken.is_some_and(|taken| now.saturating_sub(taken) <= self.guard.limits().hold)
     }
 
     /// It answered in this cycle, and neither reference, alarm nor emergency stop stand against correcting.

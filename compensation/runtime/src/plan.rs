@@ -97,8 +97,9 @@ impl PathPlan {
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
             (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
-            (Heartbeat::Unwatched, true) => notes |= Reasons::UNWATCHED,
-            (Heartbeat::Watched, _) => {}
+            // Who states that nobody watches knows more than a driver that sees a counter.
+            (_, true) => notes |= Reasons::UNWATCHED,
+            (Heartbeat::Watched, false) => {}
         }
         if description.shortest_cycle > period {
             let ms = |time: Duration| time.as_secs_f64() * 1e3;
@@ -185,19 +186,22 @@ pub fn limits(
     };
     limits.check().map_err(|source| PlanError::Limits {
         device: description.device.clone(),
-        axis: axis_of(description, source.axis),
+        axis: source
+            .axis
+            .and_then(|(place, _)| axis_of(description, place)),
         source,
     })?;
     Ok(limits)
 }
 
-fn axis_of(description: &Description, place: Option<usize>) -> Option<AxisName> {
-    Some(description.axes.get(place?)?.name)
+fn axis_of(description: &Description, place: usize) -> Option<AxisName> {
+    Some(description.axes.get(place)?.name)
 }
 
 fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
     let guard = guard.map(Displacement::mm_or_rad);
     AxisLimits {
+        kind: axis.kind(),
         limit: guard.limit,
         warn: guard.warn,
         slew_per_s: guard.slew_per_s,

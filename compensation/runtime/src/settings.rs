@@ -35,7 +35,7 @@ pub struct GuardSettings {
     pub hold: Duration,
     /// Positions that are older ramp the correction to zero.
     pub zero_after: Duration,
-    /// The time of a ramp; at least 20 cycles are taken.
+    /// The time of a ramp; where 20 cycles take longer, it takes those.
     pub ramp: Duration,
     /// The longest time that a stop of the program may ramp out.
     pub stop: Duration,
@@ -48,8 +48,9 @@ pub struct GuardSettings {
 }
 
 impl GuardSettings {
-    /// Limits of linear axes, with the times that the gateway has where a configuration states none: positions are
-    /// held for 50 ms and ramp the correction to zero after 500 ms, a ramp takes 500 ms.
+    /// Limits of linear axes, with the defaults of everything else: positions are held for 50 ms and ramp the
+    /// correction to zero after 500 ms, a ramp takes 500 ms, a stop at most 5 s, a better controller is taken back
+    /// after 2 s.
     pub fn new(linear: AxisSettings<Um>) -> Self {
         Self {
             linear,
@@ -78,6 +79,16 @@ impl GuardSettings {
             }
         }
     }
+}
+
+impl AxisSettings<Um> {
+    /// The test shift of linear axes where a configuration states none, or the limit if that is smaller.
+    pub const TEST_SHIFT: Um = Um(5.0);
+}
+
+impl AxisSettings<Urad> {
+    /// The test shift of rotary axes where a configuration states none, or the limit if that is smaller.
+    pub const TEST_SHIFT: Urad = Urad(20.0);
 }
 
 impl<U: Unit> AxisSettings<U> {

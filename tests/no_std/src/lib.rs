@@ -16,7 +16,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
 use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, Reading};
-use volcomp_guard::vocabulary::{MAX_AXES, PerChannel};
+use volcomp_guard::vocabulary::{AxisKind, MAX_AXES, PerChannel};
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error};
 
 const ARENA_BYTES: usize = 1 << 20;
@@ -228,6 +228,7 @@ pub unsafe extern "C" fn volcomp_guard_cycle(
     // SAFETY: as above, for writing.
     let output = unsafe { slice::from_raw_parts_mut(output, 9) };
     let axis = AxisLimits {
+        kind: AxisKind::Linear,
         limit: limit_mm,
         warn: limit_mm,
         slew_per_s: 0.5,

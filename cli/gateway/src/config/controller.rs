@@ -9,24 +9,10 @@ use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
-use super::{ControllerConfig, DigitalConfig, ThermometerConfig};
+use super::{ControllerConfig, DigitalConfig, ThermometerConfig, kinds};
 
 pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
-    section.allow(&[
-        "url",
-        "channel",
-        "axes",
-        "fixed",
-        "area",
-        "resolution_um",
-        "resolution_urad",
-        "heartbeat",
-        "unwatched",
-        "includes_correction",
-        "test_shift",
-        "referenced",
-        "digital",
-    ])?;
+    kinds::check(section)?;
     let area = |value: Value<'_>| -> Result<_, InputError> {
         let section = value.section()?;
         section.allow(&["pmc", "first", "width"])?;
@@ -159,14 +145,15 @@ fn coordinate(
     keys: [&str; 2],
     range: RangeInclusive<f64>,
 ) -> Result<Option<Displacement>, InputError> {
+    let mut found = None;
     for (key, kind) in keys.into_iter().zip([AxisKind::Linear, AxisKind::Rotary]) {
         if let Some(value) = section.get(key) {
             has_axis(&value, kind, axes)?;
-            let number = value.number_in(range)?;
-            return Ok(Some(Displacement::from_coordinate(kind, number)));
+            let number = value.number_in(range.clone())?;
+            found = Some(Displacement::from_coordinate(kind, number));
         }
     }
-    Ok(None)
+    Ok(found)
 }
 
 fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, InputError> {

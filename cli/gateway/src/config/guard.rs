@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use volcomp_document::{InputError, Section};
 use volcomp_model::Fading;
-use volcomp_runtime::{AxisSettings, GuardSettings, guard::SensorLimits};
+use volcomp_runtime::{
+    AxisSettings, GuardSettings,
+    guard::{SensorLimits, ceiling},
+};
 use volcomp_vocabulary::{Um, Urad};
 
 pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSettings, InputError> {
@@ -34,16 +37,19 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
         "temperature_stuck_s",
         "temperature_neighbours_k",
     ])?;
-    let hold_ms = section.require("hold_ms")?.number_in(cycle_ms..=60_000.0)?;
+    let hold_ms = section
+        .require("hold_ms")?
+        .number_in(cycle_ms..=ceiling::HOLD.as_secs_f64() * 1e3)?;
     let zero_after_ms = section
         .require("zero_after_ms")?
         .number_in(hold_ms..=600_000.0)?;
-    let seconds = |key: &str, range, default| {
+    let linear = axis_settings(section, &LINEAR)?.map(Um);
+    let default = GuardSettings::new(linear);
+    let seconds = |key: &str, range, default: Duration| {
         section
-            .number_or(key, range, default)
+            .number_or(key, range, default.as_secs_f64())
             .map(Duration::from_secs_f64)
     };
-    let believed = SensorLimits::default();
     let range_degc = match section.get("range_degc") {
         Some(value) => {
             let [low, high] = value.vector::<2>()?;
@@ -54,8 +60,9 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
             }
             [low, high]
         }
-        None => believed.range_degc,
+        None => default.temperatures.range_degc,
     };
+    let believed = default.temperatures;
     let stuck_s = section.number_or(
         "temperature_stuck_s",
         0.0..=1e7,
@@ -63,30 +70,26 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
             .stuck_after
             .map_or(0.0, |after| after.as_secs_f64()),
     )?;
-    let fading = Fading::default();
-    let rotary = section.get("limit_urad").is_some();
+    let number = |key: &str, range, default| section.number_or(key, range, default);
     Ok(GuardSettings {
-        linear: axis_settings(section, "um", 5.0)?.map(Um),
-        rotary: rotary
-            .then(|| axis_settings(section, "urad", 20.0))
-            .transpose()?
-            .map(|settings| settings.map(Urad)),
+        linear,
+        rotary: rotary(section)?,
         hold: Duration::from_secs_f64(hold_ms * 1e-3),
         zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
-        ramp: seconds("ramp_s", 0.0..=600.0, 0.5)?,
-        stop: seconds("stop_s", 0.0..=600.0, 5.0)?,
-        hand_back: seconds("hand_back_s", 0.0..=3600.0, 2.0)?,
+        ramp: seconds("ramp_s", 0.0..=600.0, default.ramp)?,
+        stop: seconds("stop_s", 0.0..=600.0, default.stop)?,
+        hand_back: seconds("hand_back_s", 0.0..=3600.0, default.hand_back)?,
         temperatures: SensorLimits {
-            max_degc_per_min: section.number_or(
+            max_degc_per_min: number(
                 "max_degc_per_min",
                 0.01..=1000.0,
-                believed.max_degc_per_min,
+                default.temperatures.max_degc_per_min,
             )?,
             range_degc,
             stale: seconds(
                 "temperature_stale_s",
                 0.1..=3600.0,
-                believed.stale.as_secs_f64(),
+                believed.stale,
             )?,
             stuck_after: (stuck_s > 0.0).then(|| Duration::from_secs_f64(stuck_s)),
             neighbours_k: section
@@ -95,30 +98,82 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
                 .transpose()?,
         },
         fading: Fading {
-            hold_s: section.number_or("temperature_hold_s", 0.0..=1e6, fading.hold_s)?,
-            fade_s: section.number_or("temperature_fade_s", 1.0..=1e6, fading.fade_s)?,
+            hold_s: number("temperature_hold_s", 0.0..=1e6, default.fading.hold_s)?,
+            fade_s: number("temperature_fade_s", 1.0..=1e6, default.fading.fade_s)?,
         },
     })
 }
 
-/// The keys of one kind of axis, which end in `unit`. A test shift that is not stated is `test_shift`, or the limit if
-/// that is smaller.
-fn axis_settings(
-    section: &Section<'_>,
-    unit: &str,
+/// The settings of rotary axes; `None` without `limit_urad`, and then no other key of them makes sense.
+fn rotary(section: &Section<'_>) -> Result<Option<AxisSettings<Urad>>, InputError> {
+    if section.get("limit_urad").is_some() {
+        return Ok(Some(axis_settings(section, &ROTARY)?.map(Urad)));
+    }
+    for name in AXIS_KEYS {
+        if let Some(value) = section.get(&ROTARY.key(name)) {
+            return Err(value.error(
+                "found this key without limit_urad, expected both or neither: without limit_urad no rotary axis is corrected",
+            ));
+        }
+    }
+    Ok(None)
+}
+
+/// The keys that each kind of axis has, without their units.
+const AXIS_KEYS: [&str; 6] = [
+    "limit",
+    "warn",
+    "slew_per_s",
+    "accel_per_s2",
+    "confirm",
+    "test_shift",
+];
+
+/// What tells the keys of the kinds of axes apart, in µm or µrad.
+struct OfKind {
+    unit: &'static str,
+    most: f64,
+    fastest_per_s: f64,
     test_shift: f64,
-) -> Result<AxisSettings<f64>, InputError> {
-    let key = |name: &str| match name.split_once("_per") {
-        Some((name, per)) => format!("{name}_{unit}_per{per}"),
-        None => format!("{name}_{unit}"),
-    };
-    let limit = section.require(&key("limit"))?.number_in(1e-3..=10_000.0)?;
+}
+
+const LINEAR: OfKind = OfKind {
+    unit: "um",
+    most: ceiling::LIMIT.0 * 1e3,
+    fastest_per_s: ceiling::SLEW_PER_S.0 * 1e3,
+    test_shift: AxisSettings::<Um>::TEST_SHIFT.0,
+};
+const ROTARY: OfKind = OfKind {
+    unit: "urad",
+    most: ceiling::LIMIT_ROTARY.0 * 1e6,
+    fastest_per_s: ceiling::SLEW_PER_S_ROTARY.0 * 1e6,
+    test_shift: AxisSettings::<Urad>::TEST_SHIFT.0,
+};
+
+impl OfKind {
+    /// The key of a name such as `slew_per_s`: `slew_um_per_s`.
+    fn key(&self, name: &str) -> String {
+        let unit = self.unit;
+        match name.split_once("_per") {
+            Some((name, per)) => format!("{name}_{unit}_per{per}"),
+            None => format!("{name}_{unit}"),
+        }
+    }
+}
+
+/// The settings of one kind of axis. A test shift that is not stated is the default, or the limit if that is smaller.
+fn axis_settings(section: &Section<'_>, of: &OfKind) -> Result<AxisSettings<f64>, InputError> {
+    let [limit, warn, slew_per_s, accel_per_s2, confirm, test_shift] =
+        AXIS_KEYS.map(|name| of.key(name));
+    let limit = section.require(&limit)?.number_in(1e-3..=of.most)?;
     Ok(AxisSettings {
         limit,
-        warn: section.number_or(&key("warn"), 0.0..=limit, limit)?,
-        slew_per_s: section.require(&key("slew_per_s"))?.number_in(1e-3..=1e7)?,
-        accel_per_s2: section.number_or(&key("accel_per_s2"), 1e-3..=1e12, f64::INFINITY)?,
-        confirm: section.number_or(&key("confirm"), 0.0..=1e6, limit)?,
-        test_shift: section.number_or(&key("test_shift"), 0.0..=limit, test_shift.min(limit))?,
+        warn: section.number_or(&warn, 0.0..=limit, limit)?,
+        slew_per_s: section
+            .require(&slew_per_s)?
+            .number_in(1e-3..=of.fastest_per_s)?,
+        accel_per_s2: section.number_or(&accel_per_s2, 1e-3..=1e12, f64::INFINITY)?,
+        confirm: section.number_or(&confirm, 0.0..=1e6, limit)?,
+        test_shift: section.number_or(&test_shift, 0.0..=limit, of.test_shift.min(limit))?,
     })
 }

@@ -10,7 +10,7 @@ use std::{
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{Document, FileKind, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
-use volcomp_runtime::{GuardSettings, Realtime};
+use volcomp_runtime::{GuardSettings, Realtime, guard::ceiling};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::error::GatewayError;
@@ -18,12 +18,14 @@ use crate::error::GatewayError;
 mod controller;
 mod dashboard;
 mod guard;
+mod kinds;
 mod stated;
 
 pub use controller::MissingKey;
 use controller::{controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
+pub use kinds::{CONTROLLER_KEYS, ControllerKind};
 use stated::stated_keys;
 
 /// Everything that a configuration says. Paths are relative to its folder.
@@ -201,7 +203,9 @@ impl Config {
                 volcomp_guard::MAX_PATHS
             )));
         }
-        let cycle_ms = root.number_or("cycle_ms", 0.1..=1000.0, 4.0)?;
+        let [shortest_ms, longest_ms] = [ceiling::SHORTEST_CYCLE, ceiling::LONGEST_CYCLE]
+            .map(|cycle| cycle.as_secs_f64() * 1e3);
+        let cycle_ms = root.number_or("cycle_ms", shortest_ms..=longest_ms, 4.0)?;
         let audit = root.section("audit")?;
         let audit_dir = match &audit {
             Some(audit) => {

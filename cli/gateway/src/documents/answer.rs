@@ -50,6 +50,9 @@ pub struct Settled {
     pub state: StateName,
     /// Why it is what it is.
     pub reasons: Vec<String>,
+    /// Why the request did not take effect, in words; only where it did not (409).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
 }
 
 /// The model after a reload.

@@ -20,13 +20,36 @@ pub enum Source {
     Device,
 }
 
-/// A value and where it comes from.
+/// A value that holds, and where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stated<T> {
-    /// The value in the unit of its key.
+    /// The value that holds, in the unit of its key.
     pub value: T,
     /// Where it comes from.
     pub source: Source,
+    /// The value that the source asks for, where another one holds; the notes say why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asked: Option<T>,
+}
+
+impl<T> Stated<T> {
+    /// A value that holds as its source states it.
+    pub fn by(source: Source, value: T) -> Self {
+        Self {
+            value,
+            source,
+            asked: None,
+        }
+    }
+}
+
+impl<T: PartialEq> Stated<T> {
+    /// The same, where the source asked for another value.
+    #[must_use]
+    pub fn instead_of(mut self, asked: T) -> Self {
+        self.asked = (asked != self.value).then_some(asked);
+        self
+    }
 }
 
 /// The plan that a configuration makes: every device, limit and path, and where each value comes from.
@@ -77,7 +100,7 @@ pub struct GuardPlan {
     pub hold_ms: Stated<f64>,
     /// Positions that are older ramp the correction to zero, ms.
     pub zero_after_ms: Stated<f64>,
-    /// The time of a ramp, s.
+    /// The time that a ramp takes, s: what is asked for, or 20 cycles if that is longer.
     pub ramp_s: Stated<f64>,
     /// The longest time that a stop may ramp out, s.
     pub stop_s: Stated<f64>,
@@ -93,6 +116,10 @@ pub struct GuardPlan {
     pub temperature_stuck_s: Stated<f64>,
     /// A temperature farther than this from the median of the others is told to disagree, K; null: not compared.
     pub temperature_neighbours_k: Stated<Option<f64>>,
+    /// Thermal terms whose sensor is missing keep their last value for so long, s.
+    pub temperature_hold_s: Stated<f64>,
+    /// Thermal terms whose sensor is missing then fade to zero over so long, s.
+    pub temperature_fade_s: Stated<f64>,
 }
 
 /// One controller of a plan.
@@ -102,7 +129,7 @@ pub struct ControllerPlan {
     pub url: String,
     /// The name of the channel by which its corrections reach the axes.
     pub channel: Stated<String>,
-    /// Whether the control's side notices when the gateway stops.
+    /// Whether the control's side notices when the gateway stops, and `unwatched` does not state otherwise.
     pub watched: bool,
     /// Whether a second gateway on this controller is noticed.
     pub sees_other_gateways: bool,
@@ -125,7 +152,7 @@ pub struct AxisPlan {
     pub kind: String,
     /// The unit of the numbers below: `µm` or `µrad`.
     pub unit: String,
-    /// The largest correction, in either direction.
+    /// The largest correction that is written, in either direction: whole steps within the limit that is asked for.
     pub limit: Stated<f64>,
     /// Corrections above are reported.
     pub warn: Stated<f64>,

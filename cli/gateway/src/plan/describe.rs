@@ -1,14 +1,18 @@
 //! A plan as a document: values in the user's units, and where each comes from.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Duration,
+};
 
-use volcomp_port::{Description, Heartbeat};
+use volcomp_guard::Reasons;
+use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Devices, Plan};
+use super::{Devices, Plan, notes::notes};
 use crate::{
-    config::{Config, ControllerConfig},
+    config::Config,
     devices::ControllerDevice,
     documents::{
         AuditPlan, AxisPlan, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan, PlanDocument,
@@ -22,8 +26,9 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
     let sensors = sensors(plan);
     let mut axes = plan.model.axes.clone();
     axes.sort_unstable();
+    let guard = config.guard.as_ref().map(|guard| of_guard(plan, guard));
     PlanDocument {
-        notes: notes(plan, &sensors),
+        notes: notes(plan, guard.as_ref(), &controllers, &sensors),
         machine: MachinePlan {
             file: config.machine.display().to_string(),
             name: plan.model.name.clone(),
@@ -33,7 +38,7 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
         },
         cycle_ms: stated(config, "cycle_ms", round(config.cycle.as_secs_f64() * 1e3)),
         auto_arm: stated(config, "auto_arm", config.auto_arm),
-        guard: config.guard.as_ref().map(|guard| of_guard(config, guard)),
+        guard,
         controllers,
         thermometers: thermometers(plan),
         sensors,
@@ -67,11 +72,13 @@ fn stated<T>(config: &Config, key: &str, value: T) -> Stated<T> {
     } else {
         Source::Default
     };
-    Stated { value, source }
+    Stated::by(source, value)
 }
 
-fn of_guard(config: &Config, guard: &GuardSettings) -> GuardPlan {
+fn of_guard(plan: &Plan, guard: &GuardSettings) -> GuardPlan {
+    let config = &plan.config;
     let temperatures = &guard.temperatures;
+    let ramp = ramp_taken(plan, guard);
     let seconds = |key: &str, time: std::time::Duration, factor: f64| {
         stated(
             config,
@@ -82,7 +89,7 @@ fn of_guard(config: &Config, guard: &GuardSettings) -> GuardPlan {
     GuardPlan {
         hold_ms: seconds("hold_ms", guard.hold, 1e3),
         zero_after_ms: seconds("zero_after_ms", guard.zero_after, 1e3),
-        ramp_s: seconds("ramp_s", guard.ramp, 1.0),
+        ramp_s: seconds("ramp_s", ramp, 1.0).instead_of(round(guard.ramp.as_secs_f64())),
         stop_s: seconds("stop_s", guard.stop, 1.0),
         hand_back_s: seconds("hand_back_s", guard.hand_back, 1.0),
         max_degc_per_min: stated(
@@ -102,7 +109,15 @@ fn of_guard(config: &Config, guard: &GuardSettings) -> GuardPlan {
             "guard.temperature_neighbours_k",
             temperatures.neighbours_k,
         ),
+        temperature_hold_s: stated(config, "guard.temperature_hold_s", guard.fading.hold_s),
+        temperature_fade_s: stated(config, "guard.temperature_fade_s", guard.fading.fade_s),
     }
+}
+
+/// The time that a ramp takes in every guard of the plan.
+fn ramp_taken(plan: &Plan, guard: &GuardSettings) -> Duration {
+    let taken = plan.paths.iter().map(|path| path.limits.ramp_taken());
+    taken.max().unwrap_or(guard.ramp)
 }
 
 fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
@@ -112,10 +127,7 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
             .paths
             .iter()
             .map(|path| {
-                let channel = Stated {
-                    value: path.description.channel.clone(),
-                    source: Source::Device,
-                };
+                let channel = Stated::by(Source::Device, path.description.channel.clone());
                 of_controller(plan, path, channel, BTreeMap::new(), |_, _| Source::Device)
             })
             .collect();
@@ -125,16 +137,15 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
         .map(|(index, ((path, controller), device))| {
             let key = |key: &str| format!("controller.{index}.{key}");
             let channel = stated(config, &key("channel"), path.description.channel.clone());
-            let source = |name: AxisName, what: &str| {
-                source_of(config, device, &key(&of_kind(name, what, controller)))
-            };
+            let source =
+                |name: AxisName, what: &str| source_of(config, device, &key(&of_kind(name, what)));
             of_controller(plan, path, channel, controller.fixed.clone(), source)
         })
         .collect()
 }
 
 /// The key of a value of one axis in a `[[controller]]`.
-fn of_kind(name: AxisName, what: &str, _controller: &ControllerConfig) -> String {
+fn of_kind(name: AxisName, what: &str) -> String {
     match what {
         "resolution" if name.is_rotary() => "resolution_urad".to_owned(),
         "resolution" => "resolution_um".to_owned(),
@@ -165,19 +176,25 @@ fn of_controller(
         .enumerate()
         .filter_map(|(place, axis)| {
             let settings = plan.guard.of(axis.name)?;
+            let resolution = Stated::by(
+                source(axis.name, "resolution"),
+                round(axis.resolution.um_or_urad()),
+            );
+            let includes_correction = Stated::by(
+                source(axis.name, "includes_correction"),
+                axis.includes_correction,
+            );
+            let micro = |value| round(Displacement::new(axis.kind(), value).um_or_urad());
             Some(AxisPlan {
-                resolution: Stated {
-                    value: round(axis.resolution.um_or_urad()),
-                    source: source(axis.name, "resolution"),
-                },
-                includes_correction: Stated {
-                    value: axis.includes_correction,
-                    source: source(axis.name, "includes_correction"),
-                },
-                test_shift: round(
-                    Displacement::new(axis.kind(), path.limits.test_shift[place]).um_or_urad(),
-                ),
-                ..of_axis(&plan.config, axis.name, &settings)
+                resolution,
+                includes_correction,
+                test_shift: micro(path.limits.test_shift[place]),
+                ..of_axis(
+                    &plan.config,
+                    axis.name,
+                    &settings,
+                    micro(path.limits.axes[place].reachable()),
+                )
             })
         })
         .collect();
@@ -185,7 +202,7 @@ fn of_controller(
     ControllerPlan {
         url: description.device.clone(),
         channel,
-        watched: description.heartbeat == Heartbeat::Watched,
+        watched: !path.notes.contains(Reasons::UNWATCHED),
         sees_other_gateways: description.sees_other_gateways,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
         axes,
@@ -193,8 +210,14 @@ fn of_controller(
     }
 }
 
-/// The limits of one axis; step and test shift are those of its controller and not yet known here.
-fn of_axis(config: &Config, name: AxisName, settings: &AxisSettings<Displacement>) -> AxisPlan {
+/// The limits of one axis, of which corrections up to `reachable` (µm, µrad) are written; step and test shift are those
+/// of its controller and not yet known here.
+fn of_axis(
+    config: &Config,
+    name: AxisName,
+    settings: &AxisSettings<Displacement>,
+    reachable: f64,
+) -> AxisPlan {
     let unit = if name.is_rotary() { "urad" } else { "um" };
     let value = |value: Displacement| round(value.um_or_urad());
     let from = |key: &str| format!("guard.{key}");
@@ -203,11 +226,8 @@ fn of_axis(config: &Config, name: AxisName, settings: &AxisSettings<Displacement
         name,
         kind: name.kind().name().to_owned(),
         unit: AxisPlan::unit_of(name.kind()).to_owned(),
-        limit: stated(
-            config,
-            &from(&format!("limit_{unit}")),
-            value(settings.limit),
-        ),
+        limit: stated(config, &from(&format!("limit_{unit}")), reachable)
+            .instead_of(value(settings.limit)),
         warn: stated(config, &from(&format!("warn_{unit}")), value(settings.warn)),
         slew_per_s: stated(
             config,
@@ -224,15 +244,9 @@ fn of_axis(config: &Config, name: AxisName, settings: &AxisSettings<Displacement
             &from(&format!("confirm_{unit}")),
             value(settings.confirm),
         ),
-        resolution: Stated {
-            value: 0.0,
-            source: Source::Device,
-        },
+        resolution: Stated::by(Source::Device, 0.0),
         test_shift: 0.0,
-        includes_correction: Stated {
-            value: false,
-            source: Source::Default,
-        },
+        includes_correction: Stated::by(Source::Default, false),
     }
 }
 
@@ -279,42 +293,4 @@ fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
         .filter(|term| term.sensors.contains_key(sensor))
         .map(|term| format!("drift {}", term.error));
     expansion.chain(drift).collect()
-}
-
-/// Notes that a person should read before the first start.
-fn notes(plan: &Plan, sensors: &[SensorPlan]) -> Vec<String> {
-    let config = &plan.config;
-    let mut notes = Vec::new();
-    if config.guard.is_none() {
-        notes.push("[guard] is missing: it will not arm".to_owned());
-    }
-    let shown = |name: &AxisName| {
-        let mut controllers = config.controllers.iter();
-        config.controllers.is_empty()
-            || controllers.any(|c| c.axes.contains(name) || c.fixed.contains_key(name))
-    };
-    for name in plan.model.axes.iter().filter(|name| !shown(name)) {
-        notes.push(format!(
-            "axis {name}: no controller shows it and `fixed` does not say where it stands: it will not arm"
-        ));
-    }
-    for path in &plan.paths {
-        if path.description.heartbeat == Heartbeat::Unwatched {
-            notes.push(format!(
-                "{}: nothing at the control ramps the correction out when the gateway stops",
-                path.description.device
-            ));
-        }
-    }
-    for sensor in sensors.iter().filter(|sensor| sensor.thermometer.is_none()) {
-        notes.push(format!(
-            "no thermometer has the sensor {}: its thermal terms ({}) are left out",
-            sensor.name,
-            sensor.feeds.join(", ")
-        ));
-    }
-    if plan.tokens.is_empty() {
-        notes.push("no token: nobody can arm over HTTP".to_owned());
-    }
-    notes
 }

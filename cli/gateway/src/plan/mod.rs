@@ -1,7 +1,7 @@
 //! The meaning of a configuration: everything that can be decided and checked without opening a device. The daemon
 //! opens a plan, `check` prints it, a reload compares it with the one that runs.
 
-use std::{sync::Arc, time::Duration};
+use std::{path::Path, sync::Arc, time::Duration};
 
 use volcomp_model::{Machine, Thermal};
 use volcomp_port::{Clock, Controller, Description};
@@ -11,6 +11,7 @@ use volcomp_runtime::{
 };
 
 use crate::{
+    audit,
     config::Config,
     devices::{ControllerDevice, ThermometerDevice},
     documents::PlanDocument,
@@ -20,6 +21,7 @@ use crate::{
 };
 
 mod describe;
+mod notes;
 mod text;
 
 /// A configuration with everything that it names, checked. No device has been opened.
@@ -87,6 +89,7 @@ impl Plan {
         };
         let model = Model::new(&machine, guard.fading)?;
         let paths = paths(&config, &devices, &model, &guard)?;
+        positions_known(&config, &model, &paths)?;
         let sensors = devices.sensors();
         if sensors.len() > MAX_SENSORS {
             return Err(GatewayError::Plan {
@@ -97,11 +100,7 @@ impl Plan {
             });
         }
         let (tokens, tls) = dashboard(&config)?;
-        if config.audit_dir.exists() && !config.audit_dir.is_dir() {
-            return Err(GatewayError::AuditDir {
-                dir: config.audit_dir,
-            });
-        }
+        can_be_folder(&config.audit_dir)?;
         Ok(Self {
             structure: machine.chain().structure().to_string(),
             thermal: machine.thermal().clone(),
@@ -293,6 +292,46 @@ fn paths(
             })
             .collect(),
     }
+}
+
+/// Refuses a controller whose correction depends on a position that is never known: every controller needs the position
+/// of every axis of the machine, which it shows itself, another controller shows, or `fixed` states.
+fn positions_known(config: &Config, model: &Model, paths: &[PathPlan]) -> Result<(), GatewayError> {
+    for path in paths {
+        for (axis, fixed) in model.axes.iter().zip(path.fixed) {
+            let shows = |path: &PathPlan| path.description.index_of(*axis).is_some();
+            if fixed.is_none() && !paths.iter().any(shows) {
+                return Err(GatewayError::PositionUnknown {
+                    file: config.file.clone(),
+                    url: path.description.device.clone(),
+                    axis: *axis,
+                    machine: config.machine.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a folder that cannot be made: one that lies below a file, or is one. Whether it can be written is known only
+/// to the user as whom the gateway runs.
+fn can_be_folder(dir: &Path) -> Result<(), GatewayError> {
+    let wrong = |found: &Path| {
+        Err(GatewayError::AuditDir {
+            dir: dir.to_owned(),
+            found: found.to_owned(),
+        })
+    };
+    for above in dir.ancestors().filter(|above| *above != Path::new("")) {
+        // A link that leads nowhere is there, and is no folder.
+        match (above.symlink_metadata(), above.metadata()) {
+            (_, Ok(found)) if found.is_dir() => break,
+            (Ok(_), _) => return wrong(above),
+            (Err(_), _) => {}
+        }
+    }
+    let log = audit::log_file(dir);
+    if log.is_dir() { wrong(&log) } else { Ok(()) }
 }
 
 /// Tokens and certificate. Where others can reach the dashboard it needs both.

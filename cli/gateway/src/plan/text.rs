@@ -78,7 +78,11 @@ impl Lines {
             Source::Default => "default",
             Source::Device => "device",
         };
-        let line = format!("{label:<22}{:<30}{from}", show(&value.value));
+        let asked = match &value.asked {
+            Some(asked) => format!(" ({} asked)", show(asked)),
+            None => String::new(),
+        };
+        let line = format!("{label:<22}{:<30}{from}{asked}", show(&value.value));
         self.text += line.trim_end();
         self.text += "\n";
     }
@@ -126,6 +130,8 @@ impl Lines {
         self.stated("  neighbours within", neighbours, |k| {
             k.map_or_else(|| "not compared".to_owned(), |k| format!("{k} K"))
         });
+        self.stated("  terms held for", &guard.temperature_hold_s, s);
+        self.stated("  terms fade over", &guard.temperature_fade_s, s);
     }
 
     fn controller(&mut self, number: usize, controller: &ControllerPlan, has_limits: bool) {

@@ -22,6 +22,7 @@ use crate::{
     times::Times,
 };
 
+mod effect;
 mod reload;
 mod requests;
 
@@ -60,6 +61,10 @@ pub struct Service {
     times: Times,
     last_state: State,
     audit_fails: bool,
+    /// The last reload was refused: the files on disk are not those that hold.
+    not_reloaded: bool,
+    /// It was told to end.
+    stopping: bool,
     /// Whether it was armed once, or a person took over.
     auto_arm_done: bool,
     auto_arm_after: Instant,
@@ -84,6 +89,8 @@ impl Service {
             times: Times::default(),
             last_state: State::Disarmed,
             audit_fails: false,
+            not_reloaded: false,
+            stopping: false,
             auto_arm_done: false,
             auto_arm_after: now,
             output_written: (now, PerAxis::ZERO),
@@ -129,20 +136,23 @@ impl Service {
     /// Ramps to zero for at most the configured time, then ends the control thread. `hurry` tells to end it at once.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
+        self.stopping = true;
+        self.tell_thread();
         let state = self.parts.handle.report().state.into();
+        // Stopping waits for no disk: the record comes after the order.
+        let mut ordered = self.parts.handle.send(Order::Request(Request::Disarm));
         self.log("signal", "stop", Event::Request { state });
-        self.parts.handle.note(Reasons::STOPPING);
-        // A thread that takes no order any more is stopped below.
-        let _ = self.parts.handle.send(Order::Request(Request::Disarm));
         let guard = self.parts.config.guard.as_ref();
         let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         std::thread::sleep(self.parts.config.cycle * 2);
         while Instant::now() < end && !hurry() {
+            // Where other orders were in the way it is said again.
+            ordered = ordered || self.parts.handle.send(Order::Request(Request::Disarm));
             self.look();
             let report = self.parts.handle.report();
             let at_rest = report.state == State::Disarmed
                 || matches!(report.state, State::Faulted(_)) && report.correction == PerAxis::ZERO;
-            if at_rest {
+            if ordered && at_rest {
                 break;
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -182,9 +192,12 @@ impl Service {
     fn tell_thread(&mut self) {
         let audit = Reasons::AUDIT.when(self.audit_fails);
         self.parts.handle.forbid(self.parts.forbids | audit);
-        self.parts
-            .handle
-            .note(audit | Reasons::DEGRADED.when(self.audit_fails));
+        self.parts.handle.note(
+            audit
+                | Reasons::DEGRADED.when(self.audit_fails)
+                | Reasons::NOT_RELOADED.when(self.not_reloaded)
+                | Reasons::STOPPING.when(self.stopping),
+        );
     }
 
     /// Changes since the last look go into the log, times into the histograms, and a state is published.

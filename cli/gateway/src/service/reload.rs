@@ -5,11 +5,14 @@ use std::sync::Arc;
 use volcomp_guard::Reasons;
 use volcomp_runtime::{Order, Replacement};
 
-use super::{Service, requests::no_log};
+use super::{
+    Service,
+    requests::{no_log, refused},
+};
 use crate::{
     audit::replace_file,
     config::Config,
-    documents::{Answer, Event, Refusal, Reloaded},
+    documents::{Answer, Event, Reloaded},
     error::{FixedKey, GatewayError, ReloadError},
     plan::Plan,
     request::Reply,
@@ -18,15 +21,20 @@ use crate::{
 impl Service {
     /// Reads everything again. What cannot change while the gateway runs is named and refused.
     pub(super) fn reload(&mut self, who: &str, confirm: Option<&str>) -> Reply {
+        let reply = self.reloaded(who, confirm);
+        // The built-in configuration has no files that could differ from it.
+        self.not_reloaded = reply.status != 200 && self.parts.options.config.is_some();
+        self.tell_thread();
+        reply
+    }
+
+    fn reloaded(&mut self, who: &str, confirm: Option<&str>) -> Reply {
         match self.try_reload(who, confirm) {
             Ok(reply) => reply,
             Err(e) => {
                 self.log(who, "reload refused", Event::Refused(e.to_string()));
                 tracing::warn!("reload: {e}");
-                Reply {
-                    status: 422,
-                    answer: Answer::Refusal(Refusal::new(e.to_string())),
-                }
+                refused(422, e.to_string())
             }
         }
     }
@@ -36,12 +44,12 @@ impl Service {
             return Err(ReloadError::BuiltIn.into());
         }
         let config = self.parts.options.configuration()?;
-        self.can_change_to(&config)?;
-        let plan = Plan::new(config)?;
-        if plan.config.guard.is_none() {
-            let file = plan.config.file;
+        if config.guard.is_none() {
+            let file = config.file;
             return Err(ReloadError::NoGuard { file }.into());
         }
+        self.can_change_to(&config)?;
+        let plan = Plan::new(config)?;
         if plan.model.axes != self.parts.model.axes {
             let machine = plan.config.machine;
             return Err(ReloadError::OtherAxes { machine }.into());
@@ -56,10 +64,7 @@ impl Service {
         }
         // Limits and model are taken together or not at all.
         if self.parts.handle.room() <= plan.limits().len() {
-            return Ok(Reply {
-                status: 503,
-                answer: Answer::Refusal(Refusal::new("the control thread takes no orders")),
-            });
+            return Ok(refused(503, "the control thread takes no orders"));
         }
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),

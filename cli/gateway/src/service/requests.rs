@@ -14,7 +14,7 @@ use volcomp_port::Description;
 use volcomp_runtime::{Model, Order};
 use volcomp_vocabulary::AxisName;
 
-use super::Service;
+use super::{Service, effect};
 use crate::{
     audit::replace_file,
     documents::{Answer, Event, Question, Refusal, Settled},
@@ -54,10 +54,8 @@ impl Service {
         self.auto_arm_done |= !matches!(asked.ask, Ask::Reload(_));
         let reply = match asked.ask {
             Ask::Arm(confirm) => self.arm(who, confirm.as_deref()),
-            Ask::Disarm => self.request(who, "disarm", Request::Disarm, |state| !state.is_armed()),
-            Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge, |state| {
-                !matches!(state, State::Faulted(_))
-            }),
+            Ask::Disarm => self.request(who, "disarm", Request::Disarm),
+            Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge),
             Ask::Reload(confirm) => self.reload(who, confirm.as_deref()),
         };
         if let Some(to) = asked.answer {
@@ -68,38 +66,54 @@ impl Service {
         }
     }
 
-    /// Logs a request, sends it, and waits for its effect.
-    fn request(
-        &mut self,
-        who: &str,
-        what: &str,
-        request: Request,
-        done: impl Fn(State) -> bool,
-    ) -> Reply {
+    /// Sends a request, writes it down, and waits for its effect.
+    fn request(&mut self, who: &str, what: &str, request: Request) -> Reply {
         let before = *self.parts.handle.report();
         let state = before.state.into();
-        let may = self.log(who, what, Event::Request { state });
-        // A full disk forbids arming, never disarming.
-        if !may && request == Request::Arm {
+        let end = Instant::now() + EFFECT.max(self.parts.config.cycle * 5);
+        // A full disk forbids arming, never disarming, and disarming waits for no disk.
+        if request == Request::Arm && !self.log(who, what, Event::Request { state }) {
             return no_log(before.state);
         }
-        if !self.parts.handle.send(Order::Request(request)) {
-            return Reply {
-                status: 503,
-                answer: Answer::Refusal(Refusal::new("the control thread takes no orders")),
-            };
+        let sent = self.send_until(request, end);
+        if request != Request::Arm {
+            self.log(who, what, Event::Request { state });
         }
-        let end = Instant::now() + EFFECT.max(self.parts.config.cycle * 5);
+        if !sent {
+            return refused(503, "the control thread takes no orders");
+        }
         loop {
             let report = *self.parts.handle.report();
             // Two cycles: the order may have come in the middle of one.
             let seen = report.cycle > before.cycle + 2;
-            if seen && done(report.state) || Instant::now() > end {
-                let status = if done(report.state) { 200 } else { 409 };
-                return settled(status, report.state, report.reasons | self.parts.forbids);
+            let taken = effect::has_taken(request, report.state);
+            if seen && taken {
+                return settled(200, report.state, report.reasons | self.parts.forbids, None);
+            }
+            if Instant::now() > end && !seen {
+                return refused(
+                    503,
+                    "the control thread runs no cycles: what is applied now is not known, and the request waits for it",
+                );
+            }
+            if Instant::now() > end {
+                let why = effect::refusal(request, report.state);
+                let reasons = report.reasons | self.parts.forbids;
+                return settled(409, report.state, reasons, Some(why));
             }
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// Sends a request, again while too many orders wait. Whether it was taken.
+    fn send_until(&mut self, request: Request, end: Instant) -> bool {
+        while !self.parts.handle.send(Order::Request(request)) {
+            if Instant::now() > end {
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        true
     }
 
     pub(super) fn confirmed_path(&self) -> PathBuf {
@@ -168,10 +182,7 @@ impl Service {
                     "the model that was armed last cannot be read ({error}): look at it, and remove {} if it is damaged",
                     path.display()
                 );
-                return Reply {
-                    status: 409,
-                    answer: Answer::Refusal(Refusal::new(what)),
-                };
+                return refused(409, what);
             }
         };
         if let Some(old) = armed_last
@@ -187,21 +198,31 @@ impl Service {
             tracing::error!("{}: {e}", path.display());
             return no_log(self.last_state);
         }
-        self.request(who, "arm", Request::Arm, |state| state != State::Disarmed)
+        self.request(who, "arm", Request::Arm)
     }
 }
 
 /// The answer when the audit log cannot be written.
 pub(super) fn no_log(state: State) -> Reply {
-    settled(409, state, Reasons::AUDIT)
+    let why = "the audit log cannot be written";
+    settled(409, state, Reasons::AUDIT, Some(why))
 }
 
-fn settled(status: u16, state: State, reasons: Reasons) -> Reply {
+/// A refusal in words.
+pub(super) fn refused(status: u16, why: impl Into<String>) -> Reply {
+    Reply {
+        status,
+        answer: Answer::Refusal(Refusal::new(why)),
+    }
+}
+
+fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {
     Reply {
         status,
         answer: Answer::Settled(Settled {
             state: state.into(),
             reasons: reasons.texts().map(str::to_owned).collect(),
+            error: error.map(str::to_owned),
         }),
     }
 }
@@ -222,9 +243,15 @@ fn in_words(answer: &Answer) -> String {
                 size(question.worst_corner_urad)
             )
         }
-        Answer::Settled(settled) if settled.reasons.is_empty() => settled.state.name().to_owned(),
         Answer::Settled(settled) => {
-            format!("{}: {}", settled.state.name(), settled.reasons.join(", "))
+            let why = settled.error.iter().chain(&settled.reasons);
+            let words: Vec<&str> = why.map(String::as_str).collect();
+            let state = settled.state.name();
+            if words.is_empty() {
+                state.to_owned()
+            } else {
+                format!("{state}: {}", words.join(", "))
+            }
         }
         Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
         Answer::Refusal(refusal) => refusal.error.clone(),

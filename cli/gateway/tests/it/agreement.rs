@@ -292,6 +292,62 @@ const CASES: &[Wrong] = &[
         &[("[dashboard]", "[audit]\ndir = \"tokens\"\n[dashboard]")],
         "is no folder",
     ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[audit]\ndir = \"tokens/audit\"\n[dashboard]",
+        )],
+        "tokens is no folder",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[audit]\ndir = \"nowhere/audit\"\n[dashboard]",
+        )],
+        "nowhere is no folder",
+    ),
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"odd\"\n[dashboard]")],
+        "audit.log is a folder, expected a file",
+    ),
+    // An axis of the machine whose position nobody tells.
+    wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\"]")], "axis Z"),
+    Wrong {
+        changes: &[],
+        machine: FIVE,
+        says: "fixed = { C = … }",
+    },
+    // Keys that a kind of controller cannot use.
+    wrong(
+        &[("heartbeat", "digital = { position_bits = 8 }\nheartbeat")],
+        "controller.digital: found this key for a FANUC control",
+    ),
+    // Ceilings that no configuration raises.
+    wrong(
+        &[("limit_um = 150.0", "limit_um = 2000.1")],
+        "guard.limit_um",
+    ),
+    wrong(
+        &[("slew_um_per_s = 500.0", "slew_um_per_s = 5000.1")],
+        "guard.slew_um_per_s",
+    ),
+    wrong(
+        &[(
+            "hold_ms",
+            "limit_urad = 2000.1\nslew_urad_per_s = 1.0\nhold_ms",
+        )],
+        "guard.limit_urad",
+    ),
+    wrong(
+        &[(
+            "hold_ms",
+            "limit_urad = 100.0\nslew_urad_per_s = 5000.1\nhold_ms",
+        )],
+        "guard.slew_urad_per_s",
+    ),
+    wrong(&[("cycle_ms = 4.0", "cycle_ms = 0.24")], "cycle_ms"),
+    wrong(&[("cycle_ms = 4.0", "cycle_ms = 101.0")], "cycle_ms"),
+    wrong(&[("hold_ms = 50", "hold_ms = 201")], "guard.hold_ms"),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),
     Wrong {
@@ -321,6 +377,9 @@ fn folder() -> tempfile::TempDir {
     write("short", "anna operate 0123\n", 0o600);
     write("bare.dbc", BARE, 0o644);
     write("deg.dbc", &BARE.replace("\"um\"", "\"deg\""), 0o644);
+    // A link that leads nowhere, and a folder where the log should be.
+    std::os::unix::fs::symlink("missing", dir.path().join("nowhere")).expect("writable");
+    std::fs::create_dir_all(dir.path().join("odd/audit.log")).expect("writable");
     volcomp_gateway::http::tls::make(dir.path(), &["localhost".to_owned()]).expect("a pair");
     dir
 }
@@ -392,7 +451,7 @@ fn a_wrong_configuration_is_told_as_json() {
 fn a_plan_describes_what_is_opened() {
     use volcomp_gateway::{config::Config, plan::Plan};
     let dir = folder();
-    let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6";
+    let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6";
     let slow = RIGHT.replace("cycle_ms = 4.0", "cycle_ms = 20.0");
     // Six bits carry 31 µm.
     let lines = slow

@@ -52,7 +52,7 @@ fn status_and_check_speak_for_themselves() {
     for (from, to, expected) in [
         ("limit_um = 150.0", "limit_um = \"much\"", "guard.limit_um"),
         ("slew_um_per_s = 500.0", "", "slew_um_per_s"),
-        ("hold_ms = 500", "hold_ms = 500\nhold_s = 1", "hold_s"),
+        ("hold_ms = 200", "hold_ms = 200\nhold_s = 1", "hold_s"),
         (
             "axes = [\"X\", \"Y\", \"Z\"]",
             "axes = [\"X\", \"W\"]",

@@ -28,7 +28,7 @@ cycle_ms = 4.0
 [guard]
 limit_um = 150.0
 slew_um_per_s = 500.0
-hold_ms = 500
+hold_ms = 200
 zero_after_ms = 3000
 confirm_um = 10.0
 # It moves all the time.

@@ -10,10 +10,12 @@ mod clock;
 mod controlled;
 mod cycle;
 mod documents;
+mod effective;
 mod faults;
 mod five_axes;
 mod fuzz_corpus;
 mod http;
+mod keys;
 mod process;
 mod program;
 mod records;
@@ -21,6 +23,7 @@ mod reload;
 mod shipped;
 mod texts;
 mod units;
+mod verbs;
 mod volume;
 
 /// Ends the run on an allocation where one is forbidden.

@@ -189,8 +189,8 @@ fn a_second_signal_leaves_at_once() {
     let config = configuration(dir.path(), &control, "auto_arm = true");
     change(
         &config,
-        "hold_ms = 500",
-        "hold_ms = 500\nramp_s = 60\nstop_s = 60",
+        "hold_ms = 200",
+        "hold_ms = 200\nramp_s = 60\nstop_s = 60",
     );
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     program

@@ -47,7 +47,7 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    change(&config, "hold_ms = 500", "hold_ms = 500\nramp_s = 0.1");
+    change(&config, "hold_ms = 200", "hold_ms = 200\nramp_s = 0.1");
     let audit = dir.path().join("audit");
     let mut shell = Command::new("bash");
     // 8 blocks of a KiB; without the signal a write fails instead.

@@ -70,6 +70,29 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
         refused.body
     );
     program.wait_for("compensating");
+    // The files on disk are not those that hold: it says so, also to whoever arms.
+    let told = "files on disk not taken over";
+    let says = |answer: &serde_json::Value| answer["reasons"].to_string().contains(told);
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    program.wait_for("disarmed");
+    let armed = program.post("/api/arm", "");
+    assert!(armed.status == 200 && says(&armed.json()), "{}", armed.body);
+    assert!(says(&program.wait_for("compensating")));
+    change(&machine, "travel = [250.0, 0.0]", "travel = [0.0, 250.0]");
+    assert_eq!(program.post("/api/reload", "").status, 200);
+    program.wait(|state| !says(state)).expect("all is in use");
+    // Limits cannot be taken away while it runs.
+    let text = std::fs::read_to_string(&config).expect("readable");
+    let (before, rest) = text.split_once("[guard]").expect("there");
+    let (_, after) = rest.split_once("[[controller]]").expect("there");
+    std::fs::write(&config, format!("{before}[[controller]]{after}")).expect("writable");
+    let refused = program.post("/api/reload", "");
+    assert_eq!(refused.status, 422);
+    assert!(
+        refused.body.contains("[guard] is missing"),
+        "{}",
+        refused.body
+    );
 }
 
 /// The machine file becomes another machine's between two runs: arming asks.
@@ -112,14 +135,11 @@ fn another_machines_file_is_not_armed_unasked() {
         "[errors]",
         "[axes.C]\ntravel = [-180.0, 180.0]\n[errors]",
     );
-    let program = Program::start(dir.path(), &arguments);
-    program
-        .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
-        .expect("it runs");
-    let refused = program.post("/api/arm", "");
-    assert_eq!(
-        refused.status, 409,
-        "where C stands nobody knows: {}",
-        refused.body
-    );
+    let refused = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+        .args(arguments)
+        .output()
+        .expect("built");
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert!(message.contains("axis C"), "{message}");
 }

@@ -62,7 +62,7 @@ zero_after_ms = 500
 [[controller]]
 url = "can://can0"
 axes = ["X"]
-fixed = { Y = 50.0 }
+fixed = { Y = 50.0, Z = 0.0 }
 [[thermometer]]
 url = "modbus://192.0.2.20:502?unit=1&profile=PTA8C04"
 names = ["bed", "spindle"]

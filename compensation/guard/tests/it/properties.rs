@@ -173,7 +173,7 @@ proptest! {
     fn a_ramp_is_never_steeper_than_twenty_cycles(from in -0.1..0.1_f64, to in -0.1..0.1_f64, ramp_ms in 0..400_u64, leave: bool) {
         let mut limits = Limits { ramp: Duration::from_millis(ramp_ms), ..limits() };
         for axis in &mut limits.axes {
-            (axis.slew_per_s, axis.accel_per_s2) = (1e6, f64::INFINITY);
+            (axis.slew_per_s, axis.accel_per_s2) = (volcomp_guard::ceiling::SLEW_PER_S.0, f64::INFINITY);
         }
         let mut world = World::new(&limits);
         world.target = Some(axes(from, 0.0));

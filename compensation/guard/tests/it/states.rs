@@ -119,7 +119,10 @@ fn limits_that_make_no_sense_are_refused() {
         change(&mut limits);
         Guard::new(limits).expect_err("refused")
     };
-    assert_eq!(check(&|l| l.axes[1].limit = 0.0).axis, Some(1));
+    assert_eq!(
+        check(&|l| l.axes[1].limit = 0.0).axis,
+        Some((1, volcomp_vocabulary::AxisKind::Linear))
+    );
     assert_eq!(check(&|l| l.axes[0].warn = 0.2).what, Quantity::Warn);
     assert_eq!(
         check(&|l| l.axes[0].slew_per_s = f64::NAN).what,
@@ -140,6 +143,63 @@ fn limits_that_make_no_sense_are_refused() {
     );
     assert_eq!(check(&|l| l.zero_after = PERIOD).what, Quantity::ZeroAfter);
     assert_eq!(check(&|l| l.test_shift[0] = STEP).what, Quantity::TestShift);
+}
+
+/// The ceilings, for both kinds of axes: what is at one is taken, what is beyond is refused, also while it runs.
+#[test]
+fn limits_beyond_the_ceilings_are_refused() {
+    use volcomp_vocabulary::AxisKind::{Linear, Rotary};
+    let with = |change: &dyn Fn(&mut volcomp_guard::Limits)| {
+        let mut limits = limits();
+        change(&mut limits);
+        limits
+    };
+    for (kind, limit, slew) in [(Linear, 2.0, 5.0), (Rotary, 0.002, 0.005)] {
+        let of = |limit: f64, slew: f64| {
+            with(&|l| {
+                for axis in &mut l.axes {
+                    (axis.kind, axis.resolution) = (kind, 1e-6);
+                    (axis.limit, axis.warn, axis.slew_per_s) = (limit, 0.001, slew);
+                }
+            })
+        };
+        let mut guard = Guard::new(of(limit, slew)).expect("at the ceilings");
+        for (limits, what, unit) in [
+            (of(limit * 1.001, slew), Quantity::Limit, "2002"),
+            (of(limit, slew * 1.001), Quantity::Slew, "5005"),
+            (of(f64::INFINITY, slew), Quantity::Limit, "inf"),
+        ] {
+            let refused = Guard::new(limits).expect_err("beyond a ceiling");
+            assert_eq!((refused.what, refused.axis), (what, Some((0, kind))));
+            assert!(refused.to_string().contains(unit), "{refused}");
+            assert_eq!(guard.set_limits(limits), Err(refused));
+        }
+        assert_eq!(guard.limits(), &of(limit, slew));
+    }
+    let micros = Duration::from_micros;
+    for (limits, what) in [
+        (with(&|l| l.period = micros(249)), Quantity::Period),
+        (
+            with(&|l| (l.period, l.hold) = (micros(100_001), micros(150_000))),
+            Quantity::Period,
+        ),
+        (with(&|l| l.period = Duration::MAX), Quantity::Period),
+        (with(&|l| l.hold = micros(200_001)), Quantity::Hold),
+    ] {
+        assert_eq!(Guard::new(limits).expect_err("refused").what, what);
+    }
+    for (period, hold) in [(250, 250), (100_000, 200_000)] {
+        let at = with(&|l| (l.period, l.hold) = (micros(period), micros(hold)));
+        assert!(Guard::new(at).is_ok());
+    }
+    // An axis does not become one of another kind.
+    let mut guard = Guard::new(limits()).expect("good limits");
+    let turned = with(&|l| {
+        (l.axes[0].kind, l.axes[0].limit, l.axes[0].warn) = (Rotary, 0.002, 0.002);
+        l.axes[0].slew_per_s = 0.005;
+    });
+    let refused = guard.set_limits(turned).expect_err("another kind");
+    assert_eq!(refused.what, Quantity::Axes);
 }
 
 #[test]

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, Output, Reading, Reasons, Request, State};
-use volcomp_vocabulary::{MAX_AXES, PerChannel};
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const STEP: f64 = 0.001;
 
 pub(crate) fn limits() -> Limits {
     let axis = AxisLimits {
+        kind: AxisKind::Linear,
         limit: 0.150,
         warn: 0.100,
         slew_per_s: 0.5,

@@ -1,0 +1,79 @@
+//! Which keys of `[[controller]]` each kind of controller can use: one table. A key that has no effect is refused,
+//! since whoever wrote it relies on it.
+
+use volcomp_devices::{Address, Scheme};
+use volcomp_document::{InputError, Section};
+
+/// The kind of a controller, by the scheme of its URL.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControllerKind {
+    /// A FANUC control, `focas://`.
+    Focas,
+    /// A bridge on CAN, `can://`: its DBC file says which signals and steps there are.
+    Can,
+    /// Words on digital lines, `gpio://`, `modbus://` or `modbus-rtu://`.
+    Lines,
+}
+
+use ControllerKind::{Can, Focas, Lines};
+
+/// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 13] = [
+    ("url", &ControllerKind::ALL),
+    ("channel", &ControllerKind::ALL),
+    ("axes", &ControllerKind::ALL),
+    ("fixed", &ControllerKind::ALL),
+    ("includes_correction", &ControllerKind::ALL),
+    ("test_shift", &ControllerKind::ALL),
+    ("unwatched", &ControllerKind::ALL),
+    ("resolution_um", &[Focas, Lines]),
+    ("resolution_urad", &[Focas, Lines]),
+    ("area", &[Focas]),
+    ("heartbeat", &[Focas]),
+    ("referenced", &[Focas]),
+    ("digital", &[Lines]),
+];
+
+impl ControllerKind {
+    /// Every kind.
+    pub const ALL: [Self; 3] = [Focas, Can, Lines];
+
+    /// The kind of the controllers of this scheme.
+    pub fn of(scheme: Scheme) -> Self {
+        match scheme {
+            Scheme::Focas => Focas,
+            Scheme::Can => Can,
+            Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => Lines,
+        }
+    }
+
+    /// The kind in words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Focas => "a FANUC control (focas://)",
+            Can => "a bridge on CAN (can://)",
+            Lines => "digital lines (gpio://, modbus://, modbus-rtu://)",
+        }
+    }
+}
+
+/// Refuses keys that are not known, and keys that a controller of this kind cannot use. A URL that is none is refused
+/// later, with the devices.
+pub(super) fn check(section: &Section<'_>) -> Result<(), InputError> {
+    section.allow(&CONTROLLER_KEYS.map(|(key, _)| key))?;
+    let Ok(address) = Address::parse(section.require("url")?.text()?) else {
+        return Ok(());
+    };
+    let kind = ControllerKind::of(address.scheme);
+    for (key, kinds) in CONTROLLER_KEYS {
+        if let Some(value) = section.get(key).filter(|_| !kinds.contains(&kind)) {
+            let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+            return Err(value.error(format!(
+                "found this key for {}, expected it only for {}",
+                kind.name(),
+                names.join(" or ")
+            )));
+        }
+    }
+    Ok(())
+}

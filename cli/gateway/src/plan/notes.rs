@@ -1,0 +1,98 @@
+//! Notes of a plan: what a person should read before the first start.
+
+use super::{Devices, Plan};
+use crate::documents::{AxisPlan, ControllerPlan, GuardPlan, SensorPlan, round};
+
+/// The notes of a plan, in whole sentences.
+pub(super) fn notes(
+    plan: &Plan,
+    guard: Option<&GuardPlan>,
+    controllers: &[ControllerPlan],
+    sensors: &[SensorPlan],
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    match guard {
+        None => notes.push("[guard] is missing: it will not arm".to_owned()),
+        Some(guard) => {
+            notes.extend(ramp(plan, guard));
+            for (index, controller) in controllers.iter().enumerate() {
+                for axis in &controller.axes {
+                    notes.extend(limit(controller, axis));
+                    notes.extend(test_shift(plan, index, controller, axis));
+                }
+            }
+        }
+    }
+    for controller in controllers.iter().filter(|controller| !controller.watched) {
+        notes.push(format!(
+            "{}: nothing at the control ramps the correction out when the gateway stops",
+            controller.url
+        ));
+    }
+    for sensor in sensors.iter().filter(|sensor| sensor.thermometer.is_none()) {
+        notes.push(format!(
+            "no thermometer has the sensor {}: its thermal terms ({}) are left out",
+            sensor.name,
+            sensor.feeds.join(", ")
+        ));
+    }
+    if plan.tokens.is_empty() {
+        notes.push("no token: nobody can arm over HTTP".to_owned());
+    }
+    notes
+}
+
+/// A ramp that takes longer than it is asked to.
+fn ramp(plan: &Plan, guard: &GuardPlan) -> Option<String> {
+    let asked = guard.ramp_s.asked?;
+    Some(format!(
+        "ramp_s: {asked} s are asked for, and a ramp takes {} s: at least 20 cycles, and a cycle takes {} ms",
+        guard.ramp_s.value,
+        round(plan.config.cycle.as_secs_f64() * 1e3)
+    ))
+}
+
+/// A limit that is no whole number of steps.
+fn limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
+    let asked = axis.limit.asked?;
+    Some(format!(
+        "{}: axis {}: the limit {asked} {unit} is no whole number of steps of {} {unit}: corrections go up to {} {unit}",
+        controller.url,
+        axis.name,
+        axis.resolution.value,
+        axis.limit.value,
+        unit = axis.unit
+    ))
+}
+
+/// A test shift that is larger than it is asked to be, or is not made although it is asked for.
+fn test_shift(
+    plan: &Plan,
+    index: usize,
+    controller: &ControllerPlan,
+    axis: &AxisPlan,
+) -> Option<String> {
+    let proves = match &plan.devices {
+        Devices::Simulated(_) => true,
+        Devices::Configured { controllers, .. } => {
+            let config = plan.config.controllers.get(index)?;
+            let device = controllers.get(index)?;
+            device.settings(config, plan.config.cycle).proves
+        }
+    };
+    let asked = round(plan.guard.of(axis.name)?.test_shift.um_or_urad());
+    if !proves || asked == 0.0 || asked == axis.test_shift {
+        return None;
+    }
+    let (url, name, unit) = (&controller.url, axis.name, &axis.unit);
+    Some(if axis.test_shift == 0.0 {
+        format!(
+            "{url}: axis {name}: the test shift is not made: four steps of its correction and of its position are more than the limit"
+        )
+    } else {
+        format!(
+            "{url}: axis {name}: the test shift is {} {unit} instead of {asked} {unit}: at least four steps of the correction and of the position",
+            axis.test_shift
+        )
+    })
+}

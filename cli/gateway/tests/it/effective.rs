@@ -1,0 +1,89 @@
+//! What `check` prints is what holds, not what was asked for.
+
+use std::time::Duration;
+
+use volcomp_gateway::{config::Config, plan::Plan};
+
+fn plan(text: &str) -> Plan {
+    let dir = tempfile::tempdir().expect("writable");
+    std::fs::write(dir.path().join("machine.toml"), crate::program::MACHINE).expect("writable");
+    let config = Config::parse(text, "G.toml", dir.path()).unwrap_or_else(|e| panic!("{e}"));
+    Plan::new(config).unwrap_or_else(|e| panic!("{e}"))
+}
+
+const TEXT: &str = r#"machine = "machine.toml"
+cycle_ms = 40.0
+[guard]
+limit_um = 100.5
+slew_um_per_s = 500.0
+hold_ms = 50
+zero_after_ms = 500
+ramp_s = 0.05
+[[controller]]
+url = "focas://192.0.2.10:8193"
+axes = ["X", "Y", "Z"]
+resolution_um = 2.0
+heartbeat = { pmc = "R", at = 120 }
+"#;
+
+#[test]
+fn the_plan_tells_what_holds_and_what_was_asked() {
+    let plan = plan(TEXT);
+    let document = plan.document();
+    let guard = document.guard.as_ref().expect("limits");
+    // 20 cycles of 40 ms.
+    assert_eq!((guard.ramp_s.value, guard.ramp_s.asked), (0.8, Some(0.05)));
+    let axis = &document.controllers[0].axes[0];
+    assert_eq!((axis.limit.value, axis.limit.asked), (100.0, Some(100.5)));
+    assert_eq!(axis.slew_per_s.asked, None);
+    // Four steps of 2 µm are more than the 5 µm of the default.
+    assert_eq!(axis.test_shift, 8.0);
+    // The guard says the same.
+    let limits = plan.limits()[0];
+    assert_eq!(limits.ramp_taken(), Duration::from_millis(800));
+    assert!((limits.axes[0].reachable() - 0.100).abs() < 1e-12);
+    let text = plan.text();
+    for part in [
+        "0.8 s                         G.toml (0.05 s asked)",
+        "100 µm                        G.toml (100.5 µm asked)",
+        "at least 20 cycles",
+        "the limit 100.5 µm is no whole number of steps of 2 µm",
+        "the test shift is 8 µm instead of 5 µm",
+    ] {
+        let joined = text.replace("\n     ", "");
+        assert!(joined.contains(part), "{part}: {text}");
+    }
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 80),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_test_shift_that_is_not_made_is_told() {
+    let coarse = TEXT
+        .replace("resolution_um = 2.0", "resolution_um = 50.0")
+        .replace("limit_um = 100.5", "limit_um = 100.0");
+    let document = plan(&coarse).document();
+    assert_eq!(document.controllers[0].axes[0].test_shift, 0.0);
+    let told = |note: &&String| note.contains("axis X: the test shift is not made");
+    assert!(
+        document.notes.iter().any(|note| told(&note)),
+        "{document:?}"
+    );
+}
+
+#[test]
+fn what_holds_as_it_is_asked_is_not_told_twice() {
+    let fitting = TEXT
+        .replace("cycle_ms = 40.0", "cycle_ms = 4.0")
+        .replace("ramp_s = 0.05", "ramp_s = 0.5")
+        .replace("limit_um = 100.5", "limit_um = 100.0")
+        .replace("resolution_um = 2.0", "resolution_um = 1.0");
+    let plan = plan(&fitting);
+    assert_eq!(
+        plan.document().notes,
+        ["no token: nobody can arm over HTTP"]
+    );
+    assert!(!plan.text().contains("asked"), "{}", plan.text());
+}

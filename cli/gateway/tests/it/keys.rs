@@ -1,0 +1,106 @@
+//! A key that a kind of controller cannot use is refused by name: nobody relies on a key that has no effect.
+
+use std::path::Path;
+
+use volcomp_gateway::config::{CONTROLLER_KEYS, Config, ControllerKind};
+
+/// A URL of each scheme, and its kind.
+const URLS: [(&str, ControllerKind); 5] = [
+    ("focas://192.0.2.10:8193", ControllerKind::Focas),
+    ("can://can0", ControllerKind::Can),
+    (
+        "gpio://?position=a:0-14&correction=b:0-7",
+        ControllerKind::Lines,
+    ),
+    (
+        "modbus://192.0.2.40?profile=ADAM-6050",
+        ControllerKind::Lines,
+    ),
+    (
+        "modbus-rtu:///dev/ttyUSB0?profile=WAGO-750-8DI/8DO",
+        ControllerKind::Lines,
+    ),
+];
+
+/// A good value of a key, and the axis for which it is one.
+fn value(key: &str) -> (&'static str, &'static str) {
+    match key {
+        "channel" => ("\"emzps\"", "X"),
+        "fixed" => ("{ Y = 1.0 }", "X"),
+        "includes_correction" | "test_shift" | "unwatched" => ("true", "X"),
+        "resolution_um" => ("1.0", "X"),
+        "resolution_urad" => ("1.0", "C"),
+        "area" => ("{ pmc = \"R\", first = 100, width = 2 }", "X"),
+        "heartbeat" => ("{ pmc = \"R\", at = 120 }", "X"),
+        "referenced" => ("false", "X"),
+        "digital" => ("{ position_bits = 8 }", "X"),
+        other => panic!("no value for the key {other}"),
+    }
+}
+
+#[test]
+fn every_key_with_every_kind_of_controller() {
+    let [mut taken, mut refused] = [0, 0];
+    for (url, kind) in URLS {
+        for (key, kinds) in CONTROLLER_KEYS {
+            if ["url", "axes"].contains(&key) {
+                assert_eq!(
+                    kinds,
+                    ControllerKind::ALL,
+                    "{key} stands in every controller"
+                );
+                continue;
+            }
+            let (value, axis) = value(key);
+            let text = format!(
+                "machine = \"m.toml\"\n[[controller]]\nurl = \"{url}\"\naxes = [\"{axis}\"]\n{key} = {value}\n"
+            );
+            let found = Config::parse(&text, "G.toml", Path::new("")).map_err(|e| e.to_string());
+            if kinds.contains(&kind) {
+                assert!(found.is_ok(), "{key} for {url}: {found:?}");
+                taken += 1;
+            } else {
+                let message = found.expect_err(key);
+                assert!(message.starts_with("G.toml:5: "), "{message}");
+                for part in [key, kind.name(), kinds[0].name()] {
+                    assert!(message.contains(part), "{part}: {message}");
+                }
+                refused += 1;
+            }
+        }
+    }
+    // 11 keys and 5 URLs: six keys on one kind or two of the three.
+    assert_eq!([taken, refused], [39, 16]);
+}
+
+/// Both keys of a coordinate are looked at, not the first alone.
+#[test]
+fn a_key_of_the_other_kind_is_refused_beside_the_right_one() {
+    let text = "machine = \"m.toml\"\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\n[controller.digital]\nposition_mm_per_count = 0.1\nposition_deg_per_count = 0.1\n";
+    let refused = Config::parse(text, "G.toml", Path::new("")).expect_err("refused");
+    let message = refused.to_string();
+    assert!(message.starts_with("G.toml:7: "), "{message}");
+}
+
+/// Without limits of rotary axes no other key of them has an effect.
+#[test]
+fn keys_of_rotary_axes_stand_only_beside_their_limit() {
+    for key in [
+        "warn_urad",
+        "slew_urad_per_s",
+        "accel_urad_per_s2",
+        "confirm_urad",
+        "test_shift_urad",
+    ] {
+        let text = format!(
+            "machine = \"m.toml\"\n[guard]\nlimit_um = 100.0\nslew_um_per_s = 100.0\nhold_ms = 50\nzero_after_ms = 500\n{key} = 1.0\n[[controller]]\nurl = \"can://can0\"\naxes = [\"X\"]\n"
+        );
+        let refused = Config::parse(&text, "G.toml", Path::new("")).expect_err(key);
+        let message = refused.to_string();
+        assert!(
+            message.starts_with("G.toml:7: ") && message.contains(key),
+            "{message}"
+        );
+        assert!(message.contains("limit_urad"), "{message}");
+    }
+}
