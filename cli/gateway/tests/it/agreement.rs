@@ -320,7 +320,7 @@ const CASES: &[Wrong] = &[
     // Keys that a kind of controller cannot use.
     wrong(
         &[("heartbeat", "digital = { position_bits = 8 }\nheartbeat")],
-        "controller.digital: found this key for a FANUC control",
+        "digital: found this key for a FANUC control",
     ),
     // Ceilings that no configuration raises.
     wrong(
