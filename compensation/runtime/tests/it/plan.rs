@@ -195,7 +195,7 @@ fn limits_that_make_no_sense_are_refused() {
     let refused = rig.cycle.set_limits(0, &wrong).expect_err("no number");
     assert!(matches!(
         refused,
-        LimitsRefusal::Limits { path: 0, source } if source.what == Quantity::Limit && source.axis == Some(1)
+        LimitsRefusal::Limits { path: 0, source } if source.what == Quantity::Limit && source.axis.is_some_and(|(place, _)| place == 1)
     ));
     let mut fewer = good;
     fewer.count -= 1;
