@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use volcomp_guard::LimitsError;
 use volcomp_port::UnfitAxes;
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 /// Why controllers, machine and settings do not fit together. Found before any device is opened.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

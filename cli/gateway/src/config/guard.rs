@@ -86,11 +86,7 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
                 default.temperatures.max_degc_per_min,
             )?,
             range_degc,
-            stale: seconds(
-                "temperature_stale_s",
-                0.1..=3600.0,
-                believed.stale,
-            )?,
+            stale: seconds("temperature_stale_s", 0.1..=3600.0, believed.stale)?,
             stuck_after: (stuck_s > 0.0).then(|| Duration::from_secs_f64(stuck_s)),
             neighbours_k: section
                 .get("temperature_neighbours_k")
