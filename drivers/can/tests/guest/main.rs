@@ -4,8 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::{
+    io::{BufRead, BufReader},
     path::Path,
-    process::Command,
+    process::{Command, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -87,12 +88,10 @@ fn frames_of_cansend_are_received() {
 #[test]
 fn candump_sees_what_is_sent() {
     let _bus = vcan0();
-    let mut dump = Running(
+    let mut dump = Running::start(
         Command::new("candump")
             .args(["-L", "-n", "2", "vcan0"])
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap(),
+            .stdout(Stdio::piped()),
     );
     // It must have opened its socket.
     std::thread::sleep(Duration::from_millis(300));
@@ -101,7 +100,7 @@ fn candump_sees_what_is_sent() {
     let fd = Frame::new(0x1000_0111, true, true, &[7; 16]).unwrap();
     socket.send(&classic, soon()).unwrap();
     socket.send(&fd, soon()).unwrap();
-    let lines: Vec<String> = BufReader::new(dump.0.stdout.take().unwrap())
+    let lines: Vec<String> = BufReader::new(dump.stdout.take().unwrap())
         .lines()
         .map(Result::unwrap)
         .collect();
