@@ -61,10 +61,8 @@ pub struct Service {
     times: Times,
     last_state: State,
     audit_fails: bool,
-    /// The last reload was refused: the files on disk are not those that hold.
-    not_reloaded: bool,
-    /// It was told to end.
-    stopping: bool,
+    /// What everybody is to be told besides: that the last reload was refused, that it was told to end.
+    tells: Reasons,
     /// Whether it was armed once, or a person took over.
     auto_arm_done: bool,
     auto_arm_after: Instant,
@@ -89,8 +87,7 @@ impl Service {
             times: Times::default(),
             last_state: State::Disarmed,
             audit_fails: false,
-            not_reloaded: false,
-            stopping: false,
+            tells: Reasons::NONE,
             auto_arm_done: false,
             auto_arm_after: now,
             output_written: (now, PerAxis::ZERO),
@@ -136,7 +133,7 @@ impl Service {
     /// Ramps to zero for at most the configured time, then ends the control thread. `hurry` tells to end it at once.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
-        self.stopping = true;
+        self.tells |= Reasons::STOPPING;
         self.tell_thread();
         let state = self.parts.handle.report().state.into();
         // Stopping waits for no disk: the record comes after the order.
@@ -192,12 +189,9 @@ impl Service {
     fn tell_thread(&mut self) {
         let audit = Reasons::AUDIT.when(self.audit_fails);
         self.parts.handle.forbid(self.parts.forbids | audit);
-        self.parts.handle.note(
-            audit
-                | Reasons::DEGRADED.when(self.audit_fails)
-                | Reasons::NOT_RELOADED.when(self.not_reloaded)
-                | Reasons::STOPPING.when(self.stopping),
-        );
+        self.parts
+            .handle
+            .note(audit | Reasons::DEGRADED.when(self.audit_fails) | self.tells);
     }
 
     /// Changes since the last look go into the log, times into the histograms, and a state is published.

@@ -23,7 +23,9 @@ impl Service {
     pub(super) fn reload(&mut self, who: &str, confirm: Option<&str>) -> Reply {
         let reply = self.reloaded(who, confirm);
         // The built-in configuration has no files that could differ from it.
-        self.not_reloaded = reply.status != 200 && self.parts.options.config.is_some();
+        let refused = reply.status != 200 && self.parts.options.config.is_some();
+        let told = self.tells.without(Reasons::NOT_RELOADED);
+        self.tells = told | Reasons::NOT_RELOADED.when(refused);
         self.tell_thread();
         reply
     }
