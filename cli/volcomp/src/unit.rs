@@ -32,13 +32,12 @@ impl Unit {
     /// How many µm or µrad it is.
     fn size(self) -> f64 {
         match self {
-            Self::Mm => 1e3,
+            Self::Mm | Self::Mrad => 1e3,
             Self::Um | Self::Urad => 1.0,
             Self::Nm => 1e-3,
             Self::Deg => 1e6_f64.to_radians(),
             Self::Arcsec => (1e6 / 3600.0_f64).to_radians(),
             Self::Rad => 1e6,
-            Self::Mrad => 1e3,
         }
     }
 

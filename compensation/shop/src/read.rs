@@ -31,7 +31,7 @@ impl Shop {
     pub fn read(path: &Path) -> Result<Self, ShopError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::decode(&Document::read(path)?, |machine| {
-            Ok(Machine::read(&folder.join(machine))?)
+            Ok(Machine::read(folder.join(machine))?)
         })
     }
 

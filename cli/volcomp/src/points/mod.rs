@@ -67,7 +67,7 @@ pub(crate) struct ApproachArguments {
 /// The positions asked for: one, or those of a file.
 pub(crate) struct States {
     /// Every position, in the order of the rows.
-    states: Vec<State>,
+    positions: Vec<State>,
     /// The file that they stand in; `None` for one position of the command line.
     file: Option<PointFile>,
     /// The axes of the machine that stand at 0 because nothing names them, in the order of [`AxisName::ALL`].
@@ -77,7 +77,7 @@ pub(crate) struct States {
 impl States {
     /// Every position, in the order of the rows.
     pub(crate) fn states(&self) -> &[State] {
-        &self.states
+        &self.positions
     }
 
     /// The table that the positions stand in; `None` for one position of the command line.
@@ -95,7 +95,7 @@ impl States {
 
     /// Says which axes of the machine stand at 0 because nothing names them, or that there is no position at all.
     pub(crate) fn note(&self) -> Option<String> {
-        if self.states.is_empty() {
+        if self.positions.is_empty() {
             return Some("--points has no row under its header".to_owned());
         }
         let names: Vec<String> = self.unnamed.iter().map(ToString::to_string).collect();
@@ -176,7 +176,7 @@ impl PointArguments {
         }
         let has = |name: &AxisName| machine.axis(*name).is_some() && !named.contains(name);
         Ok(States {
-            states,
+            positions: states,
             file,
             unnamed: AxisName::ALL.into_iter().filter(has).collect(),
         })

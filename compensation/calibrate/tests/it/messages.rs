@@ -1,6 +1,6 @@
 //! Wrong calibration files are refused with file, line and key.
 
-use std::fs;
+use std::{fmt::Write, fs};
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_metrology::{DeviationUnit, Measurement, Reading, write_renishaw};
@@ -111,7 +111,11 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
     let read = |files: &[&str]| {
         let mut text = String::from("machine = \"machine.toml\"\n");
         for (file, error) in files.iter().zip(["EXX", "EYY"]) {
-            text += &format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n");
+            // Writing to a String cannot fail.
+            let _ = write!(
+                text,
+                "[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n"
+            );
         }
         let path = folder.path().join("calibration.toml");
         fs::write(&path, text).expect("written");

@@ -80,7 +80,7 @@ proptest! {
 fn the_shipped_examples_are_machines() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
     for name in ["gantry.toml", "five-axis.toml"] {
-        let machine = Machine::read(&folder.join(name)).unwrap();
+        let machine = Machine::read(folder.join(name)).unwrap();
         assert!(machine.errors().count() > 0);
     }
 }

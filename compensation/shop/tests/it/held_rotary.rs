@@ -112,7 +112,9 @@ fn shop(folder: &std::path::Path, structure: &str) -> Shop {
     Shop::read(&path).expect("a valid shop")
 }
 
-const SIDES: [(&str, fn(f64) -> f64); 2] = [
+type Reading = fn(f64) -> f64;
+
+const SIDES: [(&str, Reading); 2] = [
     ("w b Y B Z t", reading_on_the_tool_um),
     ("w Z' B' Y' b t", reading_on_the_table_um),
 ];

@@ -30,7 +30,7 @@ fn carried(x: &[f64], order: usize, support: f64) -> bool {
             return false;
         }
         let rows = DMatrix::from_fn(near.len(), order + 1, |j, k| {
-            weight(near[j]).sqrt() * ((near[j] - at) / unit).powi(k as i32)
+            weight(near[j]).sqrt() * ((near[j] - at) / unit).powf(k as f64)
         });
         let values = rows.singular_values();
         values.min() / values.max() >= 1e-10

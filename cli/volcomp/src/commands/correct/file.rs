@@ -79,16 +79,13 @@ impl<'t> Columns<'t> {
     }
 
     fn header(&self) -> Vec<String> {
-        let mut header: Vec<String> = match self.table {
-            Some(_) => {
-                let names = self.carried.iter().map(|(_, name)| (*name).to_owned());
-                names.collect()
-            }
-            None => {
-                let axes = self.axes.iter();
-                axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit()))
-                    .collect()
-            }
+        let mut header: Vec<String> = if self.table.is_some() {
+            let names = self.carried.iter().map(|(_, name)| (*name).to_owned());
+            names.collect()
+        } else {
+            let axes = self.axes.iter();
+            axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit()))
+                .collect()
         };
         header.extend(written(&self.axes));
         header
