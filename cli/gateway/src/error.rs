@@ -313,7 +313,7 @@ impl GatewayError {
     }
 }
 
-/// What of the folder of the audit log is not as it has to be.
+/// The message about the folder of the audit log: which part of it is not a folder, or cannot be made.
 fn audit_dir(dir: &Path, found: &Path) -> String {
     if found.starts_with(dir) && found != dir {
         format!("{} is a folder, expected a file", found.display())

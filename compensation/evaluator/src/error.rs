@@ -99,7 +99,7 @@ pub enum BlobError {
     /// More of something than a machine can have.
     #[error("found {found} {what}, expected {most} at most")]
     TooMany {
-        /// What is counted, in the plural.
+        /// The name of what is counted, in the plural.
         what: &'static str,
         /// How many the bytes state.
         found: u64,

@@ -1,4 +1,4 @@
-//! What a guard is told and what it answers in one cycle: plain data.
+//! Inputs and outputs of a guard in one cycle: plain data.
 
 use core::time::Duration;
 

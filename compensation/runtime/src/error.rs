@@ -138,7 +138,7 @@ pub enum PlanError {
         device: String,
         /// The axis with the limit.
         axis: AxisName,
-        /// The limit.
+        /// The limit of the axis that the plan states, mm or rad.
         found: Displacement,
         /// The largest correction that the device can be told.
         largest: Displacement,

@@ -30,7 +30,7 @@ pub enum Reason {
     NotANumber,
 }
 
-/// What a device says of a temperature. Whether the temperature is plausible is not decided by drivers.
+/// The quality that a device reports of a temperature. Whether the temperature is plausible is not decided by drivers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Quality {

@@ -125,7 +125,7 @@ const AXIS_KEYS: [&str; 6] = [
     "test_shift",
 ];
 
-/// What tells the keys of the kinds of axes apart, in µm or µrad.
+/// The keys of one kind of axis: their unit, µm or µrad, and the largest values that are taken.
 struct OfKind {
     unit: &'static str,
     most: f64,

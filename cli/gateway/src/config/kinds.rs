@@ -35,7 +35,7 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 13] = [
 ];
 
 impl ControllerKind {
-    /// Every kind.
+    /// Every kind of controller that a configuration can name.
     pub const ALL: [Self; 3] = [Focas, Can, Lines];
 
     /// The kind of the controllers of this scheme.

@@ -61,7 +61,7 @@ pub struct Service {
     times: Times,
     last_state: State,
     audit_fails: bool,
-    /// What everybody is to be told besides: that the last reload was refused, that it was told to end.
+    /// Reasons of the service itself, shown beside those of the guards: the last reload was refused, it is ending.
     tells: Reasons,
     /// Whether it was armed once, or a person took over.
     auto_arm_done: bool,

@@ -29,3 +29,4 @@ mod volume;
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
+mod wrong_configurations;

@@ -1,4 +1,4 @@
-//! What the other sensors of the machine say about one of them. Temperatures that are not believed are NaN here.
+//! Comparison of one sensor with the other sensors of the machine. Temperatures that are not believed are NaN here.
 
 use super::types::{MAX_SENSORS, SensorFlaw, SensorReport};
 

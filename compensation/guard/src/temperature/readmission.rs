@@ -1,4 +1,4 @@
-//! What lets a sensor that jumped be believed again.
+//! The rule by which a sensor that jumped is believed again.
 
 use core::time::Duration;
 

@@ -35,7 +35,7 @@ impl Default for SensorLimits {
     }
 }
 
-/// What a driver heard of one sensor.
+/// The answer of a device about one of its sensors, as its driver heard it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Heard {
     /// The device does not answer, or has not answered yet.
@@ -43,7 +43,7 @@ pub enum Heard {
     Silence,
     /// The device answers, and reports that this sensor is faulty: broken wire, short circuit, over-range.
     Fault,
-    /// A temperature.
+    /// The device answers with a temperature and reports no fault.
     Temperature {
         /// The temperature as the device tells it, °C.
         degc: f64,
@@ -52,7 +52,7 @@ pub enum Heard {
     },
 }
 
-/// What is wrong with a temperature.
+/// Why a temperature is not believed, or is believed with a reservation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensorFlaw {
@@ -89,6 +89,6 @@ impl SensorFlaw {
 pub struct SensorReport {
     /// The temperature, °C; `None` when it is not used.
     pub degc: Option<f64>,
-    /// What is wrong with it; `None` for a good temperature, and before the first judgement.
+    /// The flaw that was found in it; `None` for a good temperature, and before the first judgement.
     pub flaw: Option<SensorFlaw>,
 }

@@ -163,7 +163,7 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
 pub enum NmtCommand {
     /// The node starts to send process data.
     Start = 1,
-    /// The node stops.
+    /// The node stops sending and answers to nothing but network management.
     Stop = 2,
     /// The node waits to be started.
     PreOperational = 128,

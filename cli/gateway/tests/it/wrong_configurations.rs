@@ -1,0 +1,353 @@
+//! Configurations in which one thing is wrong, and what is said of each.
+
+use crate::program::MACHINE;
+
+const FIVE: &str = include_str!("../../../../examples/five-axis.toml");
+
+/// A configuration in which nothing is wrong.
+pub(crate) const RIGHT: &str = r#"
+machine = "machine.toml"
+cycle_ms = 4.0
+[guard]
+limit_um = 150.0
+slew_um_per_s = 500.0
+hold_ms = 50
+zero_after_ms = 500
+[[controller]]
+url = "focas://127.0.0.1:1"
+axes = ["X", "Y", "Z"]
+heartbeat = { pmc = "R", at = 120 }
+[[thermometer]]
+url = "modbus://127.0.0.1:1?unit=1&profile=PTA8C04"
+names = ["bed", "column"]
+[dashboard]
+listen = "127.0.0.1:0"
+token_file = "tokens"
+"#;
+
+/// What is wrong: replacements in [`RIGHT`], and what the message holds.
+pub(crate) struct Wrong {
+    pub(crate) changes: &'static [(&'static str, &'static str)],
+    pub(crate) machine: &'static str,
+    pub(crate) says: &'static str,
+}
+
+const fn wrong(changes: &'static [(&'static str, &'static str)], says: &'static str) -> Wrong {
+    Wrong {
+        changes,
+        machine: MACHINE,
+        says,
+    }
+}
+
+const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
+
+/// One case for each rule that a configuration can break.
+pub(crate) const CASES: &[Wrong] = &[
+    // A heartbeat or a byte of referenced axes within the words that corrections are written to.
+    wrong(
+        &[("at = 120 }", "at = 104 }")],
+        "the heartbeat R104 lies within the words of the shifts R100 to R105",
+    ),
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\nreferenced = { pmc = \"R\", at = 101 }",
+        )],
+        "the byte of the referenced axes R101 lies within",
+    ),
+    // A position stated for an axis that the control shows, and one that is no number of a machine.
+    wrong(
+        &[("heartbeat", "fixed = { Z = 50.0 }\nheartbeat")],
+        "axis Z is one of the controller's axes",
+    ),
+    // Limits of rotary axes.
+    Wrong {
+        changes: &[(
+            "[\"X\", \"Y\", \"Z\"]",
+            "[\"X\", \"Y\", \"Z\", \"B\", \"C\"]",
+        )],
+        machine: FIVE,
+        says: "limit_urad",
+    },
+    // Heartbeats: of FOCAS, of digital lines, of a CAN table without a counter.
+    wrong(
+        &[("heartbeat = { pmc = \"R\", at = 120 }", "")],
+        "unwatched = true",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
+        )],
+        "unwatched = true",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }",
+        )],
+        "unwatched = true",
+    ),
+    // Cycles that are shorter than the device's shortest.
+    wrong(
+        &[("cycle_ms = 4.0", "cycle_ms = 0.5")],
+        "cycle_ms: found 0.5 ms",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
+        )],
+        "cycle_ms: found 4 ms",
+    ),
+    // Axes.
+    wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"W\"]")], "axis W"),
+    wrong(
+        &[("heartbeat", "fixed = { C = 0.0 }\nheartbeat")],
+        "fixed: axis C",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=deg.dbc\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "CORRECTION.X_CORR: found the unit `deg`",
+    ),
+    wrong(&[(FOCAS, "url = \"can://can9\"\naxes = [\"V\"]")], "V_POS"),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\", \"Y\"]\nunwatched = true",
+        )],
+        "found 2 axes",
+    ),
+    // Limits against the step of the device, and against one another.
+    wrong(
+        &[("limit_um = 150.0", "limit_um = 0.5")],
+        "limit_um of axis X: found 0.5 µm",
+    ),
+    wrong(
+        &[("heartbeat", "resolution_um = 200.0\nheartbeat")],
+        "limit_um of axis X: found 150 µm",
+    ),
+    // Limits against what a word can carry: 8 lines, one byte.
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "limit_um of axis X: found 150 µm, expected at most 127 µm",
+    ),
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1 }",
+        )],
+        "limit_um of axis X: found 150 µm, expected at most 127 µm",
+    ),
+    // Bytes that only the control writes, and words beyond the end of an area.
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
+        )],
+        "area.first: found F100, expected another area",
+    ),
+    wrong(
+        &[("pmc = \"R\", at = 120", "pmc = \"F\", at = 120")],
+        "heartbeat: found F120, expected another area",
+    ),
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"R\", first = 65535, width = 2 }",
+        )],
+        "area.first: found R65535 for 3 axes of 2 bytes each",
+    ),
+    // Devices: keys of the URL, profiles, files, lines.
+    wrong(
+        &[("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99")],
+        "path",
+    ),
+    wrong(&[("focas://127.0.0.1:1", "tcp://127.0.0.1:1")], "tcp"),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=missing.dbc\"\naxes = [\"X\"]",
+        )],
+        "missing.dbc",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-14\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "correction is missing",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"gpio://?position=a:0-3&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "gpio a and b",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"modbus://127.0.0.1:1?profile=PTA8C04\"\naxes = [\"X\"]\nunwatched = true",
+        )],
+        "no digital lines",
+    ),
+    wrong(
+        &[(
+            "[[thermometer]]",
+            "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
+        )],
+        "stands in two [[controller]]",
+    ),
+    // Thermometers.
+    wrong(
+        &[(
+            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+            "focas://127.0.0.1:1",
+        )],
+        "no temperatures",
+    ),
+    wrong(&[("&profile=PTA8C04", "&profile=NONE")], "NONE"),
+    wrong(&[("&profile=PTA8C04", "")], "no profile is named"),
+    wrong(
+        &[
+            ("profile=PTA8C04", "profile=WAGO-750-461"),
+            ("\"column\"]", "\"column\", \"x\", \"y\"]"),
+        ],
+        "4 names for the 2 channels",
+    ),
+    wrong(
+        &[("[\"bed\", \"column\"]", "[\"bed\", \"bed\"]")],
+        "stands twice",
+    ),
+    wrong(
+        &[(
+            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+            "can://can9?dbc=bare.dbc",
+        )],
+        "_TEMP",
+    ),
+    wrong(
+        &[
+            ("modbus://127.0.0.1:1?unit=1&profile=PTA8C04", "can://can9"),
+            ("\"column\"]", "\"nowhere\"]"),
+        ],
+        "nowhere",
+    ),
+    // The dashboard: TLS, tokens.
+    wrong(
+        &[("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"")],
+        "tls-init",
+    ),
+    wrong(
+        &[
+            (
+                "listen = \"127.0.0.1:0\"",
+                "listen = \"0.0.0.0:0\"\ntls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"",
+            ),
+            ("token_file = \"tokens\"", ""),
+        ],
+        "reading needs a token",
+    ),
+    wrong(
+        &[(
+            "token_file",
+            "tls_certificate = \"none.pem\"\ntls_key = \"none.pem\"\ntoken_file",
+        )],
+        "none.pem",
+    ),
+    wrong(
+        &[(
+            "token_file",
+            "tls_certificate = \"tokens\"\ntls_key = \"key.pem\"\ntoken_file",
+        )],
+        "tokens",
+    ),
+    wrong(
+        &[("token_file = \"tokens\"", "token_file = \"nobody\"")],
+        "nobody",
+    ),
+    wrong(
+        &[("token_file = \"tokens\"", "token_file = \"open\"")],
+        "mode 644",
+    ),
+    wrong(
+        &[("token_file = \"tokens\"", "token_file = \"short\"")],
+        "128 bits",
+    ),
+    // The audit log.
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"tokens\"\n[dashboard]")],
+        "is no folder",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[audit]\ndir = \"tokens/audit\"\n[dashboard]",
+        )],
+        "tokens is no folder",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[audit]\ndir = \"nowhere/audit\"\n[dashboard]",
+        )],
+        "nowhere is no folder",
+    ),
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"odd\"\n[dashboard]")],
+        "audit.log is a folder, expected a file",
+    ),
+    // An axis of the machine whose position nobody tells.
+    wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\"]")], "axis Z"),
+    Wrong {
+        changes: &[],
+        machine: FIVE,
+        says: "fixed = { C = … }",
+    },
+    // Keys that a kind of controller cannot use.
+    wrong(
+        &[("heartbeat", "digital = { position_bits = 8 }\nheartbeat")],
+        "digital: found this key for a FANUC control",
+    ),
+    // Ceilings that no configuration raises.
+    wrong(
+        &[("limit_um = 150.0", "limit_um = 2000.1")],
+        "guard.limit_um",
+    ),
+    wrong(
+        &[("slew_um_per_s = 500.0", "slew_um_per_s = 5000.1")],
+        "guard.slew_um_per_s",
+    ),
+    wrong(
+        &[(
+            "hold_ms",
+            "limit_urad = 2000.1\nslew_urad_per_s = 1.0\nhold_ms",
+        )],
+        "guard.limit_urad",
+    ),
+    wrong(
+        &[(
+            "hold_ms",
+            "limit_urad = 100.0\nslew_urad_per_s = 5000.1\nhold_ms",
+        )],
+        "guard.slew_urad_per_s",
+    ),
+    wrong(&[("cycle_ms = 4.0", "cycle_ms = 0.24")], "cycle_ms"),
+    wrong(&[("cycle_ms = 4.0", "cycle_ms = 101.0")], "cycle_ms"),
+    wrong(&[("hold_ms = 50", "hold_ms = 201")], "guard.hold_ms"),
+    // The machine.
+    wrong(&[("machine.toml", "missing.toml")], "missing.toml"),
+    Wrong {
+        changes: &[],
+        machine: "structure = \"w X' b Y Z t\"",
+        says: "machine.toml",
+    },
+];
