@@ -7,7 +7,7 @@ mod choice;
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    DirectionMemory, Limits, MAX_PATHS, Output, Reasons, Selector, State as GuardState,
+    DirectionMemory, Limits, MAX_PATHS, Output, Reasons, Request, Selector, State as GuardState,
 };
 use volcomp_kinematics::State;
 use volcomp_port::Description;
