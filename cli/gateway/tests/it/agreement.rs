@@ -7,7 +7,7 @@ use std::{
 
 use crate::{
     program::{MACHINE, path, token_file},
-    wrong_configurations::{CASES, RIGHT},
+    wrong_configurations::{CASES, FOCAS, RIGHT},
 };
 
 /// A table of signals without counters, and one whose X is an angle.

@@ -40,7 +40,7 @@ const fn wrong(changes: &'static [(&'static str, &'static str)], says: &'static 
     }
 }
 
-const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
+pub(crate) const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
 
 /// One case for each rule that a configuration can break.
 pub(crate) const CASES: &[Wrong] = &[
