@@ -3,14 +3,15 @@
 use core::time::Duration;
 
 use super::{
-    readmission::Readmission,
+    readmission::{BeforeJump, Readmission},
     types::{Heard, MAX_SENSORS, SensorFlaw, SensorLimits},
 };
 
-/// The step of a slow module, or its noise, K: no jump. The last part is for numbers that are not exact.
+/// The largest difference between two readings that is taken for a step or the noise of a module, and not for a jump,
+/// K. The billionth allows for the rounding of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
-/// How far a sensor that was silent may have moved beyond what is believed of one that is stale at most, K: machines
-/// cool by so much overnight.
+/// How far the temperature of a sensor that was silent for longer than a reading may be old is believed to have moved
+/// in that time, K: a machine cools by about this much overnight.
 const UNSEEN_K: f64 = 20.0;
 
 /// A temperature that was believed.
@@ -18,10 +19,14 @@ const UNSEEN_K: f64 = 20.0;
 struct Believed {
     degc: f64,
     taken: Duration,
-    /// Follows the temperature no faster than it may change: what is farther than a step from it has jumped.
+    /// A temperature that follows the readings no faster than a temperature may change, °C: a reading farther than a
+    /// step from it has jumped.
     followed: f64,
     /// Since when the digits are the same.
     same_since: Duration,
+    /// The temperatures of all sensors that were believed together with this one, °C; `None` until the cycle ends in
+    /// which it was read.
+    neighbours: Option<[f64; MAX_SENSORS]>,
 }
 
 /// The memory of one sensor: what was believed last, and whether it jumped since.
@@ -49,6 +54,16 @@ impl SensorCheck {
         self.believed
             .filter(|_| self.used)
             .map_or(f64::NAN, |believed| believed.degc)
+    }
+
+    /// Keeps the temperatures of all sensors at the end of the cycle in which a new reading of this one was believed,
+    /// °C: after a jump, its usual difference from its neighbours is that of one and the same moment.
+    pub(super) fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
+        if let Some(believed) = &mut self.believed
+            && self.used
+        {
+            believed.neighbours.get_or_insert(*all);
+        }
     }
 
     /// Judges what was heard of the sensor at `own` among all. `others` are the temperatures that are believed of all
@@ -113,6 +128,7 @@ impl SensorCheck {
             taken,
             followed: degc,
             same_since: taken,
+            neighbours: None,
         };
         let Some(before) = self.believed else {
             self.believed = Some(first);
@@ -126,10 +142,22 @@ impl SensorCheck {
             self.believed = Some(first);
             return None;
         }
-        let allowed = self.allowed_k(taken.saturating_sub(before.taken), limits);
+        let since = taken.saturating_sub(before.taken);
+        let allowed = self.allowed_k(since, limits);
+        let at_jump = BeforeJump {
+            own,
+            degc: before.degc,
+            taken: before.taken,
+            neighbours: before.neighbours.unwrap_or([f64::NAN; MAX_SENSORS]),
+        };
+        // What a sensor told before it was faulty for long says little: its neighbours know what has happened since.
+        let contradicted = self.was_faulty
+            && since > limits.stale
+            && (at_jump.change(others))
+                .is_some_and(|change| (degc - before.degc - change).abs() > allowed + STEP_K);
         let followed = before.followed + (degc - before.followed).max(-allowed).min(allowed);
-        if (degc - followed).abs() > STEP_K {
-            self.jumped = Some(Readmission::new(own, before.degc, others));
+        if (degc - followed).abs() > STEP_K || contradicted {
+            self.jumped = Some(Readmission::new(at_jump));
             return Some(SensorFlaw::Jumped);
         }
         let same_since = if degc.to_bits() == before.degc.to_bits() {

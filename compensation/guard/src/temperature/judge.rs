@@ -18,10 +18,7 @@ pub fn judge_temperatures(
     told: &mut [SensorReport],
 ) {
     // As they were before this cycle, so that no sensor is compared with one that jumps together with it.
-    let mut believed = [f64::NAN; MAX_SENSORS];
-    for (degc, check) in believed.iter_mut().zip(&*checks) {
-        *degc = check.believed();
-    }
+    let believed = all_believed(checks);
     let sensors = checks.iter_mut().zip(heard).zip(told.iter_mut());
     let mut count = 0;
     for (own, ((check, heard), told)) in sensors.take(MAX_SENSORS).enumerate() {
@@ -36,7 +33,20 @@ pub fn judge_temperatures(
         };
         count = own + 1;
     }
+    let believed = all_believed(checks);
+    for check in checks.iter_mut().take(count) {
+        check.remember(&believed);
+    }
     if let Some(allowed_k) = limits.neighbours_k {
         mark_disagreeing(&mut told[..count], allowed_k);
     }
+}
+
+/// The temperatures that are believed of all sensors, °C; NaN where there is none.
+fn all_believed(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
+    let mut believed = [f64::NAN; MAX_SENSORS];
+    for (degc, check) in believed.iter_mut().zip(checks) {
+        *degc = check.believed();
+    }
+    believed
 }

@@ -9,65 +9,88 @@ const AGREES_FOR: Duration = Duration::from_secs(600);
 /// How closely it must agree, K.
 const AGREES_WITHIN_K: f64 = 1.0;
 
+/// What is known of a sensor from the last moment at which it was believed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BeforeJump {
+    /// The place of the sensor among all.
+    pub own: usize,
+    /// Its temperature, °C.
+    pub degc: f64,
+    /// When that temperature was measured.
+    pub taken: Duration,
+    /// The temperatures of all sensors at that moment, °C; NaN for those that were not believed.
+    pub neighbours: [f64; MAX_SENSORS],
+}
+
+impl BeforeJump {
+    /// By how much the other sensors have changed since, K; `None` where fewer than two were believed at both times.
+    pub(super) fn change(&self, believed: &[f64; MAX_SENSORS]) -> Option<f64> {
+        common_change(&self.neighbours, believed, self.own)
+    }
+}
+
 /// A sensor that jumped, and what would show that it is right again. Time alone does not.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Readmission {
-    /// The place of the sensor among all.
-    own: usize,
-    /// Its last temperature before the jump, °C.
-    before: f64,
-    /// The temperatures of all sensors before the jump, °C.
-    neighbours: [f64; MAX_SENSORS],
+    before: BeforeJump,
+    /// By how much the other sensors have changed since the sensor was believed, K, as far as they could tell; 0
+    /// where they never could.
+    change: f64,
     /// When the last reading since the jump was taken.
     seen: Option<Duration>,
-    /// Since when its readings agree with the temperature before the jump.
-    with_before: Option<Duration>,
-    /// Since when its readings differ from its neighbours as they did before the jump.
-    with_neighbours: Option<Duration>,
+    /// Since when its readings agree with its own temperature from before the jump.
+    with_own: Option<Duration>,
+    /// Since when its readings agree with that temperature and the change of the other sensors since.
+    with_predicted: Option<Duration>,
 }
 
 impl Readmission {
-    /// A sensor that jumps now. `before` is its last temperature that was believed; `neighbours` are those of all
-    /// sensors.
-    pub(super) fn new(own: usize, before: f64, neighbours: &[f64; MAX_SENSORS]) -> Self {
+    /// A sensor that jumps now.
+    pub(super) fn new(before: BeforeJump) -> Self {
         Self {
-            own,
             before,
-            neighbours: *neighbours,
+            change: 0.0,
             seen: None,
-            with_before: None,
-            with_neighbours: None,
+            with_own: None,
+            with_predicted: None,
         }
     }
 
-    /// Takes a reading, and tells whether the sensor is believed again. A pause longer than `pause` lets the ten
-    /// minutes begin anew.
+    /// Takes a reading, and tells whether the sensor is believed again. A pause longer than `stale` lets the ten
+    /// minutes begin anew, and the sensor's own temperature from before the jump predicts nothing by itself once it
+    /// is older than that when the ten minutes begin: the machine has changed since, as the other sensors tell.
     pub(super) fn sees(
         &mut self,
         degc: f64,
         taken: Duration,
         believed: &[f64; MAX_SENSORS],
-        pause: Duration,
+        stale: Duration,
     ) -> bool {
-        if (self.seen).is_some_and(|seen| taken.saturating_sub(seen) > pause) {
+        if (self.seen).is_some_and(|seen| taken.saturating_sub(seen) > stale) {
             self.interrupt();
         }
         self.seen = Some(taken);
+        self.change = self.before.change(believed).unwrap_or(self.change);
         let close = |expected: f64| (degc - expected).abs() <= AGREES_WITHIN_K;
-        let change = common_change(&self.neighbours, believed, self.own);
-        let before = lasts(&mut self.with_before, close(self.before), taken);
-        let neighbours = lasts(
-            &mut self.with_neighbours,
-            change.is_some_and(|change| close(self.before + change)),
+        let began = self.with_own.unwrap_or(taken);
+        let is_fresh = began.saturating_sub(self.before.taken) <= stale;
+        let own = lasts(
+            &mut self.with_own,
+            is_fresh && close(self.before.degc),
             taken,
         );
-        before || neighbours
+        let predicted = lasts(
+            &mut self.with_predicted,
+            close(self.before.degc + self.change),
+            taken,
+        );
+        own || predicted
     }
 
     /// Lets the ten minutes begin anew.
     pub(super) fn interrupt(&mut self) {
-        self.with_before = None;
-        self.with_neighbours = None;
+        self.with_own = None;
+        self.with_predicted = None;
     }
 }
 

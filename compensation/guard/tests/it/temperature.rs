@@ -170,6 +170,62 @@ fn neighbours_by_their_usual_difference_bring_a_sensor_back() {
     assert_eq!(two.used_after(&[24.0, 16.0], DAY), None);
 }
 
+/// Three sensors at 40 °C; the first is broken for two hours in which the machine cools to 25 °C.
+fn cooled_while_the_first_was_broken() -> Machine {
+    let mut machine = Machine::new(3, SensorLimits::default());
+    for _ in 0..600 {
+        machine.reads(&[40.0; 3]);
+    }
+    for second in 0..7200 {
+        let degc = 40.0 - 15.0 * f64::from(second) / 7200.0;
+        let taken = Duration::from_secs_f64(machine.now + machine.pause);
+        let other = Heard::Temperature { degc, taken };
+        machine.hears(&[Heard::Fault, other, other]);
+    }
+    machine
+}
+
+/// Its usual difference from its neighbours is that of the moment at which it was believed last, not that of its old
+/// temperature to what its neighbours tell hours later.
+#[test]
+fn a_repaired_sensor_that_agrees_with_its_neighbours_comes_back() {
+    let mut machine = cooled_while_the_first_was_broken();
+    assert_eq!(machine.reads(&[25.0; 3])[0], Some(SensorFlaw::Jumped));
+    assert_eq!(machine.used_after(&[25.0; 3], 4.0 * 3600.0), Some(601.0));
+}
+
+/// What it told two hours ago is no prediction when its neighbours have changed since, with a jump at its return and
+/// without one, and also when its neighbours fall silent later.
+#[test]
+fn an_old_temperature_does_not_outweigh_the_neighbours() {
+    for first in [60.0, 40.0] {
+        let mut machine = cooled_while_the_first_was_broken();
+        machine.reads(&[first, 25.0, 25.0]);
+        assert_eq!(machine.used_after(&[40.0, 25.0, 25.0], 3600.0), None);
+        for _ in 0..3600 {
+            let taken = Duration::from_secs_f64(machine.now + machine.pause);
+            let wrong = Heard::Temperature { degc: 40.0, taken };
+            let told = machine.hears(&[wrong, Heard::Silence, Heard::Silence]);
+            assert_eq!(told[0].flaw, Some(SensorFlaw::Jumped));
+        }
+        machine.acknowledge();
+        assert_eq!(machine.reads(&[40.0, 25.0, 25.0])[0], None);
+    }
+}
+
+/// A short disturbance of a slow sensor: what it told a moment ago is the prediction, though the others warm up.
+#[test]
+fn a_short_disturbance_of_a_slow_sensor_ends() {
+    let mut machine = Machine::new(3, SensorLimits::default());
+    machine.reads(&[20.0, 22.0, 22.0]);
+    machine.reads(&[60.0, 22.0, 22.0]);
+    let back = (0_u32..3600).find(|second| {
+        let others = 22.0 + f64::from(*second) * 0.005;
+        machine.reads(&[20.0, others, others])[0].is_none()
+    });
+    assert_eq!(back, Some(600));
+}
+
 /// All sensors of a module that lost its reference jump together: they do not vouch for one another.
 #[test]
 fn sensors_that_jump_together_stay_out() {
