@@ -82,4 +82,9 @@ impl Correctors {
     pub fn rotary(&self) -> &[usize] {
         &self.rotary
     }
+
+    /// Whether the axis at this place in the chain corrects.
+    pub fn contains(&self, axis: usize) -> bool {
+        self.linear.contains(&axis) || self.rotary.contains(&axis)
+    }
 }

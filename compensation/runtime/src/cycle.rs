@@ -169,8 +169,7 @@ impl Cycle {
                 expected: self.period,
             });
         }
-        path.guard
-            .set_limits(*limits)
+        path.set_limits(*limits)
             .map_err(|source| LimitsRefusal::Limits {
                 path: index,
                 source,
@@ -316,11 +315,14 @@ impl Cycle {
     }
 
     /// The part of the wanted correction (mm, rad) that a path shall apply: the whole less the part that paths on
-    /// other channels apply.
+    /// other channels apply; zero for axes that do not correct.
     fn share(&self, index: usize, wanted: &PerAxis<f64>) -> PerChannel<f64> {
         let path = &self.paths[index];
         let mut share = PerChannel::ZERO;
-        for (i, share) in share.iter_mut().enumerate().take(path.count()) {
+        for (i, share) in share.iter_mut().enumerate() {
+            if !path.corrects(i) {
+                continue;
+            }
             let machine_axis = path.machine_axis[i];
             let others = self.paths.iter().enumerate();
             let others = others.filter(|(other, p)| *other != index && p.channel != path.channel);

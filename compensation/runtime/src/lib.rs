@@ -21,7 +21,7 @@ pub use cycle::{Cycle, Spent};
 pub use error::{LimitsRefusal, PlanError, StartError};
 pub use model::{Model, ModelCorrection, WorstCorner};
 pub use path::ControlPath;
-pub use plan::{PathPlan, SHIFT_STEPS, limits};
+pub use plan::{PathPlan, SHIFT_STEPS};
 pub use realtime::{Handle, Order, start};
 pub use replacement::Replacement;
 pub use report::{Change, Report, Timing, ToolError};

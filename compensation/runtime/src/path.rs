@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_guard::{Guard, Inputs, Output, Reading, Reasons, Request};
+use volcomp_guard::{Guard, Inputs, Limits, LimitsError, Output, Reading, Reasons, Request};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Controller, Fault, Snapshot};
 use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
@@ -21,6 +21,8 @@ const OTHER_GATEWAY_FOR: Duration = Duration::from_secs(5);
 pub struct ControlPath {
     pub(crate) controller: Box<dyn Controller>,
     pub(crate) guard: Guard,
+    /// The test shift of each axis while it corrects, mm and rad.
+    test_shift: PerChannel<f64>,
     /// The place in the machine of each axis of the controller.
     pub(crate) machine_axis: PerChannel<usize>,
     /// The letters of its axes, and those of them that correct with the model of now.
@@ -53,6 +55,7 @@ impl ControlPath {
         Ok(Self {
             controller,
             guard,
+            test_shift: plan.limits.test_shift,
             machine_axis: plan.machine_axis,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
@@ -69,6 +72,40 @@ impl ControlPath {
     /// Chooses the axes that correct anew, for another model. Allocates nothing.
     pub(crate) fn fit_to(&mut self, model: &Model) {
         self.correctors = model.correctors_among(&self.names);
+        let limits = *self.guard.limits();
+        // Only test shifts become zero or are again what was accepted before, so a guard does not refuse them.
+        let _ = self.guard.set_limits(self.of_correctors(limits));
+    }
+
+    /// Takes other limits. Allocates nothing.
+    pub(crate) fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
+        limits.check()?;
+        let before = std::mem::replace(&mut self.test_shift, limits.test_shift);
+        let taken = self.guard.set_limits(self.of_correctors(limits));
+        if taken.is_err() {
+            self.test_shift = before;
+        }
+        taken
+    }
+
+    /// Limits with the test shift of the axes that correct only: nothing is written to the others.
+    fn of_correctors(&self, limits: Limits) -> Limits {
+        let shift = |place: usize| {
+            if self.corrects(place) {
+                self.test_shift[place]
+            } else {
+                0.0
+            }
+        };
+        Limits {
+            test_shift: PerChannel::from_fn(shift),
+            ..limits
+        }
+    }
+
+    /// Whether the axis at this place of the controller corrects.
+    pub(crate) fn corrects(&self, place: usize) -> bool {
+        place < self.count() && self.correctors.contains(self.machine_axis[place])
     }
 
     /// How many axes it has.

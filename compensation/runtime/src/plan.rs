@@ -5,7 +5,7 @@ use std::time::Duration;
 use volcomp_guard::{AxisLimits, Limits, Reasons};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description, Heartbeat};
-use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis, PerChannel};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis, PerChannel, Urad};
 
 use crate::{
     error::PlanError,
@@ -110,13 +110,25 @@ impl PathPlan {
             });
         }
         Ok(Self {
-            correctors,
-            limits: limits(&description, guard, settings, period)?,
+            limits: limits(
+                &description,
+                &machine_axis,
+                &correctors,
+                guard,
+                settings,
+                period,
+            )?,
             machine_axis,
             fixed,
             notes,
             description,
+            correctors,
         })
+    }
+
+    /// Whether the axis at this place of the controller corrects. The others are written with zero.
+    pub fn corrects(&self, place: usize) -> bool {
+        place < self.description.axes.len() && self.correctors.contains(self.machine_axis[place])
     }
 }
 
@@ -128,25 +140,53 @@ pub(crate) fn names(description: &Description) -> Vec<AxisName> {
 /// A limit of so many steps is no exact number.
 const ROUNDING: f64 = 1.0 + 1e-9;
 
-/// The limits that the guard of a controller enforces, mm and rad.
+/// How fast a correction that is left over on an axis that does not correct, and for which no limits are stated, goes
+/// back to zero: a tenth of a milliradian in a second.
+const HELD_SLEW_PER_S: Urad = Urad(100.0);
+
+/// The limits of an axis that does not correct where none are stated: its goal is zero, and what is left over there
+/// goes back slowly.
+fn held_limits(axis: &Axis) -> AxisLimits {
+    AxisLimits {
+        kind: axis.kind(),
+        limit: axis.step(),
+        warn: axis.step(),
+        slew_per_s: HELD_SLEW_PER_S.to_rad().0,
+        accel_per_s2: f64::INFINITY,
+        resolution: axis.step(),
+        includes_correction: axis.includes_correction,
+    }
+}
+
+/// The limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no test shift, and
+/// need no limits.
 ///
 /// # Errors
-/// Rotary axes without limits, limits that a guard refuses, or that are larger than what the device can be told.
-pub fn limits(
+/// Rotary axes that correct and have no limits, limits that a guard refuses, or that are larger than what the device
+/// can be told.
+fn limits(
     description: &Description,
+    machine_axis: &PerChannel<usize>,
+    correctors: &Correctors,
     guard: &GuardSettings,
     settings: &PathSettings,
     period: Duration,
 ) -> Result<Limits, PlanError> {
     let mut axes = [AxisLimits::NONE; MAX_AXES];
     let mut test_shift = PerChannel::ZERO;
-    for ((into, shift), axis) in axes.iter_mut().zip(&mut test_shift).zip(&description.axes) {
-        let of_kind = guard
-            .of(axis.name)
-            .ok_or_else(|| PlanError::NoRotaryLimits {
-                device: description.device.clone(),
-                axis: axis.name,
-            })?;
+    let places = axes.iter_mut().zip(&mut test_shift).zip(machine_axis);
+    for (((into, shift), place), axis) in places.zip(&description.axes) {
+        let position_step = position_step(description, settings, axis)?;
+        let of_kind = guard.of(axis.name);
+        if !correctors.contains(*place) {
+            *into =
+                of_kind.map_or_else(|| held_limits(axis), |of_kind| axis_limits(axis, &of_kind));
+            continue;
+        }
+        let of_kind = of_kind.ok_or_else(|| PlanError::NoRotaryLimits {
+            device: description.device.clone(),
+            axis: axis.name,
+        })?;
         *into = axis_limits(axis, &of_kind);
         if let Some(largest) = axis.largest
             && into.limit > largest.mm_or_rad() * ROUNDING
@@ -159,16 +199,6 @@ pub fn limits(
             });
         }
         let asked = of_kind.test_shift.mm_or_rad();
-        let position_step = match settings.position_steps.get(&axis.name) {
-            None => 0.0,
-            Some(step) if step.kind() == axis.kind() && step.mm_or_rad() >= 0.0 => step.mm_or_rad(),
-            Some(_) => {
-                return Err(PlanError::PositionStep {
-                    device: description.device.clone(),
-                    axis: axis.name,
-                });
-            }
-        };
         let wanted = asked.max(SHIFT_STEPS * axis.step().max(position_step));
         if settings.proves && asked > 0.0 && wanted <= into.limit {
             *shift = wanted;
@@ -192,6 +222,22 @@ pub fn limits(
         source,
     })?;
     Ok(limits)
+}
+
+/// The smallest step of the position of an axis, mm or rad; 0 where none is stated.
+fn position_step(
+    description: &Description,
+    settings: &PathSettings,
+    axis: &Axis,
+) -> Result<f64, PlanError> {
+    match settings.position_steps.get(&axis.name) {
+        None => Ok(0.0),
+        Some(step) if step.kind() == axis.kind() && step.mm_or_rad() >= 0.0 => Ok(step.mm_or_rad()),
+        Some(_) => Err(PlanError::PositionStep {
+            device: description.device.clone(),
+            axis: axis.name,
+        }),
+    }
 }
 
 fn axis_of(description: &Description, place: usize) -> Option<AxisName> {

@@ -2,6 +2,7 @@
 
 mod embed;
 mod errors;
+mod held;
 mod plan;
 mod quiet;
 mod rig;

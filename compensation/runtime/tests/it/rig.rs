@@ -6,7 +6,8 @@ use volcomp_model::Machine;
 use volcomp_port::{Axis, Clock, Controller, simulated};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report,
-    Sensors, guard::Request,
+    Sensors,
+    guard::{Limits, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel, Um, Urad};
 
@@ -74,6 +75,8 @@ fn control_of(
 /// A cycle at a place, and its time.
 pub(crate) struct Rig {
     pub(crate) cycle: Cycle,
+    /// The limits of its path as they were planned.
+    pub(crate) limits: Limits,
     pub(crate) clock: Clock,
 }
 
@@ -84,23 +87,33 @@ impl Rig {
 
     /// With a control that writes only the axes named; the others are fixed at the place.
     pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
+        Self::of(&machine(), &guard(), place, names)
+    }
+
+    /// The same with another machine and other settings.
+    pub(crate) fn of(
+        machine: &Machine,
+        guard: &GuardSettings,
+        place: [f64; 5],
+        names: &[AxisName],
+    ) -> Self {
         let clock = Clock::manual();
-        let guard = guard();
-        let model = Model::new(&machine(), guard.fading).expect("shipped");
+        let model = Model::new(machine, guard.fading).expect("compiles");
         let control = control_of(place, &clock, names);
         let described = control.description().clone();
         let others = NAMES
             .iter()
             .zip(place)
-            .filter(|(name, _)| !names.contains(name));
+            .filter(|(name, _)| !names.contains(name) && model.index_of(**name).is_some());
         let settings = PathSettings {
             fixed: others
                 .map(|(&name, at)| (name, Displacement::from_coordinate(name.kind(), at)))
                 .collect(),
             ..PathSettings::default()
         };
-        let plan = PathPlan::new(described, &model, &guard, &settings, PERIOD);
-        let path = ControlPath::new(Box::new(control), &plan.expect("fits")).expect("fits");
+        let plan = PathPlan::new(described, &model, guard, &settings, PERIOD);
+        let plan = plan.expect("fits");
+        let path = ControlPath::new(Box::new(control), &plan).expect("fits");
         let sensors = Sensors::new(Vec::new(), guard.temperatures);
         let cycle = Cycle::new(
             Box::new(model),
@@ -112,6 +125,7 @@ impl Rig {
         Self {
             cycle: cycle.expect("one path").with_start(clock.start()),
             clock,
+            limits: plan.limits,
         }
     }
 
