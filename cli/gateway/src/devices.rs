@@ -129,6 +129,23 @@ impl ControllerDevice {
         }
     }
 
+    /// Checks that no byte of a control is written by both of two controllers.
+    ///
+    /// # Errors
+    /// Both write the same byte of the same control.
+    pub fn writes_apart_from(&self, other: &Self) -> Result<(), DeviceError> {
+        let (Kind::Focas(own), Kind::Focas(others)) = (&self.kind, &other.kind) else {
+            return Ok(());
+        };
+        own.shared_byte(others).map_or(Ok(()), |byte| {
+            let other = &other.address.text;
+            Err(self.address.wrong(
+                format!("{byte} is written by the [[controller]] {other}, too"),
+                "expected area and heartbeat of its own for each controller of a control",
+            ))
+        })
+    }
+
     /// Whether the step of corrections is told by the device itself.
     pub fn tells_resolution(&self) -> bool {
         matches!(self.kind, Kind::Can(_))
@@ -137,8 +154,15 @@ impl ControllerDevice {
 
 fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, DeviceError> {
     let mut focas = focas_config(address, &config.axes)?;
-    if let Some(channel) = &config.channel {
-        focas.channel.clone_from(channel);
+    if let Some(channel) = &config.channel
+        && *channel != focas.channel
+    {
+        let found = format!("channel: found {channel:?}");
+        let expected = format!(
+            "expected {:?}, the only channel of a FANUC control",
+            focas.channel
+        );
+        return Err(address.wrong(found, expected));
     }
     if let Some((first, width)) = config.area {
         (focas.shift.first, focas.shift.width) = (first, width);
@@ -240,6 +264,20 @@ impl ThermometerDevice {
     /// The names of its sensors, in the order in which it tells them.
     pub fn names(&self) -> &[String] {
         &self.names
+    }
+
+    /// Whether both are the same module, however their URLs are written: the same unit at the same host or serial
+    /// device, or the same signals of the same CAN interface.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let module = |device: &Self| {
+            let address = &device.address;
+            let unit = address.number("unit", [1, 247], 1_u8).unwrap_or(1);
+            let host = address.host.to_lowercase();
+            let dbc = address.get("dbc").map(str::to_owned);
+            let port = address.port.unwrap_or(volcomp_devices::MODBUS_PORT);
+            (host, port, address.path.clone(), unit, dbc)
+        };
+        self.address.scheme == other.address.scheme && module(self) == module(other)
     }
 
     /// Opens it. Connections are made in the background; a CAN interface must be there.

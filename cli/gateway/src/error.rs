@@ -43,11 +43,13 @@ pub enum GatewayError {
         /// The reason why the configuration of the device is refused.
         source: DeviceError,
     },
-    /// Two controllers are the same device.
-    #[error("{file}: {url} stands in two [[controller]], expected one for each device")]
+    /// Two controllers, or two thermometers, are the same device.
+    #[error("{file}: {url} stands in two [[{table}]], expected one for each device")]
     DeviceTwice {
         /// The path of the configuration file.
         file: String,
+        /// The name of the tables, `controller` or `thermometer`.
+        table: &'static str,
         /// The URL of the device.
         url: String,
     },
@@ -64,6 +66,30 @@ pub enum GatewayError {
         found: String,
         /// The names that it has.
         expected: Vec<String>,
+    },
+    /// Two sensors have one name, so that it is not known which of them a machine file or a person means.
+    #[error(
+        "{file}: {url}: names: found {name:?}, which is a sensor of another [[thermometer]] already, expected another name for each sensor of the machine"
+    )]
+    SensorTwice {
+        /// The path of the configuration file.
+        file: String,
+        /// The URL of the second device.
+        url: String,
+        /// The name of both sensors.
+        name: String,
+    },
+    /// A name of a sensor that nobody can read or write.
+    #[error(
+        "{file}: {url}: names: found {name:?}, expected a name of visible characters for each sensor"
+    )]
+    SensorBlank {
+        /// The path of the configuration file.
+        file: String,
+        /// The URL of the device.
+        url: String,
+        /// The name.
+        name: String,
     },
     /// Other computers can reach the dashboard, and it has no TLS.
     #[error(
@@ -122,6 +148,16 @@ pub enum GatewayError {
         dir: PathBuf,
         /// The path in it that is something else than it has to be.
         found: PathBuf,
+    },
+    /// The folder of the audit log cannot be made or written.
+    #[error("[audit] dir = {dir:?}: {found:?} cannot be used: {source}")]
+    AuditAccess {
+        /// The folder as it is configured.
+        dir: PathBuf,
+        /// The path in it that was tried.
+        found: PathBuf,
+        /// The answer of the operating system.
+        source: io::Error,
     },
     /// The correction depends on the position of an axis that nobody tells.
     #[error(
@@ -299,6 +335,8 @@ impl GatewayError {
             | Self::DeviceConfig { .. }
             | Self::DeviceTwice { .. }
             | Self::SensorNames { .. }
+            | Self::SensorTwice { .. }
+            | Self::SensorBlank { .. }
             | Self::NoTls { .. }
             | Self::NoToken { .. }
             | Self::Certificate { .. }
@@ -306,6 +344,7 @@ impl GatewayError {
             | Self::Token { .. }
             | Self::TokenMode { .. }
             | Self::AuditDir { .. }
+            | Self::AuditAccess { .. }
             | Self::PositionUnknown { .. }
             | Self::Reload(_)
             | Self::Read { .. } => 2,

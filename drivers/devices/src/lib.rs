@@ -28,6 +28,6 @@ pub use gpio::gpio_port;
 pub use lines::digital_lines;
 pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
 #[cfg(feature = "modbus")]
-pub use modbus::{digital_modules, thermometer, thermometer_names};
+pub use modbus::{MODBUS_PORT, digital_modules, thermometer, thermometer_names};
 pub use probe::probe;
 pub use probed::{Probe, ProbedPosition};

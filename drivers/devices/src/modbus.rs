@@ -18,6 +18,9 @@ use crate::{
     probed::Probe,
 };
 
+/// The TCP port of a Modbus module whose URL names none.
+pub const MODBUS_PORT: u16 = 502;
+
 /// The profile that a URL names: one from disk where it ends in `.toml`, else a shipped one by its name.
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
     let name = address.get("profile").ok_or_else(|| {
@@ -45,7 +48,7 @@ fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
     if address.scheme == Scheme::Modbus {
         return Ok(Bus::Tcp {
             host: address.host.clone(),
-            port: address.port.unwrap_or(502),
+            port: address.port.unwrap_or(MODBUS_PORT),
         });
     }
     Ok(Bus::Rtu {

@@ -136,6 +136,25 @@ impl FocasConfig {
         Ok(description)
     }
 
+    /// The first byte that this and another configuration both write in the memory of the same control; `None` where
+    /// they share none, or are of different controls.
+    pub fn shared_byte(&self, other: &Self) -> Option<PmcAddress> {
+        let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
+        let mut bytes = self.written();
+        bytes.find(|byte| is_same && other.written().any(|others| others == *byte))
+    }
+
+    /// The bytes that are written: the shifts of as many axes as are corrected, heartbeat and sequence.
+    fn written(&self) -> impl Iterator<Item = PmcAddress> + '_ {
+        let first = self.shift.first;
+        let bytes = self.axes.len() * usize::from(self.shift.width.bytes());
+        (first.at..=u16::MAX)
+            .take(bytes)
+            .map(move |at| PmcAddress { at, ..first })
+            .chain(self.heartbeat)
+            .chain(self.sequence)
+    }
+
     /// Checks the words of a control's first `slots` axes and the bytes with a meaning of their own: what is written may
     /// be written and exists, and none lies within the others.
     pub(crate) fn check_addresses(&self, slots: usize) -> Result<(), FocasError> {

@@ -9,7 +9,7 @@ use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
-use super::{ControllerConfig, DigitalConfig, ThermometerConfig, kinds};
+use super::{ControllerConfig, DigitalConfig, ThermometerConfig, is_blank, kinds};
 
 pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     kinds::check(section)?;
@@ -66,10 +66,12 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
     }
     Ok(ControllerConfig {
         url: section.require("url")?.text()?.to_owned(),
-        channel: section
-            .get("channel")
-            .map(|value| value.text().map(str::to_owned))
-            .transpose()?,
+        channel: section.optional("channel", |value| match value.text()? {
+            name if is_blank(name) => Err(value.error(format!(
+                "found {name:?}, expected a name of visible characters"
+            ))),
+            name => Ok(name.to_owned()),
+        })?,
         axes: names.clone(),
         fixed,
         resolution_um: section.optional("resolution_um", |v| v.number_in(1e-4..=1000.0))?,

@@ -153,6 +153,11 @@ impl Default for DashboardConfig {
     }
 }
 
+/// Whether a name has nothing in it that can be read, or something that cannot.
+pub(crate) fn is_blank(name: &str) -> bool {
+    name.trim().is_empty() || name.contains(char::is_control)
+}
+
 impl Config {
     /// Reads a configuration file.
     ///
@@ -210,7 +215,11 @@ impl Config {
         let audit_dir = match &audit {
             Some(audit) => {
                 audit.allow(&["dir"])?;
-                folder.join(audit.require("dir")?.text()?)
+                let dir = audit.require("dir")?;
+                match dir.text()? {
+                    "" => return Err(dir.error("found an empty text, expected a folder")),
+                    text => folder.join(text),
+                }
             }
             None => folder.join("audit"),
         };

@@ -1,7 +1,7 @@
 //! The meaning of a configuration: everything that can be decided and checked without opening a device. The daemon
 //! opens a plan, `check` prints it, a reload compares it with the one that runs.
 
-use std::{path::Path, sync::Arc, time::Duration};
+use std::{sync::Arc, time::Duration};
 
 use volcomp_model::{Machine, Thermal};
 use volcomp_port::{Clock, Controller, Description};
@@ -11,8 +11,7 @@ use volcomp_runtime::{
 };
 
 use crate::{
-    audit,
-    config::Config,
+    config::{Config, is_blank},
     devices::{ControllerDevice, ThermometerDevice},
     documents::PlanDocument,
     error::GatewayError,
@@ -20,6 +19,7 @@ use crate::{
     simulate::{self, Simulation, Truth},
 };
 
+mod audit_folder;
 mod describe;
 mod notes;
 mod text;
@@ -100,7 +100,7 @@ impl Plan {
             });
         }
         let (tokens, tls) = dashboard(&config)?;
-        can_be_folder(&config.audit_dir)?;
+        audit_folder::check(&config.audit_dir)?;
         Ok(Self {
             structure: machine.chain().structure().to_string(),
             thermal: machine.thermal().clone(),
@@ -227,16 +227,20 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
         if before.iter().any(|other| other.url == controller.url) {
             return Err(GatewayError::DeviceTwice {
                 file: config.file.clone(),
+                table: "controller",
                 url: controller.url.clone(),
             });
         }
     }
-    let controllers = config
-        .controllers
-        .iter()
-        .map(|controller| ControllerDevice::new(controller).map_err(wrong))
-        .collect::<Result<_, _>>()?;
-    let mut thermometers = Vec::new();
+    let mut controllers: Vec<ControllerDevice> = Vec::new();
+    for controller in &config.controllers {
+        let device = ControllerDevice::new(controller).map_err(wrong)?;
+        for before in &controllers {
+            device.writes_apart_from(before).map_err(wrong)?;
+        }
+        controllers.push(device);
+    }
+    let mut thermometers: Vec<ThermometerDevice> = Vec::new();
     for thermometer in &config.thermometers {
         let device = ThermometerDevice::new(thermometer).map_err(wrong)?;
         // A device that tells its own names need not be told all of them.
@@ -249,12 +253,39 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
                 expected: device.names().to_vec(),
             });
         }
+        if thermometers.iter().any(|before| before.is_same(&device)) {
+            return Err(GatewayError::DeviceTwice {
+                file: config.file.clone(),
+                table: "thermometer",
+                url: thermometer.url.clone(),
+            });
+        }
+        sensor_names(config, &thermometers, &device, &thermometer.url)?;
         thermometers.push(device);
     }
     Ok(Devices::Configured {
         controllers,
         thermometers,
     })
+}
+
+/// Refuses a name of a sensor that nobody can read, or that a sensor of a thermometer before has.
+fn sensor_names(
+    config: &Config,
+    before: &[ThermometerDevice],
+    device: &ThermometerDevice,
+    url: &str,
+) -> Result<(), GatewayError> {
+    for name in device.names() {
+        let (file, url, name) = (config.file.clone(), url.to_owned(), name.clone());
+        if is_blank(&name) {
+            return Err(GatewayError::SensorBlank { file, url, name });
+        }
+        if before.iter().any(|other| other.names().contains(&name)) {
+            return Err(GatewayError::SensorTwice { file, url, name });
+        }
+    }
+    Ok(())
 }
 
 fn paths(
@@ -311,27 +342,6 @@ fn positions_known(config: &Config, model: &Model, paths: &[PathPlan]) -> Result
         }
     }
     Ok(())
-}
-
-/// Refuses a folder that cannot be made: one that lies below a file, or is one. Whether it can be written is known only
-/// to the user as whom the gateway runs.
-fn can_be_folder(dir: &Path) -> Result<(), GatewayError> {
-    let wrong = |found: &Path| {
-        Err(GatewayError::AuditDir {
-            dir: dir.to_owned(),
-            found: found.to_owned(),
-        })
-    };
-    for above in dir.ancestors().filter(|above| *above != Path::new("")) {
-        // A link that leads nowhere is there, and is no folder.
-        match (above.symlink_metadata(), above.metadata()) {
-            (_, Ok(found)) if found.is_dir() => break,
-            (Ok(_), _) => return wrong(above),
-            (Err(_), _) => {}
-        }
-    }
-    let log = audit::log_file(dir);
-    if log.is_dir() { wrong(&log) } else { Ok(()) }
 }
 
 /// Tokens and certificate. Where others can reach the dashboard it needs both.

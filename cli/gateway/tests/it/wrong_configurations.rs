@@ -206,7 +206,60 @@ pub(crate) const CASES: &[Wrong] = &[
         )],
         "stands in two [[controller]]",
     ),
+    // Channels that a control does not have, and words that two controllers write.
+    wrong(
+        &[("heartbeat", "channel = \"nope\"\nheartbeat")],
+        "channel: found \"nope\"",
+    ),
+    wrong(
+        &[("heartbeat", "channel = \"\"\nheartbeat")],
+        "controller.0.channel",
+    ),
+    wrong(
+        &[("heartbeat", "channel = \"a\\u0007\"\nheartbeat")],
+        "controller.0.channel",
+    ),
+    wrong(
+        &[(
+            "[[thermometer]]",
+            "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nunwatched = true\n[[thermometer]]",
+        )],
+        "R100 is written by the [[controller]] focas://127.0.0.1:1, too",
+    ),
+    wrong(
+        &[(
+            "[[thermometer]]",
+            "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\narea = { pmc = \"R\", first = 200, width = 2 }\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
+        )],
+        "R120 is written by the [[controller]] focas://127.0.0.1:1, too",
+    ),
     // Thermometers.
+    wrong(
+        &[(
+            "[dashboard]",
+            "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?unit=2&profile=PTA8C04\"\nnames = [\"spindle\", \"bed\"]\n[dashboard]",
+        )],
+        "found \"bed\", which is a sensor of another [[thermometer]]",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?profile=PT21A01\"\nnames = [\"spindle\"]\n[dashboard]",
+        )],
+        "profile=PT21A01 stands in two [[thermometer]]",
+    ),
+    wrong(
+        &[("\"column\"]", "\"\"]")],
+        "expected a name of visible characters",
+    ),
+    wrong(
+        &[("\"column\"]", "\"  \"]")],
+        "expected a name of visible characters",
+    ),
+    wrong(
+        &[("\"column\"]", "\"a\\nb\"]")],
+        "expected a name of visible characters",
+    ),
     wrong(
         &[(
             "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
@@ -304,6 +357,25 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(
         &[("[dashboard]", "[audit]\ndir = \"odd\"\n[dashboard]")],
         "audit.log is a folder, expected a file",
+    ),
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"\"\n[dashboard]")],
+        "audit.dir",
+    ),
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"a\\u0000b\"\n[dashboard]")],
+        "cannot be used",
+    ),
+    wrong(
+        &[("[dashboard]", "[audit]\ndir = \"/proc/x\"\n[dashboard]")],
+        "\"/proc\" cannot be used",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[audit]\ndir = \"llllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllll\"\n[dashboard]",
+        )],
+        "cannot be used",
     ),
     // An axis of the machine whose position nobody tells.
     wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\"]")], "axis Z"),

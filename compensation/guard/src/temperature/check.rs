@@ -157,7 +157,7 @@ impl SensorCheck {
                 .is_some_and(|change| (degc - before.degc - change).abs() > allowed + STEP_K);
         let followed = before.followed + (degc - before.followed).max(-allowed).min(allowed);
         if (degc - followed).abs() > STEP_K || contradicted {
-            self.jumped = Some(Readmission::new(at_jump));
+            self.jumped = Some(Readmission::new(&at_jump));
             return Some(SensorFlaw::Jumped);
         }
         let same_since = if degc.to_bits() == before.degc.to_bits() {

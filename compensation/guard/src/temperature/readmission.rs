@@ -46,9 +46,9 @@ pub(super) struct Readmission {
 
 impl Readmission {
     /// A sensor that jumps now.
-    pub(super) fn new(before: BeforeJump) -> Self {
+    pub(super) fn new(before: &BeforeJump) -> Self {
         Self {
-            before,
+            before: *before,
             change: 0.0,
             seen: None,
             with_own: None,
