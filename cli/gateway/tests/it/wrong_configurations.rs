@@ -213,11 +213,11 @@ pub(crate) const CASES: &[Wrong] = &[
     ),
     wrong(
         &[("heartbeat", "channel = \"\"\nheartbeat")],
-        "controller.0.channel",
+        "controller[0].channel",
     ),
     wrong(
         &[("heartbeat", "channel = \"a\\u0007\"\nheartbeat")],
-        "controller.0.channel",
+        "controller[0].channel",
     ),
     wrong(
         &[(
