@@ -13,7 +13,7 @@ pub struct AxisLimits {
     pub kind: AxisKind,
     /// The largest correction, in either direction; at most [`ceiling::LIMIT`] or [`ceiling::LIMIT_ROTARY`].
     pub limit: f64,
-    /// Corrections above are reported.
+    /// A correction that is larger than this, in either direction, is reported.
     pub warn: f64,
     /// The largest change of the correction in a second; at most [`ceiling::SLEW_PER_S`] or
     /// [`ceiling::SLEW_PER_S_ROTARY`].
