@@ -59,6 +59,15 @@ pub(crate) fn fit<'a>(
     profiles: Vec<Profile<'a>>,
 ) -> Result<(Vec<Fitted>, Vec<Profile<'a>>), CalibrateError> {
     let machine = &file.machine;
+    let profiles = match machine.axis(error.axis) {
+        Some(axis) => {
+            let profiles = profiles.into_iter();
+            profiles
+                .map(|profile| profile.within_travel(axis))
+                .collect()
+        }
+        None => profiles,
+    };
     let choice = profiles.iter().find_map(|profile| profile.line.curve);
     let (branches, profiles) = Branches::fit(error, choice.unwrap_or_default(), profiles)?;
     let zero = if MotionKind::of(error) == MotionKind::Straightness {

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use volcomp_kinematics::Joint;
 use volcomp_metrology::{MetrologyError, ReferenceLine, TiltReading, angular_method_um};
-use volcomp_vocabulary::{Direction, Urad};
+use volcomp_model::Axis;
+use volcomp_vocabulary::{COORDINATE_ROUNDING, Direction, Urad, brought_into};
 
 use crate::{calibration_file::Line, error::CalibrateError, setup::Method};
 
@@ -43,6 +44,33 @@ impl<'a> Profile<'a> {
             points,
             removed: Urad(0.0),
         })
+    }
+
+    /// The profile with its targets within the travel of an axis that goes round, where its curve is looked up: a target
+    /// beyond is brought into it by whole periods, the mean counts where several come to stand at one place, and an end
+    /// of travel at which nothing was measured takes the reading of the other end where that is the same angle.
+    pub(crate) fn within_travel(mut self, axis: &Axis) -> Self {
+        let Some(period) = axis.modulo else {
+            return self;
+        };
+        let [low, high] = axis.travel;
+        for branch in self.points.iter_mut().filter(|branch| !branch.is_empty()) {
+            for (target, _) in branch.iter_mut() {
+                *target = brought_into(axis.travel, period, *target);
+            }
+            *branch = means(std::mem::take(branch));
+            let at = |end: f64| {
+                let same = |(target, _): &&(f64, f64)| (target - end).abs() <= COORDINATE_ROUNDING;
+                branch.iter().find(same).map(|(_, value)| *value)
+            };
+            let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING;
+            match [at(low), at(high)] {
+                [Some(value), None] if whole_turn => branch.push((high, value)),
+                [None, Some(value)] if whole_turn => branch.insert(0, (low, value)),
+                _ => {}
+            }
+        }
+        self
     }
 
     /// Standard deviation of a mean reading, pooled over targets and directions; none without

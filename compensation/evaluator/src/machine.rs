@@ -5,7 +5,9 @@ use alloc::vec::Vec;
 use arrayvec::ArrayVec;
 
 use volcomp_kinematics::{Chain, Correctors, ErrorMotion, Joint, State, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName, MAX_AXES, PerAxis};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Component, ErrorName, MAX_AXES, PerAxis, brought_into, is_within,
+};
 
 use crate::{
     Tolerance,
@@ -157,8 +159,7 @@ impl CompiledMachine {
             let Some(axis) = self.axes.get(range.looked_at) else {
                 continue;
             };
-            let [low, high] = range.domain;
-            if !(low..=high).contains(&axis.looked_up(state.q[range.looked_at])) {
+            if !is_within(range.domain, axis.looked_up(state.q[range.looked_at])) {
                 outside |= 1 << (range.axis * LANES + range.component.index());
             }
         }
@@ -204,12 +205,8 @@ impl CompiledAxis {
             AxisKind::Rotary => q.to_degrees(),
         };
         match self.modulo {
-            Some(period) if !(self.travel[0]..=self.travel[1]).contains(&coordinate) => {
-                // The Euclidean remainder, which `core` lacks.
-                let rest = (coordinate - self.travel[0]) % period;
-                self.travel[0] + if rest < 0.0 { rest + period } else { rest }
-            }
-            _ => coordinate,
+            Some(period) => brought_into(self.travel, period, coordinate),
+            None => coordinate,
         }
     }
 

@@ -1,6 +1,6 @@
 //! An axis as a machine file states it.
 
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, brought_into, is_within};
 
 /// One axis as the machine file states it.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,14 +24,13 @@ impl Axis {
     /// The coordinate at which curves are looked up: brought into travel by `modulo`.
     pub(crate) fn looked_up(&self, coordinate: f64) -> f64 {
         match self.modulo {
-            Some(period) if !self.contains(coordinate) => {
-                self.travel[0] + (coordinate - self.travel[0]).rem_euclid(period)
-            }
-            _ => coordinate,
+            Some(period) => brought_into(self.travel, period, coordinate),
+            None => coordinate,
         }
     }
 
+    /// Whether a coordinate, mm or deg, lies in the travel, but for rounding.
     pub(crate) fn contains(&self, coordinate: f64) -> bool {
-        (self.travel[0]..=self.travel[1]).contains(&coordinate)
+        is_within(self.travel, coordinate)
     }
 }

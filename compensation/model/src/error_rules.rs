@@ -1,10 +1,13 @@
 //! Which errors a machine can have: the rules by which an error motion or a location error is refused.
 
-use volcomp_curve::{Curve, ErrorCurve, Field};
+use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
 use volcomp_kinematics::Joint;
 use volcomp_vocabulary::ErrorName;
 
-use crate::error::ErrorRefusal;
+use crate::{axis::Axis, error::ErrorRefusal};
+
+/// How far the two ends of a curve that goes round may differ, µm or µrad: what rounding leaves.
+const CLOSED_WITHIN: f64 = 1e-9;
 
 /// Why a location error is refused.
 pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Option<ErrorRefusal> {
@@ -17,13 +20,12 @@ pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Op
     joint.no_effect(name.component).map(ErrorRefusal::NoEffect)
 }
 
-/// Why the curve of an error motion is refused on a machine with so many axes; `goes_round`: the axis has a
-/// `modulo`.
+/// Why the curve of an error motion of the axis at `own` is refused on a machine with these axes.
 pub(crate) fn curve_refusal(
     name: ErrorName,
     curve: &ErrorCurve,
-    axes: usize,
-    goes_round: bool,
+    own: usize,
+    axes: &[Axis],
 ) -> Option<ErrorRefusal> {
     if name.location {
         return Some(ErrorRefusal::CurveOfLocation);
@@ -31,14 +33,35 @@ pub(crate) fn curve_refusal(
     if !curve.is_finite() {
         return Some(ErrorRefusal::NotFinite);
     }
+    let goes_round = |axis: usize| axes.get(axis).is_some_and(|axis| axis.modulo.is_some());
     curve.fields().find_map(|field| match field {
         Field::Grid(grid) => {
-            let missing = grid.axes().into_iter().find(|&axis| axis >= axes);
-            missing.map(|axis| ErrorRefusal::GridAxis { axis, axes })
+            let count = axes.len();
+            let missing = grid.axes().into_iter().find(|&axis| axis >= count);
+            let missing = missing.map(|axis| ErrorRefusal::GridAxis { axis, axes: count });
+            missing.or_else(|| open_grid(grid, goes_round))
         }
-        Field::Curve(curve) if goes_round => open_ends(curve),
+        Field::Curve(curve) if goes_round(own) => open_ends(curve),
         Field::Curve(_) => None,
     })
+}
+
+/// Along an axis that goes round, a grid must close.
+fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRefusal> {
+    let values = grid.values();
+    let [rows, columns] = grid.axes().map(goes_round);
+    let around_rows = values.first()?.iter().zip(values.last()?);
+    let around_columns = values.iter().filter_map(|row| row.first().zip(row.last()));
+    let ends = around_rows
+        .filter(|_| rows)
+        .chain(around_columns.filter(|_| columns));
+    ends.map(|(&first, &last)| [first, last])
+        .find_map(not_closed)
+}
+
+/// The refusal of a curve whose ends, µm or µrad, are not the same.
+fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
+    ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
 /// On an axis that goes round, a curve given by nodes must close.
@@ -48,6 +71,5 @@ fn open_ends(curve: &Curve) -> Option<ErrorRefusal> {
         Curve::MovingLeastSquares(mls) => mls.nodes(),
         _ => return None,
     };
-    let (first, last) = (nodes.first()?[1], nodes.last()?[1]);
-    ((first - last).abs() > 1e-9).then_some(ErrorRefusal::NotClosed { first, last })
+    not_closed([nodes.first()?[1], nodes.last()?[1]])
 }

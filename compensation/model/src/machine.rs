@@ -174,12 +174,11 @@ impl Machine {
     ///
     /// # Errors
     /// An axis that is not there, or [`ModelError::Refused`]: the name of a location error, numbers that are not
-    /// finite, a grid over an axis that is not there, or, on an axis with `modulo`, nodes whose first and last value
-    /// differ.
+    /// finite, a grid over an axis that is not there, or, along an axis with `modulo`, nodes whose first and last
+    /// value differ.
     pub fn set_error(&mut self, name: ErrorName, curve: ErrorCurve) -> Result<(), ModelError> {
         let index = self.index_of(name.axis)?;
-        let goes_round = self.axes[index].modulo.is_some();
-        if let Some(reason) = curve_refusal(name, &curve, self.axes.len(), goes_round) {
+        if let Some(reason) = curve_refusal(name, &curve, index, &self.axes) {
             return Err(ModelError::Refused {
                 error: name,
                 reason,

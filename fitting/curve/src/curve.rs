@@ -1,5 +1,7 @@
 use alloc::vec::Vec;
 
+use volcomp_vocabulary::is_within;
+
 use crate::{
     BSpline, Chebyshev, CurveError, Fourier, MovingLeastSquares, Polynomial, Table, domain,
 };
@@ -90,10 +92,11 @@ impl Curve {
         }
     }
 
-    /// Whether `x` lies in the domain, ends included; never for NaN.
+    /// Whether `x` lies in the domain, ends included and but for rounding
+    /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)); never for NaN.
     pub fn contains(&self, x: f64) -> bool {
         self.domain()
-            .map_or(!x.is_nan(), |domain| domain::contains(domain, x))
+            .map_or(!x.is_nan(), |domain| is_within(domain, x))
     }
 
     /// The arguments at which a derivative, of the first order or a higher one, may jump: ends of

@@ -1,5 +1,7 @@
 use alloc::vec::Vec;
 
+use volcomp_vocabulary::is_within;
+
 use crate::{CurveError, domain};
 
 /// A function of two coordinates, bilinear between the nodes of a rectangular grid.
@@ -88,13 +90,14 @@ impl Grid {
             .map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
     }
 
-    /// Whether both arguments lie in their ranges, ends included.
+    /// Whether both arguments lie in their ranges, ends included and but for rounding
+    /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)).
     pub fn contains(&self, coordinates: &[f64]) -> bool {
         let arguments = self.arguments(coordinates);
         self.domain()
             .iter()
             .zip(arguments)
-            .all(|(&range, x)| domain::contains(range, x))
+            .all(|(&range, x)| is_within(range, x))
     }
 
     /// The value at the coordinates; a coordinate that is not there counts as 0.

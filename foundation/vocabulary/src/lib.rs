@@ -5,6 +5,7 @@ mod axis;
 mod direction;
 mod error_name;
 mod per_axis;
+mod range;
 #[cfg(feature = "serde")]
 mod serialised;
 mod units;
@@ -13,4 +14,5 @@ pub use axis::{AxisKind, AxisName, MAX_AXES, UnknownAxis};
 pub use direction::{Direction, UnknownDirection};
 pub use error_name::{Component, ErrorName, UnknownErrorName};
 pub use per_axis::{PerAxis, PerChannel};
+pub use range::{COORDINATE_ROUNDING, brought_into, is_within};
 pub use units::{Coordinate, Deg, Degc, Displacement, Mm, Rad, Um, Unit, Urad};

@@ -2,4 +2,5 @@
 
 mod gantry;
 mod messages;
+mod turning;
 mod uncertainty;

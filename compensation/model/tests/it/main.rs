@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod absurd;
+mod closing;
 mod correct;
 mod evaluation;
 mod fuzz_corpus;

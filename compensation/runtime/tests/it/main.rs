@@ -1,6 +1,7 @@
 //! The runtime on simulated machines whose time the tests count.
 
 mod embed;
+mod ends_of_travel;
 mod errors;
 mod held;
 mod plan;

@@ -1,0 +1,79 @@
+//! A turning axis measured over another turn than its travel: the right error at every angle.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_kinematics::Form;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName;
+
+/// The machine that a calibration of ECC = 20·sin C µrad makes.
+fn calibrated(travel: &str, targets: impl Iterator<Item = i32>, curve: &str) -> Machine {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("written");
+        path
+    };
+    let machine = format!(
+        "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\n\
+         C = {{ travel = {travel}, modulo = 360 }}\n"
+    );
+    write("machine.toml", &machine);
+    let mut readings = "target,deviation\n".to_owned();
+    for target in targets {
+        let deviation = 20.0 * f64::from(target).to_radians().sin();
+        writeln!(readings, "{target},{deviation}").expect("a text");
+    }
+    write("c.csv", &readings);
+    let text = format!(
+        "machine = \"machine.toml\"\n[[measurement]]\nerror = \"ECC\"\nfile = \"c.csv\"\nunit = \"urad\"\ncurve = {curve}\n"
+    );
+    let file = CalibrationFile::read(&write("calibration.toml", &text)).expect("read");
+    calibrate(&file, |_, _| {}).expect("calibrated").machine
+}
+
+/// The largest difference of ECC from 20·sin C over two turns, µrad, where no curve may be outside of its range.
+fn largest_difference(machine: &Machine) -> f64 {
+    let mut largest = 0.0_f64;
+    for step in -144..=144 {
+        let degrees = f64::from(step) * 2.5;
+        let state = machine.state(&[(AxisName::C, degrees)]).expect("a state");
+        assert_eq!(machine.outside_range(&state), [], "C {degrees}");
+        let found = machine.error_at(&state, Form::Exact, &Temperatures::new());
+        let expected = 20.0 * degrees.to_radians().sin();
+        largest = largest.max((found.rotation_rad.z * 1e6 - expected).abs());
+    }
+    largest
+}
+
+#[test]
+fn no_half_turn_is_lost() {
+    for (travel, first, last) in [("[0, 360]", -180, 180), ("[-180, 180]", 0, 360)] {
+        for (curve, within) in [
+            ("{ fourier = { order = 1 } }", 1e-6),
+            ("{ mls = { order = 4, support = 0.34 } }", 0.1),
+            ("{ table = { interpolation = \"linear\" } }", 0.2),
+            ("{ table = { interpolation = \"cubic\" } }", 0.4),
+            ("{ bspline = {} }", 0.2),
+            ("{ poly = { order = 9 } }", 0.1),
+            ("\"auto\"", 0.2),
+        ] {
+            let found = largest_difference(&calibrated(travel, (first..=last).step_by(15), curve));
+            assert!(found < within, "{travel}, {curve}: {found} µrad off");
+        }
+    }
+}
+
+/// The last target of a turn is the first one again and need not be measured twice.
+#[test]
+fn a_turn_closes_by_itself() {
+    for (travel, first, last) in [("[0, 360]", 0, 345), ("[-180, 180]", -165, 180)] {
+        let targets = (first..=last).step_by(15);
+        for curve in ["{ fourier = { order = 1 } }", "{ table = {} }"] {
+            let found = largest_difference(&calibrated(travel, targets.clone(), curve));
+            assert!(found < 0.2, "{travel}, {curve}: {found} µrad off");
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! At an end of travel every form of the model has the error of that end, although the coordinate has gone through
+//! radians on its way.
+
+use volcomp_kinematics::Form;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_runtime::{GuardSettings, Model};
+use volcomp_vocabulary::AxisName;
+
+use crate::rig::guard;
+
+/// A turning table with ECC = C µrad and a head with EBB = B/10 µrad, each over its whole travel.
+fn machine(turns: [f64; 2], tilts: f64) -> Machine {
+    let [low, high] = turns;
+    let text = format!(
+        "structure = \"w C' b X Y Z B t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\n\
+         C = {{ travel = [{low:?}, {high:?}], modulo = 360.0 }}\nB.travel = [{0:?}, {tilts:?}]\n\
+         [errors]\nECC = {{ poly = [0.0, 1.0] }}\nEBB = {{ table = [[{0:?}, {1:?}], [{tilts:?}, {2:?}]] }}\n",
+        -tilts,
+        -tilts / 10.0,
+        tilts / 10.0,
+    );
+    Machine::parse(&text, "end.toml").expect("a machine")
+}
+
+#[test]
+fn an_end_of_travel_has_the_error_of_its_own_side() {
+    let GuardSettings { fading, .. } = guard();
+    let warm = Temperatures::new();
+    // Among them ends that radians return above themselves, and below: 105, 125, 192, 210, 255 and many more.
+    for degrees in 1..=359 {
+        let high = f64::from(degrees);
+        let machine = machine([high - 360.0, high], high);
+        let model = Model::new(&machine, fading).expect("a model");
+        let none = Default::default();
+        for (end, side) in [(high, 1.0), (high - 360.0, -1.0)] {
+            let at = [
+                (AxisName::X, 100.0),
+                (AxisName::B, side * high),
+                (AxisName::C, end),
+            ];
+            let state = machine.state(&at).expect("a state");
+            let exact = machine.error_at(&state, Form::Exact, &warm);
+            let [told, _] = model.errors(&state, &none);
+            // The tilt of the table about Z is that of the tool about Z, but for the second order; B adds about Y.
+            for found in [exact.rotation_rad.z, told.rotation_rad[2]] {
+                assert!(
+                    (found * 1e6 - end).abs() < 0.01,
+                    "{end} deg: {} µrad",
+                    found * 1e6
+                );
+            }
+            assert_eq!(machine.outside_range(&state), [], "{end} deg");
+            assert_eq!(machine.outside_travel(&state), [], "{end} deg");
+            assert!(!model.is_outside_range(&state), "{end} deg");
+        }
+        // What is really beyond is still outside.
+        let state = machine
+            .state(&[(AxisName::B, high + 1e-6)])
+            .expect("a state");
+        assert_eq!(machine.outside_travel(&state), [AxisName::B]);
+        assert!(model.is_outside_range(&state));
+    }
+}
