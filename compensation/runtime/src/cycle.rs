@@ -169,7 +169,7 @@ impl Cycle {
                 expected: self.period,
             });
         }
-        path.set_limits(*limits)
+        path.set_limits(limits)
             .map_err(|source| LimitsRefusal::Limits {
                 path: index,
                 source,

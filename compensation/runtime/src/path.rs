@@ -74,11 +74,11 @@ impl ControlPath {
         self.correctors = model.correctors_among(&self.names);
         let limits = *self.guard.limits();
         // Only test shifts become zero or are again what was accepted before, so a guard does not refuse them.
-        let _ = self.guard.set_limits(self.of_correctors(limits));
+        let _ = self.guard.set_limits(self.of_correctors(&limits));
     }
 
     /// Takes other limits. Allocates nothing.
-    pub(crate) fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
+    pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check()?;
         let before = std::mem::replace(&mut self.test_shift, limits.test_shift);
         let taken = self.guard.set_limits(self.of_correctors(limits));
@@ -89,7 +89,7 @@ impl ControlPath {
     }
 
     /// Limits with the test shift of the axes that correct only: nothing is written to the others.
-    fn of_correctors(&self, limits: Limits) -> Limits {
+    fn of_correctors(&self, limits: &Limits) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) {
                 self.test_shift[place]
