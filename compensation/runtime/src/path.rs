@@ -99,7 +99,7 @@ impl ControlPath {
         };
         Limits {
             test_shift: PerChannel::from_fn(shift),
-            ..limits
+            ..*limits
         }
     }
 
