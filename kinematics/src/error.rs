@@ -1,8 +1,10 @@
 //! Why a chain cannot be built, and why it cannot have an error.
 
+use core::fmt;
+
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::structure::Structure;
+use crate::structure::{Side, Structure};
 
 /// Why a chain cannot be built, or cannot have an error.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -50,30 +52,52 @@ pub enum ChainError {
     },
 }
 
-/// Why a location error of an axis moves nothing.
+/// Why a location error of an axis moves nothing, and the error motion whose constant says the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoEffect {
     /// A location offset of a linear axis moves nothing.
-    #[error("has no effect; put a zero offset into the constant of {constant}")]
-    OffsetOfLinearAxis {
-        /// The error motion whose constant means the same.
-        constant: ErrorName,
-    },
+    #[error("has no effect; put a zero offset into {0}")]
+    OffsetOfLinearAxis(InsteadConstant),
     /// A location error along a rotary axis, or about it, moves nothing.
-    #[error(
-        "lies along the axis itself and has no effect; put a zero offset into the constant of {constant}"
-    )]
-    AlongRotaryAxis {
-        /// The error motion whose constant means the same.
-        constant: ErrorName,
-    },
+    #[error("lies along the axis itself and has no effect; put {} into {}", .0.offset(), .0)]
+    AlongRotaryAxis(InsteadConstant),
     /// A tilt of a linear axis about itself moves nothing.
-    #[error(
-        "turns the axis about itself and has no effect; put a zero offset into the constant of {constant}"
-    )]
-    AboutLinearAxis {
-        /// The error motion whose constant means the same.
-        constant: ErrorName,
-    },
+    #[error("turns the axis about itself and has no effect; put a constant roll into {0}")]
+    AboutLinearAxis(InsteadConstant),
+}
+
+/// The error motion whose constant takes the place of a location error that moves nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InsteadConstant {
+    /// The error motion.
+    pub error: ErrorName,
+    /// The side of the axis. A location error says where the axis lies, an error motion how the tool moves relative to
+    /// the workpiece: on the workpiece side the constant has the opposite sign.
+    pub side: Side,
+}
+
+impl InsteadConstant {
+    fn offset(&self) -> &'static str {
+        if self.error.component.is_angular() {
+            "a zero offset"
+        } else {
+            "a shift along it"
+        }
+    }
+}
+
+impl fmt::Display for InsteadConstant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { error, side } = self;
+        write!(f, "the constant of {error}, ")?;
+        match side {
+            Side::Tool => f.write_str("with the same sign"),
+            Side::Workpiece => write!(
+                f,
+                "with the opposite sign since {} carries the workpiece",
+                error.axis
+            ),
+        }
+    }
 }

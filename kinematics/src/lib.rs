@@ -23,7 +23,7 @@ pub use chain::{Chain, Joint};
 pub use correction::{Correction, CorrectionOptions, correct};
 pub use correctors::{Correctors, INDEPENDENT_ABOVE};
 pub use denavit_hartenberg::{DhRow, DhTable};
-pub use error::{ChainError, NoEffect};
+pub use error::{ChainError, InsteadConstant, NoEffect};
 pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
 pub use given_errors::GivenErrors;
 pub use least_norm::{NEAR_SINGULAR_BELOW, SINGULAR_BELOW};

@@ -46,7 +46,8 @@ pub enum StructureError {
     },
     /// `w`, `b` or `t` is missing, repeated or out of place.
     #[error(
-        "found `{found}` at character {position}, expected the order: w, axes with a prime, b, axes, t"
+        "found `{found}` at character {position}, expected {}the order: w, axes with a prime, b, axes, t",
+        if *position == 1 { "the structure to begin at the workpiece, w, in " } else { "" }
     )]
     OutOfPlace {
         /// The character that was found.

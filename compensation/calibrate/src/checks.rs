@@ -4,7 +4,7 @@
 use volcomp_document::{InputError, Value};
 use volcomp_metrology::{Measurement, MotionKind};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, Displacement};
+use volcomp_vocabulary::{AxisName, Displacement, ErrorName};
 
 use crate::{calibration_file::Line, setup::Setup};
 
@@ -12,6 +12,8 @@ use crate::{calibration_file::Line, setup::Setup};
 const NEVER_ABOVE: f64 = 1e5;
 /// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
 const ODD_ABOVE: f64 = 1e3;
+/// Deviations that are all smaller are odd for a machine tool: 0.1 µm and 0.1 µrad.
+const SMALL_BELOW: f64 = 0.1;
 /// A line over a smaller share of the travel is noted.
 const SHORT_BELOW: f64 = 0.5;
 /// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.
@@ -102,12 +104,44 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let sizes = line.readings.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
     if is_direct && largest > ODD_ABOVE {
-        let largest = Displacement::from_micro(error.component.kind(), largest);
+        let largest_size = Displacement::from_micro(error.component.kind(), largest);
+        let state = if line.readings.unit.is_none() {
+            ", or state `unit`"
+        } else {
+            ""
+        };
         note(format!(
-            "a deviation of {largest:.0} is large for a machine tool: check the unit of the file, or state `unit`"
+            "a deviation of {largest_size:.0} is large for a machine tool: check the unit of the file{state}"
+        ));
+    }
+    if let Some(other) = named_in_title(line) {
+        note(format!(
+            "the title of the file names {other}, expected {error}: is it the right file?"
+        ));
+    }
+    if line.readings.unit.is_none() && largest > 0.0 && largest < SMALL_BELOW {
+        let (taken, perhaps) = if line.setup.reads_angles() {
+            ("µrad", "mrad")
+        } else {
+            ("µm", "mm")
+        };
+        note(format!(
+            "the unit of the deviations is not stated, taken as {taken}; all are below {SMALL_BELOW} {taken}: are they {perhaps}? State `unit`"
         ));
     }
     notes
+}
+
+/// An error that the title of the file names where it does not name the error of the line.
+fn named_in_title(line: &Line) -> Option<ErrorName> {
+    let title = line.readings.metadata.title.as_deref()?;
+    let words = title.split(|c: char| !(c.is_ascii_alphanumeric() || "()".contains(c)));
+    let names: Vec<ErrorName> = words
+        .filter(|word| word.starts_with(['E', 'e']))
+        .filter_map(|word| word.to_ascii_uppercase().parse().ok())
+        .collect();
+    let other = *names.first()?;
+    (!names.contains(&line.setup.error)).then_some(other)
 }
 
 /// A note where measurement files state different machines.

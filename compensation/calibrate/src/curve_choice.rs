@@ -58,7 +58,7 @@ impl CurveChoice {
             return match word {
                 "auto" => Ok(Self::Auto),
                 _ => Err(value.error(format!(
-                    "found \"{word}\", expected \"auto\" or a table with one kind of curve"
+                    "found \"{word}\", expected \"auto\" or one kind of curve: {{ poly = {{ order = 6 }} }}"
                 ))),
             };
         }
@@ -74,6 +74,12 @@ impl CurveChoice {
         if *kind == "fourier" && axis.kind() == AxisKind::Linear {
             return Err(value.error(format!(
                 "found fourier for axis {axis}, expected it on a rotary axis"
+            )));
+        }
+        if options.is_number() && ["poly", "chebyshev", "mls", "fourier"].contains(kind) {
+            let order = options.number()?;
+            return Err(options.error(format!(
+                "found {order}, expected the order with its name: {{ {kind} = {{ order = {order} }} }}"
             )));
         }
         Self::decode_options(kind, &options.section()?)

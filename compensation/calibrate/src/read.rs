@@ -136,6 +136,13 @@ fn decode_line(
     for reading in &mut readings.readings {
         reading.deviation *= factor;
     }
+    if section.get("unit").is_some() {
+        readings.unit = Some(if setup.reads_angles() {
+            DeviationUnit::Urad
+        } else {
+            DeviationUnit::Um
+        });
+    }
     checks::refuse(&file_value, &setup, &readings, machine)?;
     Ok(Line {
         setup,
@@ -179,11 +186,20 @@ fn unit_factor(
     ];
     let units = if angular { &ANGLES[..] } else { &LENGTHS[..] };
     if let Some(unit) = section.get("unit") {
-        return unit.one_of(units);
+        let factor = unit.one_of(units)?;
+        return match readings.unit {
+            Some(found) if factor != 1.0 || (found == DeviationUnit::Urad) != angular => {
+                Err(unit.error(format!(
+                    "found \"{}\", but the file states that its deviations are in {found}: expected no `unit`",
+                    unit.text()?
+                )))
+            }
+            _ => Ok(factor),
+        };
     }
     match (readings.unit, angular) {
         (Some(DeviationUnit::Um), true) => Err(file.error(
-            "the file holds lengths, expected angles: check `error`, or state `unit`",
+            "the file holds lengths, expected angles: check `error`",
         )),
         (Some(DeviationUnit::Urad), false) => Err(file.error(
             "the file holds angles, expected lengths: check `error`, or state `method = \"angular\"`",

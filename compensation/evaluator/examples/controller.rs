@@ -2,9 +2,9 @@
 //!
 //!     cargo run -p volcomp-evaluator --example controller
 
+use volcomp_evaluator::kinematics::{Chain, ErrorMotion, State};
+use volcomp_evaluator::vocabulary::{AxisKind, AxisName, Displacement};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Tolerance};
-use volcomp_kinematics::{Chain, ErrorMotion, State};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement};
 
 /// At a desk: 10 µm of positioning and 20 µrad of yaw over the metre of X, 30 µrad of squareness of Y.
 fn at_a_desk() -> Result<Vec<u8>, Box<dyn std::error::Error>> {
@@ -12,9 +12,7 @@ fn at_a_desk() -> Result<Vec<u8>, Box<dyn std::error::Error>> {
     let travel = [0.0, 1000.0].map(|end| Displacement::from_coordinate(AxisKind::Linear, end));
     let x = AxisParts::new(travel, |q, _| {
         ErrorMotion::from_um_urad([0.01 * q, 0.0, 0.0, 0.0, 0.0, 0.02 * q])
-    })
-    .breakpoints(Component::EX, [0.0, 1000.0])
-    .breakpoints(Component::EC, [0.0, 1000.0]);
+    });
     let parts = MachineParts::new(&chain)
         .axis(AxisName::X, x)?
         .axis(AxisName::Y, AxisParts::without_errors(travel))?

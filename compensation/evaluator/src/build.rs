@@ -180,6 +180,7 @@ fn tables(
     let table = |approach: &Option<Direction>| {
         let wanted = ToTable {
             errors: &|x| (parts.errors)(x, *approach),
+            travel: parts.travel.map(Displacement::mm_or_deg),
             breakpoints: &parts.breakpoints,
             arm_mm: frame.chain.tool_tip_mm() - joint.point_mm,
             constant: frame.folded.constant[index],

@@ -30,9 +30,9 @@ fn fit(
     points.sort_unstable_by(f64::total_cmp);
     points.dedup();
     let ends = [points.first(), points.last()].map(|end| end.copied().unwrap_or(0.0));
-    for end in ends {
-        if !function(end).iter().all(|value| value.is_finite()) {
-            return Err(Unfit::NotFinite(end));
+    for &point in &points {
+        if !function(point).iter().all(|value| value.is_finite()) {
+            return Err(Unfit::NotFinite(point));
         }
     }
     let mut pieces = vec![Piece::held(ends[0], function(ends[0]))];
@@ -66,6 +66,8 @@ fn fit(
 /// The errors of an axis as its tables want them.
 pub(crate) struct ToTable<'a> {
     pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
+    /// The range of the table, mm or deg, which breakpoints outside widen.
+    pub(crate) travel: [f64; 2],
     pub(crate) breakpoints: &'a [Vec<f64>; LANES],
     /// From the axis's point to the tool tip, mm.
     pub(crate) arm_mm: Vector3<f64>,
@@ -101,7 +103,8 @@ impl ToTable<'_> {
         let counted = |lane: usize| alone.is_none_or(|alone| alone == lane);
         let lanes = (0..LANES).filter(|lane| counted(*lane));
         let breakpoints = lanes.flat_map(|lane| self.breakpoints[lane].iter().copied());
-        fit(&function, breakpoints.collect(), tolerance)
+        let points = self.travel.into_iter().chain(breakpoints);
+        fit(&function, points.collect(), tolerance)
     }
 
     /// Which curve cannot be compiled and why: the first one that cannot by itself, else all of the axis.

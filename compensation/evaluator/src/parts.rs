@@ -79,11 +79,10 @@ pub(crate) struct StatedRange {
 /// ```
 /// use volcomp_evaluator::AxisParts;
 /// use volcomp_kinematics::ErrorMotion;
-/// use volcomp_vocabulary::{AxisKind, Component, Displacement};
+/// use volcomp_vocabulary::{AxisKind, Displacement};
 ///
 /// let travel = [0.0, 500.0].map(|end| Displacement::from_coordinate(AxisKind::Linear, end));
-/// let x = AxisParts::new(travel, |q, _| ErrorMotion::from_um_urad([0.01 * q, 0.0, 0.0, 0.0, 0.0, 0.0]))
-///     .breakpoints(Component::EX, [0.0, 500.0]);
+/// let x = AxisParts::new(travel, |q, _| ErrorMotion::from_um_urad([0.01 * q, 0.0, 0.0, 0.0, 0.0, 0.0]));
 /// # let _ = x;
 /// ```
 pub struct AxisParts<'a> {
@@ -98,8 +97,9 @@ pub struct AxisParts<'a> {
 }
 
 impl<'a> AxisParts<'a> {
-    /// An axis with this travel and these error motions, the same in both directions. Where the errors are not
-    /// constant, [`breakpoints`](Self::breakpoints) must say over which range they are to be compiled.
+    /// An axis with this travel and these error motions (mm, rad) at a coordinate in mm or deg, the same in both
+    /// directions. They are compiled over the whole travel, where they must be finite, and held at its ends beyond;
+    /// where a derivative jumps, [`breakpoints`](Self::breakpoints) must say so.
     pub fn new(
         travel: [Displacement; 2],
         errors: impl Fn(f64, Option<Direction>) -> ErrorMotion + 'a,
@@ -129,8 +129,8 @@ impl<'a> AxisParts<'a> {
         self
     }
 
-    /// Coordinates (mm or deg) at which a derivative of a component may jump, the ends of its range included, in any
-    /// order. Outside the first and last of all components the errors are held.
+    /// Coordinates (mm or deg) at which a derivative of a component may jump, in any order, besides the ends of the
+    /// travel. Where some lie outside the travel, the errors are compiled as far as the first and the last of them.
     #[must_use]
     pub fn breakpoints(
         mut self,

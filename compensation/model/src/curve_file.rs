@@ -22,6 +22,9 @@ const KINDS: [&str; 7] = [
     "grid",
 ];
 
+/// Points of a table that a message repeats at most.
+const SHOWN_POINTS: usize = 4;
+
 /// The parts of the machine on which the decoding of a curve depends: the travel of its own axis, and all axes for a
 /// grid.
 pub(crate) struct CurveContext<'a> {
@@ -37,6 +40,7 @@ pub(crate) fn decode_error_curve(
     if value.is_number() {
         return Ok(ErrorCurve::Single(decode_field(value, context)?));
     }
+    refuse_array(value)?;
     let section = value.section()?;
     let has = |key| section.get(key).is_some();
     if has("forward") || has("backward") {
@@ -56,10 +60,37 @@ pub(crate) fn decode_error_curve(
     Ok(ErrorCurve::Single(decode_field(value, context)?))
 }
 
+/// An array alone may be the points of a table or the coefficients of a polynomial: which one, the kind of curve says.
+fn refuse_array(value: &Value<'_>) -> Result<(), InputError> {
+    let Ok(items) = value.items() else {
+        return Ok(());
+    };
+    let pairs: Option<Vec<String>> = items
+        .iter()
+        .map(|item| {
+            item.vector::<2>()
+                .ok()
+                .map(|[at, error]| format!("[{at}, {error}]"))
+        })
+        .collect();
+    let expected = match pairs.filter(|pairs| !pairs.is_empty() && pairs.len() <= SHOWN_POINTS) {
+        Some(pairs) => format!("a kind of curve: {{ table = [{}] }}", pairs.join(", ")),
+        None => {
+            "a number or a kind of curve: { table = [[0, 0], [500, 25]] } or { poly = [0, 0.05] }"
+                .to_owned()
+        }
+    };
+    Err(value.error(format!(
+        "found an array of {}, expected {expected}",
+        items.len()
+    )))
+}
+
 fn decode_field(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Field, InputError> {
     if value.is_number() {
         return Ok(Curve::Constant(value.number()?).into());
     }
+    refuse_array(value)?;
     let section = value.section()?;
     let kinds: Vec<&str> = KINDS
         .into_iter()

@@ -2,10 +2,10 @@
 
 use std::{error::Error, sync::Arc, time::Duration};
 
-use volcomp_model::Machine;
-use volcomp_port::{Axis, Clock, Controller, simulated};
+use runtime::machine::Machine;
+use runtime::port::{Axis, Clock, Controller, simulated};
+use runtime::vocabulary::{AxisName, Displacement, Mm, PerChannel, Um};
 use volcomp_runtime as runtime;
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um};
 
 const MACHINE: &str = "structure = \"w X' Y' b Z t\"
 axes = { X.travel = [0, 800], Y.travel = [0, 500], Z.travel = [0, 400] }

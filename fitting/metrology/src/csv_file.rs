@@ -5,9 +5,10 @@ use std::fmt::Write as _;
 
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 
+use crate::csv_head::{deviation_unit, is_target_unit, unit_of};
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
-use crate::{Direction, Measurement, MetrologyError, Reading};
+use crate::{DeviationUnit, Direction, Measurement, MetrologyError, Reading};
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
@@ -17,8 +18,9 @@ const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `t
 /// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`);
 /// without these two, the rows are one unidirectional run. Columns may stand in any order; others are not read, and
 /// named in a note. Cells are separated by `,`, `;` or tabs; where not by commas, numbers may have a decimal comma.
-/// Targets are mm or deg, deviations µm or µrad; the file does not say which, so [`Measurement::unit`] is `None`.
-/// `name` is used in messages.
+/// Targets are mm or deg. The head of the deviations may have a unit behind it, `deviation [µm]`, `deviation_mm`,
+/// `deviation arcsec`: they are then brought into µm or µrad, and [`Measurement::unit`] says which. Without it they are
+/// read as they stand, and the unit is `None`. `name` is used in messages.
 ///
 /// The format has no end mark. A last line without a line break is refused when its number has fewer decimals
 /// than every other one (a number cut in two) and noted otherwise; a run that lacks a target, or a direction with
@@ -50,6 +52,7 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     notes.extend(zero_direction(&read.readings));
     Ok(Measurement {
         name: name.into(),
+        unit: columns.unit.map(|(unit, _)| unit),
         readings: read.readings,
         notes,
         ..Measurement::default()
@@ -77,6 +80,8 @@ pub fn write_csv(measurement: &Measurement) -> String {
 struct Columns {
     target: Column,
     deviation: Column,
+    /// The unit in the head of the deviations and how many µm or µrad it is.
+    unit: Option<(DeviationUnit, f64)>,
     run_and_direction: Option<(Column, Column)>,
 }
 
@@ -90,8 +95,22 @@ impl Columns {
             quoted(&names.join(&table.separator().to_string()))
         };
         let column = |name: &str| table.column(name);
-        let (Some(target), Some(deviation)) = (column("target")?, column("deviation")?) else {
+        let (Some((target, target_unit)), Some((deviation, unit))) =
+            (with_unit(table, "target")?, with_unit(table, "deviation")?)
+        else {
             return Err(wrong(names(), EXPECTED_HEADER).into());
+        };
+        if !is_target_unit(target_unit) {
+            let found = format!("targets in {}", quoted(target_unit));
+            return Err(wrong(found, "mm or deg: `target`, `target mm` or `target deg`").into());
+        }
+        let unit = match unit {
+            "" => None,
+            unit => Some(deviation_unit(unit).ok_or_else(|| {
+                let found = format!("deviations in {}", quoted(unit));
+                let expected = "one of µm, mm, nm, µrad, mrad, rad, arcsec, deg: `deviation µm`";
+                wrong(found, expected)
+            })?),
         };
         let run_and_direction = match (column("run")?, column("direction")?) {
             (Some(run), Some(direction)) => Some((run, direction)),
@@ -104,9 +123,26 @@ impl Columns {
         Ok(Self {
             target,
             deviation,
+            unit,
             run_and_direction,
         })
     }
+}
+
+/// The column of a name, alone or with a unit behind it, and that unit.
+fn with_unit<'t>(
+    table: &'t CsvTable,
+    name: &str,
+) -> Result<Option<(Column, &'t str)>, MetrologyError> {
+    let mut named = table
+        .names()
+        .filter_map(|(column, head)| Some((column, unit_of(head, name)?)));
+    let first = named.next();
+    if named.next().is_some() {
+        let message = format!("column `{name}` stands twice");
+        return Err(table.header_error(message).into());
+    }
+    Ok(first)
 }
 
 /// The readings of the rows so far.
@@ -128,7 +164,8 @@ impl Rows {
         let place = Place { file, line };
         let target = place.number("target", &row.cell(columns.target).decimal_text()?)?;
         let deviation_text = row.cell(columns.deviation).decimal_text()?;
-        let deviation = place.number("deviation", &deviation_text)?;
+        let stated = place.number("deviation", &deviation_text)?;
+        let deviation = stated * columns.unit.map_or(1.0, |(_, size)| size);
         let (run, direction) = match columns.run_and_direction {
             Some((run, direction)) => (
                 place.count("run", row.cell(run).text())?,
@@ -193,7 +230,17 @@ fn refuse_renishaw(text: &str, name: &str) -> Result<(), MetrologyError> {
 }
 
 fn columns_not_read(table: &CsvTable) -> Option<String> {
-    let names = table.names_besides(&NAMES);
+    let is_read = |head: &str| {
+        NAMES[..].iter().any(|name| match *name {
+            "target" | "deviation" => unit_of(head, name).is_some(),
+            _ => head.eq_ignore_ascii_case(name),
+        })
+    };
+    let names: Vec<&str> = table
+        .names()
+        .map(|(_, name)| name)
+        .filter(|name| !is_read(name))
+        .collect();
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }
 

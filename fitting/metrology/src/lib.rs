@@ -2,6 +2,7 @@
 
 mod abbe;
 mod csv_file;
+mod csv_head;
 mod encoding;
 mod error;
 mod iso230_2;

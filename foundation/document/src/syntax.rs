@@ -21,7 +21,19 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let Some(value) = code.split_once('=').map(|(_, value)| value.trim()) else {
         return parser.to_owned();
     };
-    // Other messages, as of a key that stands twice, are not about the value.
+    if parser.starts_with("duplicate key") {
+        let key = code.split('=').next().unwrap_or_default().trim();
+        return format!(
+            "the key `{}` stands twice, expected each key once",
+            shown(key)
+        );
+    }
+    if let Some((key, whole, part)) = decimal_comma_inside(value) {
+        return format!(
+            "found `{key} = {whole},{part}`, expected a decimal point: {key} = {whole}.{part}"
+        );
+    }
+    // Other messages are not about the value.
     let about_values = ["string values", "unexpected", "invalid", "extra"];
     if !about_values.iter().any(|start| parser.starts_with(start)) {
         return parser.to_owned();
@@ -47,6 +59,27 @@ fn decimal_comma(value: &str) -> Option<(&str, &str)> {
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     let size = whole.strip_prefix(['-', '+']).unwrap_or(whole);
     (digits(size) && digits(part)).then_some((whole, part))
+}
+
+/// The key and the digits before and behind the comma, of a number with a decimal comma in an inline table: behind a comma
+/// stands a key there, never a number alone.
+fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
+    let inside = value.strip_prefix('{')?;
+    let mut parts = inside.split(',').peekable();
+    while let Some(part) = parts.next() {
+        let behind = parts.peek()?.trim().trim_end_matches('}').trim();
+        let Some((key, whole)) = part.rsplit_once('=') else {
+            continue;
+        };
+        let (key, whole) = (key.trim(), whole.trim());
+        let size = whole.strip_prefix(['-', '+']).unwrap_or(whole);
+        let digits =
+            |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        if digits(size) && digits(behind) {
+            return Some((key, whole, behind));
+        }
+    }
+    None
 }
 
 /// A piece of the file, cut when long.

@@ -1,6 +1,8 @@
 //! Errors set by their names: what cannot be an error of the chain is refused and changes nothing.
 
-use volcomp_kinematics::{Chain, ChainError, Form, GivenErrors, NoEffect, State, volumetric_error};
+use volcomp_kinematics::{
+    Chain, ChainError, Form, GivenErrors, InsteadConstant, NoEffect, Side, State, volumetric_error,
+};
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::plain;
@@ -76,12 +78,72 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
     };
     assert_eq!(
         reason,
-        NoEffect::OffsetOfLinearAxis {
-            constant: name("EXX")
-        }
+        NoEffect::OffsetOfLinearAxis(InsteadConstant {
+            error: name("EXX"),
+            side: Side::Workpiece,
+        })
     );
     let mut errors = GivenErrors::default();
     errors.set(&chain, name("EXX"), 5.0).unwrap();
     let error = volumetric_error(&chain, &errors, &State::default(), Form::Exact);
     assert!((error.position_mm.x - 0.005).abs() < 1e-12);
+}
+
+/// A misplaced axis, put in as an assembly error, is what the message says: the constant of that error motion, with that
+/// sign.
+#[test]
+fn the_constant_that_is_named_says_the_same() {
+    let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
+    chain
+        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
+        .unwrap();
+    let state = State::from_coordinates(&[0.5, 100.0, 200.0, -50.0, 0.7]);
+    let mut named = Vec::new();
+    for (index, joint) in chain.joints().iter().enumerate() {
+        for component in Component::ALL {
+            let Some(reason) = joint.no_effect(component) else {
+                continue;
+            };
+            let (NoEffect::OffsetOfLinearAxis(instead)
+            | NoEffect::AlongRotaryAxis(instead)
+            | NoEffect::AboutLinearAxis(instead)) = reason
+            else {
+                panic!("{reason:?}");
+            };
+            // Where the table lies higher, the tool stands lower over the workpiece; assembly errors are those of the
+            // chain from the workpiece to the tool.
+            let sign = match joint.side {
+                Side::Tool => 1.0,
+                Side::Workpiece => -1.0,
+            };
+            let mut misplaced = GivenErrors::default();
+            let place = component.mcs_index();
+            if component.is_angular() {
+                misplaced.assembly[index].angular_rad[place] = sign * 1e-5;
+            } else {
+                misplaced.assembly[index].linear_mm[place] = sign * 1e-2;
+            }
+            let mut stated = GivenErrors::default();
+            stated.set(&chain, instead.error, sign * 10.0).unwrap();
+            let [expected, found] = [&misplaced, &stated]
+                .map(|errors| plain::error(&chain, errors, &state, Form::Exact));
+            for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
+                let error = instead.error;
+                assert!(
+                    (expected - found).abs() < 1e-9,
+                    "{error}: {found}, expected {expected}"
+                );
+            }
+            named.push(reason.to_string());
+        }
+    }
+    let told = |key: &str| named.iter().any(|line| line.contains(key));
+    assert!(
+        told("into the constant of EZC, with the opposite sign"),
+        "{named:#?}"
+    );
+    assert!(
+        told("into the constant of EYB, with the same sign"),
+        "{named:#?}"
+    );
 }

@@ -60,7 +60,7 @@ fn every_wrong_key_is_named() {
             "[[measurement]]\nerror = \"EXX\"\nfile = \"b.csv\"",
             ":7: measurement[1].file: ",
         ),
-        ("error = \"EYX\"", "duplicate key"),
+        ("error = \"EYX\"", "the key `error` stands twice"),
         (
             "curve = { poly = {} }\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\ncurve = { bspline = {} }",
             "another kind of curve for EXX than with",

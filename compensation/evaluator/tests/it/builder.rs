@@ -152,6 +152,39 @@ fn a_curve_that_is_not_finite_is_told_with_its_name() {
     );
 }
 
+/// Without a word about breakpoints a function is compiled over the whole travel; breakpoints only add.
+#[test]
+fn a_function_is_compiled_over_the_travel() {
+    let linear = |x: f64, _| ErrorMotion::from_um_urad([0.01 * x, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    for breakpoints in [&[][..], &[0.0], &[0.0, 50.0], &[-100.0, 100.0]] {
+        let x = AxisParts::new(travel(AxisName::X), linear)
+            .breakpoints(Component::EX, breakpoints.iter().copied());
+        let parts = without(AxisName::X).axis(AxisName::X, x).unwrap();
+        let machine = CompiledMachine::new(parts, Tolerance::default()).unwrap();
+        for (x, expected_um) in [(-100.0, -1.0), (30.0, 0.3), (100.0, 1.0), (120.0, 1.0)] {
+            let found = machine.evaluate(&State::from_coordinates(&[x, 0.0, 0.0]));
+            let um = found.position_mm[0] * 1e3;
+            assert!(
+                (um - expected_um).abs() < 1e-6,
+                "X {x}, breakpoints {breakpoints:?}: {um} µm, expected {expected_um}"
+            );
+        }
+    }
+    let x = AxisParts::new(travel(AxisName::X), |x: f64, _| {
+        ErrorMotion::from_um_urad([
+            if x > 50.0 { f64::NAN } else { 0.0 },
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ])
+    });
+    let parts = without(AxisName::X).axis(AxisName::X, x).unwrap();
+    let refused = CompiledMachine::new(parts, Tolerance::default());
+    assert!(matches!(refused, Err(EvaluatorError::NotFinite { .. })));
+}
+
 /// A machine by closed form: positioning of 10 µm/m, squareness, expansion, one constant over two coordinates.
 #[test]
 fn parts_mean_what_they_say() {

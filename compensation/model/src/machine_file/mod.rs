@@ -88,6 +88,7 @@ fn checksum_of(canonical: &str) -> String {
 
 fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     root.allow_in(FileKind::Machine, &TOP_KEYS)?;
+    refuse_keys_below_a_table(root)?;
     let structure = decode_structure(root)?;
     let axes = decode_axes(root, &structure)?;
     let tool = root
@@ -129,6 +130,25 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     decode_correct(root, &mut machine)?;
     check_checksum(root, &machine)?;
     Ok(machine)
+}
+
+/// In TOML a key below the head of a table is part of that table, also where an empty line stands between.
+fn refuse_keys_below_a_table(root: &Section<'_>) -> Result<(), InputError> {
+    const ABOVE_TABLES: [&str; 3] = ["structure", "correct", "checksum"];
+    for (table, value) in root.values() {
+        // The keys of `tools` are names that people choose.
+        let Some(section) = value.section().ok().filter(|_| table != "tools") else {
+            continue;
+        };
+        for key in ABOVE_TABLES {
+            if let Some(value) = section.get(key) {
+                return Err(value.error(format!(
+                    "found `{key}` below [{table}], expected it above the first table of the file"
+                )));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn check_checksum(root: &Section<'_>, machine: &Machine) -> Result<(), InputError> {

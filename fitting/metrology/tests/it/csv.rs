@@ -1,4 +1,4 @@
-use volcomp_metrology::{Measurement, MetrologyError, parse_csv, write_csv};
+use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, parse_csv, write_csv};
 use volcomp_vocabulary::Direction;
 
 fn csv(text: &str) -> Result<Measurement, MetrologyError> {
@@ -54,6 +54,40 @@ fn tables_of_spreadsheets_are_read_as_the_plain_one() {
     let m = csv(other_order).unwrap();
     assert_eq!(m.mean_curve(), [(-10.5, 1.25), (0.0, 2.5)]);
     assert_eq!(m.notes, ["columns that are not read: degC"]);
+}
+
+/// A unit in the head is read, whatever marks stand about it.
+#[test]
+fn units_in_the_header_are_read() {
+    for (text, unit) in [
+        ("target mm;deviation um\n0;1.5\n10;2.5\n", DeviationUnit::Um),
+        ("target_mm,deviation_um\n0,1.5\n10,2.5\n", DeviationUnit::Um),
+        (
+            "target [mm],deviation [µm]\n0,1.5\n10,2.5\n",
+            DeviationUnit::Um,
+        ),
+        (
+            "target,deviation mm\n0,0.0015\n10,0.0025\n",
+            DeviationUnit::Um,
+        ),
+        (
+            "target deg,deviation (mrad)\n0,0.0015\n10,0.0025\n",
+            DeviationUnit::Urad,
+        ),
+    ] {
+        let m = csv(text).unwrap();
+        assert_eq!((m.unit, m.notes.len()), (Some(unit), 0), "{text}");
+        for ((target, found), (expected_at, expected)) in
+            m.mean_curve().into_iter().zip([(0.0, 1.5), (10.0, 2.5)])
+        {
+            assert_eq!(target, expected_at);
+            assert!((found - expected).abs() < 1e-12, "{text}: {found}");
+        }
+    }
+    let refused = |text: &str| csv(text).unwrap_err().to_string();
+    insta::assert_snapshot!(refused("target inch,deviation\n0,1\n"), @"x.csv:1: header: found targets in `inch`, expected mm or deg: `target`, `target mm` or `target deg`");
+    insta::assert_snapshot!(refused("target,deviation thou\n0,1\n"), @"x.csv:1: header: found deviations in `thou`, expected one of µm, mm, nm, µrad, mrad, rad, arcsec, deg: `deviation µm`");
+    insta::assert_snapshot!(refused("target,target mm,deviation\n0,0,1\n"), @"x.csv:1: header: column `target` stands twice");
 }
 
 /// 1.234 beside decimal commas is one thousand two hundred and thirty-four: it is not taken for 1.234.

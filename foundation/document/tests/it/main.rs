@@ -174,7 +174,18 @@ proptest! {
 #[test]
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [
-        ("a = 1\na = 12.5", "f.toml:2: duplicate key"),
+        (
+            "a = 1\na = 12.5",
+            "f.toml:2: the key `a` stands twice, expected each key once",
+        ),
+        (
+            "at = { X = 1, Y = 3,5 }",
+            "f.toml:1: found `Y = 3,5`, expected a decimal point: Y = 3.5",
+        ),
+        (
+            "at = { Y = -3,25, Z = 1 }",
+            "f.toml:1: found `Y = -3,25`, expected a decimal point: Y = -3.25",
+        ),
         (
             "a = 12,5",
             "f.toml:1: found `12,5`, expected a decimal point: 12.5",
