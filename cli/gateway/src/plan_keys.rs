@@ -23,6 +23,18 @@ pub(crate) fn by_keys(error: &PlanError) -> String {
             "{device}: fixed: axis {axis}: expected a finite {} coordinate",
             axis.kind()
         ),
+        PlanError::FixedBeyond {
+            device,
+            axis,
+            found,
+            travel,
+        } => format!(
+            "{device}: fixed: axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
+            found.mm_or_deg(),
+            travel[0].mm_or_deg(),
+            travel[1].mm_or_deg(),
+            unit = axis.kind().coordinate_unit()
+        ),
         PlanError::FixedIsShown { device, axis } => format!(
             "{device}: fixed: axis {axis} is one of the controller's axes, which shows where it stands"
         ),

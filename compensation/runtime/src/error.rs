@@ -51,6 +51,22 @@ pub enum PlanError {
         /// The axis whose position is stated.
         axis: AxisName,
     },
+    /// The stated position of an axis is beyond its travel.
+    #[error(
+        "{device}: fixed position of axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
+        found.mm_or_deg(), travel[0].mm_or_deg(), travel[1].mm_or_deg(),
+        unit = axis.kind().coordinate_unit()
+    )]
+    FixedBeyond {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis whose position is stated.
+        axis: AxisName,
+        /// The stated position.
+        found: Displacement,
+        /// The lower and the upper end of its travel.
+        travel: [Displacement; 2],
+    },
     /// The position of an axis is stated although the controller shows where it is.
     #[error(
         "{device}: fixed position of axis {axis}: the controller shows where this axis stands, expected no fixed position"

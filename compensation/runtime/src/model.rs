@@ -2,7 +2,7 @@
 
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
 use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
-use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, Mm, PerAxis, Rad};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, Mm, PerAxis, Rad, is_within};
 
 use crate::report::ToolError;
 
@@ -53,6 +53,8 @@ pub struct Model {
     pub axes: Vec<AxisName>,
     /// The lower and the upper end of travel of each axis, in machine order.
     pub travel: Vec<[Displacement; 2]>,
+    /// Whether a coordinate of the axis is brought into its travel by whole periods.
+    goes_round: Vec<bool>,
     compiled: CompiledMachine,
     thermal: ThermalState,
 }
@@ -78,6 +80,11 @@ impl Model {
                     axis.travel.map(end)
                 })
                 .collect(),
+            goes_round: machine
+                .axes()
+                .iter()
+                .map(|axis| axis.modulo.is_some())
+                .collect(),
             axes,
             compiled: machine.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
@@ -87,6 +94,16 @@ impl Model {
     /// The place of an axis in machine order.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|known| *known == name)
+    }
+
+    /// Whether the axis at a place in machine order can stand at a position: within its travel, or anywhere on an axis
+    /// with `modulo`, whose coordinates are brought into the travel.
+    pub fn is_within_travel(&self, index: usize, position: Displacement) -> bool {
+        let travel = self.travel.get(index);
+        self.goes_round.get(index) == Some(&true)
+            || travel.is_some_and(|travel| {
+                is_within(travel.map(Displacement::mm_or_deg), position.mm_or_deg())
+            })
     }
 
     /// Whether an axis turns.

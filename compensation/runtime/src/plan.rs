@@ -83,6 +83,14 @@ impl PathPlan {
                     axis: *name,
                 });
             }
+            if !model.is_within_travel(index, *at) {
+                return Err(PlanError::FixedBeyond {
+                    device: device(),
+                    axis: *name,
+                    found: *at,
+                    travel: model.travel[index],
+                });
+            }
             fixed[index] = Some(at.mm_or_rad());
         }
         let axes = names(&description);

@@ -50,4 +50,6 @@ pub(crate) struct Point {
     /// Value of the curve, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) value_urad: Option<f64>,
+    /// Whether the coordinate lies outside the measured range: the value is then the one at its end.
+    pub(crate) outside_range: bool,
 }

@@ -89,11 +89,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "no order and support meets the residual asked for: the best is shown".to_owned(),
         );
     }
+    notes.extend(outside_note(&fit.curve, &arguments.at));
     Answer::new(
         &document(&fit, &values, unit)?,
         text(&fit, &values, unit),
         notes,
     )
+}
+
+/// A note where the curve is printed outside its range.
+fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
+    let [low, high] = curve.domain()?;
+    let outside = at.iter().filter(|at| !curve.contains(**at));
+    let outside: Vec<String> = outside.map(f64::to_string).collect();
+    (!outside.is_empty()).then(|| {
+        format!(
+            "--at {}: outside the measured range, {low} to {high}: the values there are those at its ends",
+            outside.join(",")
+        )
+    })
 }
 
 /// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
@@ -128,6 +142,7 @@ fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Doc
         at,
         value_um: (!angular).then_some(value),
         value_urad: angular.then_some(value),
+        outside_range: !fit.curve.contains(at),
     };
     Ok(Document {
         curve: curve_json(&fit.curve)?,

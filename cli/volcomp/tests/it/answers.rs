@@ -246,6 +246,29 @@ fn fit_gives_a_curve_of_the_machine_file() {
     assert_eq!(auto["meets_required"], json!(true));
 }
 
+/// Beyond its range a curve keeps its end values, and `fit` says where.
+#[test]
+fn fit_says_where_it_is_asked_outside_the_measured_range() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("line.csv");
+    std::fs::write(&path, "target,deviation\n0,0\n250,1\n500,2\n").expect("written");
+    let path = path.to_str().expect("UTF-8");
+    let of = |at: &str| json(&["fit", path, "--method", "poly", "--order", "1", "--at", at]);
+    let beyond = of("-100,0,500,900");
+    let outside: Vec<&serde_json::Value> = (0..4)
+        .map(|i| &beyond["values"][i]["outside_range"])
+        .collect();
+    assert_eq!(outside, [true, false, false, true]);
+    close(&beyond["values"][3]["value_um"], 2.0, 1e-9);
+    assert_eq!(
+        beyond["notes"],
+        json!([
+            "--at -100,900: outside the measured range, 0 to 500: the values there are those at its ends"
+        ])
+    );
+    assert_eq!(of("0,500")["notes"], json!([]));
+}
+
 #[test]
 fn calibrate_writes_a_machine_file_that_error_reads() {
     let dir = tempfile::tempdir().expect("a folder");

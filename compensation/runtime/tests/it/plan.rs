@@ -76,6 +76,39 @@ fn what_does_not_fit_is_named() {
     );
 }
 
+/// A position that an axis cannot take would be believed for as long as the gateway runs.
+#[test]
+fn a_fixed_position_beyond_the_travel_is_refused() {
+    let fixed = |at: f64| {
+        planned(
+            |description| description.axes.retain(|axis| axis.name != AxisName::Z),
+            |_| {},
+            |path| {
+                path.fixed.insert(AxisName::Z, Displacement::Length(Mm(at)));
+            },
+        )
+    };
+    let machine = machine();
+    let [low, high] = machine.axis(AxisName::Z).expect("an axis").travel;
+    for at in [low, high] {
+        assert!(fixed(at).is_ok(), "{at}: {:?}", fixed(at));
+    }
+    for at in [1e12, low - 1.0, high + 1.0] {
+        let error = fixed(at).expect_err("beyond");
+        assert!(matches!(
+            error,
+            PlanError::FixedBeyond {
+                axis: AxisName::Z,
+                ..
+            }
+        ));
+        let expected = format!(
+            "simulated: fixed position of axis Z: found {at} mm, expected a position within its travel, {low} to {high} mm"
+        );
+        assert_eq!(error.to_string(), expected);
+    }
+}
+
 /// Limits are told in µm and µrad; no key of any configuration file is named, since this crate has none.
 #[test]
 fn limits_are_told_in_the_units_of_the_user() {
