@@ -16,6 +16,8 @@ const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
 const length = (v) => (v ? Math.hypot(...v) : null);
 const inOrder = (names) => [...names].sort((a, b) => LETTERS.indexOf(a) - LETTERS.indexOf(b));
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+/** A change, with its sign also where it is positive. */
+const signed = (value, digits) => (value > 0 ? "+" : "") + fixed(value, digits);
 
 function text(id, value) {
   const target = element(id);
@@ -54,7 +56,7 @@ function showAxes(state) {
     const position = (state[`positions_${unit}`] || {})[name];
     const correction = (state[`correction_${small}`] || {})[name];
     card.querySelector(".position .value").textContent = fixed(position, digits);
-    card.querySelector(".correction .value").textContent = (correction > 0 ? "+" : "") + fixed(correction, 1);
+    card.querySelector(".correction .value").textContent = signed(correction, 1);
   }
 }
 
@@ -108,7 +110,7 @@ function showTrend(canvas, without, with_) {
 function inWords(now, without, with_, unit, least) {
   if (!Number.isFinite(now[without])) return "unknown: a position is missing";
   const [b, a] = [mean(without), mean(with_)];
-  const percent = b > least ? `, ${fixed(100 * (a / b - 1), 0)} %` : "";
+  const percent = b > least ? `, ${signed(100 * (a / b - 1), 0)} %` : "";
   return `now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
 }
 

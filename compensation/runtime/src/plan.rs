@@ -254,7 +254,7 @@ fn axis_of(description: &Description, place: usize) -> Option<AxisName> {
 
 fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
     let guard = guard.map(Displacement::mm_or_rad);
-    AxisLimits {
+    let mut limits = AxisLimits {
         kind: axis.kind(),
         limit: guard.limit,
         warn: guard.warn,
@@ -262,5 +262,12 @@ fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
         accel_per_s2: guard.accel_per_s2,
         resolution: axis.step(),
         includes_correction: axis.includes_correction,
+    };
+    // A correction that is cut to the largest one that can be written is reported. A limit below one step, and a
+    // warning above the limit, are for the check to refuse.
+    let reachable = limits.reachable();
+    if reachable > 0.0 && limits.warn <= limits.limit {
+        limits.warn = limits.warn.min(reachable);
     }
+    limits
 }

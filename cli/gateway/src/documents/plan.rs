@@ -135,8 +135,11 @@ pub struct ControllerPlan {
     pub sees_other_gateways: bool,
     /// The shortest cycle that it keeps up with, ms.
     pub shortest_cycle_ms: f64,
-    /// Its axes in the order X Y Z A B C U V W.
+    /// Its axes that correct, in the order X Y Z A B C U V W.
     pub axes: Vec<AxisPlan>,
+    /// Its axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
+    #[schemars(with = "Vec<String>")]
+    pub held: Vec<AxisName>,
     /// Machine axes that it does not show and that stand at this position: mm, deg.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub fixed: ByAxis,

@@ -174,6 +174,7 @@ fn of_controller(
         .axes
         .iter()
         .enumerate()
+        .filter(|(place, _)| path.corrects(*place))
         .filter_map(|(place, axis)| {
             let settings = plan.guard.of(axis.name)?;
             let resolution = Stated::by(
@@ -199,6 +200,12 @@ fn of_controller(
         })
         .collect();
     axes.sort_unstable_by_key(|axis| axis.name);
+    let names = description.axes.iter().map(|axis| axis.name);
+    let held = names
+        .enumerate()
+        .filter(|(place, _)| !path.corrects(*place));
+    let mut held: Vec<AxisName> = held.map(|(_, name)| name).collect();
+    held.sort_unstable();
     ControllerPlan {
         url: description.device.clone(),
         channel,
@@ -206,6 +213,7 @@ fn of_controller(
         sees_other_gateways: description.sees_other_gateways,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
         axes,
+        held,
         fixed,
     }
 }
@@ -222,13 +230,19 @@ fn of_axis(
     let value = |value: Displacement| round(value.um_or_urad());
     let from = |key: &str| format!("guard.{key}");
     let accel = settings.accel_per_s2.um_or_urad();
+    // No correction above the largest one is written, so the warning comes there at the latest.
+    let asked = value(settings.warn);
+    let mut warn = stated(config, &from(&format!("warn_{unit}")), asked.min(reachable));
+    if warn.source == Source::Configuration {
+        warn = warn.instead_of(asked);
+    }
     AxisPlan {
         name,
         kind: name.kind().name().to_owned(),
         unit: AxisPlan::unit_of(name.kind()).to_owned(),
         limit: stated(config, &from(&format!("limit_{unit}")), reachable)
             .instead_of(value(settings.limit)),
-        warn: stated(config, &from(&format!("warn_{unit}")), value(settings.warn)),
+        warn,
         slew_per_s: stated(
             config,
             &from(&format!("slew_{unit}_per_s")),

@@ -16,10 +16,8 @@ pub(super) fn notes(
         Some(guard) => {
             notes.extend(ramp(plan, guard));
             for (index, controller) in controllers.iter().enumerate() {
-                for axis in &controller.axes {
-                    notes.extend(limit(controller, axis));
-                    notes.extend(test_shift(plan, index, controller, axis));
-                }
+                notes.extend(by_axes(controller, limit));
+                notes.extend(by_axes(controller, |axis| test_shift(plan, index, axis)));
             }
         }
     }
@@ -37,7 +35,11 @@ pub(super) fn notes(
         ));
     }
     if plan.tokens.is_empty() {
-        notes.push("no token: nobody can arm over HTTP".to_owned());
+        notes.push(if plan.config.auto_arm {
+            "warning: no token: it arms itself, and nobody can disarm it over HTTP: state [dashboard] token_file".to_owned()
+        } else {
+            "no token: nobody can arm over HTTP".to_owned()
+        });
     }
     notes
 }
@@ -52,13 +54,31 @@ fn ramp(plan: &Plan, guard: &GuardPlan) -> Option<String> {
     ))
 }
 
+/// What is to be noted of the axes of a controller: once for all axes of which the same holds.
+fn by_axes(
+    controller: &ControllerPlan,
+    of_axis: impl Fn(&AxisPlan) -> Option<String>,
+) -> impl Iterator<Item = String> {
+    let mut notes: Vec<(Vec<String>, String)> = Vec::new();
+    for axis in &controller.axes {
+        let Some(note) = of_axis(axis) else { continue };
+        match notes.iter_mut().find(|(_, known)| *known == note) {
+            Some((letters, _)) => letters.push(axis.name.to_string()),
+            None => notes.push((vec![axis.name.to_string()], note)),
+        }
+    }
+    let url = controller.url.clone();
+    notes.into_iter().map(move |(letters, note)| {
+        let axes = if letters.len() > 1 { "axes" } else { "axis" };
+        format!("{url}: {axes} {}: {note}", letters.join(", "))
+    })
+}
+
 /// A limit that is no whole number of steps.
-fn limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
+fn limit(axis: &AxisPlan) -> Option<String> {
     let asked = axis.limit.asked?;
     Some(format!(
-        "{}: axis {}: the limit {asked} {unit} is no whole number of steps of {} {unit}: corrections go up to {} {unit}",
-        controller.url,
-        axis.name,
+        "the limit {asked} {unit} is no whole number of steps of {} {unit}: corrections go up to {} {unit}",
         axis.resolution.value,
         axis.limit.value,
         unit = axis.unit
@@ -66,12 +86,7 @@ fn limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
 }
 
 /// A test shift that is larger than it is asked to be, or is not made although it is asked for.
-fn test_shift(
-    plan: &Plan,
-    index: usize,
-    controller: &ControllerPlan,
-    axis: &AxisPlan,
-) -> Option<String> {
+fn test_shift(plan: &Plan, index: usize, axis: &AxisPlan) -> Option<String> {
     let proves = match &plan.devices {
         Devices::Simulated(_) => true,
         Devices::Configured { controllers, .. } => {
@@ -84,14 +99,12 @@ fn test_shift(
     if !proves || asked == 0.0 || asked == axis.test_shift {
         return None;
     }
-    let (url, name, unit) = (&controller.url, axis.name, &axis.unit);
+    let unit = &axis.unit;
     Some(if axis.test_shift == 0.0 {
-        format!(
-            "{url}: axis {name}: the test shift is not made: four steps of its correction and of its position are more than the limit"
-        )
+        "the test shift is not made: four steps of the correction or of the position are more than the limit".to_owned()
     } else {
         format!(
-            "{url}: axis {name}: the test shift is {} {unit} instead of {asked} {unit}: at least four steps of the correction and of the position",
+            "the test shift is {} {unit} instead of {asked} {unit}: at least four steps of the correction and of the position",
             axis.test_shift
         )
     })

@@ -183,6 +183,14 @@ impl Lines {
             self.plain(&format!("  {axes} {letters}"), &axis.kind);
             self.axis(axis, has_limits);
         }
+        if !controller.held.is_empty() {
+            let letters: Vec<String> = controller.held.iter().map(ToString::to_string).collect();
+            let axes = if letters.len() > 1 { "axes" } else { "axis" };
+            self.plain(
+                &format!("  {axes} {}", letters.join(" ")),
+                "held, not corrected",
+            );
+        }
         for (name, at) in &controller.fixed {
             let unit = if name.is_rotary() { "deg" } else { "mm" };
             self.plain(&format!("  axis {name}"), &format!("stands at {at} {unit}"));

@@ -66,11 +66,64 @@ fn a_test_shift_that_is_not_made_is_told() {
         .replace("limit_um = 100.5", "limit_um = 100.0");
     let document = plan(&coarse).document();
     assert_eq!(document.controllers[0].axes[0].test_shift, 0.0);
-    let told = |note: &&String| note.contains("axis X: the test shift is not made");
+    let told = |note: &&String| note.contains("axes X, Y, Z: the test shift is not made");
     assert!(
         document.notes.iter().any(|note| told(&note)),
         "{document:?}"
     );
+}
+
+/// A note that holds for several axes stands once and names them; no warning lies above what is written.
+#[test]
+fn a_note_of_several_axes_stands_once() {
+    let document = plan(TEXT).document();
+    let of_limit = document.notes.iter();
+    let of_limit: Vec<_> = of_limit.filter(|n| n.contains("whole number")).collect();
+    assert_eq!(of_limit.len(), 1, "{of_limit:?}");
+    assert!(of_limit[0].contains("axes X, Y, Z: "), "{of_limit:?}");
+    let axis = &document.controllers[0].axes[0];
+    assert_eq!((axis.warn.value, axis.limit.value), (100.0, 100.0));
+}
+
+/// Rotary axes of the control that the machine file does not let correct need no limits, and `check` says that they are
+/// held.
+#[test]
+fn axes_that_do_not_correct_are_told_as_held() {
+    let dir = tempfile::tempdir().expect("writable");
+    let machine = include_str!("../../../../examples/five-axis.toml");
+    let text = TEXT.replace("\"Z\"]", "\"Z\", \"C\", \"B\"]");
+    let of = |machine: &str| {
+        std::fs::write(dir.path().join("machine.toml"), machine).expect("writable");
+        let config = Config::parse(&text, "G.toml", dir.path()).unwrap_or_else(|e| panic!("{e}"));
+        Plan::new(config)
+    };
+    let refused = of(machine).err().expect("no limits of rotary axes");
+    assert!(refused.to_string().contains("limit_urad"), "{refused}");
+    let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{machine}"));
+    let plan = plan.unwrap_or_else(|e| panic!("{e}"));
+    let document = plan.document();
+    let controller = &document.controllers[0];
+    let letters = |names: &[volcomp_vocabulary::AxisName]| -> String {
+        names.iter().map(|name| name.letter()).collect()
+    };
+    assert_eq!(letters(&controller.held), "BC");
+    let axes: Vec<_> = controller.axes.iter().map(|axis| axis.name).collect();
+    assert_eq!(letters(&axes), "XYZ");
+    let shifts = plan.limits()[0].test_shift;
+    assert!(shifts[2] > 0.0 && shifts[3] == 0.0 && shifts[4] == 0.0);
+    let line = "  axes B C            held, not corrected";
+    assert!(plan.text().contains(line), "{}", plan.text());
+}
+
+/// What arms itself and has no token cannot be disarmed over HTTP either.
+#[test]
+fn arming_itself_without_a_token_is_a_warning() {
+    let document = plan(&format!("auto_arm = true\n{TEXT}")).document();
+    let told = document
+        .notes
+        .iter()
+        .any(|note| note.contains("nobody can disarm it"));
+    assert!(told, "{:?}", document.notes);
 }
 
 #[test]
