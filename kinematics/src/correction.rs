@@ -58,6 +58,14 @@ impl CorrectionOptions {
         }
     }
 
+    /// The axes of a chain that a correction with these options moves.
+    pub fn correctors(&self, chain: &Chain) -> Correctors {
+        match &self.correct {
+            Some(names) => Correctors::choose(chain, names),
+            None => Correctors::all(chain),
+        }
+    }
+
     /// Options for one Newton step.
     #[must_use]
     pub fn first_order() -> Self {
@@ -104,10 +112,7 @@ pub fn correct<S: ErrorSource>(
     options: &CorrectionOptions,
 ) -> Correction {
     let goal = Goal::new(chain, state);
-    let correctors = match &options.correct {
-        Some(names) => Correctors::choose(chain, names),
-        None => Correctors::all(chain),
-    };
+    let correctors = options.correctors(chain);
     // Which directions are left out is decided on the ideal chain at the command, once.
     let nominal = Columns::at(chain, state, &goal, &correctors);
     let rank = nominal.gram.rank();

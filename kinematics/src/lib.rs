@@ -28,6 +28,7 @@ pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric
 pub use given_errors::GivenErrors;
 pub use least_norm::{NEAR_SINGULAR_BELOW, SINGULAR_BELOW};
 pub use nalgebra;
+pub use no_effect::along_machine_axis;
 pub use pose::{
     Pose, rotation_about_axis, rotation_from_vector, skew_part, small_rotation,
     vector_from_rotation,

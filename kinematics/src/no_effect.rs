@@ -1,5 +1,6 @@
 //! The rule which location errors move nothing.
 
+use nalgebra::Vector3;
 use volcomp_vocabulary::{AxisKind, Component, ErrorName};
 
 use crate::{
@@ -7,14 +8,19 @@ use crate::{
     error::{InsteadConstant, NoEffect},
 };
 
-/// A location error is along or about the axis itself when this share of its direction is.
-const ALONG_ITSELF: f64 = 1.0 - 1e-12;
+/// The place in X, Y, Z of the axis of the machine coordinate system along which a unit vector lies, and whether it
+/// points in the positive direction; `None` where it lies along none of the three.
+pub fn along_machine_axis(direction: &Vector3<f64>) -> Option<(usize, bool)> {
+    let place = direction.iter().position(|u| u.abs() > 1.0 - 1e-12)?;
+    Some((place, direction[place] > 0.0))
+}
 
 impl Joint {
     /// Why a location error of this axis in a component moves nothing; `None` where it moves something.
     pub fn no_effect(&self, component: Component) -> Option<NoEffect> {
         let place = component.mcs_index();
-        let along_itself = self.direction[place].abs() > ALONG_ITSELF;
+        let along = along_machine_axis(&self.direction);
+        let along_itself = along.is_some_and(|(along, _)| along == place);
         let instead = InsteadConstant {
             error: ErrorName::motion(component, self.name),
             side: self.side,

@@ -124,15 +124,18 @@ impl OutputFile {
         })
     }
 
-    /// Opens an output that must not be the file that is read: `input` is named by `option` in the message.
-    pub(crate) fn open_beside(path: &Path, input: &Path, option: &str) -> Result<Self, Failure> {
-        if let (Ok(output), Ok(input)) = (path.canonicalize(), input.canonicalize())
-            && output == input
-        {
-            return Err(Failure::in_file(
-                path,
-                format_args!("this is the file of {option}, expected another one to write"),
-            ));
+    /// Opens an output that must not be a file that is read: each of the `inputs` is named by its option in the
+    /// message.
+    pub(crate) fn open_beside(path: &Path, inputs: &[(&Path, &str)]) -> Result<Self, Failure> {
+        for (input, option) in inputs {
+            if let (Ok(output), Ok(input)) = (path.canonicalize(), input.canonicalize())
+                && output == input
+            {
+                return Err(Failure::in_file(
+                    path,
+                    format_args!("this is the file of {option}, expected another one to write"),
+                ));
+            }
         }
         Self::open(path)
     }

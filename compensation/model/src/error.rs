@@ -149,6 +149,16 @@ pub enum ThermalRefusal {
         /// Structure code of the machine.
         structure: String,
     },
+    /// A reference temperature that nothing can have.
+    #[error(
+        "reference temperature is {found} °C, expected {} to {} °C",
+        crate::POSSIBLE_DEGC.start(),
+        crate::POSSIBLE_DEGC.end()
+    )]
+    Reference {
+        /// The temperature that was found, °C.
+        found: f64,
+    },
     /// An expansion of an error that is no length of a linear axis.
     #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
     NotLength {

@@ -26,7 +26,7 @@ pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use machine::Machine;
 pub use map::MapGrid;
 pub use source::MachineErrors;
-pub use thermal::{Drift, Expansion, Temperatures, Thermal};
+pub use thermal::{Drift, Expansion, POSSIBLE_DEGC, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};
 pub use tool::Tool;
 pub use volcomp_curve as curve;

@@ -1,5 +1,6 @@
 //! Thermal terms at a steady state: expansion and drift added to named errors.
 
+use core::ops::RangeInclusive;
 use std::collections::BTreeMap;
 
 use volcomp_kinematics::Structure;
@@ -50,6 +51,10 @@ pub struct Drift {
     pub lag_s: f64,
 }
 
+/// The temperatures that a machine or its surroundings can have, °C: from absolute zero up to well above what any
+/// part of a machine tool survives. What is stated outside of them is a mistake.
+pub const POSSIBLE_DEGC: RangeInclusive<f64> = -273.15..=1000.0;
+
 impl Default for Thermal {
     fn default() -> Self {
         Self {
@@ -66,7 +71,11 @@ impl Thermal {
     /// # Errors
     /// What cannot be, for the first term that cannot.
     pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
-        finite("reference temperature, °C,", self.reference_degc)?;
+        if !POSSIBLE_DEGC.contains(&self.reference_degc) {
+            return Err(ThermalRefusal::Reference {
+                found: self.reference_degc,
+            });
+        }
         for term in &self.expansion {
             term.check(structure)?;
         }

@@ -37,7 +37,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         )));
     }
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
-    let mut file = OutputFile::open_beside(&arguments.output, &arguments.machine, "the machine")?;
+    let mut file =
+        OutputFile::open_beside(&arguments.output, &[(&arguments.machine, "the machine")])?;
     let compiled = machine.compile_at(Tolerance::from_nm(nm), &temperatures)?;
     let blob = compiled.to_blob();
     file.append(&blob)?;

@@ -26,6 +26,14 @@ const OTHER_UNITS: [&str; 19] = [
 /// The errors in a file of `volcomp map`, whose heads begin with the letters of axes.
 const ERRORS_OF_A_MAP: [&str; 6] = ["x_um", "y_um", "z_um", "a_urad", "b_urad", "c_urad"];
 
+/// What stands behind the letter of an axis in the columns that `volcomp correct` adds.
+const OF_A_CORRECTION: [&str; 4] = [
+    "_corrected_mm",
+    "_corrected_deg",
+    "_correction_um",
+    "_correction_urad",
+];
+
 /// The head of a column by what stands in it.
 #[derive(Debug, PartialEq, Eq)]
 enum Head<'a> {
@@ -33,6 +41,8 @@ enum Head<'a> {
     Coordinates(AxisName),
     /// A letter with a unit that its coordinates are not read in.
     OtherUnit(AxisName, &'a str),
+    /// A letter and something that is no unit known here: positions in an unknown unit, or no positions at all.
+    Unclear(AxisName),
     /// A column that is no position.
     Other,
 }
@@ -41,7 +51,7 @@ impl PointFile {
     /// Reads a file whose header has axis letters, one position a row.
     pub(super) fn read(machine: &Machine, path: &Path) -> Result<Self, Failure> {
         let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
-        let columns = coordinates(&table)?;
+        let columns = coordinates(&table, machine)?;
         for &(name, _) in &columns {
             machine
                 .index_of(name)
@@ -64,7 +74,10 @@ impl PointFile {
 }
 
 /// The column of each axis that the header names. Beside `X` a column `x` is another quantity, as in files of targets.
-fn coordinates(table: &CsvTable) -> Result<Vec<(AxisName, Column)>, InputError> {
+///
+/// An axis of the machine whose letter heads a column in another or an unknown unit, and no column with positions, is
+/// an error: it must not silently stand at 0.
+fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
     let is_small = |text: &str| text.starts_with(|letter: char| letter.is_ascii_lowercase());
     let mut found: Vec<(AxisName, Column, &str)> = Vec::new();
     for (column, text) in table.names() {
@@ -92,12 +105,15 @@ fn coordinates(table: &CsvTable) -> Result<Vec<(AxisName, Column)>, InputError> 
         columns.push((name, column));
     }
     for (_, text) in table.names() {
-        if let Head::OtherUnit(name, unit) = head(text)
-            && columns.iter().all(|(axis, _)| *axis != name)
-        {
+        let (name, in_unit) = match head(text) {
+            Head::OtherUnit(name, unit) => (name, format!(" in {unit}")),
+            Head::Unclear(name) if machine.axis(name).is_some() => (name, String::new()),
+            _ => continue,
+        };
+        if columns.iter().all(|(axis, _)| *axis != name) {
             let expected = name.kind().coordinate_unit();
             return Err(table.header_error(format!(
-                "found column `{text}` in {unit}, expected positions of {name} in {expected}: {name} or {name}_{expected}"
+                "found column `{text}`{in_unit}, expected positions of {name} in {expected}: {name} or {name}_{expected}"
             )));
         }
     }
@@ -123,17 +139,15 @@ fn head(text: &str) -> Head<'_> {
         AxisKind::Rotary => unit.eq_ignore_ascii_case("deg") || unit == "°",
     };
     // A letter that goes on into a word is no axis: `Zone`, `amount`.
-    let is_alone = rest.is_empty() || rest.starts_with(is_mark) || rest.starts_with('°');
-    if !is_alone || (unit.is_empty() && !rest.trim().is_empty()) {
+    let is_word = rest.starts_with(char::is_alphabetic);
+    if is_word || ERRORS_OF_A_MAP.contains(&text) || OF_A_CORRECTION.contains(&rest) {
         Head::Other
-    } else if unit.is_empty() || own {
+    } else if rest.trim().is_empty() || (own && rest.starts_with(|c| is_mark(c) || c == '°')) {
         Head::Coordinates(name)
-    } else if OTHER_UNITS.contains(&unit.to_lowercase().as_str())
-        && !ERRORS_OF_A_MAP.contains(&text)
-    {
+    } else if OTHER_UNITS.contains(&unit.to_lowercase().as_str()) {
         Head::OtherUnit(name, unit)
     } else {
-        Head::Other
+        Head::Unclear(name)
     }
 }
 
@@ -163,6 +177,21 @@ mod tests {
             assert_eq!(head(text), Head::OtherUnit(name, unit), "{text}");
         }
         for text in [
+            "X_inches",
+            "X_mil",
+            "X(thou)",
+            "X [dm]",
+            "X 1/1000in",
+            "X:",
+            "X'",
+            "X1",
+            "X#mm",
+            "X remark",
+            "X_corrected_in",
+        ] {
+            assert_eq!(head(text), Head::Unclear(x), "{text}");
+        }
+        for text in [
             "",
             "N",
             "Xmm",
@@ -171,7 +200,6 @@ mod tests {
             "X_corrected_mm",
             "X_correction_um",
             "x_um",
-            "X remark",
             "µ",
         ] {
             assert_eq!(head(text), Head::Other, "{text}");

@@ -12,7 +12,7 @@ use std::{
 use clap::Args;
 use volcomp_document::{CsvTable, ReadError};
 use volcomp_kinematics::State;
-use volcomp_model::{Machine, ModelError, Temperatures};
+use volcomp_model::{Machine, ModelError, POSSIBLE_DEGC, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction};
 
 pub(crate) use self::words::axis;
@@ -131,6 +131,13 @@ impl SpindleArguments {
         let given = self.temperature.join(",");
         for (name, value) in assignments("--temperature", &given, SENSORS, "NAME=DEGC")? {
             let degc = number("--temperature", name, value, "°C")?;
+            if !POSSIBLE_DEGC.contains(&degc) {
+                return Err(Failure::Input(format!(
+                    "--temperature: found `{name}={value}`, expected {} to {} °C",
+                    POSSIBLE_DEGC.start(),
+                    POSSIBLE_DEGC.end()
+                )));
+            }
             if !sensors.contains(&name) {
                 let expected = if sensors.is_empty() {
                     "none: the machine file has no thermal terms".to_owned()
@@ -236,6 +243,10 @@ fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
             name,
             number("--at", letter, value, name.kind().coordinate_unit())?,
         ));
+    }
+    if coordinates.is_empty() {
+        let message = "--at: found no axis, expected X=100 for each axis that does not stand at 0";
+        return Err(Failure::Input(message.to_owned()));
     }
     Ok(coordinates)
 }

@@ -195,6 +195,21 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
     );
 }
 
+/// A correction that rounds to zero has no sign.
+#[test]
+fn nothing_is_written_as_minus_zero() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (machine, out) = (path("m.toml"), path("out.csv"));
+    let axes = volcomp_test_support::machines::gantry([[0.0, 1000.0]; 3]);
+    let errors = "[errors]\nEXX = { poly = [1e-12] }\nEYY = { poly = [-1e-12] }\n";
+    fs::write(&machine, format!("{axes}{errors}")).expect("written");
+    json(&["correct", "-m", &machine, "--at", "X=0,Y=0,Z=7", "-o", &out]);
+    let written = fs::read_to_string(&out).expect("written");
+    let row = written.lines().nth(1).expect("a row");
+    assert!(row.starts_with("0,0,7,0,0,7,0,0,0,0,"), "{written}");
+}
+
 /// Against itself a model shows zero, and the output says that this proves nothing. Against another machine it shows
 /// what is left: the difference of the two, here 10 µm of positioning over the travel of X.
 #[test]

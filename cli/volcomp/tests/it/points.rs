@@ -57,7 +57,22 @@ fn a_head_may_name_its_unit() {
         ),
         ("X,Y,A mm", "found column `A mm` in mm"),
         ("X,Y,A deg", "has no axis A"),
-        ("X position,Y target,remark", "found no axis letter"),
+        ("Xposition,Yposition,remark", "found no axis letter"),
+        (
+            "X,Y_inches,C",
+            "found column `Y_inches`, expected positions of Y in mm: Y or Y_mm",
+        ),
+        ("X_mil,Y,C", "found column `X_mil`, expected positions of X"),
+        (
+            "X(thou),Y,C",
+            "found column `X(thou)`, expected positions of X",
+        ),
+        ("X,Y,C:", "expected positions of C in deg: C or C_deg"),
+        ("X',Y,C", "found column `X'`, expected positions of X"),
+        (
+            "X,Y,B 1/1000in",
+            "found column `B 1/1000in`, expected positions of B",
+        ),
     ] {
         let points = written(folder.path(), "p.csv", &format!("{header}\n700,0,30\n"));
         let message = refused(&["error", "-m", FIVE_AXES, "--points", &points]);
@@ -68,8 +83,10 @@ fn a_head_may_name_its_unit() {
     let points = written(folder.path(), "p.csv", "x,X,Y,C,y\n9,700,0,30,8\n");
     assert_eq!(first(FIVE_AXES, &points), expected);
     // Where the position itself is there, another column of the letter is one that passes through.
-    let points = written(folder.path(), "p.csv", "X,X_um,Y,C\n700,1,0,30\n");
-    assert_eq!(first(FIVE_AXES, &points), expected);
+    for header in ["X,X_um,Y,C", "X,X remark,Y,C", "X,A:remark,Y,C"] {
+        let points = written(folder.path(), "p.csv", &format!("{header}\n700,1,0,30\n"));
+        assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
+    }
 }
 
 #[test]
@@ -85,7 +102,7 @@ fn axes_that_nothing_names_are_told() {
     let points = written(folder.path(), "p.csv", "X,Y,Z\n");
     let said = notes(&["error", "-m", "examples/first.toml", "--points", &points]);
     assert_eq!(said, "note: --points has no row under its header");
-    let points = written(folder.path(), "p.csv", "X,Y position\n1,2\n");
+    let points = written(folder.path(), "p.csv", "X,Yposition\n1,2\n");
     let said = notes(&["error", "-m", "examples/first.toml", "--points", &points]);
     assert_eq!(
         said,
@@ -162,6 +179,8 @@ fn slips_of_the_hand_are_told_with_what_was_meant() {
             "--at: found `X=1mm`, expected a finite number of mm, without the unit",
         ),
         ("1,2,3", "--at: found `1`, expected X=100"),
+        ("", "--at: found no axis, expected X=100"),
+        (" , ", "--at: found no axis, expected X=100"),
     ] {
         let message = at(text);
         assert!(message.contains(expected), "{text}: {message}");

@@ -78,7 +78,7 @@ fn every_machine_in_every_command() {
             "--points",
             &path("out.csv"),
             "-o",
-            &path("out.csv"),
+            &path("again.csv"),
         ]);
         fits(&["diagonals", "-m", machine]);
         fits(&[

@@ -64,7 +64,7 @@ fn a_file_of_another_kind_is_named() {
 }
 
 #[test]
-fn the_machine_file_is_not_written_over() {
+fn a_file_that_is_read_is_not_written_over() {
     let folder = tempfile::tempdir().expect("a folder");
     let machine = folder.path().join("machine.toml");
     let file = machine.display().to_string();
@@ -80,6 +80,32 @@ fn the_machine_file_is_not_written_over() {
             "{message}"
         );
         assert_eq!(fs::read_to_string(&machine).expect("read"), good);
+    }
+    let points = folder.path().join("points.csv").display().to_string();
+    fs::write(&points, "X\n1\n").expect("written");
+    let message = refused(&["correct", "-m", &file, "--points", &points, "-o", &points]);
+    assert!(
+        message.contains("this is the file of --points, expected another one to write"),
+        "{message}"
+    );
+    assert_eq!(fs::read_to_string(&points).expect("read"), "X\n1\n");
+}
+
+/// A text in another encoding has one message, whichever command reads it.
+#[test]
+fn bytes_that_are_not_utf_8_are_told_with_their_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("latin.csv");
+    fs::write(&path, b"time_s,spindle_degc,z_um\n0,20,\xb5\n").expect("written");
+    let file = path.display().to_string();
+    for call in [
+        &["fit-thermal", &file][..],
+        &["error", "-m", FIRST, "--points", &file],
+        &["check", &file],
+    ] {
+        let message = refused(call);
+        let expected = format!("{file}: byte 30 is not UTF-8, expected a text file in UTF-8");
+        assert!(message.contains(&expected), "{call:?}: {message}");
     }
 }
 

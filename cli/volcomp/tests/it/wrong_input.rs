@@ -60,6 +60,46 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
         "expected a finite number",
     ),
     (
+        &[
+            "error",
+            "-m",
+            GANTRY,
+            "--at",
+            "X=1",
+            "--temperature",
+            "scale_x=-300",
+        ],
+        "found `scale_x=-300`, expected -273.15 to 1000 °C",
+    ),
+    (
+        &[
+            "error",
+            "-m",
+            GANTRY,
+            "--at",
+            "X=1",
+            "--temperature",
+            "scale_x=1e308",
+        ],
+        "found `scale_x=1e308`, expected -273.15 to 1000 °C",
+    ),
+    (
+        &[
+            "error",
+            "-m",
+            GANTRY,
+            "--at",
+            "X=1",
+            "--temperature",
+            "scale_x=1000.1",
+        ],
+        "found `scale_x=1000.1`, expected -273.15 to 1000 °C",
+    ),
+    (
+        &["fit-thermal", "no.csv", "--reference", "-300"],
+        "--reference: found -300, expected -273.15 to 1000 °C",
+    ),
+    (
         &["error", "-m", GANTRY, "--at", "X=1", "--tool", "T9"],
         "has no tool `T9`",
     ),

@@ -8,7 +8,7 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     error::ThermalRefusal,
-    thermal::{Drift, Expansion, Thermal},
+    thermal::{Drift, Expansion, POSSIBLE_DEGC, Thermal},
 };
 
 pub(super) fn decode_thermal(
@@ -17,7 +17,7 @@ pub(super) fn decode_thermal(
 ) -> Result<Thermal, InputError> {
     section.allow(&["reference", "expansion", "drift"])?;
     Ok(Thermal {
-        reference_degc: section.number_or("reference", NUMBERS, 20.0)?,
+        reference_degc: section.number_or("reference", POSSIBLE_DEGC, 20.0)?,
         expansion: section.tables("expansion", |term| decode_expansion(term, structure))?,
         drift: section.tables("drift", |term| decode_drift(term, structure))?,
     })

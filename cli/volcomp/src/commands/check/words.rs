@@ -1,19 +1,19 @@
 //! Axes, errors and directions in words.
 
-use volcomp_kinematics::{Joint, Side, nalgebra::Vector3};
+use volcomp_kinematics::{Joint, Side, along_machine_axis, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Component, ErrorName};
 
 const LETTERS: [&str; 3] = ["X", "Y", "Z"];
 
 /// A direction in MCS: `+X`, or its three numbers where it lies along none of X, Y, Z.
 pub(super) fn direction(u: &Vector3<f64>) -> String {
-    for (letter, share) in LETTERS.iter().zip(u.iter()) {
-        if share.abs() > 1.0 - 1e-12 {
-            let sign = if *share > 0.0 { '+' } else { '−' };
-            return format!("{sign}{letter}");
+    match along_machine_axis(u) {
+        Some((place, is_positive)) => {
+            let sign = if is_positive { '+' } else { '−' };
+            format!("{sign}{}", LETTERS[place])
         }
+        None => format!("[{:.4}, {:.4}, {:.4}]", u.x, u.y, u.z),
     }
-    format!("[{:.4}, {:.4}, {:.4}]", u.x, u.y, u.z)
 }
 
 /// A description of a positive motion of an axis, as seen from the workpiece and in the workshop.
@@ -38,8 +38,8 @@ pub(super) fn motion(joint: &Joint) -> String {
 /// along and about the axes of MCS whatever the direction of the axis. `None` where both agree.
 pub(super) fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
-    let share = joint.direction[along];
-    if share > 1.0 - 1e-12 {
+    let found = along_machine_axis(&joint.direction);
+    if found == Some((along, true)) {
         return None;
     }
     let letter = LETTERS[along];
@@ -51,7 +51,7 @@ pub(super) fn signs(joint: &Joint) -> Option<String> {
         AxisKind::Linear => "goes too far",
         AxisKind::Rotary => "turns too far",
     };
-    Some(if share < -1.0 + 1e-12 {
+    Some(if found == Some((along, false)) {
         format!(
             "{name} counts against {letter} of the machine, its errors do not: where {name} {too_far} (a positive \
              deviation), {positioning} is negative"
@@ -64,7 +64,8 @@ pub(super) fn signs(joint: &Joint) -> Option<String> {
     })
 }
 
-/// An error by what it is: `straightness of X in Y`.
+/// An error by what it is, in the words of the conventions: `straightness deviation of X in Y`, `pitch of X`. Pitch
+/// and yaw are those of a horizontal axis; a vertical one has tilts.
 pub(super) fn meaning(error: ErrorName) -> String {
     let axis = error.axis;
     let along = LETTERS[error.component.mcs_index()];
@@ -78,13 +79,19 @@ pub(super) fn meaning(error: ErrorName) -> String {
         },
         (true, AxisKind::Rotary, false) => format!("shift of the line of {axis} along {along}"),
         (true, AxisKind::Rotary, true) => format!("tilt of the line of {axis} about {along}"),
-        (false, AxisKind::Linear, false) if own => format!("positioning of {axis}"),
-        (false, AxisKind::Linear, false) => format!("straightness of {axis} in {along}"),
+        (false, AxisKind::Linear, false) if own => format!("positioning deviation of {axis}"),
+        (false, AxisKind::Linear, false) => format!("straightness deviation of {axis} in {along}"),
         (false, AxisKind::Linear, true) if own => format!("roll of {axis}"),
-        (false, AxisKind::Linear, true) => format!("tilt of {axis} about {along}"),
+        (false, AxisKind::Linear, true) => match (axis.mcs_index(), error.component) {
+            (0 | 1, Component::EC) => format!("yaw of {axis}"),
+            (0, Component::EB) | (1, Component::EA) => format!("pitch of {axis}"),
+            _ => format!("tilt of {axis} about {along}"),
+        },
         (false, AxisKind::Rotary, false) if own => format!("axial motion of {axis}"),
         (false, AxisKind::Rotary, false) => format!("radial motion of {axis} along {along}"),
-        (false, AxisKind::Rotary, true) if own => format!("angular positioning of {axis}"),
-        (false, AxisKind::Rotary, true) => format!("tilt motion of {axis} about {along}"),
+        (false, AxisKind::Rotary, true) if own => {
+            format!("angular positioning deviation of {axis}")
+        }
+        (false, AxisKind::Rotary, true) => format!("tilt of {axis} about {along}"),
     }
 }

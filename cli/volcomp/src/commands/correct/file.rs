@@ -6,7 +6,9 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName;
 
 use super::norm;
-use crate::{answers::position::CorrectionAt, commands::outside::joined, failure::Failure};
+use crate::{
+    answers::position::CorrectionAt, commands::outside::joined, failure::Failure, table::fixed,
+};
 
 /// The columns of the file. Separator and decimal mark are those of the table that was read.
 pub(super) struct Columns<'t> {
@@ -96,9 +98,12 @@ impl<'t> Columns<'t> {
     }
 
     fn number(&self, value: f64) -> String {
-        // No number is left as -0.
-        let text = format!("{:.9}", value + 0.0);
-        let text = text.trim_end_matches('0').trim_end_matches('.');
+        let text = fixed(value, 9);
+        let text = if text.contains('e') {
+            text.as_str()
+        } else {
+            text.trim_end_matches('0').trim_end_matches('.')
+        };
         if self.table.is_some_and(CsvTable::has_decimal_comma) {
             text.replace('.', ",")
         } else {

@@ -48,8 +48,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let options = options(&machine, &arguments.axes)?;
     let file = match &arguments.output {
         Some(path) => {
-            let machine = &arguments.machine.machine;
-            Some(OutputFile::open_beside(path, machine, "--machine")?)
+            let mut inputs = vec![(arguments.machine.machine.as_path(), "--machine")];
+            inputs.extend(arguments.points.points.as_deref().map(|p| (p, "--points")));
+            Some(OutputFile::open_beside(path, &inputs)?)
         }
         None => None,
     };
@@ -143,10 +144,7 @@ fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
 
 /// How many rotary axes may move to correct.
 fn movable_rotary(machine: &Machine, options: &CorrectionOptions) -> usize {
-    let may_move = |name: &AxisName| options.correct.as_ref().is_none_or(|c| c.contains(name));
-    let axes = machine.axes().iter().map(|axis| axis.name);
-    axes.filter(|name| name.is_rotary() && may_move(name))
-        .count()
+    options.correctors(machine.chain()).rotary().len()
 }
 
 /// The length of a vector.

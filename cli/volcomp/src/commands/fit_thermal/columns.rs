@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_document::{Column, CsvTable};
+use volcomp_document::{Column, CsvTable, read_text};
 
 use crate::failure::Failure;
 
@@ -21,9 +21,7 @@ pub(super) struct Columns {
 
 /// Reads the column `time_s`, those that end in `_degc` and those that end in `_um` or `_urad`.
 pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::in_file(path, format_args!("cannot be read: {e}")))?;
-    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
     let numbers = |column: Column| {
         let cells = table.rows().map(|row| row.cell(column).number());
         cells.collect::<Result<Vec<f64>, _>>()

@@ -9,6 +9,8 @@ use volcomp_fit::{
     ThermalFit, ThermalOptions, ThermalRecord, ThermalSegment, fit_thermal, refit_thermal,
 };
 
+use volcomp_model::POSSIBLE_DEGC;
+
 use self::{
     columns::Columns,
     text::{comparison, terms_toml},
@@ -71,10 +73,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let message = format!("--train: found {}, expected 0.05 to 0.95", arguments.train);
         return Err(Failure::Input(message));
     }
-    if !arguments.reference.is_finite() {
+    if !POSSIBLE_DEGC.contains(&arguments.reference) {
         return Err(Failure::Input(format!(
-            "--reference: found {}, expected a temperature",
-            arguments.reference
+            "--reference: found {}, expected {} to {} °C",
+            arguments.reference,
+            POSSIBLE_DEGC.start(),
+            POSSIBLE_DEGC.end()
         )));
     }
     let error = arguments
