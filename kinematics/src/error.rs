@@ -78,7 +78,7 @@ pub struct InsteadConstant {
 }
 
 impl InsteadConstant {
-    fn offset(&self) -> &'static str {
+    fn offset(self) -> &'static str {
         if self.error.component.is_angular() {
             "a zero offset"
         } else {

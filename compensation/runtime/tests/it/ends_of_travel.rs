@@ -4,7 +4,7 @@
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_runtime::{GuardSettings, Model};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, PerAxis};
 
 use crate::rig::guard;
 
@@ -31,7 +31,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
         let high = f64::from(degrees);
         let machine = machine([high - 360.0, high], high);
         let model = Model::new(&machine, fading).expect("a model");
-        let none = Default::default();
+        let none = PerAxis::default();
         for (end, side) in [(high, 1.0), (high - 360.0, -1.0)] {
             let at = [
                 (AxisName::X, 100.0),
