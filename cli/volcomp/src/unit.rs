@@ -63,6 +63,19 @@ impl Unit {
     }
 }
 
+/// The note that the unit of a file is not stated, with a hint where the sizes are those of mm.
+fn not_stated(measurement: &Measurement) -> String {
+    /// A machine tool whose deviations all are smaller, in µm, is not known.
+    const TOO_SMALL: f64 = 0.1;
+    let mut note = "the unit of the deviations is not stated, taken as µm: state it with --unit, or in the header as `deviation µm`".to_owned();
+    let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
+    let largest = sizes.fold(0.0, f64::max);
+    if largest > 0.0 && largest < TOO_SMALL {
+        note += &format!("; all are below {TOO_SMALL}: are they mm?");
+    }
+    note
+}
+
 /// Brings the deviations of a file into µm or µrad: out of the unit asked for, where the file states none. Without
 /// either they are taken for µm. The option never turns angles into lengths, nor one stated unit into another.
 pub(crate) fn apply(
@@ -71,6 +84,10 @@ pub(crate) fn apply(
     asked: Option<Unit>,
 ) -> Result<DeviationUnit, Failure> {
     let Some(asked) = asked else {
+        if measurement.unit.is_none() {
+            let note = not_stated(measurement);
+            measurement.notes.push(note);
+        }
         return Ok(measurement.unit.unwrap_or(DeviationUnit::Um));
     };
     match measurement.unit {

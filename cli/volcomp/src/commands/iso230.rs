@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, evaluate, read_file};
+use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, Measurement, evaluate, read_file};
+use volcomp_vocabulary::Direction;
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
@@ -28,10 +29,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut measurement = read_file(&arguments.data)?;
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let result = evaluate(&measurement)?;
+    let few_runs = few_runs_note(&measurement);
     let mut notes = measurement.notes;
+    notes.extend(few_runs);
     notes.extend(result.outlier_hints.iter().map(|hint| hint.text.clone()));
     let document = Iso230::new(&result, unit, notes.clone());
     Answer::new(&document, text(&result, unit), notes)
+}
+
+/// What the number of runs does not allow to evaluate, or allows with less confidence than the standard asks for.
+fn few_runs_note(measurement: &Measurement) -> Option<String> {
+    /// ISO 230-2, test of axes up to 2 m: five approaches of each target in each direction.
+    const ASKED_FOR: usize = 5;
+    let runs = Direction::BOTH.map(|direction| measurement.runs(direction).len());
+    let fewest = runs.into_iter().filter(|runs| *runs > 0).min()?;
+    if fewest < 2 {
+        Some(format!(
+            "A and R need at least two runs in a direction; ISO 230-2 asks for {ASKED_FOR} in each direction on axes up to 2 m"
+        ))
+    } else if fewest < ASKED_FOR {
+        Some(format!(
+            "{fewest} runs in a direction: ISO 230-2 asks for {ASKED_FOR} in each direction on axes up to 2 m"
+        ))
+    } else {
+        None
+    }
 }
 
 fn number(value: Option<f64>) -> String {

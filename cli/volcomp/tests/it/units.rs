@@ -138,9 +138,23 @@ fn tables_with_semicolons_and_decimal_commas_are_read() {
     );
     let mut expected = json(&["iso230", "--unit", "urad", &plain]);
     assert_eq!(expected["E_forward_urad"], 2.5);
-    expected["notes"] = json!(["columns that are not read: Operator"]);
+    let one_run = "A and R need at least two runs in a direction; ISO 230-2 asks for 5 in each direction on axes up to 2 m";
+    assert_eq!(expected["notes"], json!([one_run]));
+    expected["notes"] = json!(["columns that are not read: Operator", one_run]);
     assert_eq!(json(&["iso230", "--unit", "urad", &comma]), expected);
     assert!(text(&["iso230", &comma, "--unit", "urad"]).contains("all values in µrad"));
+    let notes = |path: &str| json(&["iso230", path])["notes"].to_string();
+    assert!(
+        notes(&plain).contains("not stated, taken as µm")
+            && !notes(&plain).contains("are they mm?")
+    );
+    let in_mm = write("mm.csv", "target,deviation\n0,0\n300,0.0061\n600,0.0119\n");
+    assert!(notes(&in_mm).contains("are they mm?"));
+    let stated = write(
+        "stated.csv",
+        "target mm,deviation mm\n0,0\n300,0.0061\n600,0.0119\n",
+    );
+    assert!(!notes(&stated).contains("not stated"));
     let mixed = write("mixed.csv", "target;deviation\n0;1,5\n1.234;2,25\n");
     let message = refused(&["inspect", &mixed]);
     assert!(

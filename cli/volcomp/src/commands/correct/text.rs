@@ -67,7 +67,7 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
             .iter()
             .map(|name| format!("{name} {}", name.kind().micro_symbol())),
     );
-    header.extend(["residual µm", "µrad"].map(str::to_owned));
+    header.extend(["residual µm", "axis µrad"].map(str::to_owned));
     let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for (index, row) in rows.iter().enumerate() {
         let mut cells = vec![(index + 1).to_string()];
