@@ -67,13 +67,16 @@ impl Unit {
 fn not_stated(measurement: &Measurement) -> String {
     /// A machine tool whose deviations all are smaller, in µm, is not known.
     const TOO_SMALL: f64 = 0.1;
-    let mut note = "the unit of the deviations is not stated, taken as µm: state it with --unit, or in the header as `deviation µm`".to_owned();
     let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
-    if largest > 0.0 && largest < TOO_SMALL {
-        note += &format!("; all are below {TOO_SMALL}: are they mm?");
-    }
-    note
+    let hint = if largest > 0.0 && largest < TOO_SMALL {
+        format!("; all are below {TOO_SMALL}: are they mm?")
+    } else {
+        String::new()
+    };
+    format!(
+        "the unit of the deviations is not stated, taken as µm: state it with --unit, or in the header as `deviation µm`{hint}"
+    )
 }
 
 /// Brings the deviations of a file into µm or µrad: out of the unit asked for, where the file states none. Without
