@@ -2,6 +2,7 @@
 #![doc = include_str!("../README.md")]
 
 mod axis;
+pub mod barrier;
 pub mod ceiling;
 mod direction;
 mod exchange;

@@ -7,7 +7,7 @@ use crate::axis::MAX_AXES;
 macro_rules! in_order {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
         #[repr(transparent)]
         pub struct $name<T>(pub [T; MAX_AXES]);
 

@@ -1,0 +1,207 @@
+//! The barrier itself: which frame is taken, and how the applied correction moves.
+
+use super::{Counts, Frame, Refusal, Report, Settings, SettingsError, is_ahead};
+
+/// The barrier of one machine. It is given what lies in its mailboxes at each scan, and it alone moves the correction
+/// that is applied: never by more than its rate, every axis on one line towards the last values that it took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Barrier {
+    settings: Settings,
+    state: Memory,
+}
+
+/// All that a barrier remembers from one scan to the next, for simulators that stop and go on, and for model checkers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Memory {
+    /// Moves on at each start and at each time-out.
+    pub epoch: u16,
+    /// The number of scans, which wraps around.
+    pub tick: u16,
+    /// The sender whose frames are taken; 0: anybody's.
+    pub owner: u16,
+    /// The sequence of the last frame that was taken.
+    pub sequence: u16,
+    /// Why the last frame was not taken.
+    pub refusal: Refusal,
+    /// The correction that is applied, counts.
+    pub applied: Counts,
+    /// Where the line began that the axes are on, counts.
+    pub from: Counts,
+    /// Where the line ends, counts.
+    pub goal: Counts,
+    /// The number of steps of the line.
+    pub steps: u32,
+    /// The number of steps of the line that are done.
+    pub done: u32,
+    /// The number of scans since the last step.
+    pub waited: u16,
+    /// The number of scans since a frame was taken; it stands still at the time-out.
+    pub silent: u16,
+}
+
+impl Barrier {
+    /// A barrier at its start, after power-up or a reset.
+    ///
+    /// `epoch` is the one that was kept over power-off: it moves on here, so that no frame made before can be taken.
+    /// `applied` is what the words of the axes hold at this moment, counts: the axes stand there, and go to zero from
+    /// there when nobody sends.
+    ///
+    /// # Errors
+    /// Settings that make no sense.
+    pub fn start(
+        settings: Settings,
+        epoch: u16,
+        tick: u16,
+        applied: &Counts,
+    ) -> Result<Self, SettingsError> {
+        settings.check()?;
+        let settings = settings.of_axes();
+        let applied = settings.present(applied);
+        let state = Memory {
+            epoch: epoch.wrapping_add(1),
+            tick,
+            applied,
+            from: applied,
+            goal: applied,
+            ..Memory::default()
+        };
+        Ok(Self { settings, state })
+    }
+
+    /// A barrier that goes on from what another one remembered.
+    ///
+    /// # Errors
+    /// Settings that make no sense.
+    pub fn resume(settings: Settings, state: Memory) -> Result<Self, SettingsError> {
+        settings.check()?;
+        let settings = settings.of_axes();
+        Ok(Self { settings, state })
+    }
+
+    /// All that the barrier remembers.
+    #[must_use]
+    pub fn memory(&self) -> Memory {
+        self.state
+    }
+
+    /// One scan of the control. `mailboxes` are the words of each way that leads here, copied before this call, so that
+    /// nothing changes while they are judged; all are judged alike. `holds`: emergency stop, alarm or not referenced;
+    /// the axes then stay where they are.
+    pub fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Report {
+        self.state.tick = self.state.tick.wrapping_add(1);
+        let mut goal = None;
+        for words in mailboxes {
+            match self.judge(words) {
+                Ok(Some(frame)) => {
+                    self.state.owner = frame.owner;
+                    self.state.sequence = frame.sequence;
+                    self.state.refusal = Refusal::None;
+                    goal = Some(self.settings.present(&frame.counts()));
+                }
+                Ok(None) => {}
+                Err(refusal) => self.state.refusal = refusal,
+            }
+        }
+        if goal.is_some() {
+            self.state.silent = 0;
+        } else if self.state.silent < self.settings.time_out_scans {
+            self.state.silent += 1;
+            if self.state.silent == self.settings.time_out_scans {
+                // Nobody sends: to zero, and no frame that was made before can be taken any more.
+                self.state.epoch = self.state.epoch.wrapping_add(1);
+                self.state.owner = 0;
+                goal = Some(Counts::default());
+            }
+        }
+        if let Some(goal) = goal {
+            self.aim(&goal);
+        }
+        if !holds {
+            self.state.waited = self.state.waited.saturating_add(1);
+            if self.state.waited >= self.settings.step_scans {
+                self.state.waited = 0;
+                self.step();
+            }
+        }
+        self.report()
+    }
+
+    /// What is published after a scan.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        Report {
+            epoch: self.state.epoch,
+            tick: self.state.tick,
+            owner: self.state.owner,
+            sequence: self.state.sequence,
+            refusal: self.state.refusal,
+            applied: self.state.applied,
+            settings: self.settings,
+        }
+    }
+
+    /// The frame if it is to be taken, nothing if it is the one that was taken last.
+    fn judge(&self, words: &[u16]) -> Result<Option<Frame>, Refusal> {
+        let frame = Frame::decode(&self.settings, words).ok_or(Refusal::Checksum)?;
+        if frame.epoch != self.state.epoch {
+            return Err(Refusal::Epoch);
+        }
+        if frame.owner == 0 || self.state.owner != 0 && frame.owner != self.state.owner {
+            return Err(Refusal::Owner);
+        }
+        if self.state.owner != 0 && frame.sequence == self.state.sequence {
+            return Ok(None);
+        }
+        if self.state.tick.wrapping_sub(frame.tick) > self.settings.hold_scans {
+            return Err(Refusal::Tick);
+        }
+        if self.state.owner != 0 && !is_ahead(frame.sequence, self.state.sequence) {
+            return Err(Refusal::Sequence);
+        }
+        let within = |axis: usize| frame.values[axis].unsigned_abs() <= self.limit(axis);
+        if !(0..self.settings.axes).all(within) {
+            return Err(Refusal::Value);
+        }
+        Ok(Some(frame))
+    }
+
+    fn limit(&self, axis: usize) -> u16 {
+        self.settings.limit[axis].unsigned_abs()
+    }
+
+    /// Begins a line to other values. A line to the same values goes on: begun anew at each frame, an axis with a small
+    /// share of the way would never move.
+    fn aim(&mut self, goal: &Counts) {
+        if *goal == self.state.goal {
+            return;
+        }
+        self.state.from = self.state.applied;
+        self.state.goal = *goal;
+        self.state.done = 0;
+        self.state.steps = (0..self.settings.axes)
+            .map(|axis| {
+                let way = i32::from(goal[axis]) - i32::from(self.state.applied[axis]);
+                let rate = u32::from(self.settings.rate[axis].unsigned_abs());
+                way.unsigned_abs().div_ceil(rate.max(1))
+            })
+            .fold(0, u32::max);
+    }
+
+    /// One step on the line: no axis moves by more than its rate, since it has at least as many steps as it needs.
+    fn step(&mut self) {
+        if self.state.done >= self.state.steps {
+            return;
+        }
+        self.state.done += 1;
+        for axis in 0..self.settings.axes {
+            let (from, goal) = (
+                i64::from(self.state.from[axis]),
+                i64::from(self.state.goal[axis]),
+            );
+            let at =
+                from + (goal - from) * i64::from(self.state.done) / i64::from(self.state.steps);
+            // Between two numbers of 16 bits, so it is one.
+            self.state.applied[axis] = i16::try_from(at).unwrap_or(self.state.applied[axis]);
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! The barrier: single rules, random worlds, and every world within bounds.
+
+mod explored;
+mod frames;
+mod random;
+mod rules;
+mod text;
+
+use volcomp_guard::{
+    barrier::{Barrier, Counts, FRAME_WORDS, Frame, Settings},
+    vocabulary::PerChannel,
+};
+
+/// A barrier of so many axes, 20 counts of limit and 2 counts a scan.
+pub(super) fn settings(axes: usize) -> Settings {
+    Settings {
+        axes,
+        machine: 4711,
+        limit: PerChannel::from_fn(|_| 20),
+        rate: PerChannel::from_fn(|_| 2),
+        step_scans: 1,
+        hold_scans: 5,
+        time_out_scans: 12,
+    }
+}
+
+pub(super) fn at_zero(settings: Settings) -> Barrier {
+    Barrier::start(settings, 6, 1000, &Counts::default()).expect("settings that make sense")
+}
+
+pub(super) fn words(settings: &Settings, frame: &Frame) -> Vec<u16> {
+    let mut words = [0; FRAME_WORDS];
+    let count = frame.encode(settings, &mut words);
+    words[..count].to_vec()
+}

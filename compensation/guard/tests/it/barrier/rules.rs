@@ -1,0 +1,347 @@
+//! Single rules of the barrier.
+
+use volcomp_guard::{
+    barrier::{Barrier, Counts, Frame, Refusal, Report, Seen, Session, Settings, SettingsError},
+    vocabulary::PerChannel,
+};
+
+use super::{at_zero, settings, words};
+
+fn values(values: &[i16]) -> Counts {
+    PerChannel::from_fn(|axis| values.get(axis).copied().unwrap_or(0))
+}
+
+/// A barrier that has taken one frame of owner 7, and the report after it.
+fn held(settings: Settings) -> (Barrier, Session, Report) {
+    let mut barrier = at_zero(settings);
+    let mut sender = Session::new(7);
+    let report = barrier.scan(&[], false);
+    assert_eq!(
+        sender.read(&report),
+        Seen::Confirmed {
+            landed: false,
+            epoch_began: true
+        }
+    );
+    let frame = sender.frame(&Counts::default()).expect("a report was read");
+    let report = barrier.scan(&[&words(&settings, &frame)], false);
+    assert_eq!(report.owner, 7);
+    (barrier, sender, report)
+}
+
+#[test]
+fn each_wrong_frame_is_refused_with_its_reason() {
+    let settings = settings(3);
+    let (barrier, _, report) = held(settings);
+    let good = Frame {
+        epoch: report.epoch,
+        tick: report.tick,
+        sequence: report.sequence.wrapping_add(1),
+        owner: 7,
+        values: [0; 9],
+    };
+    let mut beyond = good;
+    beyond.values[2] = -21;
+    let cases = [
+        (
+            Frame {
+                epoch: good.epoch.wrapping_sub(1),
+                ..good
+            },
+            Refusal::Epoch,
+        ),
+        (Frame { owner: 8, ..good }, Refusal::Owner),
+        (Frame { owner: 0, ..good }, Refusal::Owner),
+        // The scan that judges it is one more than the report's.
+        (
+            Frame {
+                tick: good.tick.wrapping_sub(5),
+                ..good
+            },
+            Refusal::Tick,
+        ),
+        (
+            Frame {
+                tick: good.tick.wrapping_add(2),
+                ..good
+            },
+            Refusal::Tick,
+        ),
+        (
+            Frame {
+                sequence: report.sequence.wrapping_sub(1),
+                ..good
+            },
+            Refusal::Sequence,
+        ),
+        (
+            Frame {
+                sequence: report.sequence.wrapping_add(1 << 15),
+                ..good
+            },
+            Refusal::Sequence,
+        ),
+        (beyond, Refusal::Value),
+        (
+            Frame {
+                tick: good.tick.wrapping_sub(4),
+                ..good
+            },
+            Refusal::None,
+        ),
+        (
+            Frame {
+                sequence: report.sequence.wrapping_add((1 << 15) - 1),
+                ..good
+            },
+            Refusal::None,
+        ),
+        (good, Refusal::None),
+    ];
+    for (frame, expected) in cases {
+        let mut barrier = barrier;
+        let after = barrier.scan(&[&words(&settings, &frame)], false);
+        assert_eq!(after.refusal, expected, "{frame:?}");
+        let taken = barrier.memory().silent == 0;
+        assert_eq!(taken, expected == Refusal::None, "{frame:?}");
+    }
+}
+
+#[test]
+fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
+    let three = settings(3);
+    let (mut barrier, mut sender, _) = held(three);
+    let report = barrier.report();
+    sender.read(&barrier.scan(&[], false));
+    let frame = sender
+        .frame(&values(&[1, 2, 3]))
+        .expect("a report was read");
+    for other in [
+        Settings {
+            machine: 4712,
+            ..three
+        },
+        settings(2),
+        settings(4),
+    ] {
+        let after = barrier.scan(&[&words(&other, &frame)], false);
+        assert_eq!(after.refusal, Refusal::Checksum);
+    }
+    assert_eq!(barrier.report().sequence, report.sequence);
+}
+
+#[test]
+fn all_axes_go_on_one_line_at_the_rate_of_the_slowest() {
+    let settings = settings(3);
+    let (mut barrier, mut sender, _) = held(settings);
+    sender.read(&barrier.scan(&[], false));
+    let goal = [20, -10, 3];
+    let frame = sender.frame(&values(&goal)).expect("a report was read");
+    let words = words(&settings, &frame);
+    for scan in 1..=10_i16 {
+        // The words stay in the mailbox.
+        let applied = barrier.scan(&[&words], false).applied;
+        for (axis, goal) in goal.iter().enumerate() {
+            let line = f64::from(*goal) * f64::from(scan) / 10.0;
+            assert!(
+                (f64::from(applied[axis]) - line).abs() < 1.0,
+                "axis {axis}, scan {scan}: {applied:?}"
+            );
+        }
+    }
+    assert_eq!(barrier.report().applied, values(&goal));
+}
+
+#[test]
+fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
+    let settings = settings(2);
+    let (mut barrier, mut sender, _) = held(settings);
+    let mut last = Vec::new();
+    for _ in 0..20 {
+        let seen = sender.read(&barrier.scan(&[&last], false));
+        assert!(matches!(seen, Seen::Confirmed { .. }));
+        last = words(
+            &settings,
+            &sender.frame(&values(&[20, -8])).expect("a report was read"),
+        );
+    }
+    let before = barrier.report();
+    assert_eq!(before.applied, values(&[20, -8]));
+    // The last frame comes late, and then nothing.
+    let begun = barrier.scan(&[&last], false);
+    let mut scans = 0;
+    while barrier.report().applied != Counts::default() {
+        barrier.scan(&[&last], false);
+        scans += 1;
+    }
+    let bound = settings.time_out_scans + 20 / 2;
+    assert!(scans <= bound, "{scans} scans");
+    let after = barrier.report();
+    assert_eq!((after.epoch, after.owner), (begun.epoch.wrapping_add(1), 0));
+    assert_eq!(after.refusal, Refusal::Epoch);
+}
+
+#[test]
+fn an_interlock_holds_and_does_not_keep_a_dead_sender_alive() {
+    let settings = settings(1);
+    let (mut barrier, mut sender, _) = held(settings);
+    sender.read(&barrier.scan(&[], false));
+    let frame = words(
+        &settings,
+        &sender.frame(&values(&[20])).expect("a report was read"),
+    );
+    barrier.scan(&[&frame], false);
+    let stood = barrier.report().applied;
+    for _ in 0..100 {
+        assert_eq!(barrier.scan(&[&frame], true).applied, stood);
+    }
+    assert_eq!(barrier.report().owner, 0, "timed out under the interlock");
+    let mut before = stood[0];
+    for _ in 0..100 {
+        let now = barrier.scan(&[&frame], false).applied[0];
+        assert!((0..=2).contains(&(before - now)));
+        before = now;
+    }
+    assert_eq!(before, 0);
+}
+
+#[test]
+fn garbage_in_the_words_of_the_axes_at_the_start_is_led_to_zero() {
+    let mut barrier =
+        Barrier::start(settings(2), 3, 0, &values(&[i16::MIN, 5000])).expect("sensible");
+    let mut before = barrier.report().applied;
+    assert_eq!(before, values(&[i16::MIN, 5000]));
+    for _ in 0..20_000 {
+        let now = barrier.scan(&[&[0; 20]], false).applied;
+        for axis in 0..2 {
+            assert!((i32::from(now[axis]) - i32::from(before[axis])).abs() <= 2);
+        }
+        before = now;
+    }
+    assert_eq!(before, Counts::default());
+}
+
+#[test]
+fn rates_below_one_count_a_scan() {
+    let slow = Settings {
+        step_scans: 7,
+        rate: PerChannel::from_fn(|_| 1),
+        ..settings(1)
+    };
+    let mut barrier = at_zero(slow);
+    let mut sender = Session::new(1);
+    let (mut frame, mut applied) = (Vec::new(), Vec::new());
+    for scan in 0..70 {
+        let report = barrier.scan(&[&frame], false);
+        applied.push(report.applied[0]);
+        sender.read(&report);
+        // Another goal in every scan: the line begins anew each time and goes on all the same.
+        let goal = 15 + scan % 2;
+        frame = words(
+            &slow,
+            &sender.frame(&values(&[goal])).expect("a report was read"),
+        );
+    }
+    assert_eq!(applied[69], 10, "{applied:?}");
+    for window in applied.windows(7) {
+        assert!(window[6] - window[0] <= 1);
+    }
+}
+
+#[test]
+fn a_sender_waits_for_another_and_for_its_own_former_life() {
+    let settings = settings(1);
+    let (mut barrier, mut first, _) = held(settings);
+    let mut second = Session::new(8);
+    let report = barrier.scan(&[], false);
+    assert_eq!(second.read(&report), Seen::Held { owner: 7 });
+    assert_eq!(second.frame(&values(&[1])), None);
+    assert_eq!(
+        first.read(&report),
+        Seen::Confirmed {
+            landed: true,
+            epoch_began: false
+        }
+    );
+    assert_eq!(first.read(&report), Seen::Old);
+    // The first is gone; the second waits for the time-out.
+    let mut waited = 0;
+    loop {
+        let report = barrier.scan(&[], false);
+        waited += 1;
+        if let Seen::Confirmed {
+            epoch_began,
+            landed,
+        } = second.read(&report)
+        {
+            assert!(epoch_began && !landed);
+            break;
+        }
+    }
+    assert!(waited <= settings.time_out_scans);
+    assert!(second.frame(&values(&[1])).is_some());
+}
+
+#[test]
+fn settings_without_sense_are_refused() {
+    let good = settings(3);
+    let mut no_rate = good;
+    no_rate.rate[1] = 0;
+    let mut negative = good;
+    negative.limit[2] = -1;
+    let cases = [
+        (
+            Settings { axes: 0, ..good },
+            SettingsError::Axes { found: 0 },
+        ),
+        (
+            Settings { axes: 10, ..good },
+            SettingsError::Axes { found: 10 },
+        ),
+        (no_rate, SettingsError::Counts { axis: 1, found: 0 }),
+        (negative, SettingsError::Counts { axis: 2, found: -1 }),
+        (
+            Settings {
+                step_scans: 0,
+                ..good
+            },
+            SettingsError::StepScans,
+        ),
+        (
+            Settings {
+                time_out_scans: 9,
+                ..good
+            },
+            SettingsError::TimeOut {
+                hold: 5,
+                time_out: 9,
+            },
+        ),
+        (
+            Settings {
+                hold_scans: 0,
+                ..good
+            },
+            SettingsError::TimeOut {
+                hold: 0,
+                time_out: 12,
+            },
+        ),
+        (
+            Settings {
+                time_out_scans: 1 << 15,
+                ..good
+            },
+            SettingsError::TimeOut {
+                hold: 5,
+                time_out: 1 << 15,
+            },
+        ),
+    ];
+    for (settings, expected) in cases {
+        assert_eq!(
+            Barrier::start(settings, 0, 0, &Counts::default()),
+            Err(expected)
+        );
+    }
+}

@@ -1,0 +1,218 @@
+//! The Structured Text that is shipped, run by a small interpreter, against the barrier: the same frames, the same words.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_guard::{
+    barrier::{Barrier, Counts, Frame, REPORT_WORDS, Settings},
+    vocabulary::PerChannel,
+};
+
+use super::words;
+use crate::structured_text::Block;
+
+const TEXT: &str = include_str!("../../../../../docs/src/plc/barrier.st");
+
+fn number(count: usize) -> i64 {
+    i64::try_from(count).expect("few")
+}
+
+/// A control that runs the text.
+struct Control {
+    block: Block,
+}
+
+impl Control {
+    fn new(
+        text: &str,
+        settings: &Settings,
+        retained_epoch: u16,
+        tick: u16,
+        applied: &Counts,
+    ) -> Self {
+        let mut block = Block::parse(text).expect("the text that is shipped");
+        block.set("axes", 0, number(settings.axes));
+        block.set("machine", 0, settings.machine.into());
+        for axis in 0..9 {
+            block.set("limit", axis, settings.limit[axis].into());
+            block.set("rate", axis, settings.rate[axis].into());
+            block.set("atStart", axis, applied[axis].into());
+        }
+        block.set("stepScans", 0, settings.step_scans.into());
+        block.set("holdScans", 0, settings.hold_scans.into());
+        block.set("timeOutScans", 0, settings.time_out_scans.into());
+        block.set("tickAtStart", 0, tick.into());
+        block.set("epoch", 0, retained_epoch.into());
+        block.set("start", 0, 1);
+        Self { block }
+    }
+
+    fn scan(&mut self, mailboxes: &[Vec<u16>], holds: bool) -> Result<Vec<u16>, String> {
+        self.block.set("holds", 0, holds.into());
+        self.block.set("boxes", 0, number(mailboxes.len()));
+        for (at, mailbox) in mailboxes.iter().enumerate() {
+            for place in 0..15 {
+                let word = mailbox.get(place).copied().unwrap_or(0);
+                self.block.set("frame", 15 * at + place, word.into());
+            }
+        }
+        self.block.run()?;
+        self.block.set("start", 0, 0);
+        let count = self.block.get("words", 0);
+        (0..usize::try_from(count).expect("no negative count"))
+            .map(|at| u16::try_from(self.block.get("report", at)).map_err(|e| e.to_string()))
+            .collect()
+    }
+}
+
+fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
+    let hold_scans = rng.random_range(1..20);
+    let axes = rng.random_range(1..=9);
+    let of_axes = |rng: &mut ChaCha8Rng, most: i16| {
+        PerChannel::from_fn(|axis| {
+            if axis < axes {
+                rng.random_range(1..most)
+            } else {
+                0
+            }
+        })
+    };
+    Settings {
+        axes,
+        machine: rng.random(),
+        limit: of_axes(rng, 4000),
+        rate: of_axes(rng, 60),
+        step_scans: rng.random_range(1..4),
+        hold_scans,
+        time_out_scans: 2 * hold_scans + rng.random_range(0..20),
+    }
+}
+
+/// Frames that are taken, and frames with one thing wrong.
+fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) -> Vec<u16> {
+    let now = barrier.report();
+    let mut frame = Frame {
+        epoch: now.epoch,
+        tick: now.tick.wrapping_sub(rng.random_range(0..3)),
+        sequence: now.sequence.wrapping_add(1),
+        owner: if now.owner == 0 && rng.random_bool(0.2) {
+            0
+        } else if now.owner == 0 {
+            rng.random()
+        } else {
+            now.owner
+        },
+        values: core::array::from_fn(|axis| {
+            let most = settings.limit[axis];
+            rng.random_range(-most..=most)
+        }),
+    };
+    match rng.random_range(0..24) {
+        0 => frame.epoch = frame.epoch.wrapping_sub(rng.random_range(0..3)),
+        1 => frame.tick = rng.random(),
+        2 => frame.sequence = rng.random(),
+        3 => frame.owner = rng.random_range(0..3),
+        4 => frame.values = rng.random(),
+        5 => frame.values = [0; 9],
+        6 => {
+            frame.tick = now
+                .tick
+                .wrapping_sub(settings.hold_scans)
+                .wrapping_add(rng.random_range(0..3));
+        }
+        _ => {}
+    }
+    let mut words = words(settings, &frame);
+    match rng.random_range(0..24) {
+        0 => {
+            let at = rng.random_range(0..words.len());
+            words[at] = rng.random();
+        }
+        1 => words.fill(0),
+        _ => {}
+    }
+    words
+}
+
+/// Runs a text beside the reference: how many frames were taken, or where they differ.
+fn compare(text: &str) -> Result<usize, String> {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut taken = 0;
+    for _ in 0..60 {
+        let settings = random_settings(&mut rng);
+        let (epoch, tick) = (rng.random(), rng.random());
+        let applied = if rng.random_bool(0.5) {
+            Counts::default()
+        } else {
+            PerChannel(rng.random())
+        };
+        let mut barrier = Barrier::start(settings, epoch, tick, &applied).expect("sensible");
+        let mut control = Control::new(text, &settings, epoch, tick, &applied);
+        let mut mailboxes = vec![vec![0; 15]; rng.random_range(0..=2)];
+        let often = [0.9, 0.3, 0.02][rng.random_range(0..3)];
+        let mut holds = false;
+        for scan in 0..200 {
+            for mailbox in &mut mailboxes {
+                if rng.random_bool(often) {
+                    *mailbox = random_frame(&mut rng, &settings, &barrier);
+                }
+            }
+            holds ^= rng.random_bool(0.05);
+            let boxes: Vec<&[u16]> = mailboxes.iter().map(Vec::as_slice).collect();
+            let report = barrier.scan(&boxes, holds);
+            let mut expected = [0; REPORT_WORDS];
+            let count = report.encode(&mut expected);
+            let found = control.scan(&mailboxes, holds)?;
+            if found != expected[..count] {
+                return Err(format!(
+                    "scan {scan} of {settings:?}: {found:?}, not {:?}",
+                    &expected[..count]
+                ));
+            }
+            taken += usize::from(barrier.memory().silent == 0);
+        }
+    }
+    Ok(taken)
+}
+
+#[test]
+fn the_text_does_what_the_reference_does() {
+    let taken = compare(TEXT).expect("the same words");
+    assert!(taken > 1000, "{taken} frames were taken");
+}
+
+#[test]
+fn every_small_mistake_in_the_text_is_found() {
+    let mistakes = [
+        ("sum := machine MOD 65535;", "sum := 0;"),
+        ("FOR at := 0 TO axes + 3 DO", "FOR at := 0 TO axes + 2 DO"),
+        ("frame[15 * box] <> epoch", "FALSE"),
+        ("epoch := (epoch + 1) MOD 65536;\n    tick", "tick"),
+        ("epoch := (epoch + 1) MOD 65536;\n        owner", "owner"),
+        ("frame[15 * box + 3] = 0 OR", "FALSE OR"),
+        ("frame[15 * box + 3] <> owner", "FALSE"),
+        ("MOD 65536 > holdScans", "MOD 65536 >= holdScans"),
+        ("MOD 65536 > 32767", "MOD 65536 > 32000"),
+        ("value > 32767", "value > 65000"),
+        ("ABS(value) > limit[axis]", "value > limit[axis]"),
+        (
+            "silent := silent + 1;\n    IF silent = timeOutScans",
+            "silent := silent + 1;\n    IF silent = timeOutScans - 1",
+        ),
+        ("wanted[axis] <> goal[axis]", "TRUE"),
+        ("+ rate[axis] - 1) / rate[axis]", ") / rate[axis]"),
+        ("value > steps", "axis = 0"),
+        ("sign[axis] := -1;", "sign[axis] := 1;"),
+        (
+            "carried[axis] := carried[axis] - steps;",
+            "carried[axis] := 0;",
+        ),
+        ("waited >= stepScans", "waited > stepScans"),
+        ("IF NOT holds THEN", "IF TRUE THEN"),
+        ("silent := 0;\nELSIF", "silent := 1;\nELSIF"),
+    ];
+    for (right, wrong) in mistakes {
+        assert!(TEXT.contains(right), "{right}");
+        let found = compare(&TEXT.replacen(right, wrong, 1));
+        assert!(found.is_err(), "{right} -> {wrong}");
+    }
+}

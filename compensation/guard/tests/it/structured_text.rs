@@ -1,0 +1,422 @@
+//! An interpreter for the part of Structured Text (IEC 61131-3) that the shipped programs are written in: DINT and BOOL,
+//! arrays of them from 0, assignments, IF, FOR, the usual operators and ABS. A value outside of a DINT, a place outside of
+//! an array and a division by zero are errors, so a program that runs here does not depend on what a control does then.
+
+use std::collections::HashMap;
+
+#[derive(Clone, Debug, PartialEq)]
+enum Token {
+    Word(String),
+    Number(i64),
+    Sign(&'static str),
+}
+
+const SIGNS: [&str; 20] = [
+    ":=", "<>", "<=", ">=", "..", "+", "-", "*", "/", "(", ")", "[", "]", ";", ":", ",", "=", "<",
+    ">", ".",
+];
+
+fn tokens(text: &str) -> Result<Vec<Token>, String> {
+    let mut rest = text;
+    let mut tokens = Vec::new();
+    loop {
+        rest = rest.trim_start();
+        let Some(first) = rest.chars().next() else {
+            return Ok(tokens);
+        };
+        if let Some(comment) = rest.strip_prefix("(*") {
+            let end = comment.find("*)").ok_or("a comment does not end")?;
+            rest = &comment[end + 2..];
+        } else if first.is_ascii_alphabetic() {
+            let end = rest
+                .find(|c: char| !c.is_ascii_alphanumeric() && c != '_')
+                .unwrap_or(rest.len());
+            tokens.push(Token::Word(rest[..end].to_owned()));
+            rest = &rest[end..];
+        } else if first.is_ascii_digit() {
+            let end = rest
+                .find(|c: char| !c.is_ascii_digit())
+                .unwrap_or(rest.len());
+            tokens.push(Token::Number(
+                rest[..end].parse().map_err(|e| format!("{e}"))?,
+            ));
+            rest = &rest[end..];
+        } else {
+            let sign = SIGNS
+                .iter()
+                .find(|s| rest.starts_with(**s))
+                .ok_or(format!("{first:?}"))?;
+            tokens.push(Token::Sign(sign));
+            rest = &rest[sign.len()..];
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+enum Expression {
+    Number(i64),
+    Place(String, Option<Box<Expression>>),
+    Abs(Box<Expression>),
+    Not(Box<Expression>),
+    Minus(Box<Expression>),
+    Two(String, Box<Expression>, Box<Expression>),
+}
+
+#[derive(Clone, Debug)]
+enum Statement {
+    Assign(String, Option<Expression>, Expression),
+    If(Vec<(Expression, Vec<Statement>)>, Vec<Statement>),
+    For(String, Expression, Expression, Vec<Statement>),
+}
+
+/// A function block with its variables.
+pub(crate) struct Block {
+    variables: HashMap<String, Vec<i64>>,
+    body: Vec<Statement>,
+}
+
+impl Block {
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let mut parser = Parser {
+            tokens: tokens(text)?,
+            at: 0,
+        };
+        parser.word("FUNCTION_BLOCK")?;
+        parser.name()?;
+        let mut variables = HashMap::new();
+        while parser
+            .peek_word()
+            .is_some_and(|word| word.starts_with("VAR"))
+        {
+            parser.at += 1;
+            if parser.peek_word() == Some("RETAIN") {
+                parser.at += 1;
+            }
+            while parser.peek_word() != Some("END_VAR") {
+                let name = parser.name()?;
+                parser.sign(":")?;
+                let length = parser.type_length()?;
+                parser.sign(";")?;
+                if variables.insert(name.clone(), vec![0; length]).is_some() {
+                    return Err(format!("{name} is declared twice"));
+                }
+            }
+            parser.at += 1;
+        }
+        let body = parser.statements(&["END_FUNCTION_BLOCK"])?;
+        parser.word("END_FUNCTION_BLOCK")?;
+        Ok(Self { variables, body })
+    }
+
+    pub(crate) fn set(&mut self, name: &str, at: usize, value: i64) {
+        self.variables
+            .get_mut(name)
+            .expect("a variable of the text")[at] = value;
+    }
+
+    pub(crate) fn get(&self, name: &str, at: usize) -> i64 {
+        self.variables[name][at]
+    }
+
+    pub(crate) fn run(&mut self) -> Result<(), String> {
+        run(&self.body, &mut self.variables)
+    }
+}
+
+struct Parser {
+    tokens: Vec<Token>,
+    at: usize,
+}
+
+impl Parser {
+    fn next(&mut self) -> Option<Token> {
+        self.at += 1;
+        self.tokens.get(self.at - 1).cloned()
+    }
+
+    fn peek_word(&self) -> Option<&str> {
+        match self.tokens.get(self.at) {
+            Some(Token::Word(word)) => Some(word),
+            _ => None,
+        }
+    }
+
+    fn takes(&mut self, sign: &str) -> bool {
+        let found = matches!(self.tokens.get(self.at), Some(Token::Sign(s)) if *s == sign);
+        self.at += usize::from(found);
+        found
+    }
+
+    fn sign(&mut self, sign: &str) -> Result<(), String> {
+        if self.takes(sign) {
+            return Ok(());
+        }
+        Err(format!(
+            "expected {sign}, found {:?}",
+            self.tokens.get(self.at)
+        ))
+    }
+
+    fn word(&mut self, expected: &str) -> Result<(), String> {
+        match self.next() {
+            Some(Token::Word(word)) if word == expected => Ok(()),
+            found => Err(format!("expected {expected}, found {found:?}")),
+        }
+    }
+
+    fn name(&mut self) -> Result<String, String> {
+        match self.next() {
+            Some(Token::Word(word)) => Ok(word),
+            found => Err(format!("expected a name, found {found:?}")),
+        }
+    }
+
+    /// The number of places of `DINT`, `BOOL` or `ARRAY[0..n] OF DINT`.
+    fn type_length(&mut self) -> Result<usize, String> {
+        match self.name()?.as_str() {
+            "DINT" | "BOOL" => Ok(1),
+            "ARRAY" => {
+                self.sign("[")?;
+                let (first, dots, last) = (self.next(), self.next(), self.next());
+                self.sign("]")?;
+                self.word("OF")?;
+                self.word("DINT")?;
+                match (first, dots, last) {
+                    (
+                        Some(Token::Number(0)),
+                        Some(Token::Sign("..")),
+                        Some(Token::Number(last)),
+                    ) => usize::try_from(last + 1).map_err(|e| e.to_string()),
+                    found => Err(format!("{found:?}")),
+                }
+            }
+            other => Err(format!("type {other}")),
+        }
+    }
+
+    fn statements(&mut self, ends: &[&str]) -> Result<Vec<Statement>, String> {
+        let mut statements = Vec::new();
+        while !self.peek_word().is_some_and(|word| ends.contains(&word)) {
+            statements.push(self.statement()?);
+        }
+        Ok(statements)
+    }
+
+    fn statement(&mut self) -> Result<Statement, String> {
+        let name = self.name()?;
+        match name.as_str() {
+            "IF" => {
+                let mut cases = Vec::new();
+                let mut otherwise = Vec::new();
+                loop {
+                    let condition = self.expression(0)?;
+                    self.word("THEN")?;
+                    cases.push((condition, self.statements(&["ELSIF", "ELSE", "END_IF"])?));
+                    match self.name()?.as_str() {
+                        "ELSIF" => {}
+                        "ELSE" => {
+                            otherwise = self.statements(&["END_IF"])?;
+                            self.word("END_IF")?;
+                            break;
+                        }
+                        _ => break,
+                    }
+                }
+                self.sign(";")?;
+                Ok(Statement::If(cases, otherwise))
+            }
+            "FOR" => {
+                let variable = self.name()?;
+                self.sign(":=")?;
+                let from = self.expression(0)?;
+                self.word("TO")?;
+                let to = self.expression(0)?;
+                self.word("DO")?;
+                let body = self.statements(&["END_FOR"])?;
+                self.word("END_FOR")?;
+                self.sign(";")?;
+                Ok(Statement::For(variable, from, to, body))
+            }
+            _ => {
+                let place = self.place()?;
+                self.sign(":=")?;
+                let value = self.expression(0)?;
+                self.sign(";")?;
+                Ok(Statement::Assign(name, place, value))
+            }
+        }
+    }
+
+    fn place(&mut self) -> Result<Option<Expression>, String> {
+        if !self.takes("[") {
+            return Ok(None);
+        }
+        let at = self.expression(0)?;
+        self.sign("]")?;
+        Ok(Some(at))
+    }
+
+    /// Operators by how tightly they bind: OR, AND, comparisons, sums, products.
+    fn expression(&mut self, level: usize) -> Result<Expression, String> {
+        const LEVELS: [&[&str]; 5] = [
+            &["OR"],
+            &["AND"],
+            &["=", "<>", "<", ">", "<=", ">="],
+            &["+", "-"],
+            &["*", "/", "MOD"],
+        ];
+        let Some(operators) = LEVELS.get(level) else {
+            return self.single();
+        };
+        let mut left = self.expression(level + 1)?;
+        loop {
+            let found = match self.tokens.get(self.at) {
+                Some(Token::Sign(sign)) => sign,
+                Some(Token::Word(word)) => word.as_str(),
+                _ => return Ok(left),
+            };
+            if !operators.contains(&found) {
+                return Ok(left);
+            }
+            let operator = found.to_owned();
+            self.at += 1;
+            let right = self.expression(level + 1)?;
+            left = Expression::Two(operator, Box::new(left), Box::new(right));
+        }
+    }
+
+    fn single(&mut self) -> Result<Expression, String> {
+        match self.next() {
+            Some(Token::Number(number)) => Ok(Expression::Number(number)),
+            Some(Token::Sign("-")) => Ok(Expression::Minus(Box::new(self.single()?))),
+            Some(Token::Sign("(")) => {
+                let inner = self.expression(0)?;
+                self.sign(")")?;
+                Ok(inner)
+            }
+            Some(Token::Word(word)) => match word.as_str() {
+                "TRUE" => Ok(Expression::Number(1)),
+                "FALSE" => Ok(Expression::Number(0)),
+                "NOT" => Ok(Expression::Not(Box::new(self.single()?))),
+                "ABS" => {
+                    self.sign("(")?;
+                    let inner = self.expression(0)?;
+                    self.sign(")")?;
+                    Ok(Expression::Abs(Box::new(inner)))
+                }
+                _ => Ok(Expression::Place(word, self.place()?.map(Box::new))),
+            },
+            found => Err(format!("expected a value, found {found:?}")),
+        }
+    }
+}
+
+type Variables = HashMap<String, Vec<i64>>;
+
+fn run(statements: &[Statement], variables: &mut Variables) -> Result<(), String> {
+    for statement in statements {
+        match statement {
+            Statement::Assign(name, at, expression) => {
+                let at = at.as_ref().map_or(Ok(0), |at| value(at, variables))?;
+                let new = value(expression, variables)?;
+                let places = variables
+                    .get_mut(name)
+                    .ok_or(format!("{name} is not declared"))?;
+                let place = usize::try_from(at).ok().and_then(|at| places.get_mut(at));
+                *place.ok_or(format!("{name}[{at}] is outside of the array"))? = new;
+            }
+            Statement::If(cases, otherwise) => {
+                let mut chosen = otherwise;
+                for (condition, body) in cases {
+                    if value(condition, variables)? != 0 {
+                        chosen = body;
+                        break;
+                    }
+                }
+                run(chosen, variables)?;
+            }
+            Statement::For(name, from, to, body) => {
+                let (from, to) = (value(from, variables)?, value(to, variables)?);
+                for at in from..=to {
+                    variables
+                        .get_mut(name)
+                        .ok_or(format!("{name} is not declared"))?[0] = at;
+                    run(body, variables)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn value(expression: &Expression, variables: &Variables) -> Result<i64, String> {
+    let result = match expression {
+        Expression::Number(number) => *number,
+        Expression::Place(name, at) => {
+            let at = at.as_ref().map_or(Ok(0), |at| value(at, variables))?;
+            let places = variables
+                .get(name)
+                .ok_or(format!("{name} is not declared"))?;
+            let place = usize::try_from(at).ok().and_then(|at| places.get(at));
+            *place.ok_or(format!("{name}[{at}] is outside of the array"))?
+        }
+        Expression::Abs(inner) => value(inner, variables)?.abs(),
+        Expression::Not(inner) => i64::from(value(inner, variables)? == 0),
+        Expression::Minus(inner) => -value(inner, variables)?,
+        Expression::Two(operator, left, right) => {
+            // Both sides, always: a control need not stop at the first.
+            let (left, right) = (value(left, variables)?, value(right, variables)?);
+            match operator.as_str() {
+                "OR" => i64::from(left != 0 || right != 0),
+                "AND" => i64::from(left != 0 && right != 0),
+                "=" => i64::from(left == right),
+                "<>" => i64::from(left != right),
+                "<" => i64::from(left < right),
+                ">" => i64::from(left > right),
+                "<=" => i64::from(left <= right),
+                ">=" => i64::from(left >= right),
+                "+" => left + right,
+                "-" => left - right,
+                "*" => left * right,
+                // Controls do not agree on the sign of a remainder: the programs do without.
+                "/" | "MOD" if right <= 0 || left < 0 => {
+                    return Err(format!("{left} {operator} {right}"));
+                }
+                "/" => left / right,
+                "MOD" => left % right,
+                other => return Err(format!("operator {other}")),
+            }
+        }
+    };
+    i32::try_from(result).map_err(|_| format!("{result} is no DINT"))?;
+    Ok(result)
+}
+
+#[test]
+fn the_interpreter_reckons_as_the_language_does() {
+    let text = "FUNCTION_BLOCK T VAR a : DINT; b : ARRAY[0..2] OF DINT; c : BOOL; END_VAR
+        a := 2 + 3 * -4; (* a comment *)
+        FOR a := 1 TO 2 DO b[a] := 7 MOD (a + 1) + 10 / 4; END_FOR;
+        IF a = 3 OR a > 5 THEN b[0] := 1; ELSIF NOT (a <> 2) AND TRUE THEN b[0] := 2; ELSE b[0] := 3; END_IF;
+        c := ABS(-3) = 3;
+        END_FUNCTION_BLOCK";
+    let mut block = Block::parse(text).expect("a program");
+    block.run().expect("runs");
+    let b: Vec<i64> = (0..3).map(|at| block.get("b", at)).collect();
+    assert_eq!((b, block.get("c", 0)), (vec![2, 3, 3], 1));
+    for wrong in [
+        "a := 2147483647 + 1;",
+        "a := 1 / 0;",
+        "b[3] := 0;",
+        "x := 1;",
+        "a := (0 - 7) MOD 2;",
+    ] {
+        let text = format!(
+            "FUNCTION_BLOCK T VAR a : DINT; b : ARRAY[0..2] OF DINT; END_VAR {wrong} END_FUNCTION_BLOCK"
+        );
+        assert!(
+            Block::parse(&text).expect("a program").run().is_err(),
+            "{wrong}"
+        );
+    }
+}
