@@ -38,11 +38,6 @@ pub enum Method {
 }
 
 impl Setup {
-    /// Where an axis stands, mm or deg, by its place in the chain.
-    pub fn held_at(&self, place: usize) -> f64 {
-        self.at.get(place).copied().unwrap_or(0.0)
-    }
-
     /// Whether the measured point belongs to the tool side of the machine, for an axis that carries
     /// `side`.
     pub fn point_is_on_tool_side(&self, side: Side) -> bool {
