@@ -4,7 +4,8 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, Snapshot,
+    Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, ShownStates,
+    Snapshot,
 };
 
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
@@ -123,6 +124,12 @@ impl<P: CanPort> CanController<P> {
             } else {
                 Heartbeat::Unwatched
             },
+            barrier: false,
+            shown: ShownStates {
+                referenced: flags[0].is_some(),
+                alarm: flags[1].is_some(),
+                emergency_stop: flags[2].is_some(),
+            },
             sees_other_gateways: false,
             shortest_cycle: Duration::from_millis(1),
             device: device.clone(),
@@ -210,6 +217,7 @@ impl<P: CanPort> Controller for CanController<P> {
                 emergency_stop: flag(&self.flags[2]).unwrap_or(false),
             },
             applied: knows_applied.then_some(applied),
+            report: None,
         })
     }
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use volcomp_port::{
     Axis, Controller, ControllerState, Description, DeviceError, DigitalIo, Fault, Heartbeat,
-    Snapshot,
+    ShownStates, Snapshot,
 };
 
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
@@ -132,6 +132,8 @@ impl<D: DigitalIo> DigitalController<D> {
             channel: channel.into(),
             axes: axes.iter().map(axis).collect(),
             heartbeat: Heartbeat::Unwatched,
+            barrier: false,
+            shown: ShownStates::NONE,
             sees_other_gateways: false,
             // The readings and one writing, for each axis in turn.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
@@ -228,6 +230,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             },
             // Lines take what they are given and tell nothing.
             applied: None,
+            report: None,
         })
     }
 

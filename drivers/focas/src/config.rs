@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_port::{Axis, Backoff, Description, Heartbeat};
+use volcomp_port::{Axis, Backoff, Description, Heartbeat, ShownStates};
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad};
 
 use crate::{
@@ -127,6 +127,11 @@ impl FocasConfig {
             heartbeat: match self.heartbeat {
                 Some(_) => Heartbeat::Watched,
                 None => Heartbeat::Unwatched,
+            },
+            barrier: false,
+            shown: ShownStates {
+                referenced: self.referenced.is_some(),
+                ..ShownStates::ALL
             },
             sees_other_gateways: self.heartbeat.is_some(),
             shortest_cycle: Duration::from_millis(1),

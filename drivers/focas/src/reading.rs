@@ -41,6 +41,7 @@ pub(crate) fn read(
                 ..ControllerState::default()
             },
             applied: Some(PerChannel::ZERO),
+            report: None,
         },
         heartbeat: None,
     };

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerChannel};
 
-use crate::Fault;
+use crate::{Fault, Words};
 
 /// One axis of a controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +42,34 @@ pub enum Heartbeat {
     Unwatched,
 }
 
+/// Which of its states a controller shows. A state that is not shown is never known: a machine may only be corrected
+/// then if the configuration accepts that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ShownStates {
+    /// Whether every axis was sent to its reference.
+    pub referenced: bool,
+    /// Whether an alarm is on.
+    pub alarm: bool,
+    /// Whether the emergency stop is pressed.
+    pub emergency_stop: bool,
+}
+
+impl ShownStates {
+    /// A controller that shows all of them.
+    pub const ALL: Self = Self {
+        referenced: true,
+        alarm: true,
+        emergency_stop: true,
+    };
+    /// A controller that shows none of them, such as plain lines.
+    pub const NONE: Self = Self {
+        referenced: false,
+        alarm: false,
+        emergency_stop: false,
+    };
+}
+
 /// The properties of a controller that stay the same as long as its configuration does.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -54,6 +82,11 @@ pub struct Description {
     pub axes: Vec<Axis>,
     /// Whether the controller's side ramps the correction out when the cycle stops.
     pub heartbeat: Heartbeat,
+    /// Whether corrections go in frames to a barrier in the control ([`Controller::post`]), which tells in reports what
+    /// it applies; otherwise they are written as plain values ([`Controller::apply`]).
+    pub barrier: bool,
+    /// The states that the controller shows.
+    pub shown: ShownStates,
     /// Whether a second gateway on the same controller is noticed.
     pub sees_other_gateways: bool,
     /// The shortest cycle it keeps up with.
@@ -139,7 +172,8 @@ pub enum UnfitAxes {
     },
 }
 
-/// The operating state of a controller.
+/// The operating state of a controller. A state that it shows but that is missing or makes no sense now stands in the
+/// sense that forbids: not referenced, alarm, emergency stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ControllerState {
@@ -156,14 +190,18 @@ pub struct ControllerState {
 pub struct Snapshot {
     /// Positions as reported, mm and rad.
     pub positions: PerChannel<f64>,
-    /// When they held, on the monotonic clock: the middle of the exchange, unless the device tells better.
+    /// When the oldest of them held, on the monotonic clock: the middle of the exchange, or when its frame arrived,
+    /// unless the device tells better.
     pub taken: Instant,
     /// How far from `taken` that may have been.
     pub uncertainty: Duration,
     /// The operating state of the controller at that instant.
     pub state: ControllerState,
-    /// The correction that is applied, mm and rad, where the device can be asked.
+    /// The correction that is applied, mm and rad, where the device can be asked and has no barrier.
     pub applied: Option<PerChannel<f64>>,
+    /// The last report of the control's barrier, as its words came: whether they are whole, the checksum in them tells.
+    /// `None` where there is no barrier, or nothing came yet.
+    pub report: Option<Words>,
 }
 
 /// A machine controller whose positions are read and that takes corrections.
@@ -182,8 +220,20 @@ pub trait Controller: Send {
     /// See [`Fault`].
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault>;
 
+    /// Hands over a frame for the barrier of the control, all of its words in one exchange where the bus allows it. For a
+    /// controller whose description says that it has a `barrier`; what is applied, the next reports tell. A frame whose
+    /// deadline has passed is not sent.
+    ///
+    /// # Errors
+    /// See [`Fault`]. Whether the frame arrived is not known then.
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        let _ = (frame, deadline);
+        Err(Fault::Unsupported("frames for a barrier"))
+    }
+
     /// Makes `corrections` (mm and rad) the applied ones, rounded to the resolution and held within what the
-    /// device can express, and moves the heartbeat on.
+    /// device can express, and moves the heartbeat on. For a controller without a barrier. A write whose deadline has
+    /// passed is not sent.
     ///
     /// # Errors
     /// See [`Fault`]. Whether the device took the corrections is not known then: the next
@@ -198,6 +248,10 @@ impl<C: Controller + ?Sized> Controller for Box<C> {
 
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         (**self).read(deadline)
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        (**self).post(frame, deadline)
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {

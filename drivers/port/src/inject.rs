@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Controller, Description, DigitalIo, Fault, Snapshot, Temperature, Thermometer};
+use crate::{Controller, Description, DigitalIo, Fault, Snapshot, Temperature, Thermometer, Words};
 
 /// How often what goes wrong: chances of a call, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -130,6 +130,11 @@ impl<C: Controller> Controller for Faulty<C> {
             snapshot.positions[axis] = self.broken_number(snapshot.positions[axis]);
         }
         Ok(snapshot)
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        self.before(deadline)?;
+        self.device.post(frame, deadline)
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {

@@ -3,6 +3,7 @@
 mod clock;
 #[cfg(feature = "contract")]
 pub mod contract;
+mod control_program;
 mod controller;
 mod device_error;
 mod digital;
@@ -12,10 +13,12 @@ pub mod simulated;
 mod supply;
 mod thermometer;
 mod unopened;
+mod words;
 
 pub use clock::Clock;
+pub use control_program::ControlProgram;
 pub use controller::{
-    Axis, Controller, ControllerState, Description, Heartbeat, Snapshot, UnfitAxes,
+    Axis, Controller, ControllerState, Description, Heartbeat, ShownStates, Snapshot, UnfitAxes,
 };
 pub use device_error::{DeviceError, DeviceProblem};
 pub use digital::DigitalIo;
@@ -23,6 +26,7 @@ pub use fault::Fault;
 pub use supply::{Backoff, Supply};
 pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};
 pub use unopened::UnopenedLines;
+pub use words::{MOST_WORDS, Words};
 
 /// The vocabulary of the public interface: axis letters, values by axis, units.
 pub use volcomp_vocabulary as vocabulary;

@@ -12,8 +12,8 @@ use std::{
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, Snapshot, Temperature,
-    Thermometer,
+    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
+    Temperature, Thermometer,
 };
 
 /// The true error of the tool at a position (mm, rad) and the sensors' temperatures (°C): what the machine
@@ -126,6 +126,8 @@ impl Machine {
                 axes: self.axes.clone(),
                 heartbeat: Heartbeat::Watched,
                 // Nobody else can reach it.
+                barrier: false,
+                shown: ShownStates::ALL,
                 sees_other_gateways: true,
                 shortest_cycle: Duration::from_micros(10),
             },
@@ -195,6 +197,7 @@ impl Controller for SimulatedController {
                 emergency_stop: self.controls.emergency_stop.load(Ordering::Relaxed),
             },
             applied: Some(self.applied),
+            report: None,
         })
     }
 

@@ -1,4 +1,4 @@
-use volcomp_port::{Axis, Description, Heartbeat, UnfitAxes};
+use volcomp_port::{Axis, Description, Heartbeat, ShownStates, UnfitAxes};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad};
 
 fn of(axes: Vec<Axis>) -> Result<(), UnfitAxes> {
@@ -7,6 +7,8 @@ fn of(axes: Vec<Axis>) -> Result<(), UnfitAxes> {
         channel: "bench".to_owned(),
         axes,
         heartbeat: Heartbeat::Watched,
+        barrier: false,
+        shown: ShownStates::ALL,
         sees_other_gateways: true,
         shortest_cycle: std::time::Duration::from_millis(1),
     };

@@ -4,7 +4,8 @@ use std::{fmt::Debug, time::Duration};
 
 use serde::{Serialize, de::DeserializeOwned};
 use volcomp_port::{
-    Axis, Backoff, ControllerState, Description, Heartbeat, Quality, Reason, UnopenedLines,
+    Axis, Backoff, ControllerState, Description, Heartbeat, Quality, Reason, ShownStates,
+    UnopenedLines,
     inject::Faults,
     simulated::{Move, Warming},
 };
@@ -36,6 +37,8 @@ fn what_is_written_is_read_as_it_was() {
             axis(AxisName::C, Displacement::Angle(Deg(0.001).to_rad()), None),
         ],
         heartbeat: Heartbeat::Watched,
+        barrier: false,
+        shown: ShownStates::ALL,
         sees_other_gateways: true,
         shortest_cycle: Duration::from_micros(1500),
     };

@@ -1,0 +1,61 @@
+//! A block of 16-bit words: what goes to and comes from the program of a control.
+
+/// The largest number of words of a block.
+pub const MOST_WORDS: usize = 40;
+
+/// A block of 16-bit words of fixed room, so that handing it on allocates nothing. Compares by its words.
+#[derive(Clone, Copy)]
+pub struct Words {
+    words: [u16; MOST_WORDS],
+    length: usize,
+}
+
+impl Words {
+    /// A block without words.
+    pub const EMPTY: Self = Self {
+        words: [0; MOST_WORDS],
+        length: 0,
+    };
+
+    /// These words; `None` when they are more than [`MOST_WORDS`].
+    #[must_use]
+    pub fn new(words: &[u16]) -> Option<Self> {
+        let mut block = Self {
+            words: [0; MOST_WORDS],
+            length: words.len(),
+        };
+        block.words.get_mut(..words.len())?.copy_from_slice(words);
+        Some(block)
+    }
+
+    /// The words.
+    #[must_use]
+    pub fn as_slice(&self) -> &[u16] {
+        &self.words[..self.length]
+    }
+
+    /// The words, to be changed.
+    pub fn as_mut_slice(&mut self) -> &mut [u16] {
+        &mut self.words[..self.length]
+    }
+}
+
+impl Default for Words {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
+impl PartialEq for Words {
+    fn eq(&self, other: &Self) -> bool {
+        self.as_slice() == other.as_slice()
+    }
+}
+
+impl Eq for Words {}
+
+impl core::fmt::Debug for Words {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_list().entries(self.as_slice()).finish()
+    }
+}
