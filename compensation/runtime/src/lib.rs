@@ -22,7 +22,7 @@ pub use error::{LimitsRefusal, PlanError, StartError};
 pub use model::{Model, ModelCorrection, WorstCorner};
 pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS};
-pub use realtime::{Handle, Order, start};
+pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};
 pub use replacement::Replacement;
 pub use report::{Change, Report, Timing, ToolError};
 pub use schedule::schedule;

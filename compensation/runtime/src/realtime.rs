@@ -27,6 +27,8 @@ use crate::{
 const TIMINGS: usize = 8192;
 /// Overruns are reported for so long after the last one.
 const OVERRUN_TOLD: Duration = Duration::from_secs(2);
+/// A request that the thread has not taken after so long is not carried out any more.
+const REQUEST_LASTS: Duration = Duration::from_secs(1);
 
 /// An order from the rest of a program to the control thread.
 pub enum Order {
@@ -38,15 +40,27 @@ pub enum Order {
     Limits(usize, Box<Limits>),
 }
 
-/// The control thread as the rest of a program sees it. No call waits for the thread but [`stop`](Self::stop).
+/// An order on its way to the control thread, and what decides whether it is still wanted when the thread takes it.
+struct Sent {
+    order: Order,
+    /// A request that is taken later is not carried out.
+    until: Instant,
+    /// How often disarming had been ordered when the request was made: one that came before the last of these orders
+    /// does not arm any more.
+    disarms: u64,
+}
+
+/// The control thread as the rest of a program sees it. No call waits for the thread but [`stop`](Self::stop) and
+/// [`stop_within`](Self::stop_within).
 pub struct Handle {
-    orders: Producer<Order>,
+    orders: Producer<Sent>,
     retired: Consumer<Retired>,
     timings: Consumer<Timing>,
     changes: Consumer<Change>,
     refusals: Consumer<LimitsRefusal>,
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
+    pulse: Pulse,
     thread: Option<JoinHandle<()>>,
     start: Instant,
 }
@@ -63,14 +77,90 @@ struct Shared {
     forbids: AtomicU64,
     notes: AtomicU64,
     cycles: AtomicU64,
+    /// How often disarming was ordered.
+    disarms: AtomicU64,
+    /// When the last cycle was done, ns since the thread was started.
+    told_ns: AtomicU64,
+}
+
+/// The order to disarm, which waits for nothing: no ring, no lock, and no thread but the control thread itself. Every
+/// thread of a program may have one.
+#[derive(Clone)]
+pub struct DisarmSwitch(Arc<Shared>);
+
+impl DisarmSwitch {
+    /// Disarms from the next cycle on. Requests to arm that were made before are not carried out any more.
+    pub fn disarm(&self) {
+        self.0.disarms.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// How often disarming was ordered so far.
+    pub fn count(&self) -> u64 {
+        self.0.disarms.load(Ordering::Relaxed)
+    }
+}
+
+/// The sign of life of the control thread.
+#[derive(Clone)]
+pub struct Pulse {
+    shared: Arc<Shared>,
+    start: Instant,
+    period: Duration,
+}
+
+impl Pulse {
+    /// A silence up to this is a late cycle, and no reason to doubt what the thread told last, however short the
+    /// period is: schedulers and exchanges with controllers take so long now and then.
+    pub const JITTER: Duration = Duration::from_millis(100);
+
+    /// How long ago the last cycle was done; before the first one, how long ago the thread was started.
+    pub fn age(&self) -> Duration {
+        let told = Duration::from_nanos(self.shared.told_ns.load(Ordering::Relaxed));
+        self.start.elapsed().saturating_sub(told)
+    }
+
+    /// The longest silence after which the report of the last cycle still holds: three periods, at least
+    /// [`JITTER`](Self::JITTER).
+    pub fn patience(&self) -> Duration {
+        (self.period * 3).max(Self::JITTER)
+    }
+
+    /// For how long there has been no cycle; `None` while cycles come as they should.
+    pub fn silence(&self) -> Option<Duration> {
+        Some(self.age()).filter(|age| *age > self.patience())
+    }
 }
 
 impl Handle {
-    /// Sends an order. `false`: too many wait, or the thread has ended; the order is dropped.
+    /// Sends an order. A request is carried out within a second or not at all, and one to arm only where nobody orders
+    /// to disarm meanwhile. `false`: too many wait, or the thread has ended; the order is dropped.
     #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send(&mut self, order: Order) -> bool {
+        let disarms = self.shared.disarms.load(Ordering::Relaxed);
+        self.send_by(order, Instant::now() + REQUEST_LASTS, disarms)
+    }
+
+    /// Sends an order. A request that the thread takes after `until` is not carried out, nor one to arm after
+    /// disarming was ordered more than `disarms` times. `false`: as of [`send`](Self::send).
+    #[must_use = "an order that is not taken must be told to whoever asked"]
+    pub fn send_by(&mut self, order: Order, until: Instant, disarms: u64) -> bool {
         self.free_retired();
-        self.orders.push(order).is_ok()
+        let sent = Sent {
+            order,
+            until,
+            disarms,
+        };
+        self.orders.push(sent).is_ok()
+    }
+
+    /// The switch that disarms.
+    pub fn disarm_switch(&self) -> DisarmSwitch {
+        DisarmSwitch(Arc::clone(&self.shared))
+    }
+
+    /// The sign of life of the thread.
+    pub fn pulse(&self) -> Pulse {
+        self.pulse.clone()
     }
 
     /// How many orders can be sent before the thread has taken one.
@@ -131,6 +221,25 @@ impl Handle {
             let _ = thread.join();
         }
     }
+
+    /// Ends the thread and waits for its end for at most `patience`. Whether it has ended: one that hangs in an
+    /// exchange with a controller is left to itself.
+    pub fn stop_within(&mut self, patience: Duration) -> bool {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        let end = Instant::now() + patience;
+        while let Some(thread) = &self.thread {
+            if thread.is_finished() {
+                self.stop();
+                break;
+            }
+            if Instant::now() > end {
+                self.thread = None;
+                return false;
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        true
+    }
 }
 
 impl Drop for Handle {
@@ -152,6 +261,11 @@ pub fn start(cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), 
     let (reports_in, reports) = triple_buffer::triple_buffer(&Report::default());
     let shared = Arc::new(Shared::default());
     let start = cycle.start();
+    let pulse = Pulse {
+        shared: Arc::clone(&shared),
+        start: Instant::now(),
+        period: cycle.period(),
+    };
     let (told, lacking) = std::sync::mpsc::channel();
     let control = Control {
         cycle,
@@ -162,6 +276,8 @@ pub fn start(cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), 
         refusals: refusals_in,
         reports: reports_in,
         shared: Arc::clone(&shared),
+        start: pulse.start,
+        disarms: 0,
     };
     let thread = thread::Builder::new()
         .name("volcomp-control".to_owned())
@@ -183,6 +299,7 @@ pub fn start(cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), 
             refusals,
             reports,
             shared,
+            pulse,
             thread: Some(thread),
             start,
         },
@@ -192,13 +309,17 @@ pub fn start(cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), 
 
 struct Control {
     cycle: Cycle,
-    orders: Consumer<Order>,
+    orders: Consumer<Sent>,
     retired: Producer<Retired>,
     timings: Producer<Timing>,
     changes: Producer<Change>,
     refusals: Producer<LimitsRefusal>,
     reports: triple_buffer::Input<Report>,
     shared: Arc<Shared>,
+    /// When the thread was started.
+    start: Instant,
+    /// How many orders to disarm were carried out.
+    disarms: u64,
 }
 
 impl Control {
@@ -218,6 +339,8 @@ impl Control {
                 .clone_from(self.cycle.report());
             self.reports.publish();
             self.shared.cycles.fetch_add(1, Ordering::Relaxed);
+            let told = nanos(self.start.elapsed());
+            self.shared.told_ns.store(told, Ordering::Relaxed);
             let done = monotonic();
             let missed = deadlines.done(done);
             if missed > 0 {
@@ -260,26 +383,48 @@ impl Control {
             notes: Reasons::from_bits(self.shared.notes.load(Ordering::Relaxed))
                 | Reasons::OVERRUNS.when(overrunning),
         };
+        let disarms = self.shared.disarms.load(Ordering::Relaxed);
+        if disarms != self.disarms {
+            self.disarms = disarms;
+            asked.request = Some(Request::Disarm);
+        }
+        let now = Instant::now();
         while asked.request.is_none() && self.retired.slots() > 0 {
-            match self.orders.pop() {
-                Ok(Order::Request(request)) => asked.request = Some(request),
-                Ok(Order::Model(mut replacement)) => {
+            let Ok(sent) = self.orders.pop() else {
+                break;
+            };
+            match sent.order {
+                Order::Request(request) => {
+                    asked.request = Some(request).filter(|_| sent.holds(request, now, disarms));
+                }
+                Order::Model(mut replacement) => {
                     self.cycle.swap_model(&mut replacement);
                     asked.request = Some(Request::Switched);
                     // There is room: the loop looked for it.
                     let _ = self.retired.push(Retired::Model(replacement));
                 }
-                Ok(Order::Limits(path, limits)) => {
+                Order::Limits(path, limits) => {
                     if let Err(refusal) = self.cycle.set_limits(path, &limits) {
                         // Where the ring is full, sixty-three others tell the same.
                         let _ = self.refusals.push(refusal);
                     }
                     let _ = self.retired.push(Retired::Limits(limits));
                 }
-                Err(_) => break,
             }
         }
         asked
+    }
+}
+
+impl Sent {
+    /// Whether a request is still to be carried out at `now`, when disarming was ordered `disarms` times so far.
+    /// Disarming never expires.
+    fn holds(&self, request: Request, now: Instant, disarms: u64) -> bool {
+        match request {
+            Request::Disarm => true,
+            Request::Arm | Request::TakeOver => now <= self.until && self.disarms == disarms,
+            Request::Acknowledge | Request::Switched => now <= self.until,
+        }
     }
 }
 

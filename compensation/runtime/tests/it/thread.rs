@@ -1,21 +1,57 @@
 //! The control thread: it tells, takes orders, and ends.
 
-use std::time::{Duration, Instant};
-
-use volcomp_port::Clock;
-use volcomp_runtime::{
-    ControlPath, Cycle, LimitsRefusal, Model, Order, PathPlan, PathSettings, Realtime, Sensors,
-    guard::Request, start,
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
 };
+
+use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
+use volcomp_runtime::{
+    ControlPath, Cycle, Handle, LimitsRefusal, Model, Order, PathPlan, PathSettings, Pulse,
+    Realtime, Sensors,
+    guard::{Limits, Request},
+    start,
+};
+
+use volcomp_vocabulary::PerChannel;
 
 use crate::rig::{PERIOD, control, guard, machine};
 
-#[test]
-fn a_thread_arms_and_ends() {
-    use volcomp_port::Controller;
+/// A controller whose exchange does not come back while it hangs, whatever deadline it was given.
+struct Hanging<C> {
+    inner: C,
+    hangs: Arc<AtomicBool>,
+}
+
+impl<C: Controller> Controller for Hanging<C> {
+    fn description(&self) -> &Description {
+        self.inner.description()
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        while self.hangs.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.inner.read(deadline)
+    }
+
+    fn apply(&mut self, correction: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
+        self.inner.apply(correction, deadline)
+    }
+}
+
+/// A thread that has run some cycles, the limits of its path, and the switch that lets its controller hang.
+fn running() -> (Handle, Limits, Arc<AtomicBool>) {
     let guard = guard();
     let model = Model::new(&machine(), guard.fading).expect("shipped");
-    let control = control([-100.0, 40.0, 200.0, 50.0, 300.0], &Clock::system());
+    let hangs = Arc::new(AtomicBool::new(false));
+    let control = Hanging {
+        inner: control([-100.0, 40.0, 200.0, 50.0, 300.0], &Clock::system()),
+        hangs: Arc::clone(&hangs),
+    };
     let described = control.description().clone();
     let plan = PathPlan::new(described, &model, &guard, &PathSettings::default(), PERIOD);
     let plan = plan.expect("fits");
@@ -32,10 +68,88 @@ fn a_thread_arms_and_ends() {
     let (mut handle, lacking) =
         start(cycle.expect("one path"), Realtime::default()).expect("a thread");
     assert!(lacking.is_empty(), "nothing was asked for: {lacking:?}");
+    after_cycles(&mut handle, 5);
+    (handle, limits, hangs)
+}
+
+/// Waits until so many further cycles have run.
+fn after_cycles(handle: &mut Handle, more: u64) {
+    let until = handle.cycles() + more;
     let end = Instant::now() + Duration::from_secs(20);
-    while handle.cycles() < 5 && Instant::now() < end {
+    while handle.cycles() < until && Instant::now() < end {
         std::thread::sleep(PERIOD);
     }
+    assert!(handle.cycles() >= until, "no cycles");
+}
+
+/// While the thread hangs its silence is told, and what was asked for meanwhile is not carried out when it wakes:
+/// before, the correction began whenever the controller answered again.
+#[test]
+fn a_request_to_arm_expires_while_the_thread_hangs() {
+    let (mut handle, _, hangs) = running();
+    let pulse = handle.pulse();
+    assert_eq!(pulse.silence(), None);
+    hangs.store(true, Ordering::Relaxed);
+    std::thread::sleep(Pulse::JITTER * 2);
+    let silence = pulse.silence().expect("no cycle for 200 ms");
+    assert!(silence >= Pulse::JITTER);
+    let until = Instant::now() + Duration::from_millis(50);
+    let disarms = handle.disarm_switch().count();
+    assert!(handle.send_by(Order::Request(Request::Arm), until, disarms));
+    std::thread::sleep(Duration::from_millis(100));
+    hangs.store(false, Ordering::Relaxed);
+    after_cycles(&mut handle, 20);
+    assert_eq!(handle.report().state.name(), "disarmed");
+    assert_eq!(handle.changes(), []);
+    assert!(handle.send(Order::Request(Request::Arm)));
+    after_cycles(&mut handle, 20);
+    assert!(handle.report().state.is_armed(), "a fresh one is taken");
+}
+
+/// Disarming needs no place in the ring of orders, and no request from before it arms afterwards.
+#[test]
+fn disarming_overtakes_what_waits() {
+    let (mut handle, _, hangs) = running();
+    let switch = handle.disarm_switch();
+    let before = switch.count();
+    hangs.store(true, Ordering::Relaxed);
+    std::thread::sleep(PERIOD * 3);
+    while handle.room() > 0 {
+        assert!(handle.send(Order::Request(Request::Arm)));
+    }
+    assert!(!handle.send(Order::Request(Request::Disarm)), "no room");
+    switch.disarm();
+    hangs.store(false, Ordering::Relaxed);
+    after_cycles(&mut handle, 100);
+    assert_eq!(handle.report().state.name(), "disarmed");
+    // One that was made before the disarming and is sent after it: a person who arms, and waits for the disk.
+    let until = Instant::now() + Duration::from_secs(20);
+    assert!(handle.send_by(Order::Request(Request::Arm), until, before));
+    after_cycles(&mut handle, 5);
+    assert_eq!(handle.report().state.name(), "disarmed");
+    assert!(handle.send(Order::Request(Request::Arm)));
+    after_cycles(&mut handle, 5);
+    assert!(handle.report().state.is_armed());
+    switch.disarm();
+    after_cycles(&mut handle, 3);
+    assert!(!handle.report().state.is_armed());
+}
+
+#[test]
+fn ending_waits_only_so_long_for_a_thread_that_hangs() {
+    let (mut handle, _, hangs) = running();
+    hangs.store(true, Ordering::Relaxed);
+    std::thread::sleep(PERIOD * 3);
+    assert!(!handle.stop_within(Duration::from_millis(50)));
+    hangs.store(false, Ordering::Relaxed);
+    let (mut handle, _, _) = running();
+    assert!(handle.stop_within(Duration::from_secs(20)));
+}
+
+#[test]
+fn a_thread_arms_and_ends() {
+    let (mut handle, limits, _) = running();
+    let end = Instant::now() + Duration::from_secs(20);
     assert!(handle.send(Order::Request(Request::Arm)));
     while handle.report().state.name() != "compensating" && Instant::now() < end {
         std::thread::sleep(PERIOD);
