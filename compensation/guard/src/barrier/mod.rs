@@ -11,6 +11,8 @@
 mod checksum;
 mod control;
 mod frame;
+#[cfg(feature = "simulate")]
+mod program;
 mod report;
 mod session;
 mod settings;
@@ -18,6 +20,8 @@ mod settings;
 pub use checksum::{Checksum, checksum};
 pub use control::{Barrier, Memory};
 pub use frame::{FRAME_WORDS, Frame};
+#[cfg(feature = "simulate")]
+pub use program::{Program, Protection};
 pub use report::{REPORT_WORDS, Refusal, Report};
 pub use session::{Answered, Seen, Session};
 pub use settings::{Settings, SettingsError};

@@ -2,6 +2,7 @@
 
 mod explored;
 mod frames;
+mod program;
 mod random;
 mod rules;
 mod text;

@@ -1,0 +1,165 @@
+//! The reference barrier as the program of a simulated control.
+
+use core::time::Duration;
+
+use volcomp_port::{Axis, ControlProgram, Words};
+use volcomp_vocabulary::{AxisKind, MAX_AXES, Mm, PerChannel, Rad};
+
+use super::{Barrier, Counts, REPORT_WORDS, Report, Settings, SettingsError};
+
+/// The barrier of a simulated control: it keeps its epoch over a restart, as a control does with a retained word.
+#[derive(Clone, Debug)]
+pub struct Program {
+    barrier: Barrier,
+}
+
+/// What a barrier is set to, in the units of a machine's builder instead of counts and scans.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Protection {
+    /// The number of the machine, which starts the checksum.
+    pub machine: u16,
+    /// The largest correction of linear axes in either direction.
+    pub limit: Mm,
+    /// The largest correction of rotary axes in either direction.
+    pub limit_rotary: Rad,
+    /// The largest change of the correction of a linear axis in a second.
+    pub rate_per_s: Mm,
+    /// The largest change of the correction of a rotary axis in a second.
+    pub rate_rotary_per_s: Rad,
+    /// The largest age of what a frame answers.
+    pub hold: Duration,
+    /// The time without a frame after which the correction goes to zero.
+    pub time_out: Duration,
+    /// The time from one scan of the control to the next.
+    pub scan: Duration,
+}
+
+impl Default for Protection {
+    /// For simulated machines: 250 µm and 250 µrad, 1000 µm/s and 1000 µrad/s (twice the slew of the simulated machine's
+    /// guard), frames at most 50 ms old, zero after 200 ms without one, a scan every 2 ms.
+    fn default() -> Self {
+        Self {
+            machine: 1,
+            limit: Mm(0.25),
+            limit_rotary: Rad(0.000_25),
+            rate_per_s: Mm(1.0),
+            rate_rotary_per_s: Rad(0.001),
+            hold: Duration::from_millis(50),
+            time_out: Duration::from_millis(200),
+            scan: Duration::from_millis(2),
+        }
+    }
+}
+
+impl Protection {
+    /// The same in whole counts of these axes and whole scans. Limits are rounded down, and so are rates; a rate below
+    /// one count in a scan makes steps that are more than one scan apart. An axis whose device cannot express the limit
+    /// gets what it can.
+    ///
+    /// # Errors
+    /// [`SettingsError`] where a limit is below one step of its axis, the times do not fit to one another, or there
+    /// are too few or too many axes.
+    pub fn settings(&self, axes: &[Axis]) -> Result<Settings, SettingsError> {
+        let shown = axes.get(..axes.len().min(MAX_AXES)).unwrap_or(axes);
+        let step_scans = shown
+            .iter()
+            .map(|axis| 1.0 / self.counts_in_a_scan(axis))
+            .fold(1.0, f64::max);
+        // A rate that is too slow to be counted is caught below: no count in the longest time from step to step.
+        let step_scans = whole(libm::ceil(step_scans - 1e-9));
+        let (mut limit, mut rate) = (Counts::default(), Counts::default());
+        for ((limit, rate), axis) in limit.iter_mut().zip(&mut rate).zip(shown) {
+            let most = match axis.kind() {
+                AxisKind::Linear => self.limit.0,
+                AxisKind::Rotary => self.limit_rotary.0,
+            };
+            let most = axis
+                .largest
+                .map_or(most, |largest| most.min(largest.mm_or_rad()));
+            *limit = counts(most / axis.step());
+            *rate = counts(self.counts_in_a_scan(axis) * f64::from(step_scans));
+        }
+        let settings = Settings {
+            axes: axes.len(),
+            machine: self.machine,
+            limit,
+            rate,
+            step_scans,
+            hold_scans: whole(libm::floor(self.scans(self.hold) + 1e-9)),
+            time_out_scans: whole(libm::ceil(self.scans(self.time_out) - 1e-9)),
+        };
+        settings.check()?;
+        Ok(settings)
+    }
+
+    fn scans(&self, time: Duration) -> f64 {
+        time.as_secs_f64() / self.scan.as_secs_f64()
+    }
+
+    fn counts_in_a_scan(&self, axis: &Axis) -> f64 {
+        let rate = match axis.kind() {
+            AxisKind::Linear => self.rate_per_s.0,
+            AxisKind::Rotary => self.rate_rotary_per_s.0,
+        };
+        rate * self.scan.as_secs_f64() / axis.step()
+    }
+}
+
+/// The whole counts in a number, a rounding forgiven; NaN is none.
+#[expect(clippy::cast_possible_truncation, reason = "held within the range")]
+fn counts(number: f64) -> i16 {
+    libm::floor(number + 1e-9).clamp(0.0, f64::from(i16::MAX)) as i16
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "held within the range"
+)]
+fn whole(number: f64) -> u16 {
+    number.clamp(0.0, f64::from(u16::MAX)) as u16
+}
+
+impl Program {
+    /// The barrier of a control that is switched on for the first time, with nothing applied.
+    ///
+    /// # Errors
+    /// Settings that make no sense.
+    pub fn new(settings: Settings) -> Result<Self, SettingsError> {
+        let barrier = Barrier::start(settings, 0, 0, &Counts::default())?;
+        Ok(Self { barrier })
+    }
+
+    /// The barrier as it is now.
+    #[must_use]
+    pub fn barrier(&self) -> &Barrier {
+        &self.barrier
+    }
+}
+
+fn words(report: &Report) -> Words {
+    let mut words = [0; REPORT_WORDS];
+    let length = report.encode(&mut words);
+    // A report has fewer words than a block has room for.
+    Words::new(&words[..length]).unwrap_or_default()
+}
+
+const _: () = assert!(REPORT_WORDS <= volcomp_port::MOST_WORDS);
+
+impl ControlProgram for Program {
+    fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Words {
+        words(&self.barrier.scan(mailboxes, holds))
+    }
+
+    fn applied(&self) -> PerChannel<i16> {
+        self.barrier.memory().applied
+    }
+
+    fn restart(&mut self, applied: &PerChannel<i16>) {
+        let (settings, epoch) = (self.barrier.report().settings, self.barrier.memory().epoch);
+        // The tick begins anew: only the epoch is kept. The settings were accepted before.
+        if let Ok(started) = Barrier::start(settings, epoch, 0, applied) {
+            self.barrier = started;
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The reference barrier as the program of a simulated control.
+
+use std::time::Duration;
+
+use volcomp_guard::{
+    barrier::{Counts, Program, Protection, Refusal, Report, Seen, Session, SettingsError},
+    vocabulary::{AxisName, Displacement, Mm, PerChannel, Rad},
+};
+use volcomp_port::{Axis, ControlProgram};
+
+use super::words;
+
+fn axes() -> Vec<Axis> {
+    [AxisName::X, AxisName::Y, AxisName::C]
+        .map(|name| Axis {
+            name,
+            includes_correction: false,
+            resolution: match name {
+                AxisName::C => Displacement::Angle(Rad(1e-5)),
+                _ => Displacement::Length(Mm(0.001)),
+            },
+            largest: (name == AxisName::Y).then_some(Displacement::Length(Mm(0.1))),
+        })
+        .to_vec()
+}
+
+#[test]
+fn millimetres_and_seconds_become_counts_and_scans() {
+    let settings = Protection::default().settings(&axes()).expect("sensible");
+    assert_eq!(settings.axes, 3);
+    // 250 µm, what Y's device can express, 250 µrad at 10 µrad.
+    assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
+    // C: 1000 µrad/s are 0.2 counts in a scan, so a step is made every five scans; X and Y make 2 counts in a scan.
+    assert_eq!(settings.step_scans, 5);
+    assert_eq!(settings.rate, PerChannel::leading([10, 10, 1]));
+    assert_eq!((settings.hold_scans, settings.time_out_scans), (25, 100));
+}
+
+#[test]
+fn protections_that_make_no_barrier_are_refused() {
+    let default = Protection::default();
+    let below = Protection {
+        limit: Mm(0.0005),
+        ..default
+    };
+    assert_eq!(
+        below.settings(&axes()),
+        Err(SettingsError::Counts { axis: 0, found: 0 })
+    );
+    let still = Protection {
+        rate_per_s: Mm(0.0),
+        ..default
+    };
+    assert!(still.settings(&axes()).is_err());
+    let nan = Protection {
+        rate_rotary_per_s: Rad(f64::NAN),
+        ..default
+    };
+    assert!(nan.settings(&axes()).is_err());
+    let no_scan = Protection {
+        scan: Duration::ZERO,
+        ..default
+    };
+    assert!(no_scan.settings(&axes()).is_err());
+    let impatient = Protection {
+        time_out: Duration::from_millis(60),
+        ..default
+    };
+    assert!(matches!(
+        impatient.settings(&axes()),
+        Err(SettingsError::TimeOut { .. })
+    ));
+    assert!(default.settings(&[]).is_err());
+    assert!(default.settings(&axes().repeat(4)).is_err());
+}
+
+/// A restart keeps the epoch moving and the axes where they are, so that a frame from before is refused.
+#[test]
+fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
+    let settings = Protection::default().settings(&axes()).expect("sensible");
+    let mut program = Program::new(settings).expect("sensible");
+    let decode = |words: &volcomp_port::Words| {
+        Report::decode(settings.machine, 3, words.as_slice()).expect("a whole report")
+    };
+    let mut session = Session::new(7);
+    let goal = PerChannel::leading([30, -20, 3]);
+    let mut mailbox = Vec::new();
+    let mut report = decode(&program.scan(&[], false));
+    for _ in 0..40 {
+        assert!(matches!(session.read(&report), Seen::Confirmed { .. }));
+        mailbox = words(&settings, &session.frame(&goal).expect("a report was read"));
+        report = decode(&program.scan(&[&mailbox], false));
+    }
+    assert_eq!((program.applied(), report.owner), (goal, 7));
+    let held = program.applied();
+    program.restart(&held);
+    let after = decode(&program.scan(&[&mailbox], false));
+    assert_eq!(after.epoch, report.epoch.wrapping_add(1));
+    assert_eq!((after.owner, after.refusal), (0, Refusal::Epoch));
+    assert_eq!(after.applied, goal);
+    for _ in 0..settings.time_out_scans + 40 {
+        program.scan(&[&mailbox], false);
+    }
+    assert_eq!(program.applied(), Counts::default());
+}
