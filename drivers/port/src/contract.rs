@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Controller, DigitalIo, Quality, Thermometer};
+use crate::{Controller, DigitalIo, Fault, Quality, Snapshot, Thermometer, Words};
 
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -41,6 +41,34 @@ pub fn controller(device: &mut impl Controller) {
     let beyond = &first.positions[description.axes.len()..];
     assert!(beyond.iter().all(|p| *p == 0.0), "numbers beyond the axes");
 
+    if description.barrier {
+        barrier(device, &first);
+    } else {
+        plain_values(device, &first);
+    }
+    // A deadline that has passed fails in time and leaves the device usable.
+    let begun = Instant::now();
+    let _ = device.read(begun);
+    assert!(
+        begun.elapsed() < PATIENCE,
+        "a passed deadline must end the call"
+    );
+    eventually("it reads again after a passed deadline", || {
+        device.read(soon()).is_ok()
+    });
+}
+
+/// What a controller promises that writes plain values: they are applied, and read back where it can be asked.
+fn plain_values(device: &mut impl Controller, first: &Snapshot) {
+    let description = device.description().clone();
+    assert_eq!(first.report, None, "a report, but no barrier");
+    assert!(
+        matches!(
+            device.post(&Words::EMPTY, soon()),
+            Err(Fault::Unsupported(_))
+        ),
+        "a frame was taken, but there is no barrier"
+    );
     let mut wanted = PerChannel::ZERO;
     for (index, axis) in description.axes.iter().enumerate() {
         let steps = [7.0, -5.0, 3.0][index % 3];
@@ -62,16 +90,26 @@ pub fn controller(device: &mut impl Controller) {
             });
         }
     }
-    // A deadline that has passed fails in time and leaves the device usable.
-    let begun = Instant::now();
-    let _ = device.read(begun);
-    assert!(
-        begun.elapsed() < PATIENCE,
-        "a passed deadline must end the call"
-    );
-    eventually("it reads again after a passed deadline", || {
-        device.read(soon()).is_ok()
+}
+
+/// What a controller promises that carries frames to a barrier: reports come and move on, frames that make no sense are
+/// carried like others (the barrier refuses them), plain values are refused.
+fn barrier(device: &mut impl Controller, first: &Snapshot) {
+    assert_eq!(first.applied, None, "with a barrier only its reports tell");
+    let mut earlier = None;
+    eventually("reports move on", || {
+        let report = device.read(soon()).ok().and_then(|s| s.report);
+        report.is_some_and(|report| report != *earlier.get_or_insert(report))
     });
+    let senseless = Words::new(&[0x5555; 12]).expect("few words");
+    device.post(&senseless, soon()).expect("it carries frames");
+    assert!(
+        matches!(
+            device.apply(&PerChannel::ZERO, soon()),
+            Err(Fault::Unsupported(_))
+        ),
+        "plain values were taken in spite of the barrier"
+    );
 }
 
 /// A digital port whose outputs come back on its inputs where `wired`, line by line.

@@ -3,7 +3,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_port::{Clock, Controller, Fault, Thermometer, contract};
+use volcomp_port::{Clock, ControlProgram, Controller, Fault, Thermometer, Words, contract};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{machine, place};
@@ -93,6 +93,13 @@ fn what_a_test_does_is_seen() {
     controls.unreferenced.store(true, Ordering::Relaxed);
     let state = controller.read(soon()).unwrap().state;
     assert!(state.alarm && state.emergency_stop && !state.referenced);
+    for switch in [
+        &controls.alarm,
+        &controls.emergency_stop,
+        &controls.unreferenced,
+    ] {
+        switch.store(false, Ordering::Relaxed);
+    }
     controls.frozen.store(true, Ordering::Relaxed);
     clock.advance(Duration::from_millis(500));
     let first = controller.read(soon()).unwrap().positions;
@@ -105,5 +112,156 @@ fn what_a_test_does_is_seen() {
     assert_eq!(
         controller.apply(&PerChannel::ZERO, soon()),
         Err(Fault::NotConnected)
+    );
+}
+
+/// It moved on under emergency stop and in alarm, and was elsewhere by seconds of travel afterwards.
+#[test]
+fn it_stands_still_while_it_may_not_move_and_goes_on_from_there() {
+    let clock = Clock::manual();
+    let (mut controller, _, controls) = machine(clock.clone()).start();
+    let half = Duration::from_millis(500);
+    clock.advance(half);
+    for switch in [
+        &controls.emergency_stop,
+        &controls.alarm,
+        &controls.unreferenced,
+        &controls.feed_hold,
+    ] {
+        let before = controller.read(soon()).unwrap().positions;
+        switch.store(true, Ordering::Relaxed);
+        for _ in 0..10 {
+            clock.advance(half);
+            assert_eq!(controller.read(soon()).unwrap().positions, before);
+            assert_eq!(controller.commanded(), before);
+        }
+        switch.store(false, Ordering::Relaxed);
+        clock.advance(Duration::from_millis(1));
+        let after = controller.read(soon()).unwrap().positions;
+        let way = (after[0] - before[0]).hypot(after[1] - before[1]);
+        assert!(way > 0.0 && way <= 0.2001, "{way} mm in 1 ms at 200 mm/s");
+    }
+}
+
+/// Goes towards the first value of the last frame that it found, one count a scan, and not while it is held.
+#[derive(Default)]
+struct OneCount {
+    at: i16,
+    scans: u16,
+    restarts: u16,
+}
+
+impl ControlProgram for OneCount {
+    fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Words {
+        self.scans += 1;
+        let goal = mailboxes.iter().find_map(|words| words.first());
+        if let (Some(goal), false) = (goal, holds) {
+            self.at += (goal.cast_signed() - self.at).signum();
+        }
+        Words::new(&[self.scans, self.at.cast_unsigned(), self.restarts]).unwrap()
+    }
+
+    fn applied(&self) -> PerChannel<i16> {
+        PerChannel::leading([self.at, -self.at])
+    }
+
+    fn restart(&mut self, applied: &PerChannel<i16>) {
+        (self.at, self.restarts) = (applied[0], self.restarts + 1);
+    }
+}
+
+const SCAN: Duration = Duration::from_millis(2);
+
+#[test]
+fn the_contract_of_a_controller_with_a_barrier() {
+    let program = Box::<OneCount>::default();
+    let (mut controller, _, _) = machine(Clock::system()).start_with(program, SCAN);
+    contract::controller(&mut controller);
+}
+
+#[test]
+fn the_controls_program_is_scanned_by_the_machines_clock_and_moves_the_axes() {
+    let clock = Clock::manual();
+    let (mut controller, _, controls) =
+        machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
+    assert!(controller.description().barrier);
+    assert_eq!(controller.read(soon()).unwrap().report, None);
+    controller
+        .post(&Words::new(&[50]).unwrap(), soon())
+        .unwrap();
+    controls.axes.record(100);
+    // Ten scans and a half: the half one is not due yet.
+    clock.advance(SCAN * 10 + SCAN / 2);
+    let snapshot = controller.read(soon()).unwrap();
+    assert_eq!(snapshot.applied, None);
+    assert_eq!(snapshot.report.unwrap().as_slice(), [10, 10, 0]);
+    // Y's positions contain the correction.
+    assert!((snapshot.positions[1] + 0.010).abs() < 1e-12);
+    assert_eq!(controls.axes.scans(), 10);
+    assert_eq!(controls.axes.applied()[..2], [0.010, -0.010]);
+    // The clock goes on without anybody asking; afterwards every scan has been run all the same.
+    clock.advance(SCAN / 2 + SCAN * 29);
+    assert_eq!(controller.plant().applied()[..2], [0.040, -0.040]);
+    controls.emergency_stop.store(true, Ordering::Relaxed);
+    clock.advance(SCAN * 5);
+    controller.plant().pass();
+    let recorded = controls.axes.recorded();
+    assert_eq!(recorded.len(), 45);
+    for (index, given) in recorded.iter().enumerate() {
+        assert_eq!(given.at, SCAN * u32::try_from(index + 1).unwrap());
+        assert_eq!(given.held, index >= 40);
+    }
+    let changes = controls.axes.largest_change();
+    assert!(
+        changes[..2]
+            .iter()
+            .all(|change| (change - 0.001).abs() < 1e-12)
+    );
+    assert!((controls.axes.furthest()[1] - 0.040).abs() < 1e-12);
+    assert_eq!(controls.axes.changes_while_held(), 0);
+}
+
+#[test]
+fn a_restart_keeps_what_the_axes_hold_and_a_reboot_clears_it() {
+    let clock = Clock::manual();
+    let (mut controller, _, controls) =
+        machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
+    controller.post(&Words::new(&[5]).unwrap(), soon()).unwrap();
+    clock.advance(SCAN * 8);
+    controls.restart.store(true, Ordering::Relaxed);
+    let report = controller.read(soon()).unwrap().report.unwrap();
+    assert_eq!(report.as_slice(), [8, 5, 1]);
+    controls.clear_applied.store(true, Ordering::Relaxed);
+    clock.advance(SCAN);
+    let report = controller.read(soon()).unwrap().report.unwrap();
+    assert_eq!(report.as_slice(), [9, 1, 2]);
+    // Clearing is no change of the axes: they were off.
+    assert!((controls.axes.largest_change()[0] - 0.001).abs() < 1e-12);
+}
+
+/// Two buses, or two gateways, lead to one control, each with its own mailbox.
+#[test]
+fn several_ways_lead_to_one_machine() {
+    let clock = Clock::manual();
+    let (mut first, _, controls) =
+        machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
+    let mut second = first.another().unwrap();
+    second.post(&Words::new(&[3]).unwrap(), soon()).unwrap();
+    clock.advance(SCAN * 4);
+    first.plant().pass();
+    assert_eq!(controls.axes.applied()[0], 0.003);
+    // The program takes the first mailbox that holds anything.
+    first.post(&Words::new(&[1]).unwrap(), soon()).unwrap();
+    clock.advance(SCAN * 4);
+    assert_eq!(second.plant().applied()[0], 0.001);
+    drop(first);
+    assert!(second.another().is_some() && second.another().is_some());
+    assert!(second.another().is_none(), "four ways at the most");
+    assert!(
+        matches!(
+            second.apply(&PerChannel::ZERO, soon()),
+            Err(Fault::Unsupported(_))
+        ),
+        "a plain value would go past the barrier"
     );
 }

@@ -5,6 +5,7 @@ mod frames;
 mod program;
 mod random;
 mod rules;
+mod simulated;
 mod text;
 
 use volcomp_guard::{

@@ -1,0 +1,130 @@
+//! What the axes of a simulated machine really got, which no wire can falsify.
+
+use std::{
+    array,
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
+
+/// What the axes of a simulated machine got, scan by scan of its control; without a program in the control, write by
+/// write. Looking at it disturbs nothing, and it can be looked at from any thread.
+///
+/// What the control does to its own words when it starts anew ([`Controls::clear_applied`](super::Controls::clear_applied))
+/// is not counted as a change: the axes are without power then.
+#[derive(Debug, Default)]
+pub struct AxisLog {
+    scans: AtomicU64,
+    /// The bits of one `f64` for each axis.
+    applied: [AtomicU64; MAX_AXES],
+    largest_change: [AtomicU64; MAX_AXES],
+    furthest: [AtomicU64; MAX_AXES],
+    changes_while_held: AtomicU64,
+    records: AtomicBool,
+    recorded: Mutex<Vec<Given>>,
+}
+
+/// What the axes got in one scan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Given {
+    /// When, by the clock of the machine.
+    pub at: Duration,
+    /// The correction of each axis, mm and rad.
+    pub applied: PerChannel<f64>,
+    /// Emergency stop, alarm or not referenced.
+    pub held: bool,
+}
+
+fn load(bits: &[AtomicU64; MAX_AXES]) -> PerChannel<f64> {
+    PerChannel::from_fn(|axis| f64::from_bits(bits[axis].load(Ordering::Relaxed)))
+}
+
+/// Raises the number to `value`, which is not negative, so that its bits are in the order of the numbers.
+fn raise(bits: &AtomicU64, value: f64) {
+    bits.fetch_max(value.to_bits(), Ordering::Relaxed);
+}
+
+impl AxisLog {
+    /// The number of scans, or of writes, so far.
+    pub fn scans(&self) -> u64 {
+        self.scans.load(Ordering::Relaxed)
+    }
+
+    /// The correction that each axis gets now, mm and rad.
+    pub fn applied(&self) -> PerChannel<f64> {
+        load(&self.applied)
+    }
+
+    /// The largest change of each axis from one scan to the next since [`forget`](Self::forget), mm and rad.
+    pub fn largest_change(&self) -> PerChannel<f64> {
+        load(&self.largest_change)
+    }
+
+    /// The largest correction of each axis in either direction since [`forget`](Self::forget), mm and rad.
+    pub fn furthest(&self) -> PerChannel<f64> {
+        load(&self.furthest)
+    }
+
+    /// How many scans changed the correction of an axis in emergency stop, alarm or without reference, since
+    /// [`forget`](Self::forget).
+    pub fn changes_while_held(&self) -> u64 {
+        self.changes_while_held.load(Ordering::Relaxed)
+    }
+
+    /// Forgets the largest changes and corrections, and what was recorded.
+    pub fn forget(&self) {
+        for bits in self.largest_change.iter().chain(&self.furthest) {
+            bits.store(0, Ordering::Relaxed);
+        }
+        self.changes_while_held.store(0, Ordering::Relaxed);
+        self.lock().clear();
+    }
+
+    /// Keeps every scan from now on, up to so many, for [`recorded`](Self::recorded). Room for them is made here, so that
+    /// scans do not allocate.
+    pub fn record(&self, most: usize) {
+        *self.lock() = Vec::with_capacity(most);
+        self.records.store(most > 0, Ordering::Relaxed);
+    }
+
+    /// The scans that were kept since [`record`](Self::record) or [`forget`](Self::forget).
+    pub fn recorded(&self) -> Vec<Given> {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Given>> {
+        self.recorded.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The axes got this.
+    pub(super) fn push(&self, given: &Given) {
+        let before = self.applied();
+        let changes: [f64; MAX_AXES] = array::from_fn(|i| (given.applied[i] - before[i]).abs());
+        for (axis, change) in changes.iter().enumerate() {
+            raise(&self.largest_change[axis], *change);
+            raise(&self.furthest[axis], given.applied[axis].abs());
+        }
+        let changed = given.held && changes.iter().any(|change| *change > 0.0);
+        self.changes_while_held
+            .fetch_add(changed.into(), Ordering::Relaxed);
+        self.start_at(&given.applied);
+        self.scans.fetch_add(1, Ordering::Relaxed);
+        if self.records.load(Ordering::Relaxed) {
+            let mut recorded = self.lock();
+            if recorded.len() < recorded.capacity() {
+                recorded.push(*given);
+            }
+        }
+    }
+
+    /// The axes begin with this, which is no change of theirs.
+    pub(super) fn start_at(&self, applied: &PerChannel<f64>) {
+        for (bits, value) in self.applied.iter().zip(applied) {
+            bits.store(value.to_bits(), Ordering::Relaxed);
+        }
+    }
+}

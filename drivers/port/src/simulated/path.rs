@@ -1,0 +1,113 @@
+//! Moves of a program as places over time.
+
+use std::time::Duration;
+
+use volcomp_vocabulary::PerChannel;
+
+/// One move of a program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Move {
+    /// Where to, mm and rad.
+    pub to: PerChannel<f64>,
+    /// Feed, mm/s (rad/s where no linear axis moves).
+    pub feed_per_s: f64,
+    /// How long to stand there.
+    pub dwell: Duration,
+}
+
+/// A program as places over time: every move with the same acceleration and deceleration, the first one from where the
+/// last one ends.
+#[derive(Clone, Debug)]
+pub struct Path {
+    segments: Vec<Segment>,
+    /// When each segment begins, s; then when the last one ends.
+    starts_s: Vec<f64>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    from: PerChannel<f64>,
+    to: PerChannel<f64>,
+    length: f64,
+    /// Accelerating, then coasting, then decelerating as long as accelerating, s.
+    accelerating_s: f64,
+    coasting_s: f64,
+    acceleration: f64,
+}
+
+impl Path {
+    /// The moves of a program, gone through again and again, with this acceleration (mm/s², or rad/s² where no linear
+    /// axis moves).
+    pub fn new(program: &[Move], acceleration: f64) -> Self {
+        let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
+        let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
+        for step in program {
+            let segment = Segment::new(from, step, acceleration);
+            let before = starts_s[starts_s.len() - 1];
+            starts_s.push(before + segment.duration_s() + step.dwell.as_secs_f64());
+            segments.push(segment);
+            from = step.to;
+        }
+        Self { segments, starts_s }
+    }
+
+    /// Where the axes are at a time since the start, mm and rad.
+    pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
+        let period = self.starts_s[self.starts_s.len() - 1];
+        let time = if period > 0.0 {
+            elapsed.as_secs_f64() % period
+        } else {
+            0.0
+        };
+        let index = self.starts_s.partition_point(|start| *start <= time);
+        let place = index
+            .saturating_sub(1)
+            .min(self.segments.len().saturating_sub(1));
+        let segment = self.segments.get(place);
+        segment.map_or(PerChannel::ZERO, |s| s.at(time - self.starts_s[place]))
+    }
+}
+
+impl Segment {
+    fn new(from: PerChannel<f64>, step: &Move, acceleration: f64) -> Self {
+        let squares = from.iter().zip(&step.to).map(|(a, b)| (b - a) * (b - a));
+        let length = squares.sum::<f64>().sqrt();
+        // A short move never reaches its feed.
+        let feed = step.feed_per_s.min((length * acceleration).sqrt());
+        let (accelerating_s, coasting_s) = if length > 0.0 && feed > 0.0 {
+            let accelerating_s = feed / acceleration;
+            (accelerating_s, length / feed - accelerating_s)
+        } else {
+            (0.0, 0.0)
+        };
+        Self {
+            from,
+            to: step.to,
+            length,
+            accelerating_s,
+            coasting_s,
+            acceleration,
+        }
+    }
+
+    fn duration_s(&self) -> f64 {
+        2.0 * self.accelerating_s + self.coasting_s
+    }
+
+    fn at(&self, time_s: f64) -> PerChannel<f64> {
+        let left_s = self.duration_s() - time_s;
+        let passed = if self.length == 0.0 || left_s <= 0.0 {
+            return self.to;
+        } else if time_s < self.accelerating_s {
+            0.5 * self.acceleration * time_s * time_s
+        } else if left_s < self.accelerating_s {
+            self.length - 0.5 * self.acceleration * left_s * left_s
+        } else {
+            let feed = self.acceleration * self.accelerating_s;
+            feed * (time_s - 0.5 * self.accelerating_s)
+        };
+        let share = passed / self.length;
+        PerChannel::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]))
+    }
+}

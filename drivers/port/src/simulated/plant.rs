@@ -1,0 +1,242 @@
+//! The machine itself: time passes, axes move, the control scans.
+
+use std::{
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
+    time::{Duration, Instant},
+};
+
+use volcomp_vocabulary::PerChannel;
+
+use super::{Controls, Given, Machine, Path};
+use crate::{Axis, ControlProgram, ControllerState, Snapshot, Words};
+
+/// The largest number of ways that lead to one machine.
+pub const MOST_WAYS: usize = 4;
+
+/// A simulated machine that runs whether a controller is connected to it or not; its clones are the same machine. Time
+/// passes for it whenever it is asked something: all scans of its control that are due by then are run first.
+#[derive(Clone)]
+pub struct Plant(Arc<Mutex<Inner>>);
+
+struct Inner {
+    machine: Machine,
+    path: Path,
+    controls: Arc<Controls>,
+    applied: PerChannel<f64>,
+    frozen_at: Option<PerChannel<f64>>,
+    /// Up to when time has passed, by the clock of the machine.
+    until: Duration,
+    /// How much of it the machine went along its program.
+    moved: Duration,
+    control: Option<Control>,
+}
+
+/// The control and its program.
+struct Control {
+    program: Box<dyn ControlProgram>,
+    scan: Duration,
+    /// When the next scan is due.
+    due: Duration,
+    report: Option<Words>,
+    mailboxes: [Words; MOST_WAYS],
+    ways: usize,
+}
+
+impl Plant {
+    pub(super) fn new(
+        machine: Machine,
+        control: Option<(Box<dyn ControlProgram>, Duration)>,
+        controls: Arc<Controls>,
+    ) -> Self {
+        let until = machine.clock.elapsed();
+        let control = control.map(|(program, scan)| Control {
+            program,
+            scan,
+            due: until.saturating_add(scan),
+            report: None,
+            mailboxes: [Words::EMPTY; MOST_WAYS],
+            ways: 1,
+        });
+        Self(Arc::new(Mutex::new(Inner {
+            path: Path::new(&machine.program, machine.acceleration_per_s2),
+            machine,
+            controls,
+            applied: PerChannel::ZERO,
+            frozen_at: None,
+            // What the clock showed before counts as passed.
+            until: Duration::ZERO,
+            moved: Duration::ZERO,
+            control,
+        })))
+    }
+
+    /// The machine now, with all scans run that are due.
+    fn now(&self) -> MutexGuard<'_, Inner> {
+        let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        inner.pass();
+        inner
+    }
+
+    /// Lets the time pass that the clock shows, and runs all scans that are due, without asking for anything.
+    pub fn pass(&self) {
+        drop(self.now());
+    }
+
+    /// Where the program is now, without correction, mm and rad.
+    pub fn commanded(&self) -> PerChannel<f64> {
+        let inner = self.now();
+        inner.path.at(inner.moved)
+    }
+
+    /// The correction that the axes get now, mm and rad.
+    pub fn applied(&self) -> PerChannel<f64> {
+        self.now().applied
+    }
+
+    /// The error of the tool now with the applied correction, and without: mm and rad for each axis.
+    pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
+        let inner = self.now();
+        let sensors = inner.machine.sensors.iter();
+        let degc: Vec<f64> = sensors.map(|sensor| sensor.at(inner.until)).collect();
+        let commanded = inner.path.at(inner.moved);
+        let moved = PerChannel::from_fn(|i| commanded[i] + inner.applied[i]);
+        let error = (inner.machine.truth)(&commanded, &degc);
+        let missed = (inner.machine.truth)(&moved, &degc);
+        [PerChannel::from_fn(|i| missed[i] + inner.applied[i]), error]
+    }
+
+    /// Another way to the machine, with a mailbox of its own; `None` when there are as many as there may be.
+    pub(super) fn another_way(&self) -> Option<usize> {
+        let mut inner = self.now();
+        let Some(control) = &mut inner.control else {
+            return Some(0);
+        };
+        let way = control.ways;
+        (way < MOST_WAYS).then(|| {
+            control.ways += 1;
+            way
+        })
+    }
+
+    /// The axes of the machine, and from scan to scan how long it takes where the control runs a program.
+    pub(super) fn shape(&self) -> (Vec<Axis>, Option<Duration>) {
+        let inner = self.now();
+        let scan = inner.control.as_ref().map(|control| control.scan);
+        (inner.machine.axes.clone(), scan)
+    }
+
+    pub(super) fn is_disconnected(&self) -> bool {
+        self.now().controls.disconnected.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn snapshot(&self) -> Snapshot {
+        self.now().snapshot()
+    }
+
+    /// Makes these values (mm, rad) the applied ones, rounded to steps.
+    pub(super) fn apply(&self, corrections: &PerChannel<f64>) {
+        let mut inner = self.now();
+        let inner = &mut *inner;
+        for ((applied, wanted), axis) in inner
+            .applied
+            .iter_mut()
+            .zip(corrections)
+            .zip(&inner.machine.axes)
+        {
+            *applied = (wanted / axis.step()).round() * axis.step();
+        }
+        inner.tell(inner.until);
+        inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Puts a frame into the mailbox of a way, where the next scan finds it.
+    pub(super) fn post(&self, way: usize, frame: &Words) {
+        let mut inner = self.now();
+        if let Some(mailbox) = (inner.control.as_mut()).and_then(|c| c.mailboxes.get_mut(way)) {
+            *mailbox = *frame;
+        }
+        inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+impl Inner {
+    fn pass(&mut self) {
+        let now = self.machine.clock.elapsed().max(self.until);
+        if !self.controls.stands() {
+            self.moved += now.saturating_sub(self.until);
+        }
+        self.until = now;
+        if self.controls.clear_applied.swap(false, Ordering::Relaxed) {
+            self.applied = PerChannel::ZERO;
+            self.controls.axes.start_at(&self.applied);
+            self.restart(&PerChannel::default());
+        }
+        if self.controls.restart.swap(false, Ordering::Relaxed) {
+            let applied = self.control.as_ref().map(|c| c.program.applied());
+            self.restart(&applied.unwrap_or_default());
+        }
+        while self.control.as_ref().is_some_and(|c| c.due <= now) {
+            self.scan();
+        }
+    }
+
+    fn restart(&mut self, applied: &PerChannel<i16>) {
+        if let Some(control) = &mut self.control {
+            control.program.restart(applied);
+        }
+    }
+
+    fn scan(&mut self) {
+        let holds = self.controls.holds();
+        let Some(control) = &mut self.control else {
+            return;
+        };
+        let mailboxes = control.mailboxes.each_ref().map(Words::as_slice);
+        let ways = &mailboxes[..control.ways.min(MOST_WAYS)];
+        control.report = Some(control.program.scan(ways, holds));
+        let at = control.due;
+        control.due = at.saturating_add(control.scan);
+        let counts = control.program.applied();
+        let axes = self.applied.iter_mut().zip(&counts);
+        for ((applied, count), axis) in axes.zip(&self.machine.axes) {
+            *applied = f64::from(*count) * axis.step();
+        }
+        self.tell(at);
+    }
+
+    fn tell(&self, at: Duration) {
+        self.controls.axes.push(&Given {
+            at,
+            applied: self.applied,
+            held: self.controls.holds(),
+        });
+    }
+
+    fn snapshot(&mut self) -> Snapshot {
+        let mut positions = self.path.at(self.moved);
+        let axes = positions.iter_mut().zip(&self.machine.axes);
+        for ((position, axis), applied) in axes.zip(&self.applied) {
+            if axis.includes_correction {
+                *position += applied;
+            }
+        }
+        if self.controls.frozen.load(Ordering::Relaxed) {
+            positions = *self.frozen_at.get_or_insert(positions);
+        } else {
+            self.frozen_at = None;
+        }
+        let taken: Instant = self.machine.clock.start() + self.until;
+        Snapshot {
+            positions,
+            taken,
+            uncertainty: Duration::ZERO,
+            state: ControllerState {
+                referenced: !self.controls.unreferenced.load(Ordering::Relaxed),
+                alarm: self.controls.alarm.load(Ordering::Relaxed),
+                emergency_stop: self.controls.emergency_stop.load(Ordering::Relaxed),
+            },
+            applied: self.control.is_none().then_some(self.applied),
+            report: self.control.as_ref().and_then(|c| c.report),
+        }
+    }
+}

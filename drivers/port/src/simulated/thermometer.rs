@@ -1,0 +1,65 @@
+//! The sensors of a simulated machine.
+
+use std::time::Duration;
+
+use crate::{Clock, Temperature, Thermometer};
+
+/// A sensor that warms up: T = start + rise·(1 − exp(−t/τ)).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Warming {
+    /// The name of the sensor.
+    pub name: String,
+    /// At the beginning, °C.
+    pub start_degc: f64,
+    /// In the end so much more, K.
+    pub rise_k: f64,
+    /// The time constant τ of the warming, s.
+    pub time_constant_s: f64,
+}
+
+impl Warming {
+    pub(super) fn at(&self, elapsed: Duration) -> f64 {
+        let passed = elapsed.as_secs_f64() / self.time_constant_s;
+        self.start_degc - self.rise_k * (-passed).exp_m1()
+    }
+}
+
+/// The thermometer of a simulated machine.
+pub struct SimulatedThermometer {
+    device: String,
+    names: Vec<String>,
+    sensors: Vec<Warming>,
+    clock: Clock,
+    latest: Vec<Temperature>,
+}
+
+impl SimulatedThermometer {
+    pub(super) fn new(sensors: &[Warming], clock: Clock) -> Self {
+        Self {
+            device: "simulated".to_owned(),
+            names: sensors.iter().map(|s| s.name.clone()).collect(),
+            latest: vec![Temperature::NOT_READ; sensors.len()],
+            sensors: sensors.to_vec(),
+            clock,
+        }
+    }
+}
+
+impl Thermometer for SimulatedThermometer {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        let (elapsed, now) = (self.clock.elapsed(), self.clock.now());
+        for (latest, sensor) in self.latest.iter_mut().zip(&self.sensors) {
+            *latest = Temperature::good(sensor.at(elapsed), now);
+        }
+        &self.latest
+    }
+}
