@@ -125,6 +125,7 @@ impl<P: CanPort> CanController<P> {
                 Heartbeat::Unwatched
             },
             barrier: false,
+            tells_applied: axes.iter().all(|axis| axis.applied.is_some()),
             shown: ShownStates {
                 referenced: flags[0].is_some(),
                 alarm: flags[1].is_some(),

@@ -133,6 +133,7 @@ impl<D: DigitalIo> DigitalController<D> {
             axes: axes.iter().map(axis).collect(),
             heartbeat: Heartbeat::Unwatched,
             barrier: false,
+            tells_applied: false,
             shown: ShownStates::NONE,
             sees_other_gateways: false,
             // The readings and one writing, for each axis in turn.

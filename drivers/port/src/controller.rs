@@ -85,6 +85,8 @@ pub struct Description {
     /// Whether corrections go in frames to a barrier in the control ([`Controller::post`]), which tells in reports what
     /// it applies; otherwise they are written as plain values ([`Controller::apply`]).
     pub barrier: bool,
+    /// Whether the correction that is applied can be read back, in values or reports.
+    pub tells_applied: bool,
     /// The states that the controller shows.
     pub shown: ShownStates,
     /// Whether a second gateway on the same controller is noticed.
