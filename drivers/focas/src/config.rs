@@ -129,6 +129,7 @@ impl FocasConfig {
                 None => Heartbeat::Unwatched,
             },
             barrier: false,
+            tells_applied: true,
             shown: ShownStates {
                 referenced: self.referenced.is_some(),
                 ..ShownStates::ALL

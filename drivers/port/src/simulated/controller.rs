@@ -33,6 +33,7 @@ impl SimulatedController {
                 axes,
                 heartbeat: Heartbeat::Watched,
                 barrier: scan.is_some(),
+                tells_applied: true,
                 shown: ShownStates::ALL,
                 // Nobody else can reach it.
                 sees_other_gateways: true,

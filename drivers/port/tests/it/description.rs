@@ -8,6 +8,7 @@ fn of(axes: Vec<Axis>) -> Result<(), UnfitAxes> {
         axes,
         heartbeat: Heartbeat::Watched,
         barrier: false,
+        tells_applied: true,
         shown: ShownStates::ALL,
         sees_other_gateways: true,
         shortest_cycle: std::time::Duration::from_millis(1),

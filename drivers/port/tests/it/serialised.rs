@@ -38,6 +38,7 @@ fn what_is_written_is_read_as_it_was() {
         ],
         heartbeat: Heartbeat::Watched,
         barrier: false,
+        tells_applied: true,
         shown: ShownStates::ALL,
         sees_other_gateways: true,
         shortest_cycle: Duration::from_micros(1500),
