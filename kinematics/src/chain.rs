@@ -172,6 +172,22 @@ impl Chain {
             .fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(q))
     }
 
+    /// How far the tool tip is from the line of a rotary axis at `state`, mm: so many mm the tip moves for each rad. The
+    /// axis's own coordinate has no part in it. Zero for a linear axis and for an index without an axis.
+    pub fn lever_mm(&self, index: usize, state: &State) -> f64 {
+        let Some(axis) = self.joints.get(index) else {
+            return 0.0;
+        };
+        if axis.kind == AxisKind::Linear {
+            return 0.0;
+        }
+        let carried = self.joints.iter().zip(state.q).skip(index + 1);
+        let tip_mm = carried.rev().fold(self.tool_tip_mm, |tip_mm, (joint, q)| {
+            joint.motion(q).transform_point(&tip_mm)
+        });
+        axis.direction.cross(&(tip_mm - axis.point_mm)).norm()
+    }
+
     /// Where the axes between the bed and the axis at `index` have carried that axis: a transform of MCS that takes its
     /// point and its direction from machine zero to where they are at `state`. The axis's own coordinate has no part in
     /// it. The identity for an index without an axis.

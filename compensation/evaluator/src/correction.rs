@@ -33,6 +33,38 @@ struct Directions {
     tool_axis: Vector3<f64>,
 }
 
+/// The correction of one step in the parts of which a coupled correction is made, and the error that it corrects. The
+/// linear shares for rotary shares δ_r, whatever those are (limited, ramped, rounded to steps of the controller), are
+/// `position` + Σ `follow[r]`·δ_r; with the δ_r of `rotary` they are those of [`FirstOrder::delta`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CorrectionParts {
+    /// The error that is corrected.
+    pub error: Evaluation,
+    /// What the linear axes take of the position error while no rotary axis moves, −L⁻¹·e_p: mm in chain order, zero
+    /// for axes that do not correct.
+    pub position: PerAxis<f64>,
+    /// The shares of the rotary axes in the direction of the tool axis, rad in chain order, zero for all others.
+    pub rotary: PerAxis<f64>,
+    /// For each rotary axis that corrects, how the linear axes follow it so that the tip stays where it is: row r of
+    /// −L⁻¹·P, mm for each rad of the rotary axis at place r, in chain order. All other rows are zero.
+    pub follow: PerAxis<PerAxis<f64>>,
+    /// As in [`FirstOrder`].
+    pub tool_axis_partial: bool,
+    /// As in [`FirstOrder`].
+    pub near_singular: bool,
+}
+
+impl CorrectionParts {
+    /// The whole correction, mm and rad in chain order: linear shares that belong to the rotary shares, and those.
+    pub fn delta(&self) -> PerAxis<f64> {
+        PerAxis::from_fn(|index| {
+            let follow = self.follow.iter().zip(&self.rotary);
+            let following: f64 = follow.map(|(row, rotary)| row[index] * rotary).sum();
+            self.position[index] + following + self.rotary[index]
+        })
+    }
+}
+
 /// The correction of one step, and the error that it corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
@@ -92,7 +124,8 @@ impl CompiledMachine {
                 let axis = self.axes.get(index);
                 axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
             };
-            correct_position(correctors, &position, column, &mut delta);
+            let columns = linear_columns(correctors, column);
+            take_position(correctors, &columns, &position, &mut delta);
             return FirstOrder {
                 error,
                 delta,
@@ -109,18 +142,55 @@ impl CompiledMachine {
         for (arm_mm, delta) in directions.arms_mm.iter().zip(&delta) {
             position += arm_mm * *delta;
         }
-        correct_position(
-            correctors,
-            &position,
-            |index| directions.axes[index],
-            &mut delta,
-        );
+        let columns = linear_columns(correctors, |index| directions.axes[index]);
+        take_position(correctors, &columns, &position, &mut delta);
         FirstOrder {
             error,
             delta,
             tool_axis_partial,
             near_singular,
         }
+    }
+
+    #[inline(always)]
+    pub(crate) fn parts_with<const PATCHED: bool>(
+        &self,
+        state: &State,
+        correctors: &Correctors,
+        registers: impl Registers,
+    ) -> CorrectionParts {
+        let mut parts = CorrectionParts {
+            error: Evaluation::default(),
+            position: PerAxis::ZERO,
+            rotary: PerAxis::ZERO,
+            follow: PerAxis([PerAxis::ZERO; MAX_AXES]),
+            tool_axis_partial: true,
+            near_singular: false,
+        };
+        if self.three_slides {
+            parts.error = self.evaluate_with(state, registers);
+            let column = |index: usize| {
+                let axis = self.axes.get(index);
+                axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
+            };
+            let columns = linear_columns(correctors, column);
+            let position = Vector3::from(parts.error.position_mm);
+            take_position(correctors, &columns, &position, &mut parts.position);
+            return parts;
+        }
+        let mut passed = Passed([None; MAX_AXES]);
+        parts.error = self.walk::<PATCHED>(state, registers, &mut passed);
+        let directions = self.directions(&passed, registers);
+        [parts.tool_axis_partial, parts.near_singular] =
+            correct_axis(correctors, &parts.error, &directions, &mut parts.rotary);
+        let columns = linear_columns(correctors, |index| directions.axes[index]);
+        let position = Vector3::from(parts.error.position_mm);
+        take_position(correctors, &columns, &position, &mut parts.position);
+        for &index in correctors.rotary() {
+            let arm_mm = &directions.arms_mm[index];
+            take_position(correctors, &columns, arm_mm, &mut parts.follow[index]);
+        }
+        parts
     }
 
     /// Directions and levers in workpiece axes, from the workpiece to the tool.
@@ -223,20 +293,29 @@ fn correct_axis(
     [rank < 2, near_singular]
 }
 
-/// Linear axes on position: exactly with three directions, least squares with fewer.
+/// How the tip moves with the linear axes that correct.
 #[inline(always)]
-fn correct_position(
+fn linear_columns(
     correctors: &Correctors,
-    position_mm: &Vector3<f64>,
     column: impl Fn(usize) -> Vector3<f64>,
-    delta: &mut PerAxis<f64>,
-) {
+) -> LinearColumns {
     let mut columns = [Vector3::zeros(); 3];
     for (into, &index) in columns.iter_mut().zip(correctors.linear()) {
         *into = column(index);
     }
-    let columns = LinearColumns::new(columns, correctors.linear().len());
-    for (&index, share) in correctors.linear().iter().zip(columns.shares(position_mm)) {
+    LinearColumns::new(columns, correctors.linear().len())
+}
+
+/// Linear axes against a displacement of the tip: exactly with three directions, least squares with fewer.
+#[inline(always)]
+fn take_position(
+    correctors: &Correctors,
+    columns: &LinearColumns,
+    position_mm: &Vector3<f64>,
+    delta: &mut PerAxis<f64>,
+) {
+    let shares = columns.shares(position_mm);
+    for (&index, share) in correctors.linear().iter().zip(shares) {
         delta[index] = -share;
     }
 }

@@ -28,7 +28,7 @@ mod turn;
 mod walk;
 
 pub use blob::BLOB_VERSION;
-pub use correction::FirstOrder;
+pub use correction::{CorrectionParts, FirstOrder};
 pub use error::{BlobError, EvaluatorError};
 #[cfg(feature = "std")]
 pub use grid::LinearGrid;

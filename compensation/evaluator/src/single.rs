@@ -7,7 +7,7 @@ use volcomp_kinematics::{Correctors, State};
 #[cfg(not(feature = "std"))]
 use crate::table::Baseline;
 use crate::{
-    correction::FirstOrder,
+    correction::{CorrectionParts, FirstOrder},
     machine::{CompiledMachine, Evaluation},
 };
 #[cfg(feature = "std")]
@@ -34,6 +34,15 @@ impl CompiledMachine {
         return one_correction(self, state, correctors);
         #[cfg(not(feature = "std"))]
         self.first_order_with::<true>(state, correctors, Baseline)
+    }
+
+    /// The same correction in parts: what a correction needs whose rotary shares are limited, ramped or rounded on the
+    /// way to the controller, so that its linear shares are those of the rotary shares that are really written.
+    pub fn parts_of(&self, state: &State, correctors: &Correctors) -> CorrectionParts {
+        #[cfg(feature = "std")]
+        return one_in_parts(self, state, correctors);
+        #[cfg(not(feature = "std"))]
+        self.parts_with::<true>(state, correctors, Baseline)
     }
 }
 
@@ -80,6 +89,30 @@ fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correct
         fn with_simd<S: Simd>(self, simd: S) -> FirstOrder {
             let Self(machine, state, correctors) = self;
             machine.first_order_with::<PATCHED>(state, correctors, Wide(simd))
+        }
+    }
+    if machine.patched {
+        Arch::new().dispatch(One::<true>(machine, state, correctors))
+    } else {
+        Arch::new().dispatch(One::<false>(machine, state, correctors))
+    }
+}
+
+/// The parts of the correction of one pose, the same way.
+#[cfg(feature = "std")]
+fn one_in_parts(
+    machine: &CompiledMachine,
+    state: &State,
+    correctors: &Correctors,
+) -> CorrectionParts {
+    struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State, &'a Correctors);
+    impl<const PATCHED: bool> WithSimd for One<'_, PATCHED> {
+        type Output = CorrectionParts;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> CorrectionParts {
+            let Self(machine, state, correctors) = self;
+            machine.parts_with::<PATCHED>(state, correctors, Wide(simd))
         }
     }
     if machine.patched {

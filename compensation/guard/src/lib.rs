@@ -13,6 +13,7 @@ mod proof;
 mod reasons;
 mod state;
 mod temperature;
+mod vector;
 mod written;
 
 pub use axis::Follower;
@@ -28,6 +29,7 @@ pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{
     Heard, MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
 };
+pub use vector::{Followed, Vector, Wanted};
 
 /// The vocabulary of the public interface: axis letters, values by axis.
 pub use volcomp_vocabulary as vocabulary;

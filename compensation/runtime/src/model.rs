@@ -19,6 +19,23 @@ pub struct ModelCorrection {
     pub near_singular: bool,
 }
 
+/// The correction that a model asks for at a state in the parts of which a coupled correction is made, all in machine
+/// order. Whatever the rotary shares δ_r are when they reach the axes, the linear shares that belong to them are
+/// `position` + Σ `follow[r]`·δ_r.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelWanted {
+    /// What the linear axes take of the position error while no rotary axis moves, mm; zero for all other axes.
+    pub position: PerAxis<f64>,
+    /// The shares of the rotary axes in the direction of the tool axis, rad; zero for all other axes.
+    pub rotary: PerAxis<f64>,
+    /// For each rotary axis, how the linear axes follow it so that the tip stays where it is, mm for each rad.
+    pub follow: PerAxis<PerAxis<f64>>,
+    /// As in [`ModelCorrection`].
+    pub singular: bool,
+    /// As in [`ModelCorrection`].
+    pub near_singular: bool,
+}
+
 /// How far the correction at the worst corner of the work space moves when another model takes over. Infinite where
 /// the axes of the machines differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,10 +160,7 @@ impl Model {
     /// the second with the errors where the first leads. Allocates nothing.
     pub fn correction_of(&self, state: &State, correctors: &Correctors) -> ModelCorrection {
         let first = self.compiled.first_order_of(state, correctors);
-        let mut there = *state;
-        for (q, delta) in there.q.iter_mut().zip(&first.delta) {
-            *q += delta;
-        }
+        let there = moved(state, &first.delta);
         let second = self.compiled.first_order_of(&there, correctors);
         let corrects_tool_axis = correctors.rotary().len() >= 2;
         ModelCorrection {
@@ -156,14 +170,57 @@ impl Model {
         }
     }
 
+    /// The same correction in parts, which together are that of [`correction_of`](Self::correction_of) but for rounding.
+    /// Allocates nothing.
+    pub fn wanted(&self, state: &State, correctors: &Correctors) -> ModelWanted {
+        let first = self.compiled.first_order_of(state, correctors);
+        let second = self
+            .compiled
+            .parts_of(&moved(state, &first.delta), correctors);
+        let corrects_tool_axis = correctors.rotary().len() >= 2;
+        ModelWanted {
+            position: second.position,
+            rotary: second.rotary,
+            follow: second.follow,
+            singular: second.tool_axis_partial && corrects_tool_axis,
+            near_singular: second.near_singular,
+        }
+    }
+
+    /// The largest position error that a rotary axis leaves because its correction goes in steps: half a step times the
+    /// longest lever from its line to the tool tip over the work space. The axis is named by its place in machine
+    /// order; zero for a linear axis. Levers are longest at ends of linear travel, and are compared there; the other rotary axes are
+    /// tried at 25 places of their travel, ends included.
+    pub fn rotary_step_error(&self, index: usize, step: Rad) -> Mm {
+        let chain = self.compiled.chain();
+        let carried: Vec<(usize, u32)> = (index + 1..self.axes.len())
+            .map(|axis| (axis, if self.axes[axis].is_rotary() { 25 } else { 2 }))
+            .collect();
+        let mut place = vec![0_u32; carried.len()];
+        let mut longest_mm = 0.0_f64;
+        loop {
+            let mut state = State::default();
+            for (&(axis, count), &at) in carried.iter().zip(&place) {
+                let [from, to] = self.travel[axis].map(Displacement::mm_or_rad);
+                state.q[axis] = from + (to - from) * f64::from(at) / f64::from(count - 1);
+            }
+            longest_mm = longest_mm.max(chain.lever_mm(index, &state));
+            // On to the next place, the first axis fastest.
+            let goes_on = place.iter_mut().zip(&carried).any(|(at, &(_, count))| {
+                *at = (*at + 1) % count;
+                *at != 0
+            });
+            if !goes_on {
+                return rotary_step_error(longest_mm, step);
+            }
+        }
+    }
+
     /// The error of the tool at a state, in workpiece axes: first without correction, then with `correction` (mm, rad)
     /// added to the command. The second is the way that the correction moves the ideal tool through the chain, and the
     /// error of the machine where it leads. Allocates nothing.
     pub fn errors(&self, state: &State, correction: &PerAxis<f64>) -> [ToolError; 2] {
-        let mut there = *state;
-        for (q, delta) in there.q.iter_mut().zip(correction) {
-            *q += delta;
-        }
+        let there = moved(state, correction);
         let chain = self.compiled.chain();
         let commanded = chain.ideal_pose(state);
         let reached = chain.ideal_pose(&there);
@@ -245,6 +302,21 @@ impl Model {
             rotary: Rad(rotary),
         }
     }
+}
+
+/// A state with a correction (mm, rad) added to the command.
+fn moved(state: &State, delta: &PerAxis<f64>) -> State {
+    let mut there = *state;
+    for (q, delta) in there.q.iter_mut().zip(delta) {
+        *q += delta;
+    }
+    there
+}
+
+/// The position error of a rotary correction that is rounded to whole steps: half a step times the lever, which is the
+/// distance of the tool tip from the line of the axis, or mm for each rad.
+pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
+    Mm(0.5 * step.0.abs() * lever_mm)
 }
 
 #[cfg(test)]

@@ -1,0 +1,439 @@
+//! The correction of all axes as one vector: what belongs together is limited, ramped and moved together, and is
+//! quantised last.
+
+mod motion;
+mod wanted;
+
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
+
+use crate::Limits;
+use motion::{
+    allowed_part, is_on_grid, linear_word, rotary_word, span, stopping_part, stopping_rate, within,
+};
+pub use wanted::Wanted;
+
+/// Nearer than so many steps an axis is where it is to be.
+const ARRIVED_STEPS: f64 = 1e-6;
+/// A part of a ramp that is smaller than this is gone in one cycle.
+const SMALLEST_PART: f64 = 1e-6;
+
+/// What moves the vector.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Motion {
+    /// Nothing yet: the next cycle that follows begins the ramp.
+    #[default]
+    Begins,
+    /// On the ramp to what is wanted, of which this part is left.
+    Ramps(f64),
+    /// Where what is wanted leads.
+    Follows,
+    /// On a straight line to a place, of which this part is left.
+    Line { to: PerChannel<f64>, left: f64 },
+}
+
+/// The correction that moves, mm for linear and rad for rotary axes: state of the guard.
+///
+/// The rotary axes move by one factor towards shares that rest on whole steps, as far as the linear axes can follow
+/// in the same cycle; the linear shares are solved for the rotary shares as they move. So the tool tip stays where it is
+/// while the tool axis turns. On a ramp the distance of the position share from what is wanted shrinks in proportion:
+/// the position error of the tool shrinks from what it was at the beginning of the ramp, also when the machine moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Vector {
+    /// What is written.
+    output: PerChannel<f64>,
+    /// The correction before the quantiser, and its change in a second.
+    smooth: PerChannel<f64>,
+    rate: PerChannel<f64>,
+    /// The slew that held for each axis in the last cycle, 0 before the first one.
+    slew: PerChannel<f64>,
+    /// Where the rotary axes go to: whole steps.
+    goal: PerChannel<f64>,
+    /// Where the linear axes were to be in the last cycle.
+    target: PerChannel<f64>,
+    /// How far the position share is from what is wanted: what is left of the ramp.
+    offset: PerChannel<f64>,
+    motion: Motion,
+}
+
+/// How a cycle went in which the correction followed what is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Followed {
+    /// Slew or acceleration hold the correction back: the tool is off by more than the rounding of the output.
+    pub slewing: bool,
+    /// A limit allows only a part of what is wanted.
+    pub limited: bool,
+    /// What is wanted of an axis is above its warning.
+    pub warned: bool,
+}
+
+/// One cycle's limits: of how far each axis may go, and of the ramp.
+struct Cycle<'a> {
+    limits: &'a Limits,
+    dt_s: f64,
+    spans: PerChannel<[f64; 2]>,
+}
+
+impl Cycle<'_> {
+    fn places(&self) -> impl Iterator<Item = usize> + use<> {
+        0..self.limits.count.min(MAX_AXES)
+    }
+
+    fn of_kind(&self, kind: AxisKind) -> impl Iterator<Item = usize> + use<'_> {
+        self.places()
+            .filter(move |i| self.limits.axes[*i].kind == kind)
+    }
+
+    /// The acceleration over ways that axes go together, 1/s².
+    fn accel_over(&self, ways: &PerChannel<f64>, kind: Option<AxisKind>) -> f64 {
+        self.places()
+            .filter(|i| kind.is_none_or(|kind| self.limits.axes[*i].kind == kind))
+            .filter(|i| ways[*i] != 0.0)
+            .map(|i| self.limits.axes[i].accel_per_s2 / ways[i].abs())
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    fn step(&self, axis: usize) -> f64 {
+        self.limits.axes[axis].resolution
+    }
+}
+
+/// How far the rotary axes may go in a cycle: at least, braking as hard as they can, and at most.
+struct Turning {
+    least: PerChannel<f64>,
+    most: PerChannel<f64>,
+    /// Their own slew or acceleration allow less than what the ramp allows.
+    held_back: bool,
+}
+
+impl Vector {
+    /// A correction that stands at confirmed values (mm, rad). What is wanted is then reached by a ramp.
+    pub fn at(applied: &PerChannel<f64>) -> Self {
+        Self {
+            output: *applied,
+            smooth: *applied,
+            goal: *applied,
+            target: *applied,
+            ..Self::default()
+        }
+    }
+
+    /// The words that are written, mm and rad: whole steps, but where the correction stands at a value off the grid.
+    pub fn output(&self) -> PerChannel<f64> {
+        self.output
+    }
+
+    /// The correction before the quantiser, mm and rad.
+    pub fn smooth(&self) -> PerChannel<f64> {
+        self.smooth
+    }
+
+    /// Stays where it is, since nothing is written.
+    pub fn stop(&mut self) {
+        self.rate = PerChannel::ZERO;
+        self.target = self.smooth;
+    }
+
+    /// The ramp to what is wanted begins here: with the position share that the correction has now.
+    pub fn begin_ramp(&mut self) {
+        self.motion = Motion::Begins;
+    }
+
+    /// Whether the ramp to what is wanted is over.
+    pub fn is_ramped(&self) -> bool {
+        self.motion == Motion::Follows
+    }
+
+    /// A straight line to a correction (mm, rad) begins here, all axes by one factor: a ramp to zero, a shift, or the
+    /// way back within a limit.
+    pub fn begin_line(&mut self, to: &PerChannel<f64>) {
+        self.motion = Motion::Line { to: *to, left: 1.0 };
+    }
+
+    /// Goes towards what is wanted for `dt_s`: by a ramp, and where it leads after that. Nothing moves where a number
+    /// is not finite or no time has passed.
+    pub fn follow(&mut self, wanted: &Wanted, limits: &Limits, dt_s: f64) -> Followed {
+        let sound = wanted.is_finite();
+        if !sound || dt_s <= 0.0 || !dt_s.is_finite() {
+            self.stop();
+            return Followed {
+                slewing: !sound,
+                ..Followed::default()
+            };
+        }
+        let cycle = self.cycle(limits, dt_s);
+        let left = self.left_of_ramp(wanted, &cycle);
+        let position = self.position_share(wanted);
+        self.goal = wanted.rotary_goal(&position, &self.goal, limits);
+
+        let ramp = if left > 0.0 {
+            (limits.ramp_share(dt_s) / left).min(1.0)
+        } else {
+            1.0
+        };
+        let turning = self.turning(wanted, ramp, &cycle);
+        let stopping = cycle.accel_over(&self.offset, Some(AxisKind::Linear));
+        let eased = ramp.min(stopping_part(stopping, dt_s));
+        let factor = self.factor(wanted, &position, &turning, eased, &cycle);
+
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            let [least, most] = [turning.least[i], turning.most[i]];
+            self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
+        }
+        // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
+        let passed = factor.unwrap_or(1.0) * eased;
+        self.pass_ramp(left, passed);
+        let (behind, part) = self.slide(wanted, &cycle);
+        self.write(&cycle);
+
+        let full = wanted.full();
+        let over = |limit: fn(&crate::AxisLimits) -> f64| {
+            cycle.places().any(|i| {
+                let axis = &limits.axes[i];
+                full[i].abs() > limit(axis) + ARRIVED_STEPS * axis.resolution
+            })
+        };
+        let held_back = turning.held_back || factor.is_none_or(|factor| factor < 1.0 - 1e-9);
+        let far = cycle
+            .of_kind(AxisKind::Rotary)
+            .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
+        Followed {
+            slewing: behind || held_back && far,
+            limited: part < 1.0 || over(|axis| axis.limit),
+            warned: over(|axis| axis.warn),
+        }
+    }
+
+    /// Goes on along the line for `dt_s`, which is brought within the limits; true once it is at its end. The line
+    /// lasts as long as a ramp, or as long as the axis needs that slew and acceleration hold back most.
+    pub fn advance_line(&mut self, limits: &Limits, dt_s: f64) -> bool {
+        let Motion::Line { to, left } = self.motion else {
+            return true;
+        };
+        if dt_s <= 0.0 || !dt_s.is_finite() || !to.iter().all(|to| to.is_finite()) {
+            self.stop();
+            return false;
+        }
+        let cycle = self.cycle(limits, dt_s);
+        let mut ways = PerChannel::ZERO;
+        let mut end = PerChannel::ZERO;
+        for i in cycle.places() {
+            let limit = limits.axes[i].reachable();
+            end[i] = within([-limit, limit], to[i]);
+            ways[i] = end[i] - self.smooth[i];
+        }
+        let mut part = stopping_part(cycle.accel_over(&ways, None), dt_s);
+        if left > SMALLEST_PART {
+            part = part.min(limits.ramp_share(dt_s) / left);
+        }
+        for i in cycle.places() {
+            part = part.min(allowed_part(cycle.spans[i], ways[i]));
+        }
+        let mut arrived = true;
+        for i in cycle.places() {
+            self.advance(i, part * ways[i], &cycle);
+            arrived &= (end[i] - self.smooth[i]).abs() <= ARRIVED_STEPS * cycle.step(i);
+        }
+        if arrived {
+            for i in cycle.places() {
+                self.smooth[i] = end[i];
+            }
+        }
+        self.target = self.smooth;
+        self.goal = self.smooth;
+        self.motion = Motion::Line {
+            to,
+            left: left * (1.0 - part),
+        };
+        self.write(&cycle);
+        if arrived {
+            self.stop();
+            for i in cycle
+                .places()
+                .filter(|i| is_on_grid(end[*i], cycle.step(*i)))
+            {
+                self.output[i] = end[i];
+            }
+        }
+        arrived
+    }
+
+    /// How far each axis may go in this cycle. An axis that a lowered limit left outside comes in at the old slew
+    /// or the new one, whichever is lower.
+    fn cycle<'a>(&mut self, limits: &'a Limits, dt_s: f64) -> Cycle<'a> {
+        let mut spans = PerChannel([[0.0; 2]; MAX_AXES]);
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            let outside = self.smooth[i].abs() > axis.reachable() + ARRIVED_STEPS * axis.resolution;
+            let slew = if outside && self.slew[i] > 0.0 {
+                axis.slew_per_s.min(self.slew[i])
+            } else {
+                axis.slew_per_s
+            };
+            self.slew[i] = slew;
+            spans[i] = span(self.smooth[i], self.rate[i], slew, axis, dt_s);
+        }
+        Cycle {
+            limits,
+            dt_s,
+            spans,
+        }
+    }
+
+    /// What is left of the ramp, which begins here if it has not.
+    fn left_of_ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> f64 {
+        match self.motion {
+            Motion::Ramps(left) => left,
+            Motion::Follows => 0.0,
+            Motion::Begins | Motion::Line { .. } => {
+                let following = wanted.following(&self.rotary(cycle));
+                self.offset = PerChannel::ZERO;
+                for i in cycle.of_kind(AxisKind::Linear) {
+                    self.offset[i] = self.smooth[i] - following[i] - wanted.position[i];
+                }
+                self.target = self.smooth;
+                self.goal = self.output;
+                1.0
+            }
+        }
+    }
+
+    fn pass_ramp(&mut self, left: f64, passed: f64) {
+        let left = left * (1.0 - passed);
+        if left > SMALLEST_PART {
+            self.offset = self.offset.map(|offset| offset * (1.0 - passed));
+            self.motion = Motion::Ramps(left);
+        } else {
+            self.offset = PerChannel::ZERO;
+            self.motion = Motion::Follows;
+        }
+    }
+
+    /// The rotary shares as they stand, zero at all other places.
+    fn rotary(&self, cycle: &Cycle) -> PerChannel<f64> {
+        let mut rotary = PerChannel::ZERO;
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            rotary[i] = self.smooth[i];
+        }
+        rotary
+    }
+
+    /// The position share with what is left of the ramp.
+    fn position_share(&self, wanted: &Wanted) -> PerChannel<f64> {
+        PerChannel::from_fn(|i| wanted.position[i] + self.offset[i])
+    }
+
+    /// How far the rotary axes may go by one factor: within the ramp, slew and acceleration, and so that they and
+    /// the linear axes that follow can stop at the goal.
+    fn turning(&self, wanted: &Wanted, ramp: f64, cycle: &Cycle) -> Turning {
+        let mut ways = PerChannel::ZERO;
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            ways[i] = self.goal[i] - self.smooth[i];
+        }
+        let following = wanted.following(&ways);
+        let accel = cycle
+            .accel_over(&ways, Some(AxisKind::Rotary))
+            .min(cycle.accel_over(&following, Some(AxisKind::Linear)));
+        let mut part = stopping_part(accel, cycle.dt_s).min(ramp);
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            part = part.min(allowed_part(cycle.spans[i], ways[i]));
+        }
+        let (mut least, mut most) = (PerChannel::ZERO, PerChannel::ZERO);
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            least[i] = within(cycle.spans[i], 0.0);
+            most[i] = within(cycle.spans[i], part * ways[i]);
+        }
+        Turning {
+            least,
+            most,
+            held_back: part < ramp,
+        }
+    }
+
+    /// The largest factor between the least and the most that the rotary axes may go, and of the part `eased` of the
+    /// ramp, with which every linear axis can be where it belongs at the end of the cycle. `None` where there is none.
+    fn factor(
+        &self,
+        wanted: &Wanted,
+        position: &PerChannel<f64>,
+        turning: &Turning,
+        eased: f64,
+        cycle: &Cycle,
+    ) -> Option<f64> {
+        let rotary = self.rotary(cycle);
+        let part = wanted.position_part(position, &rotary, cycle.limits);
+        let at = |ways: &PerChannel<f64>| {
+            wanted.following(&PerChannel::from_fn(|i| rotary[i] + ways[i]))
+        };
+        let (least, most) = (at(&turning.least), at(&turning.most));
+        let (mut low, mut high) = (0.0_f64, 1.0_f64);
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let limit = cycle.limits.axes[i].reachable();
+            let rounding = 1e-9 * cycle.step(i);
+            let [lowest, highest] = cycle.spans[i].map(|way| self.smooth[i] + way);
+            let base = part * position[i] + least[i];
+            let along = most[i] - least[i] - part * eased * self.offset[i];
+            // What is beyond a limit that can be reached is cut there.
+            let highest = if highest >= limit - rounding {
+                f64::INFINITY
+            } else {
+                highest + rounding
+            };
+            let lowest = if lowest <= -limit + rounding {
+                f64::NEG_INFINITY
+            } else {
+                lowest - rounding
+            };
+            if along == 0.0 {
+                if base > highest || base < lowest {
+                    return None;
+                }
+                continue;
+            }
+            let ends = [(lowest - base) / along, (highest - base) / along];
+            low = low.max(ends[0].min(ends[1]));
+            high = high.min(ends[0].max(ends[1]));
+        }
+        (low <= high).then_some(high)
+    }
+
+    /// The linear axes go where they belong for the rotary shares as they are now, as far as they can. Whether one of
+    /// them is not there at the end, and the part of the position share that the limits leave.
+    fn slide(&mut self, wanted: &Wanted, cycle: &Cycle) -> (bool, f64) {
+        let position = self.position_share(wanted);
+        let rotary = self.rotary(cycle);
+        let part = wanted.position_part(&position, &rotary, cycle.limits);
+        let following = wanted.following(&rotary);
+        let mut behind = false;
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let axis = &cycle.limits.axes[i];
+            let limit = axis.reachable();
+            let whole = part * position[i] + following[i];
+            let target = within([-limit, limit], whole);
+            // On the way with the target, and back to it as fast as can be stopped there.
+            let gap = self.target[i] - self.smooth[i];
+            let back = stopping_rate(gap.abs(), axis.accel_per_s2, cycle.dt_s) * cycle.dt_s;
+            let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);
+            self.advance(i, way, cycle);
+            self.target[i] = target;
+            behind |= (whole - self.smooth[i]).abs() > 2.0 * ARRIVED_STEPS * axis.resolution;
+        }
+        (behind, part)
+    }
+
+    /// One axis goes `way`, or as far as it may.
+    fn advance(&mut self, axis: usize, way: f64, cycle: &Cycle) {
+        let way = within(cycle.spans[axis], way);
+        self.smooth[axis] += way;
+        self.rate[axis] = way / cycle.dt_s;
+    }
+
+    fn write(&mut self, cycle: &Cycle) {
+        for i in cycle.places() {
+            let axis = &cycle.limits.axes[i];
+            let word = match axis.kind {
+                AxisKind::Linear => linear_word,
+                AxisKind::Rotary => rotary_word,
+            };
+            self.output[i] = word(self.output[i], self.smooth[i], axis);
+        }
+    }
+}

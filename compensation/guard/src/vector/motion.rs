@@ -1,0 +1,124 @@
+//! How far one axis may go in a cycle, and the words that are written.
+
+use crate::AxisLimits;
+
+/// Half a step and 20 %: nearer the quantised output stays.
+const HYSTERESIS_STEPS: f64 = 0.6;
+
+/// The largest rate from which an axis stops within `distance` at a deceleration, whatever the lengths of the cycles
+/// to come: v²/(2a) + v·dt ≤ distance.
+pub(super) fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
+    if distance <= 0.0 {
+        return 0.0;
+    }
+    if accel.is_infinite() {
+        return distance / dt_s;
+    }
+    let by_cycle = accel * dt_s;
+    // Without the difference of two numbers that are nearly the same.
+    2.0 * accel * distance / (libm::sqrt(by_cycle * by_cycle + 2.0 * accel * distance) + by_cycle)
+}
+
+/// The deceleration that an axis needs to stop within `distance`: more than it is allowed only where a limit or an
+/// acceleration was lowered in motion, and then no more than it was allowed before, or than the new limit takes.
+fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
+    if rate <= 0.0 || distance <= 0.0 {
+        return 0.0;
+    }
+    let by_rate = rate * dt_s;
+    rate * rate / (libm::sqrt(distance * distance + by_rate * by_rate) + distance)
+}
+
+/// How far an axis that stands at `at` and moves at `rate` may go in a cycle, downwards and upwards (mm or rad): within
+/// slew and acceleration, and so that it never passes its limit. Outside the limit it goes inwards only.
+pub(super) fn span(at: f64, rate: f64, slew: f64, axis: &AxisLimits, dt_s: f64) -> [f64; 2] {
+    let limit = axis.reachable();
+    let (up, down) = (limit - at, limit + at);
+    let accel = axis
+        .accel_per_s2
+        .max(needed_to_stop(up, rate, dt_s))
+        .max(needed_to_stop(down, -rate, dt_s));
+    let highest = (rate + accel * dt_s)
+        .min(slew)
+        .min(stopping_rate(up, accel, dt_s));
+    let lowest = (rate - accel * dt_s)
+        .max(-slew)
+        .max(-stopping_rate(down, accel, dt_s));
+    // The limit comes before slew and acceleration.
+    let (lowest, highest) = if up < down {
+        (lowest.min(highest), highest)
+    } else {
+        (lowest, highest.max(lowest))
+    };
+    [lowest * dt_s, highest * dt_s]
+}
+
+/// A value brought into a span.
+pub(super) fn within([lowest, highest]: [f64; 2], value: f64) -> f64 {
+    value.max(lowest).min(highest)
+}
+
+/// Which part of the `way` of an axis its span allows.
+pub(super) fn allowed_part([lowest, highest]: [f64; 2], way: f64) -> f64 {
+    let most = if way > 0.0 { highest } else { -lowest };
+    if way == 0.0 {
+        1.0
+    } else {
+        (most / way.abs()).clamp(0.0, 1.0)
+    }
+}
+
+/// Which part of the way that is left may be gone in a cycle so that it can be stopped at its end, `accel` being the
+/// acceleration over the whole way, 1/s².
+pub(super) fn stopping_part(accel: f64, dt_s: f64) -> f64 {
+    (stopping_rate(1.0, accel, dt_s) * dt_s).min(1.0)
+}
+
+/// Whether a value is a whole number of steps.
+pub(super) fn is_on_grid(value: f64, step: f64) -> bool {
+    let steps = value / step;
+    (steps - libm::round(steps)).abs() < 1e-6
+}
+
+/// The nearest step within the hysteresis that changes the output least: over any time it then changes by one step more
+/// than the smooth value at the most.
+pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
+    let away = (smooth - output) / step;
+    if away.abs() <= HYSTERESIS_STEPS {
+        return output;
+    }
+    let steps = smooth / step;
+    // A rounding must not count as a step.
+    let steps = if away > 0.0 {
+        libm::ceil(steps - HYSTERESIS_STEPS - 1e-9)
+    } else {
+        libm::floor(steps + HYSTERESIS_STEPS + 1e-9)
+    };
+    steps * step
+}
+
+/// The word of a linear axis.
+pub(super) fn linear_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
+    inside(quantised(output, smooth, axis.resolution), smooth, axis)
+}
+
+/// The word of a rotary axis: rounded, since the share rests on whole steps.
+pub(super) fn rotary_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
+    let step = axis.resolution;
+    let word = if (smooth - output).abs() <= (0.5 + 1e-9) * step {
+        output
+    } else {
+        libm::round(smooth / step) * step
+    };
+    inside(word, smooth, axis)
+}
+
+/// A word that is beyond the limit and beyond the smooth value is rounded towards zero instead.
+fn inside(word: f64, smooth: f64, axis: &AxisLimits) -> f64 {
+    let rounding = 1e-6 * axis.resolution;
+    if word.abs() <= axis.limit + rounding || word.abs() <= smooth.abs() + rounding {
+        return word;
+    }
+    let steps = smooth.abs() / axis.resolution;
+    (libm::floor(steps + 1e-6) * axis.resolution).copysign(smooth)
+}

@@ -1,0 +1,148 @@
+//! What a model asks for, and which part of it the limits allow.
+
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
+
+use super::motion::{is_on_grid, quantised};
+use crate::Limits;
+
+/// A limit is not missed by a rounding: so many steps beyond it count as within.
+const ROUNDING_STEPS: f64 = 1e-6;
+
+/// What a model asks for, in channel order. Whatever the rotary shares δ_r are on their way, the linear shares that
+/// belong to them are `position` + Σ `follow[r]`·δ_r.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// What the linear axes take of the position error while no rotary axis moves, mm; zero for rotary axes.
+    pub position: PerChannel<f64>,
+    /// The shares of the rotary axes, rad; zero for linear axes.
+    pub rotary: PerChannel<f64>,
+    /// For each rotary axis r and each linear axis l, `follow[r][l]` is how l follows r so that the tool tip stays
+    /// where it is, mm for each rad. All other places are zero.
+    pub follow: PerChannel<PerChannel<f64>>,
+}
+
+impl Wanted {
+    /// The correction of a machine whose rotary axes, if it has any, are not corrected.
+    pub fn linear(position: PerChannel<f64>) -> Self {
+        Self {
+            position,
+            ..Self::default()
+        }
+    }
+
+    /// The whole correction without any limit, mm and rad.
+    pub fn full(&self) -> PerChannel<f64> {
+        let following = self.following(&self.rotary);
+        PerChannel::from_fn(|i| self.position[i] + following[i] + self.rotary[i])
+    }
+
+    /// How the linear axes follow rotary shares, mm.
+    pub(super) fn following(&self, rotary: &PerChannel<f64>) -> PerChannel<f64> {
+        let mut following = PerChannel::ZERO;
+        for (row, share) in self.follow.iter().zip(rotary) {
+            if *share != 0.0 {
+                for (sum, follow) in following.iter_mut().zip(row) {
+                    *sum += follow * share;
+                }
+            }
+        }
+        following
+    }
+
+    /// Whether every number is finite.
+    pub(super) fn is_finite(&self) -> bool {
+        let finite = |values: &PerChannel<f64>| values.iter().all(|x| x.is_finite());
+        finite(&self.position) && finite(&self.rotary) && self.follow.iter().all(finite)
+    }
+
+    /// Where the rotary axes go to (rad), `position` being the position share: the largest part of their shares
+    /// with which every axis is within its limit, rounded to whole steps about the goal `before`; zero where there is
+    /// no such part.
+    pub(super) fn rotary_goal(
+        &self,
+        position: &PerChannel<f64>,
+        before: &PerChannel<f64>,
+        limits: &Limits,
+    ) -> PerChannel<f64> {
+        let following = self.following(&self.rotary);
+        let along = PerChannel::from_fn(|i| following[i] + self.rotary[i]);
+        let Some(part) = largest_part(position, &along, limits) else {
+            return PerChannel::ZERO;
+        };
+        let exact = self.rotary.map(|share| part * share);
+        let rounded = rotary_of(limits, |i| {
+            let axis = &limits.axes[i];
+            let before = if is_on_grid(before[i], axis.resolution) {
+                before[i]
+            } else {
+                libm::round(before[i] / axis.resolution) * axis.resolution
+            };
+            let most = axis.reachable();
+            quantised(before, exact[i], axis.resolution)
+                .max(-most)
+                .min(most)
+        });
+        if self.fits(position, &rounded, limits) {
+            return rounded;
+        }
+        // Rounding passed the limit of a linear axis: towards zero.
+        let truncated = rotary_of(limits, |i| {
+            let step = limits.axes[i].resolution;
+            let steps = exact[i] / step;
+            libm::trunc(steps + steps.signum() * ROUNDING_STEPS) * step
+        });
+        if self.fits(position, &truncated, limits) {
+            return truncated;
+        }
+        exact
+    }
+
+    fn fits(&self, position: &PerChannel<f64>, rotary: &PerChannel<f64>, limits: &Limits) -> bool {
+        let following = self.following(rotary);
+        let all = PerChannel::from_fn(|i| position[i] + following[i] + rotary[i]);
+        largest_part(&all, &PerChannel::ZERO, limits).is_some()
+    }
+
+    /// The largest part of the position share that leaves every linear axis within its limit while the rotary axes
+    /// stand at `rotary`; all of it where none does.
+    pub(super) fn position_part(
+        &self,
+        position: &PerChannel<f64>,
+        rotary: &PerChannel<f64>,
+        limits: &Limits,
+    ) -> f64 {
+        let following = self.following(rotary);
+        largest_part(&following, position, limits).unwrap_or(1.0)
+    }
+}
+
+/// A value for each rotary axis, zero for all others.
+fn rotary_of(limits: &Limits, value: impl Fn(usize) -> f64) -> PerChannel<f64> {
+    PerChannel::from_fn(|i| {
+        if i < limits.count && limits.axes[i].kind == AxisKind::Rotary {
+            value(i)
+        } else {
+            0.0
+        }
+    })
+}
+
+/// The largest part t in [0, 1] with which `base` + t·`along` is within the limit of every axis.
+fn largest_part(base: &PerChannel<f64>, along: &PerChannel<f64>, limits: &Limits) -> Option<f64> {
+    let (mut least, mut most) = (0.0_f64, 1.0_f64);
+    for i in 0..limits.count.min(MAX_AXES) {
+        let axis = &limits.axes[i];
+        let limit = axis.reachable() + ROUNDING_STEPS * axis.resolution;
+        let (base, along) = (base[i], along[i]);
+        if along.abs() < 1e-300 {
+            if base.abs() > limit {
+                return None;
+            }
+            continue;
+        }
+        let (low, high) = ((-limit - base) / along, (limit - base) / along);
+        least = least.max(low.min(high));
+        most = most.min(low.max(high));
+    }
+    (least <= most).then_some(most)
+}
