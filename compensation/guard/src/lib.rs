@@ -17,7 +17,7 @@ mod vector;
 mod written;
 
 pub use axis::Follower;
-pub use direction::DirectionMemory;
+pub use direction::{DirectionMemory, reversal_threshold};
 pub use exchange::{Inputs, Output, Reading};
 pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};
 pub use guard::Guard;

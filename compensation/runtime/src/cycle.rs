@@ -310,7 +310,7 @@ impl Cycle {
                 AxisKind::Linear => REVERSAL_MM,
                 AxisKind::Rotary => REVERSAL_RAD,
             };
-            state.approach[index] = memory.at(state.q[index], threshold);
+            state.approach[index] = memory.at(state.q[index], threshold, None);
         }
     }
 

@@ -1,10 +1,14 @@
-use volcomp_guard::DirectionMemory;
-use volcomp_vocabulary::Direction;
+use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
+
+use volcomp_guard::{AxisLimits, DirectionMemory, reversal_threshold};
+use volcomp_vocabulary::{AxisKind, Direction};
+
+use crate::world::{PERIOD, STEP, limits};
 
 #[test]
 fn it_turns_only_after_the_threshold_from_the_last_extreme() {
     let mut memory = DirectionMemory::default();
-    let mut at = |position: f64| memory.at(position, 0.005);
+    let mut at = |position: f64| memory.at(position, 0.005, None);
     assert_eq!(at(10.0), None);
     assert_eq!(at(10.004), None, "noise");
     assert_eq!(at(10.006), Some(Direction::Positive));
@@ -20,4 +24,128 @@ fn it_turns_only_after_the_threshold_from_the_last_extreme() {
     assert_eq!(at(19.9955), Some(Direction::Negative));
     assert_eq!(at(20.0), Some(Direction::Negative));
     assert_eq!(at(20.0006), Some(Direction::Positive));
+}
+
+/// An axis that only turned forward was taken for backward at each passage of 360 deg.
+#[test]
+fn an_axis_that_rolls_over_does_not_turn() {
+    for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
+        let mut memory = DirectionMemory::default();
+        let mut position = 3.0_f64;
+        memory.at(position, 8.7e-6, Some(TAU));
+        for _ in 0..20_000 {
+            position = (position + step).rem_euclid(TAU);
+            assert_eq!(memory.at(position, 8.7e-6, Some(TAU)), Some(direction));
+        }
+        // Back by more than the threshold, over the end of the turn.
+        position = (-0.5 * step.signum() * 1e-5_f64).rem_euclid(TAU);
+        memory.commanded(position, direction);
+        let back = (position - 1e-5 * step.signum()).rem_euclid(TAU);
+        assert_eq!(memory.at(back, 8.7e-6, Some(TAU)), Some(-direction));
+    }
+}
+
+#[test]
+fn what_the_control_commands_counts_at_once() {
+    let mut memory = DirectionMemory::default();
+    assert_eq!(
+        memory.commanded(5.0, Direction::Negative),
+        Some(Direction::Negative)
+    );
+    assert_eq!(memory.at(5.004, 0.005, None), Some(Direction::Negative));
+    assert_eq!(
+        memory.commanded(f64::NAN, Direction::Positive),
+        Some(Direction::Positive)
+    );
+    assert_eq!(memory.at(5.0, 0.005, None), Some(Direction::Positive));
+    assert_eq!(memory.at(4.994, 0.005, None), Some(Direction::Negative));
+}
+
+fn axis(includes_correction: bool) -> AxisLimits {
+    AxisLimits {
+        includes_correction,
+        ..limits().axes[0]
+    }
+}
+
+#[test]
+fn the_threshold_is_that_of_the_kind_of_the_steps_or_of_the_lag() {
+    let delay = Duration::from_millis(20);
+    let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-15, "{found}");
+    close(reversal_threshold(&axis(false), 0.001, delay), 0.005);
+    close(reversal_threshold(&axis(false), 0.031, delay), 0.062);
+    // 0.5 mm/s over 20 ms, and one step of the correction.
+    close(reversal_threshold(&axis(true), 0.001, delay), 0.013);
+    close(reversal_threshold(&axis(true), 0.0, Duration::ZERO), 0.005);
+    close(reversal_threshold(&axis(false), f64::NAN, delay), 0.005);
+    let rotary = AxisLimits {
+        kind: AxisKind::Rotary,
+        ..axis(false)
+    };
+    close(
+        reversal_threshold(&rotary, 1e-7, delay),
+        5e-4_f64.to_radians(),
+    );
+}
+
+/// A reversal value of 20 µm on an axis whose position contains the correction, but shows it so many cycles after the
+/// read-back does: how often the direction turns at standstill.
+fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
+    let slew = limits().axes[0].slew_per_s * PERIOD.as_secs_f64();
+    let mut memory = DirectionMemory::default();
+    let mut output = 0.0_f64;
+    let mut history = VecDeque::from(vec![0.0; lag]);
+    let mut turns = 0;
+    let mut before = None;
+    for cycle in 0..2000_u32 {
+        // Forward by 1 mm, back by 6 µm, then it stands.
+        let commanded =
+            0.01 * f64::from(cycle.min(100)) - 0.006 * f64::from(cycle.saturating_sub(100).min(1));
+        history.push_back(output);
+        let contained = history.pop_front().expect("just pushed");
+        let reported = ((commanded + contained) / STEP).round() * STEP;
+        let direction = memory.at(reported - output, threshold, None);
+        turns += u32::from(cycle > 130 && direction != before);
+        before = direction;
+        let wanted = direction.map_or(0.0, |direction| 0.010 * direction.sign());
+        let goal = output + (wanted - output).clamp(-slew, slew);
+        output = (goal / STEP).round() * STEP;
+    }
+    turns
+}
+
+/// With 20 ms of lag the correction went ±10 µm to and fro for ever.
+#[test]
+fn a_reversal_is_not_fed_back_at_standstill() {
+    assert!(
+        turns_at_standstill(5, 0.005) > 50,
+        "the defect is gone from the test"
+    );
+    for lag in [0_usize, 2, 5, 8] {
+        let delay = PERIOD * u32::try_from(lag).expect("few");
+        let threshold = reversal_threshold(&axis(true), STEP, delay);
+        assert_eq!(turns_at_standstill(lag, threshold), 0, "lag {lag}");
+    }
+}
+
+/// A position that flickers by one count at standstill turned the axis at each flicker.
+#[test]
+fn a_flickering_count_turns_nothing() {
+    let step = 0.031_25;
+    let threshold = reversal_threshold(&axis(false), step, Duration::ZERO);
+    let mut memory = DirectionMemory::default();
+    memory.at(99.0, threshold, None);
+    let mut turns = 0;
+    let mut before = memory.at(100.0, threshold, None);
+    for cycle in 0..4000_u32 {
+        let flicker = if (cycle / 60).is_multiple_of(2) {
+            0.0
+        } else {
+            step
+        };
+        let direction = memory.at(100.0 + flicker, threshold, None);
+        turns += u32::from(direction != before);
+        before = direction;
+    }
+    assert_eq!(turns, 0);
 }
