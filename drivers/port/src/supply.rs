@@ -3,12 +3,13 @@
 use std::{
     sync::{
         Arc, Mutex, PoisonError,
-        atomic::{AtomicU64, Ordering},
-        mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
-    thread,
+    thread::{self, Thread},
     time::{Duration, Instant},
 };
+
+use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use crate::{DeviceError, Fault};
 
@@ -38,19 +39,26 @@ impl Backoff {
     }
 }
 
+/// How often [`Supply::wait`] looks for a connection.
+const LOOK_EVERY: Duration = Duration::from_micros(500);
+
 #[derive(Default)]
 struct Shared {
     opened: AtomicU64,
+    ends: AtomicBool,
     last_error: Mutex<Option<DeviceError>>,
 }
 
 /// A connection that comes back by itself. The thread of a real-time loop takes it open and gives it up
 /// when it is dead; resolving, connecting, waiting and closing happen on a thread of its own, which ends with
-/// the supply.
+/// the supply. Between the two are rings without locks, so that the loop never waits for that thread.
 pub struct Supply<T> {
     current: Option<T>,
-    open: Receiver<T>,
-    dead: SyncSender<T>,
+    /// A dead connection for which the ring had no room.
+    kept: Option<T>,
+    open: Consumer<T>,
+    dead: Producer<T>,
+    helper: Thread,
     shared: Arc<Shared>,
 }
 
@@ -64,8 +72,8 @@ impl<T: Send + 'static> Supply<T> {
         backoff: Backoff,
         open: impl FnMut() -> Result<T, DeviceError> + Send + 'static,
     ) -> Result<Self, DeviceError> {
-        let (hand_over, taken) = sync_channel(1);
-        let (give_back, dead) = sync_channel(1);
+        let (hand_over, taken) = RingBuffer::new(1);
+        let (give_back, dead) = RingBuffer::new(1);
         let shared = Arc::new(Shared::default());
         let name: String = device.chars().take(15).collect();
         let helper = Helper {
@@ -75,7 +83,7 @@ impl<T: Send + 'static> Supply<T> {
             shared: Arc::clone(&shared),
             backoff,
         };
-        thread::Builder::new()
+        let helper = thread::Builder::new()
             .name(name)
             .spawn(move || helper.run())
             .map_err(|e| {
@@ -85,29 +93,43 @@ impl<T: Send + 'static> Supply<T> {
             })?;
         Ok(Self {
             current: None,
+            kept: None,
             open: taken,
             dead: give_back,
+            helper: helper.thread().clone(),
             shared,
         })
     }
 
-    /// The open connection. Never blocks or allocates.
+    /// The open connection. Never blocks, allocates or frees.
     ///
     /// # Errors
     /// [`Fault::NotConnected`].
     pub fn current(&mut self) -> Result<&mut T, Fault> {
+        if let Some(dead) = self.kept.take() {
+            self.give_back(dead);
+        }
         if self.current.is_none() {
-            self.current = self.open.try_recv().ok();
+            self.current = self.open.pop().ok();
         }
         self.current.as_mut().ok_or(Fault::NotConnected)
     }
 
     /// Gives the connection up, after a time-out or a broken answer: it is closed elsewhere and a new one
-    /// made.
+    /// made. Never blocks, allocates or frees.
     pub fn lose(&mut self) {
         if let Some(dead) = self.current.take() {
-            // There is one connection at a time, so there is room.
-            let _ = self.dead.try_send(dead);
+            self.give_back(dead);
+        }
+    }
+
+    /// Hands a dead connection to the thread that closes it, and wakes that thread. Dropped here it would be closed and
+    /// freed on the thread of the loop.
+    fn give_back(&mut self, dead: T) {
+        match self.dead.push(dead) {
+            Ok(()) => self.helper.unpark(),
+            // There is one connection at a time, so this does not happen; if it did, the next call would try again.
+            Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
     }
 
@@ -116,14 +138,15 @@ impl<T: Send + 'static> Supply<T> {
     /// # Errors
     /// Why the last try failed.
     pub fn wait(&mut self, at_most: Duration) -> Result<&mut T, DeviceError> {
-        if self.current.is_none() {
-            self.current = self.open.recv_timeout(at_most).ok();
-        }
-        if self.current.is_none() {
-            return Err(self.last_error().unwrap_or_else(|| {
-                let what = format!("no connection within {} ms", at_most.as_millis());
-                DeviceError::no_answer("connection", what, "check the address and the cable")
-            }));
+        let begun = Instant::now();
+        while self.current().is_err() {
+            if begun.elapsed() >= at_most {
+                return Err(self.last_error().unwrap_or_else(|| {
+                    let what = format!("no connection within {} ms", at_most.as_millis());
+                    DeviceError::no_answer("connection", what, "check the address and the cable")
+                }));
+            }
+            thread::sleep(LOOK_EVERY);
         }
         self.current()
             .map_err(|fault| DeviceError::of_fault("connection", fault, "check the cable"))
@@ -141,10 +164,17 @@ impl<T: Send + 'static> Supply<T> {
     }
 }
 
+impl<T> Drop for Supply<T> {
+    fn drop(&mut self) {
+        self.shared.ends.store(true, Ordering::Release);
+        self.helper.unpark();
+    }
+}
+
 struct Helper<T, F> {
     open: F,
-    hand_over: SyncSender<T>,
-    dead: Receiver<T>,
+    hand_over: Producer<T>,
+    dead: Consumer<T>,
     shared: Arc<Shared>,
     backoff: Backoff,
 }
@@ -152,16 +182,17 @@ struct Helper<T, F> {
 impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
     fn run(mut self) {
         let mut pause = Duration::ZERO;
-        loop {
+        while !self.ends() {
             match (self.open)() {
                 Ok(connection) => {
                     self.note(None);
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     let born = Instant::now();
-                    if self.hand_over.send(connection).is_err() {
+                    // The one before was given back, so there is room.
+                    if self.hand_over.push(connection).is_err() {
                         return;
                     }
-                    let Ok(dead) = self.dead.recv() else { return };
+                    let Some(dead) = self.dead() else { return };
                     drop(dead);
                     if born.elapsed() > self.backoff.first * 10 {
                         pause = Duration::ZERO;
@@ -170,10 +201,36 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
                 Err(error) => self.note(Some(error)),
             }
             pause = self.backoff.after(pause);
-            // Nothing can come here but the end of the supply.
-            if let Err(RecvTimeoutError::Disconnected) = self.dead.recv_timeout(pause) {
+            self.rest(pause);
+        }
+    }
+
+    fn ends(&self) -> bool {
+        self.shared.ends.load(Ordering::Acquire)
+    }
+
+    /// Waits for the connection to be given back; `None` when the supply ends.
+    fn dead(&mut self) -> Option<T> {
+        loop {
+            if let Ok(dead) = self.dead.pop() {
+                return Some(dead);
+            }
+            if self.ends() {
+                return None;
+            }
+            thread::park();
+        }
+    }
+
+    /// Waits so long, or until the supply ends.
+    fn rest(&self, pause: Duration) {
+        let end = Instant::now() + pause;
+        while !self.ends() {
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
                 return;
             }
+            thread::park_timeout(left);
         }
     }
 

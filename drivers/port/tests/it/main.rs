@@ -16,6 +16,10 @@ use volcomp_port::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
+/// Allocating or freeing where a cycle calls ends the test.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
+
 fn axis(name: AxisName, includes_correction: bool) -> Axis {
     Axis {
         name,

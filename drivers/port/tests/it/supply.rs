@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use assert_no_alloc::assert_no_alloc;
 use volcomp_port::{
     Backoff, DeviceError, Fault, Quality, Reason, Supply, Temperature, Thermometer, published,
 };
@@ -51,6 +52,31 @@ fn a_lost_connection_comes_back_and_nothing_is_kept() {
         assert!(alive.load(Ordering::SeqCst) <= 2);
         supply.lose();
     }
+    drop(supply);
+    until(|| alive.load(Ordering::SeqCst) == 0);
+}
+
+/// The thread of the loop takes connections and gives them up without allocating, and without freeing what they hold.
+#[test]
+fn a_loop_neither_allocates_nor_frees() {
+    let alive = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&alive);
+    let open = move || Ok((Connection::new(&counted), vec![0_u8; 4096]));
+    let mut supply = Supply::new("test", QUICK, open).unwrap();
+    let mut lost = 0;
+    assert_no_alloc(|| {
+        let end = Instant::now() + Duration::from_secs(20);
+        while lost < 50 {
+            assert!(Instant::now() < end, "never");
+            if supply.current().is_ok() {
+                supply.lose();
+                assert!(supply.current().is_err(), "it was given up");
+                lost += 1;
+            }
+            // Nothing is held: nothing happens.
+            supply.lose();
+        }
+    });
     drop(supply);
     until(|| alive.load(Ordering::SeqCst) == 0);
 }
