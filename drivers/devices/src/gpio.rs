@@ -39,11 +39,13 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
     Ok([lines("position")?, lines("correction")?])
 }
 
-/// Reads the inputs; the outputs are taken too, at 0, and given back.
+/// Reads the inputs; the outputs are taken too, as they are, and given back.
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
-    let levels = read.map_err(|fault| address.failed(fault, "check the chip"))?;
+    let levels = read
+        .map_err(|fault| address.failed(fault, "check the chip"))?
+        .levels;
     let mut probe = Probe::of(&address.text);
     probe.inputs = (0..port.inputs())
         .map(|line| levels >> line & 1 == 1)

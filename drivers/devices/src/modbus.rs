@@ -178,7 +178,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         let mut lines = digital_modules(address)?;
         let levels = loop {
             match lines.read(deadline) {
-                Ok(levels) => break levels,
+                Ok(found) => break found.levels,
                 Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
                 Err(_) => return Err(nobody()),
             }

@@ -13,7 +13,7 @@ use volcomp_port::DeviceError;
 use crate::address::Scheme;
 use crate::{address::Address, probed::Probe};
 
-/// Asks a device what it says now. Nothing is written but what opening needs; GPIO outputs are taken, at 0.
+/// Asks a device what it says now. Nothing is written but what opening needs; GPIO outputs are taken as they are.
 ///
 /// # Errors
 /// A device that is not there or does not answer, a bus that this build does not have.

@@ -10,7 +10,7 @@ use std::{
 };
 
 use volcomp_digital_io::{Coherence, DigitalAxis, DigitalController, Wiring};
-use volcomp_port::{Controller, DigitalIo, Fault};
+use volcomp_port::{Controller, DigitalIo, Fault, InputLevels};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 /// The control behind the lines: where X stands (mm), and the levels of its inputs.
@@ -51,16 +51,20 @@ impl DigitalIo for Panel {
         Duration::from_micros(50)
     }
 
-    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
+    fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (x_mm, _) = *self.inside.lock().unwrap_or_else(PoisonError::into_inner);
         let word = self.axis.position.encode(x_mm);
         let word = word.ok_or(Fault::Protocol("X is outside the range of its word"))?;
-        Ok(self.wiring.control_outputs(word, 0, true))
+        Ok(InputLevels::now(self.wiring.control_outputs(word, 0, true)))
     }
 
     fn write(&mut self, levels: u64, _deadline: Instant) -> Result<(), Fault> {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner).1 = levels;
         Ok(())
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        Some(self.inside.lock().unwrap_or_else(PoisonError::into_inner).1)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use volcomp_port::{DigitalIo, Fault};
+use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::wiring::Wiring;
 
@@ -19,7 +19,7 @@ pub enum Coherence {
     Latched,
 }
 
-/// Levels of the inputs that a word was whole on.
+/// Levels of the inputs that a word was whole on, the lines that carry nothing at 0, and when these levels came.
 ///
 /// # Errors
 /// [`Fault::TimedOut`] when no word held still before the deadline, or a fault of the port.
@@ -28,14 +28,15 @@ pub fn read_coherent(
     wiring: &Wiring,
     coherence: Coherence,
     deadline: Instant,
-) -> Result<u64, Fault> {
+) -> Result<InputLevels, Fault> {
     let used = wiring.used_inputs();
     let mut before = None;
     loop {
-        let levels = io.read(deadline)? & used;
+        let InputLevels { levels, taken } = io.read(deadline)?;
+        let levels = levels & used;
         let agrees = coherence == Coherence::Latched || before == Some(levels);
         if agrees && wiring.shown(levels).valid {
-            return Ok(levels);
+            return Ok(InputLevels { levels, taken });
         }
         before = Some(levels);
         if Instant::now() >= deadline {

@@ -4,13 +4,14 @@ use std::time::{Duration, Instant};
 
 use volcomp_port::{
     Axis, Controller, ControllerState, Description, DeviceError, DigitalIo, Fault, Heartbeat,
-    ShownStates, Snapshot,
+    InputLevels, ShownStates, Snapshot,
 };
 
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{
     coherent::{Coherence, read_coherent},
+    outputs::Outputs,
     wiring::Wiring,
     words::{CorrectionWord, PositionWord, Unwrapper},
 };
@@ -69,8 +70,9 @@ impl DigitalAxis {
 /// A control that shows positions on lines and takes corrections on others. Where several axes share the
 /// lines, each is read and corrected when the control shows it.
 ///
-/// Lines say nothing of the control's state: it counts as referenced and without alarm. They have no memory
-/// that a second gateway could be seen in, and nothing watches them unless the control's side does.
+/// Lines say nothing of the control's state: the description shows no state, which whoever corrects must accept, and the
+/// snapshots have it as referenced and without alarm. Lines have no memory that a second gateway could be seen in, and
+/// nothing watches them unless the control's side does.
 pub struct DigitalController<D> {
     io: D,
     wiring: Wiring,
@@ -80,9 +82,9 @@ pub struct DigitalController<D> {
     seen: Vec<Option<Seen>>,
     /// The axis that was shown last.
     shown: usize,
-    wanted: PerChannel<f64>,
-    applied: PerChannel<f64>,
-    has_applied: bool,
+    outputs: Outputs,
+    /// Whether a correction was written since this was made.
+    wrote: bool,
     saturated: u32,
 }
 
@@ -152,16 +154,16 @@ impl<D: DigitalIo> DigitalController<D> {
             axes,
             description,
             shown: 0,
-            wanted: PerChannel::ZERO,
-            applied: PerChannel::ZERO,
-            has_applied: false,
+            outputs: Outputs::new(),
+            wrote: false,
             saturated: 0,
         })
     }
 
-    /// The corrections that the lines carried last, axis by axis, once one was written.
+    /// The corrections of the last writes that the device confirmed, axis by axis, once there was one; with a latch,
+    /// those at whose levels it was turned. A write that failed changes nothing here.
     pub fn sent(&self) -> Option<PerChannel<f64>> {
-        self.has_applied.then_some(self.applied)
+        self.outputs.taken()
     }
 
     /// How often a correction was larger than its word can say.
@@ -174,10 +176,17 @@ impl<D: DigitalIo> DigitalController<D> {
         &mut self.io
     }
 
+    /// Takes note of what the device confirmed of our writes.
+    fn note(&mut self) {
+        if self.wrote {
+            self.outputs.note(&self.io, &self.wiring, &self.axes);
+        }
+    }
+
     /// Reads the axis that is shown.
     fn look(&mut self, deadline: Instant) -> Result<(), Fault> {
-        let begun = Instant::now();
-        let levels = read_coherent(&mut self.io, &self.wiring, self.coherence, deadline)?;
+        let InputLevels { levels, taken } =
+            read_coherent(&mut self.io, &self.wiring, self.coherence, deadline)?;
         let shown = self.wiring.shown(levels);
         let index = usize::try_from(shown.axis).unwrap_or(usize::MAX);
         let Some((axis, seen)) = self.axes.get(index).zip(self.seen.get_mut(index)) else {
@@ -193,7 +202,7 @@ impl<D: DigitalIo> DigitalController<D> {
         };
         *seen = Some(Seen {
             position: coded.position,
-            taken: begun + begun.elapsed() / 2,
+            taken,
             unwrapper,
         });
         self.shown = index;
@@ -209,6 +218,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let begun = Instant::now();
         self.look(deadline)?;
+        self.note();
         while self.seen.iter().any(Option::is_none) {
             if Instant::now() >= deadline {
                 return Err(Fault::TimedOut);
@@ -225,6 +235,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             positions,
             taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
+            // None of these is shown, which the description says: whoever reads this must have accepted that.
             state: ControllerState {
                 referenced: true,
                 ..ControllerState::default()
@@ -235,20 +246,27 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         })
     }
 
-    /// Writes the correction of the axis that is shown; the others follow when they are.
+    /// Writes the correction of the axis that is shown; the others follow when they are. With a latch a correction takes
+    /// two calls: its word with the first, the latch with the next.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        self.wanted = *corrections;
+        if Instant::now() >= deadline {
+            return Err(Fault::TimedOut);
+        }
         let index = self.shown;
         let Some(axis) = self.axes.get(index) else {
             return Err(Fault::NotConnected);
         };
-        let correction = axis.correction.encode(self.wanted[index]);
+        let correction = axis.correction.encode(corrections[index]);
         self.saturated = self.saturated.wrapping_add(u32::from(correction.saturated));
         let number = u32::try_from(index).unwrap_or(0);
-        self.io
-            .write(self.wiring.levels(correction.word, number), deadline)?;
-        self.applied[index] = correction.sent;
-        self.has_applied = true;
-        Ok(())
+        let written = self.outputs.write(
+            &mut self.io,
+            &self.wiring,
+            (correction.word, number),
+            deadline,
+        );
+        self.wrote |= written.is_ok();
+        self.note();
+        written
     }
 }

@@ -8,8 +8,9 @@ use std::{
 use gpiocdev::{
     Chip, Request,
     line::{Offset, Value, Values},
+    request::Config,
 };
-use volcomp_port::{DeviceError, DigitalIo, Fault, UnopenedLines};
+use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 
 /// Lines of one chip, in the order of their bits.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -59,7 +60,10 @@ pub struct GpioPort {
     input_lines: Vec<Offset>,
     outputs: Request,
     output_lines: Vec<Offset>,
-    values: Values,
+    /// Room for the levels of the inputs and of the outputs, so that no call needs more.
+    input_values: Values,
+    output_values: Values,
+    confirmed: u64,
 }
 
 /// The shortest time of an exchange: calls of the kernel.
@@ -77,10 +81,12 @@ impl GpioPort {
         }
     }
 
-    /// Takes the lines that a control drives as inputs, and those that it reads as outputs, at 0.
+    /// Takes the lines that a control drives as inputs, and those that it reads as outputs. The outputs are taken as they
+    /// are: their present levels are read first and driven from then on, so that nothing changes at the control.
     ///
     /// # Errors
-    /// A chip or line that is not there, or taken by another program.
+    /// A chip or line that is not there, or taken by another program; output lines whose present levels the chip cannot
+    /// tell, since driving them could change a correction in one step.
     pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
         let inputs = Request::builder()
             .on_chip(find(control_outputs)?)
@@ -93,17 +99,49 @@ impl GpioPort {
             .on_chip(find(control_inputs)?)
             .with_consumer("volcomp")
             .with_lines(&control_inputs.lines)
-            .as_output(Value::Inactive)
+            .as_is()
             .request()
+            .map_err(|e| refused(control_inputs, &e))?;
+        let mut output_values = Values::from_offsets(&control_inputs.lines);
+        outputs.values(&mut output_values).map_err(|e| {
+            let what = format!(
+                "the present levels of lines {:?} cannot be read: {e}",
+                control_inputs.lines
+            );
+            let remedy = "use lines whose levels can be read back: driving these could change the correction in one step";
+            DeviceError::open(format!("gpio {}", control_inputs.chip), what, remedy)
+        })?;
+        let mut as_found = Config::default();
+        as_found.with_output_lines(&output_values);
+        outputs
+            .reconfigure(&as_found)
             .map_err(|e| refused(control_inputs, &e))?;
         Ok(Self {
             device: device(control_outputs, control_inputs),
-            values: Values::from_offsets(&control_outputs.lines),
+            confirmed: levels_of(&output_values, &control_inputs.lines),
+            input_values: Values::from_offsets(&control_outputs.lines),
+            output_values,
             inputs,
             input_lines: control_outputs.lines.clone(),
             outputs,
             output_lines: control_inputs.lines.clone(),
         })
+    }
+}
+
+/// The levels of lines as bits, in the order of the lines.
+fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
+    let mut levels = 0;
+    for (bit, line) in lines.iter().enumerate() {
+        levels |= u64::from(values.get(*line) == Some(Value::Active)) << bit;
+    }
+    levels
+}
+
+/// Puts levels into values that have all of these lines already, so that nothing is allocated.
+fn put_levels(values: &mut Values, lines: &[Offset], levels: u64) {
+    for (bit, line) in lines.iter().enumerate() {
+        values.set(*line, Value::from(levels >> bit & 1 == 1));
     }
 }
 
@@ -160,24 +198,47 @@ impl DigitalIo for GpioPort {
     }
 
     /// One call of the kernel for all lines; whether the chip latches them together is its own affair.
-    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
-        let read = self.inputs.values(&mut self.values);
+    fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
+        let taken = Instant::now();
+        let read = self.inputs.values(&mut self.input_values);
         read.map_err(|_| Fault::Disconnected)?;
-        let mut levels = 0;
-        for (bit, line) in self.input_lines.iter().enumerate() {
-            let active = self.values.get(*line) == Some(Value::Active);
-            levels |= u64::from(active) << bit;
-        }
-        Ok(levels)
+        let levels = levels_of(&self.input_values, &self.input_lines);
+        Ok(InputLevels { levels, taken })
     }
 
     fn write(&mut self, levels: u64, _deadline: Instant) -> Result<(), Fault> {
-        let mut values = Values::default();
-        for (bit, line) in self.output_lines.iter().enumerate() {
-            values.set(*line, Value::from(levels >> bit & 1 == 1));
-        }
-        self.outputs
-            .set_values(&values)
-            .map_err(|_| Fault::Disconnected)
+        put_levels(&mut self.output_values, &self.output_lines, levels);
+        let set = self.outputs.set_values(&self.output_values);
+        set.map_err(|_| Fault::Disconnected)?;
+        self.confirmed = levels;
+        Ok(())
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        Some(self.confirmed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+
+    use super::*;
+
+    #[global_allocator]
+    static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+    #[test]
+    fn levels_are_put_without_allocating() {
+        // The bits follow the order of the set, not the numbers of the lines.
+        let lines = [9, 3, 4, 31];
+        let mut values = Values::from_offsets(&lines);
+        assert_no_alloc(|| {
+            for levels in 0..16 {
+                put_levels(&mut values, &lines, levels);
+                assert_eq!(levels_of(&values, &lines), levels);
+            }
+        });
+        assert_eq!(values.len(), lines.len());
     }
 }

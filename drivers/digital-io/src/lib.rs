@@ -4,6 +4,7 @@ mod coherent;
 mod controller;
 #[cfg(feature = "gpio")]
 mod gpio;
+mod outputs;
 mod wiring;
 mod words;
 
@@ -13,5 +14,6 @@ pub use controller::{DigitalAxis, DigitalController};
 pub use gpio::{GpioPort, LineSet};
 pub use wiring::{Wiring, WiringError};
 pub use words::{
-    Coded, Correction, CorrectionCode, CorrectionWord, PositionCode, PositionWord, Unwrapper,
+    BeyondWord, Coded, Correction, CorrectionCode, CorrectionWord, PositionCode, PositionWord,
+    Unwrapper,
 };

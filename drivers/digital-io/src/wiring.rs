@@ -20,6 +20,10 @@ pub struct Wiring {
     /// Our outputs that say for which axis the correction is, lowest bit first: as many as `select`. The
     /// control takes a correction only while they agree with what it shows.
     pub echo: Vec<u32>,
+    /// Our output that changes its level one write after the correction, so that a control which takes the correction at
+    /// its edges, rising and falling, never takes one whose lines have not settled.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub latch: Option<u32>,
     /// Inputs that are inverted on the way.
     pub inverted_inputs: u64,
     /// Outputs that are inverted on the way.
@@ -70,8 +74,7 @@ impl Wiring {
     ) -> Result<(), WiringError> {
         let ours: Vec<u32> = self.inputs().collect();
         each_once("inputs", &ours, inputs)?;
-        let theirs: Vec<u32> = self.correction.iter().chain(&self.echo).copied().collect();
-        each_once("outputs", &theirs, outputs)?;
+        each_once("outputs", &self.outputs().collect::<Vec<u32>>(), outputs)?;
         for (position, correction) in words {
             same(
                 "lines of the position",
@@ -116,6 +119,22 @@ impl Wiring {
         words.chain(single).copied()
     }
 
+    /// Our outputs that carry something.
+    fn outputs(&self) -> impl Iterator<Item = u32> {
+        let words = self.correction.iter().chain(&self.echo);
+        words.chain(&self.latch).copied()
+    }
+
+    /// The outputs that carry something, as bits.
+    pub(crate) fn used_outputs(&self) -> u64 {
+        self.outputs().fold(0, |used, line| used | 1 << line)
+    }
+
+    /// The bit of the latch; 0 without one.
+    pub(crate) fn latch_bit(&self) -> u64 {
+        self.latch.map_or(0, |line| 1 << line)
+    }
+
     /// The inputs that must agree between two readings.
     pub(crate) fn used_inputs(&self) -> u64 {
         self.inputs().fold(0, |used, line| used | 1 << line)
@@ -144,11 +163,11 @@ impl Wiring {
         shown.valid.then_some(shown.word)
     }
 
-    /// The levels of the outputs for a correction of an axis.
+    /// The levels of the outputs for a correction of an axis, the latch at 0.
     #[inline]
     pub fn levels(&self, word: u32, axis: u32) -> u64 {
         let bits = scatter(word, &self.correction) | scatter(axis, &self.echo);
-        bits ^ self.inverted_outputs
+        (bits ^ self.inverted_outputs) & !self.latch_bit()
     }
 
     /// The levels of a control's outputs while it shows a word of an axis: for simulated controls and tests.

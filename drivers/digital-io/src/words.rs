@@ -78,6 +78,22 @@ pub struct Coded {
     pub within: f64,
 }
 
+/// A travel that goes beyond what a position word can say.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "found a travel from {} to {} {unit}, expected one within {} to {} {unit}, which {bits} bits of this step can say",
+    travel[0].mm_or_deg(), travel[1].mm_or_deg(), word[0].mm_or_deg(), word[1].mm_or_deg(),
+    unit = travel[0].kind().coordinate_unit()
+)]
+pub struct BeyondWord {
+    /// The lower and the upper end of the travel.
+    pub travel: [Displacement; 2],
+    /// The first and the last position that the word can say.
+    pub word: [Displacement; 2],
+    /// The number of lines of the word.
+    pub bits: u32,
+}
+
 /// A number with the lowest `bits` bits set.
 pub(crate) fn mask(bits: u32) -> u32 {
     u32::MAX.checked_shr(32 - bits.min(32)).unwrap_or(0)
@@ -110,6 +126,31 @@ impl PositionWord {
     /// From the first to the end of the last count, mm or rad.
     pub fn range(&self) -> f64 {
         self.counts() * self.step.mm_or_rad()
+    }
+
+    /// The first and the last position that the word can say, mm or rad: half a count beyond them is still shown as them.
+    pub fn ends(&self) -> [f64; 2] {
+        [0.0, self.counts() - 1.0].map(|count| self.at(count).position)
+    }
+
+    /// Checks that the word can say every position of a travel (mm or rad, lower end first). A position beyond it would
+    /// be shown as another one.
+    ///
+    /// # Errors
+    /// The travel goes beyond the word by more than half a count.
+    pub fn check_travel(&self, travel: [f64; 2]) -> Result<(), BeyondWord> {
+        let half = 0.5 * self.step.mm_or_rad();
+        let ends = self.ends();
+        if ends[0] - half <= travel[0] && travel[1] <= ends[1] + half {
+            return Ok(());
+        }
+        let kind = self.step.kind();
+        let of_kind = |ends: [f64; 2]| ends.map(|at| Displacement::new(kind, at));
+        Err(BeyondWord {
+            travel: of_kind(travel),
+            word: of_kind(ends),
+            bits: self.bits,
+        })
     }
 
     /// The count of a word, with Gray code undone.

@@ -18,7 +18,7 @@ use tokio_modbus::{
     prelude::{Client, Request, Response, Slave, SlaveContext},
 };
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
-use volcomp_port::DeviceError;
+use volcomp_port::{DeviceError, Fault};
 
 /// Parity of a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,7 +85,13 @@ impl Bus {
                 let stream = timeout(at_most, connecting)
                     .await
                     .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
-                    .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
+                    .and_then(|stream| {
+                        stream.set_nodelay(true)?;
+                        // When it is given up it is reset, not closed: what the kernel still holds of a request must
+                        // not reach the module when the cable is in again.
+                        stream.set_zero_linger()?;
+                        Ok(stream)
+                    })
                     .map_err(|e| {
                         let remedy = "check the address, the cable and the module's supply";
                         failed(format!("no connection: {e}"), remedy).caused_by(e)
@@ -139,10 +145,24 @@ pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
 pub(crate) enum Unanswered {
     /// No answer in time. The line was drained: a late answer is gone.
     Silent,
-    /// The module refused the request with an exception.
-    Refused,
+    /// The module refused the request with an exception of this code; 0: it answered another request.
+    Refused(u8),
     /// The line is broken.
     Broken,
+}
+
+impl Unanswered {
+    /// The fault of a write that was answered so.
+    pub(crate) fn fault(self) -> Fault {
+        match self {
+            Self::Silent => Fault::TimedOut,
+            Self::Refused(code) => Fault::Refused {
+                code: code.into(),
+                what: "outputs of a module",
+            },
+            Self::Broken => Fault::Disconnected,
+        }
+    }
 }
 
 /// An open line to the modules, by TCP or serial.
@@ -167,7 +187,7 @@ impl Line {
         self.context.set_slave(Slave(unit));
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) => Ok(response),
-            Ok(Ok(Err(_exception))) => Err(Unanswered::Refused),
+            Ok(Ok(Err(exception))) => Err(Unanswered::Refused(exception.into())),
             Ok(Err(_)) => {
                 // On a serial line a disturbed frame; on TCP a connection that is gone.
                 self.drain(at_most).await?;

@@ -3,21 +3,27 @@
 use std::{
     sync::{
         Arc,
-        atomic::{AtomicBool, AtomicU64, Ordering},
+        atomic::{AtomicBool, Ordering},
     },
     time::{Duration, Instant},
 };
 
-use tokio_modbus::prelude::{Request, Response};
-use volcomp_port::{Backoff, Clock, DeviceError, DigitalIo, Fault, UnopenedLines};
+use triple_buffer::{Input, Output, triple_buffer};
+use volcomp_port::{Backoff, DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 
 use crate::{
-    bus::{Bus, Line, Unanswered, no_thread},
+    bus::{Bus, no_thread},
+    exchange::{Exchanger, Image, Wanted},
     profile::{Digital, Profile},
 };
 
-/// Inputs older than so many exchanges are not told any more.
+/// Inputs older than so many exchanges are not told any more, and a write that was not answered for so long has failed.
 const STALE_EXCHANGES: u32 = 5;
+/// However short the exchanges are, it takes so long at least.
+const STALE_AT_LEAST: Duration = Duration::from_millis(50);
+/// A write goes out with the next exchange. It may begin so many exchanges after it was asked for, even where that is
+/// later than its deadline.
+const WRITE_EXCHANGES: u32 = 2;
 
 /// A module with lines.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,23 +36,25 @@ pub struct DigitalModule {
 }
 
 /// The lines of some modules, the first module's lowest. Reading and writing never wait for the bus: inputs
-/// are those of the last exchange, outputs go out with the next.
+/// are those of the last exchange, with the time at which they came; outputs go out with the next one, once for each
+/// write. A write that a module did not acknowledge is told as failed by the next call, and what was asked for before a
+/// connection was made is not written over it.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,
     outputs: u32,
     exchange: Duration,
-    shared: Arc<Shared>,
-}
-
-struct Shared {
-    clock: Clock,
-    levels: AtomicU64,
-    /// Nanoseconds of the clock at the last exchange, and 0 before it and after a loss.
-    taken: AtomicU64,
-    wanted: AtomicU64,
-    has_wanted: AtomicBool,
-    stop: AtomicBool,
+    images: Output<Image>,
+    wanted: Input<Wanted>,
+    /// The number of the last write that was asked for.
+    number: u64,
+    /// The last write that has arrived or failed, as far as a call has seen.
+    answered: u64,
+    /// Since when a write is on its way and none was answered.
+    unanswered: Option<Instant>,
+    /// The last write whose failure was told.
+    told: u64,
+    stop: Arc<AtomicBool>,
 }
 
 impl ModbusDigital {
@@ -92,20 +100,23 @@ impl ModbusDigital {
             .enable_all()
             .build()
             .map_err(|e| no_thread(&device, e))?;
-        let shared = Arc::new(Shared {
-            clock: Clock::system(),
-            levels: AtomicU64::new(0),
-            taken: AtomicU64::new(0),
-            wanted: AtomicU64::new(0),
-            has_wanted: AtomicBool::new(false),
-            stop: AtomicBool::new(false),
+        let (wanted, taken) = triple_buffer(&Wanted {
+            levels: 0,
+            number: 0,
+            until: Instant::now(),
         });
+        let (into, images) = triple_buffer(&Image::default());
+        let stop = Arc::new(AtomicBool::new(false));
         let exchanger = Exchanger {
             bus,
             lines,
             answer_within,
             backoff,
-            shared: Arc::clone(&shared),
+            wanted: taken,
+            images: into,
+            stop: Arc::clone(&stop),
+            image: Image::default(),
+            asks_outputs: outputs > 0,
         };
         std::thread::Builder::new()
             .name("modbus-io".to_owned())
@@ -116,8 +127,19 @@ impl ModbusDigital {
             inputs,
             outputs,
             exchange,
-            shared,
+            images,
+            wanted,
+            number: 0,
+            answered: 0,
+            unanswered: None,
+            told: 0,
+            stop,
         })
+    }
+
+    /// How old inputs may be, and how long a write may be unanswered.
+    fn stale_after(&self) -> Duration {
+        (self.exchange * STALE_EXCHANGES).max(STALE_AT_LEAST)
     }
 }
 
@@ -164,7 +186,7 @@ fn exchange_time(bus: &Bus, lines: &[(u8, Digital)]) -> Duration {
 
 impl Drop for ModbusDigital {
     fn drop(&mut self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
+        self.stop.store(true, Ordering::Relaxed);
     }
 }
 
@@ -185,91 +207,58 @@ impl DigitalIo for ModbusDigital {
         self.exchange
     }
 
-    /// The inputs of the last exchange.
-    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
-        let taken = Duration::from_nanos(self.shared.taken.load(Ordering::Acquire));
-        if taken.is_zero() {
-            return Err(Fault::NotConnected);
-        }
-        let age = self.shared.clock.elapsed().saturating_sub(taken);
-        if age > (self.exchange * STALE_EXCHANGES).max(Duration::from_millis(50)) {
+    /// The inputs of the last exchange, and when they came.
+    fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
+        let image = *self.images.read();
+        let inputs = image.inputs.filter(|_| image.connected);
+        let inputs = inputs.ok_or(Fault::NotConnected)?;
+        if inputs.taken.elapsed() > self.stale_after() {
             return Err(Fault::TimedOut);
         }
-        Ok(self.shared.levels.load(Ordering::Acquire))
+        Ok(inputs)
     }
 
-    /// The outputs of the next exchange.
-    fn write(&mut self, levels: u64, _deadline: Instant) -> Result<(), Fault> {
-        self.shared.wanted.store(levels, Ordering::Release);
-        self.shared.has_wanted.store(true, Ordering::Release);
-        if self.shared.taken.load(Ordering::Acquire) == 0 {
+    /// Hands the outputs to the next exchange. A fault tells that a write before did not arrive; these are on their way
+    /// then, except without a connection or after the deadline.
+    fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
+        let (now, image) = (Instant::now(), *self.images.read());
+        if !image.connected {
+            self.told = self.number;
+            self.unanswered = None;
             return Err(Fault::NotConnected);
         }
-        Ok(())
-    }
-}
-
-struct Exchanger {
-    bus: Bus,
-    lines: Vec<(u8, Digital)>,
-    answer_within: Duration,
-    backoff: Backoff,
-    shared: Arc<Shared>,
-}
-
-impl Exchanger {
-    async fn run(self) {
-        let mut pause = Duration::ZERO;
-        while !self.stopped() {
-            if let Ok(mut line) = self.bus.connect(self.answer_within * 4).await {
-                let born = Instant::now();
-                while !self.stopped() && self.exchange(&mut line).await != Err(Unanswered::Broken) {
-                }
-                if born.elapsed() > self.backoff.most {
-                    pause = Duration::ZERO;
-                }
+        if now >= deadline {
+            return Err(Fault::TimedOut);
+        }
+        let failed = image.failed.filter(|(number, _)| *number > self.told);
+        let answered = image
+            .taken
+            .max(image.failed.map_or(0, |(number, _)| number));
+        if answered > self.answered {
+            self.answered = answered;
+            self.unanswered = None;
+        }
+        let silent = self
+            .unanswered
+            .is_some_and(|since| now.duration_since(since) > self.stale_after());
+        self.number += 1;
+        self.unanswered.get_or_insert(now);
+        self.wanted.write(Wanted {
+            levels,
+            number: self.number,
+            until: deadline.max(now + self.exchange * WRITE_EXCHANGES),
+        });
+        match failed {
+            Some((number, fault)) => {
+                self.told = number;
+                Err(fault)
             }
-            self.shared.taken.store(0, Ordering::Release);
-            pause = (pause * 2).clamp(self.backoff.first, self.backoff.most);
-            let end = Instant::now() + pause;
-            while !self.stopped() && Instant::now() < end {
-                tokio::time::sleep(pause.min(Duration::from_millis(20))).await;
-            }
+            None if silent => Err(Fault::TimedOut),
+            None => Ok(()),
         }
     }
 
-    fn stopped(&self) -> bool {
-        self.shared.stop.load(Ordering::Relaxed)
-    }
-
-    /// Reads all inputs and writes all outputs.
-    async fn exchange(&self, line: &mut Line) -> Result<(), Unanswered> {
-        let (mut levels, mut input, mut output) = (0, 0_u32, 0_u32);
-        for (unit, digital) in &self.lines {
-            if digital.inputs > 0 {
-                let request = Request::ReadDiscreteInputs(digital.input_address, digital.inputs);
-                let answer = line.ask(*unit, request, self.answer_within).await?;
-                let Response::ReadDiscreteInputs(bits) = answer else {
-                    return Err(Unanswered::Refused);
-                };
-                for (bit, level) in bits.iter().take(usize::from(digital.inputs)).enumerate() {
-                    levels |= u64::from(*level) << (input as usize + bit);
-                }
-                input += u32::from(digital.inputs);
-            }
-            if digital.outputs > 0 && self.shared.has_wanted.load(Ordering::Acquire) {
-                let wanted = self.shared.wanted.load(Ordering::Acquire) >> output;
-                let bits: Vec<bool> = (0..digital.outputs)
-                    .map(|bit| wanted >> bit & 1 == 1)
-                    .collect();
-                let request = Request::WriteMultipleCoils(digital.output_address, bits.into());
-                line.ask(*unit, request, self.answer_within).await?;
-            }
-            output += u32::from(digital.outputs);
-        }
-        self.shared.levels.store(levels, Ordering::Release);
-        let now = u64::try_from(self.shared.clock.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        self.shared.taken.store(now.max(1), Ordering::Release);
-        Ok(())
+    fn confirmed(&self) -> Option<u64> {
+        self.images.output_buffer().outputs
     }
 }

@@ -2,6 +2,7 @@
 
 mod bus;
 mod digital;
+mod exchange;
 pub mod iec60751;
 mod profile;
 mod registers;

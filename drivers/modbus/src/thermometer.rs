@@ -222,7 +222,7 @@ impl Poller {
                         self.all_bad();
                         return;
                     }
-                    Err(Unanswered::Silent | Unanswered::Refused) => {
+                    Err(Unanswered::Silent | Unanswered::Refused(_)) => {
                         silence.rounds += 1;
                         let skip = 1_u32.checked_shl(silence.rounds - 1).unwrap_or(u32::MAX) - 1;
                         // With one module alone nobody is held up by asking it.
@@ -289,7 +289,7 @@ async fn read_module(
     let (Response::ReadInputRegisters(registers) | Response::ReadHoldingRegisters(registers)) =
         answer
     else {
-        return Err(Unanswered::Refused);
+        return Err(Unanswered::Refused(0));
     };
     let Some(status) = channels.status else {
         return Ok((registers, None));
@@ -320,6 +320,6 @@ async fn read_status(
         Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words) => {
             words.into_iter().map(|word| word & status.mask).collect()
         }
-        _ => return Err(Unanswered::Refused),
+        _ => return Err(Unanswered::Refused(0)),
     })
 }

@@ -127,12 +127,26 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
             .write(levels & all(outputs), soon())
             .expect("it writes");
         let found = device.read(soon()).expect("it reads");
-        assert_eq!(found & !all(device.inputs()), 0, "bits beyond the inputs");
+        assert!(
+            found.taken <= Instant::now(),
+            "levels are not of the future"
+        );
+        assert_eq!(
+            found.levels & !all(device.inputs()),
+            0,
+            "bits beyond the inputs"
+        );
+        if device.confirmed().is_some() {
+            eventually("what was written is confirmed", || {
+                let _ = device.read(soon());
+                device.confirmed() == Some(levels & all(outputs))
+            });
+        }
         if wired {
             eventually("outputs come back on the inputs", || {
                 device
                     .read(soon())
-                    .is_ok_and(|found| (found ^ levels) & all(both) == 0)
+                    .is_ok_and(|found| (found.levels ^ levels) & all(both) == 0)
             });
         }
     }

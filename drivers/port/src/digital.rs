@@ -4,6 +4,25 @@ use std::time::{Duration, Instant};
 
 use crate::Fault;
 
+/// The levels of all inputs, bit 0 the first line, and when they were so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InputLevels {
+    /// The levels.
+    pub levels: u64,
+    /// When the oldest part of them came from the device; not when they were asked for here.
+    pub taken: Instant,
+}
+
+impl InputLevels {
+    /// Levels that are read now.
+    pub fn now(levels: u64) -> Self {
+        Self {
+            levels,
+            taken: Instant::now(),
+        }
+    }
+}
+
 /// Digital inputs and outputs, 64 of each at the most: bit 0 is the first line.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait DigitalIo: Send {
@@ -23,13 +42,18 @@ pub trait DigitalIo: Send {
     ///
     /// # Errors
     /// See [`Fault`].
-    fn read(&mut self, deadline: Instant) -> Result<u64, Fault>;
+    fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault>;
 
-    /// Sets all outputs.
+    /// Sets all outputs. A device that is written in the background takes the levels here and tells with the next call
+    /// when they did not arrive.
     ///
     /// # Errors
-    /// See [`Fault`].
+    /// See [`Fault`]. Which levels the outputs have is not known then.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
+
+    /// The levels of the outputs that the device confirmed last: those of the last write that it took, before the first
+    /// one those that it was found with. `None` where they are not known.
+    fn confirmed(&self) -> Option<u64>;
 }
 
 impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
@@ -49,11 +73,15 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
         (**self).shortest_cycle()
     }
 
-    fn read(&mut self, deadline: Instant) -> Result<u64, Fault> {
+    fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault> {
         (**self).read(deadline)
     }
 
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         (**self).write(levels, deadline)
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        (**self).confirmed()
     }
 }

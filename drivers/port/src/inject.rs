@@ -6,7 +6,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Controller, Description, DigitalIo, Fault, Snapshot, Temperature, Thermometer, Words};
+use crate::{
+    Controller, Description, DigitalIo, Fault, InputLevels, Snapshot, Temperature, Thermometer,
+    Words,
+};
 
 /// How often what goes wrong: chances of a call, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,7 +42,7 @@ pub struct Faulty<D> {
     frozen: u32,
     disconnected: u32,
     last_snapshot: Option<Snapshot>,
-    last_levels: u64,
+    last_levels: Option<InputLevels>,
     last_temperatures: Vec<Temperature>,
 }
 
@@ -53,7 +56,7 @@ impl<D> Faulty<D> {
             frozen: 0,
             disconnected: 0,
             last_snapshot: None,
-            last_levels: 0,
+            last_levels: None,
             last_temperatures: Vec::new(),
         }
     }
@@ -160,24 +163,30 @@ impl<D: DigitalIo> DigitalIo for Faulty<D> {
         self.device.shortest_cycle() + self.faults.delay
     }
 
-    fn read(&mut self, deadline: Instant) -> Result<u64, Fault> {
+    fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault> {
         self.before(deadline)?;
-        if !self.is_frozen() {
-            self.last_levels = self.device.read(deadline)?;
-        }
-        let mut levels = self.last_levels;
+        let frozen = self.is_frozen();
+        let mut found = match self.last_levels {
+            Some(last) if frozen => last,
+            _ => self.device.read(deadline)?,
+        };
+        self.last_levels = Some(found);
         if self.happens(self.faults.corrupt) {
-            levels ^= 1
+            found.levels ^= 1
                 << self
                     .random
                     .random_range(0..self.device.inputs().clamp(1, 64));
         }
-        Ok(levels)
+        Ok(found)
     }
 
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         self.before(deadline)?;
         self.device.write(levels, deadline)
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        self.device.confirmed()
     }
 }
 

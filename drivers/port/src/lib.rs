@@ -21,7 +21,7 @@ pub use controller::{
     Axis, Controller, ControllerState, Description, Heartbeat, ShownStates, Snapshot, UnfitAxes,
 };
 pub use device_error::{DeviceError, DeviceProblem};
-pub use digital::DigitalIo;
+pub use digital::{DigitalIo, InputLevels};
 pub use fault::Fault;
 pub use supply::{Backoff, Supply};
 pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::{DigitalIo, Fault};
+use crate::{DigitalIo, Fault, InputLevels};
 
 /// A digital port that is described and not opened: what is built on it can be checked, and every exchange fails with
 /// [`Fault::NotConnected`].
@@ -36,11 +36,15 @@ impl DigitalIo for UnopenedLines {
         self.shortest_cycle
     }
 
-    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
+    fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         Err(Fault::NotConnected)
     }
 
     fn write(&mut self, _levels: u64, _deadline: Instant) -> Result<(), Fault> {
         Err(Fault::NotConnected)
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        None
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_port::{DeviceError, DigitalIo, Fault, Reason};
+use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, Reason};
 
 use super::nodes::Nodes;
 use crate::frame::{CanPort, Frame};
@@ -15,7 +15,9 @@ pub struct CanopenDigital<P> {
     nodes: Nodes,
     inputs: u32,
     outputs: u32,
-    levels: Option<(u64, Instant)>,
+    levels: Option<InputLevels>,
+    /// The levels of the last frame that the bus took.
+    sent: Option<u64>,
     stale_after: Duration,
 }
 
@@ -44,6 +46,7 @@ impl<P: CanPort> CanopenDigital<P> {
             inputs,
             outputs,
             levels: None,
+            sent: None,
             stale_after,
         })
     }
@@ -67,8 +70,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Duration::from_millis(4)
     }
 
-    /// The inputs that the node sent last.
-    fn read(&mut self, _deadline: Instant) -> Result<u64, Fault> {
+    /// The inputs that the node sent last, and when they came.
+    fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes
             .listen(&mut self.port, |node, number, frame, taken| {
@@ -78,11 +81,14 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
                         *byte = *told;
                     }
                     let lines = u64::MAX.checked_shr(64 - inputs).unwrap_or(0);
-                    *levels = Some((u64::from_le_bytes(bytes) & lines, taken));
+                    *levels = Some(InputLevels {
+                        levels: u64::from_le_bytes(bytes) & lines,
+                        taken,
+                    });
                 }
             })?;
         match (self.levels, self.nodes.trouble(self.node)) {
-            (Some((levels, taken)), None) if taken.elapsed() <= self.stale_after => Ok(levels),
+            (Some(found), None) if found.taken.elapsed() <= self.stale_after => Ok(found),
             (_, Some(Reason::NoAnswer)) | (None, _) => Err(Fault::NotConnected),
             (_, Some(_)) => Err(Fault::Protocol("the node reports an error or does not run")),
             (Some(_), None) => Err(Fault::TimedOut),
@@ -92,7 +98,17 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let frame = outputs_frame(self.node, levels, self.outputs);
         let frame = frame.ok_or(Fault::Unsupported("so many lines"))?;
-        self.port.send(&frame, deadline)
+        if Instant::now() >= deadline {
+            return Err(Fault::TimedOut);
+        }
+        self.port.send(&frame, deadline)?;
+        self.sent = Some(levels);
+        Ok(())
+    }
+
+    /// What the bus took: nodes do not answer process data.
+    fn confirmed(&self) -> Option<u64> {
+        self.sent
     }
 }
 

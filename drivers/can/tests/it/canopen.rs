@@ -220,9 +220,22 @@ fn lines_of_a_node() {
     assert_eq!(bus.sent(), [frame(0, &[1, 9])]);
     bus.comes(frame(0x709, &[5]));
     bus.comes(frame(0x189, &[0x34, 0xff]));
-    assert_eq!(port.read(soon()), Ok(0x7f34), "fifteen lines");
+    let came = Instant::now();
+    let found = port.read(soon()).unwrap();
+    assert_eq!(found.levels, 0x7f34, "fifteen lines");
+    assert!(
+        found.taken <= came,
+        "the time is that of the frame, not of the call"
+    );
+    assert_eq!(port.confirmed(), None);
     port.write(0x1a5, soon()).unwrap();
     assert_eq!(bus.sent(), [frame(0x209, &[0xa5])]);
+    assert_eq!(
+        port.write(0x1a6, Instant::now()),
+        Err(Fault::TimedOut),
+        "too late"
+    );
+    assert_eq!((bus.sent(), port.confirmed()), (vec![], Some(0x1a5)));
     bus.comes(frame(0x709, &[4]));
     assert!(
         matches!(port.read(soon()), Err(Fault::Protocol(_))),

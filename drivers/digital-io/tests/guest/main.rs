@@ -16,6 +16,9 @@ use volcomp_digital_io::{
 use volcomp_port::{Controller, DigitalIo};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
+
 /// There is one panel, so one test at a time.
 fn panel() -> MutexGuard<'static, ()> {
     static PANEL: Mutex<()> = Mutex::new(());
@@ -84,8 +87,8 @@ fn every_line_is_where_it_belongs() {
     for line in 0..15 {
         control_shows(1 << line);
         assert_eq!(
-            port.read(soon()),
-            Ok(1 << line),
+            port.read(soon()).unwrap().levels,
+            1 << line,
             "output {line} of the control"
         );
     }
@@ -93,6 +96,43 @@ fn every_line_is_where_it_belongs() {
         port.write(1 << line, soon()).unwrap();
         assert_eq!(control_sees(), 1 << line, "input {line} of the control");
     }
+}
+
+/// Opening drives nothing to another level, and what is known to be sent are those levels.
+#[test]
+fn opening_changes_no_line() {
+    let _panel = panel();
+    for levels in [0xa5, 0x5a, 0xff, 0] {
+        let mut first = port();
+        first.write(levels, soon()).unwrap();
+        // The kernel may let lines go when they are closed; the simulator's pulls stand for the control's side.
+        drop(first);
+        for line in 0..8 {
+            let level = if levels >> line & 1 == 1 {
+                "pull-up"
+            } else {
+                "pull-down"
+            };
+            fs::write(simulated("panel-in", line).join("pull"), level).unwrap();
+        }
+        assert_eq!(control_sees(), levels);
+        let again = port();
+        assert_eq!((control_sees(), again.confirmed()), (levels, Some(levels)));
+    }
+}
+
+/// Reading and writing need no memory.
+#[test]
+fn a_cycle_allocates_nothing() {
+    let _panel = panel();
+    let mut port = port();
+    assert_no_alloc::assert_no_alloc(|| {
+        for levels in 0..256 {
+            port.write(levels, soon()).unwrap();
+            port.read(soon()).unwrap();
+        }
+    });
+    assert_eq!(port.confirmed(), Some(255));
 }
 
 /// The axis goes through its kilometre of a metre, the correction follows.

@@ -7,7 +7,7 @@ use volcomp_digital_io::{
     Coherence, CorrectionCode, CorrectionWord, DigitalAxis, DigitalController, PositionCode,
     PositionWord, Wiring,
 };
-use volcomp_port::{Controller, DigitalIo, Fault, contract};
+use volcomp_port::{Controller, DigitalIo, Fault, InputLevels, ShownStates, contract};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, PerChannel, Urad};
 
 fn soon() -> Instant {
@@ -24,6 +24,10 @@ struct Control {
     shown: usize,
     readings: usize,
     hold: usize,
+    /// The levels of its inputs.
+    levels: u64,
+    /// Whether writes fail.
+    refuses: bool,
 }
 
 #[derive(Clone)]
@@ -40,6 +44,8 @@ impl Panel {
             shown: 0,
             readings: 0,
             hold: 5,
+            levels: 0,
+            refuses: false,
         })))
     }
 }
@@ -61,7 +67,7 @@ impl DigitalIo for Panel {
         Duration::from_micros(10)
     }
 
-    fn read(&mut self, _: Instant) -> Result<u64, Fault> {
+    fn read(&mut self, _: Instant) -> Result<InputLevels, Fault> {
         let mut control = self.0.lock().unwrap();
         control.readings += 1;
         if control.readings.is_multiple_of(control.hold) {
@@ -72,13 +78,27 @@ impl DigitalIo for Panel {
             .position
             .encode(control.positions[shown]);
         let number = u32::try_from(shown).unwrap();
-        Ok(control
-            .wiring
-            .control_outputs(word.unwrap_or(0), number, true))
+        Ok(InputLevels::now(control.wiring.control_outputs(
+            word.unwrap_or(0),
+            number,
+            true,
+        )))
     }
 
     fn write(&mut self, levels: u64, _: Instant) -> Result<(), Fault> {
         let mut control = self.0.lock().unwrap();
+        if control.refuses {
+            return Err(Fault::Disconnected);
+        }
+        let turned = control.levels ^ levels;
+        control.levels = levels;
+        let latch = control.wiring.latch.map_or(0, |line| 1 << line);
+        if latch != 0 {
+            if turned & latch == 0 {
+                return Ok(());
+            }
+            assert_eq!(turned, latch, "the latch turns alone");
+        }
         let (word, axis) = control.wiring.control_inputs(levels);
         let shown = control.shown;
         // The ladder takes it only for the axis that it shows.
@@ -86,6 +106,10 @@ impl DigitalIo for Panel {
             control.corrections[shown] = control.axes[shown].correction.decode(word).unwrap();
         }
         Ok(())
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        Some(self.0.lock().unwrap().levels)
     }
 }
 
@@ -276,4 +300,69 @@ fn units_follow_the_kind_of_the_axis() {
         .apply(&PerChannel::leading([7e-6]), soon())
         .unwrap();
     assert!((controller.sent().unwrap()[0] - 5e-6).abs() < 1e-18);
+}
+
+/// With a latch the control takes a correction at its edge only, which comes with the write after the word; what counts as
+/// sent is what the control took. Lines that carry nothing keep their levels.
+#[test]
+fn a_latch_turns_one_write_after_the_word() {
+    let axis = DigitalAxis::published(AxisName::X);
+    let wiring = Wiring {
+        latch: Some(8),
+        ..Wiring::published()
+    };
+    let panel = Panel::new(wiring.clone(), vec![axis]);
+    // As another program left the lines: the latch at 1, a tenth line that is not ours.
+    panel.0.lock().unwrap().levels = 0x305;
+    let coherence = Coherence::TwoAgree;
+    let mut controller =
+        DigitalController::new(panel.clone(), "lines", wiring, coherence, vec![axis]).unwrap();
+    controller.read(soon()).unwrap();
+    assert_eq!(controller.sent(), None);
+    let mut apply = |um: f64| {
+        let applied = controller.apply(&PerChannel::leading([um * 1e-3]), soon());
+        let control = panel.0.lock().unwrap();
+        let taken = (control.corrections[0] * 1e3).round();
+        let sent = controller.sent().map(|sent| (sent[0] * 1e3).round());
+        (applied.is_ok(), control.levels, taken, sent)
+    };
+    assert_eq!(apply(7.0), (true, 0x307, 0.0, None), "the word alone");
+    assert_eq!(apply(8.0), (true, 0x207, 7.0, Some(7.0)), "the latch alone");
+    assert_eq!(apply(9.0), (true, 0x209, 7.0, Some(7.0)));
+    panel.0.lock().unwrap().refuses = true;
+    let mut apply = |um: f64| {
+        let applied = controller.apply(&PerChannel::leading([um * 1e-3]), soon());
+        let sent = controller.sent().map(|sent| (sent[0] * 1e3).round());
+        (applied, panel.0.lock().unwrap().levels, sent)
+    };
+    for _ in 0..3 {
+        assert_eq!(apply(20.0), (Err(Fault::Disconnected), 0x209, Some(7.0)));
+    }
+    panel.0.lock().unwrap().refuses = false;
+    assert_eq!(apply(20.0), (Ok(()), 0x309, Some(9.0)));
+    assert_eq!(apply(20.0), (Ok(()), 0x314, Some(9.0)));
+    assert_eq!(apply(20.0), (Ok(()), 0x214, Some(20.0)));
+}
+
+/// A write that failed changes nothing of what counts as sent, and a write whose deadline has passed is not made.
+#[test]
+fn a_write_that_failed_was_not_sent() {
+    let axis = DigitalAxis::published(AxisName::X);
+    let wiring = Wiring::published();
+    let panel = Panel::new(wiring.clone(), vec![axis]);
+    let coherence = Coherence::TwoAgree;
+    let mut controller =
+        DigitalController::new(panel.clone(), "lines", wiring, coherence, vec![axis]).unwrap();
+    assert_eq!(controller.description().shown, ShownStates::NONE);
+    let um = |um: f64| PerChannel::leading([um * 1e-3]);
+    controller.apply(&um(40.0), soon()).unwrap();
+    panel.0.lock().unwrap().refuses = true;
+    let refused = controller.apply(&um(41.0), soon());
+    assert_eq!(refused, Err(Fault::Disconnected));
+    assert!((controller.sent().unwrap()[0] - 0.040).abs() < 1e-12);
+    panel.0.lock().unwrap().refuses = false;
+    let late = controller.apply(&um(42.0), Instant::now());
+    assert_eq!(late, Err(Fault::TimedOut));
+    assert_eq!(panel.0.lock().unwrap().levels, 40);
+    assert!((controller.sent().unwrap()[0] - 0.040).abs() < 1e-12);
 }

@@ -1,8 +1,8 @@
 use std::time::{Duration, Instant};
 
 use proptest::prelude::*;
-use volcomp_digital_io::{Coherence, DigitalAxis, Wiring, read_coherent};
-use volcomp_port::{Fault, MockDigitalIo};
+use volcomp_digital_io::{Coherence, DigitalAxis, Wiring};
+use volcomp_port::{DigitalIo, Fault, InputLevels, MockDigitalIo};
 use volcomp_vocabulary::{AxisName, Displacement, Mm};
 
 fn soon() -> Instant {
@@ -50,6 +50,14 @@ fn wirings_that_make_no_sense_are_named() {
             .unwrap_err()
             .contains("axes: found 2, expected 1 to 1")
     );
+    let latch = Wiring {
+        latch: Some(7),
+        ..good.clone()
+    };
+    assert_eq!(
+        checked(&latch, 15, 8, 1),
+        Err("outputs: found 7, expected each line once".to_owned())
+    );
     let select = Wiring {
         select: vec![15],
         ..good.clone()
@@ -65,6 +73,17 @@ fn wirings_that_make_no_sense_are_named() {
     );
 }
 
+/// The levels of [`volcomp_digital_io::read_coherent`], without their time.
+fn read_coherent(
+    io: &mut impl DigitalIo,
+    wiring: &Wiring,
+    coherence: Coherence,
+    deadline: Instant,
+) -> Result<u64, Fault> {
+    let found = volcomp_digital_io::read_coherent(io, wiring, coherence, deadline);
+    found.map(|found| found.levels)
+}
+
 /// A port that gives these readings one after the other, the last one for ever.
 fn port(readings: Vec<u64>) -> MockDigitalIo {
     let mut port = MockDigitalIo::new();
@@ -74,7 +93,7 @@ fn port(readings: Vec<u64>) -> MockDigitalIo {
         if rest.peek().is_none() {
             rest = vec![next].into_iter().peekable();
         }
-        Ok(next)
+        Ok(InputLevels::now(next))
     });
     port
 }
@@ -97,7 +116,7 @@ fn lines_that_never_hold_still_time_out() {
     let mut count = 0;
     port.expect_read().returning(move |_| {
         count += 1;
-        Ok(count)
+        Ok(InputLevels::now(count))
     });
     let wiring = Wiring::published();
     let found = read_coherent(&mut port, &wiring, Coherence::TwoAgree, soon());
@@ -142,6 +161,7 @@ proptest! {
             strobe: Some(lines[18]),
             correction: lines[20..28].to_vec(),
             echo: lines[30..32].to_vec(),
+            latch: Some(lines[33]),
             inverted_inputs,
             inverted_outputs,
         };

@@ -148,3 +148,18 @@ fn any_number_of_bits_can_be_asked() {
         Unwrapper::new(word, 0, 1e300).follow(1);
     }
 }
+
+/// A travel that the word cannot say in full is refused: beyond its ends another position would be shown.
+#[test]
+fn a_travel_beyond_the_word_is_named() {
+    let word = PositionWord::PUBLISHED;
+    assert_eq!(word.check_travel([0.0, 1023.97]), Ok(()));
+    assert_eq!(word.check_travel([-0.01, 1000.0]), Ok(()), "half a count");
+    let refused = word.check_travel([0.0, 1500.0]).unwrap_err().to_string();
+    assert_eq!(
+        refused,
+        "found a travel from 0 to 1500 mm, expected one within 0 to 1023.96875 mm, which 15 bits of this step can say"
+    );
+    assert!(word.check_travel([-1.0, 10.0]).is_err());
+    assert!(word.check_travel([f64::NAN, 10.0]).is_err());
+}

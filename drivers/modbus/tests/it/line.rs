@@ -265,6 +265,8 @@ fn digital_modules_make_one_port() {
             *asked.lock().unwrap() += 1;
             let answer = if question[1] == 2 {
                 vec![unit, 2, 1, 0x30 + unit]
+            } else if question[1] == 1 {
+                vec![unit, 1, 1, 0xf0 + unit]
             } else {
                 taken.lock().unwrap()[usize::from(unit - 1)] = question[7];
                 question[..6].to_vec()
@@ -284,7 +286,10 @@ fn digital_modules_make_one_port() {
     let cycle = port.shortest_cycle().as_secs_f64() * 1e3;
     assert!((40.0..70.0).contains(&cycle), "{cycle} ms");
     let soon = Instant::now() + Duration::from_secs(1);
-    until("it reads", || port.read(soon) == Ok(0x3231));
+    until("it reads", || {
+        port.read(soon).is_ok_and(|found| found.levels == 0x3231)
+    });
+    assert_eq!(port.confirmed(), Some(0xf2f1), "as the modules told");
     let before = *questions.lock().unwrap();
     for _ in 0..1000 {
         port.read(soon).unwrap();

@@ -6,6 +6,7 @@
 mod fuzz_corpus;
 mod iec60751;
 mod line;
+mod outputs;
 mod peers;
 mod profiles;
 mod serialised;

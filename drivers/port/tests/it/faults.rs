@@ -1,8 +1,8 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Clock, Controller, DigitalIo, Fault, MockController, MockDigitalIo, Quality, Thermometer,
-    contract,
+    Clock, Controller, DigitalIo, Fault, InputLevels, MockController, MockDigitalIo, Quality,
+    Thermometer, contract,
     inject::{Faults, Faulty},
 };
 use volcomp_vocabulary::PerChannel;
@@ -85,14 +85,15 @@ fn a_delay_ends_at_the_deadline() {
 fn mocks_and_flipped_bits() {
     let mut port = MockDigitalIo::new();
     port.expect_inputs().return_const(8_u32);
-    port.expect_read().returning(|_| Ok(0b1010_0101));
+    port.expect_read()
+        .returning(|_| Ok(InputLevels::now(0b1010_0101)));
     let faults = Faults {
         corrupt: 1.0,
         ..Faults::default()
     };
     let mut faulty = Faulty::new(port, faults, 3);
     for _ in 0..50 {
-        let levels = faulty.read(soon()).unwrap();
+        let levels = faulty.read(soon()).unwrap().levels;
         assert_eq!((levels ^ 0b1010_0101).count_ones(), 1);
     }
     let mut controller = MockController::new();

@@ -1,0 +1,106 @@
+//! The outputs with the correction: which levels are written next, and which correction the control has taken.
+
+use std::time::Instant;
+
+use volcomp_port::{DigitalIo, Fault};
+use volcomp_vocabulary::PerChannel;
+
+use crate::{controller::DigitalAxis, wiring::Wiring};
+
+/// How far a correction is on its way over lines with a latch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Latching {
+    /// The latch stands where it was when the last correction was taken.
+    Taken,
+    /// These levels were written; the latch turns when they are confirmed.
+    Settling(u64),
+    /// The latch was turned with these levels, and nothing else.
+    Turned(u64),
+}
+
+/// The outputs of a controller on lines.
+pub(crate) struct Outputs {
+    latching: Latching,
+    /// The last level of the latch that was written, as a bit.
+    latch: u64,
+    taken: PerChannel<f64>,
+    has_taken: bool,
+}
+
+impl Outputs {
+    pub(crate) fn new() -> Self {
+        Self {
+            latching: Latching::Taken,
+            latch: 0,
+            taken: PerChannel::ZERO,
+            has_taken: false,
+        }
+    }
+
+    /// The corrections that the control's inputs carried last with a confirmed write, axis by axis.
+    pub(crate) fn taken(&self) -> Option<PerChannel<f64>> {
+        self.has_taken.then_some(self.taken)
+    }
+
+    /// Writes a word for an axis. With a latch two writes carry one correction: the word, and, when it is confirmed,
+    /// the latch alone.
+    ///
+    /// # Errors
+    /// See [`DigitalIo::write`]. What was sent does not advance then.
+    pub(crate) fn write(
+        &mut self,
+        io: &mut impl DigitalIo,
+        wiring: &Wiring,
+        (word, axis): (u32, u32),
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        let confirmed = io.confirmed();
+        let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed);
+        io.write(levels, deadline)?;
+        (self.latching, self.latch) = (next, levels & wiring.latch_bit());
+        Ok(())
+    }
+
+    /// The levels to write, and where that leads. Lines that carry nothing keep the levels that they were found with.
+    fn next(&self, wiring: &Wiring, word: u64, confirmed: Option<u64>) -> (u64, Latching) {
+        let bit = wiring.latch_bit();
+        let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
+        if bit == 0 {
+            return (word | others, Latching::Taken);
+        }
+        let turned = match (self.latching, confirmed) {
+            (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
+            // Whether it turned is not known, or it did not: nothing else may change with it.
+            (Latching::Turned(levels), None) => Some(levels),
+            (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
+            _ => None,
+        };
+        match turned {
+            Some(levels) => (levels, Latching::Turned(levels)),
+            None => {
+                let latch = confirmed.unwrap_or(self.latch) & bit;
+                let levels = word | others | latch;
+                (levels, Latching::Settling(levels))
+            }
+        }
+    }
+
+    /// Takes note of what the device has confirmed since. Call it when a write was made.
+    pub(crate) fn note(&mut self, io: &impl DigitalIo, wiring: &Wiring, axes: &[DigitalAxis]) {
+        let Some(levels) = io.confirmed() else { return };
+        let waits = match self.latching {
+            Latching::Taken => false,
+            Latching::Settling(_) => true,
+            Latching::Turned(turned) => turned != levels,
+        };
+        let (word, axis) = wiring.control_inputs(levels);
+        let index = usize::try_from(axis).unwrap_or(usize::MAX);
+        let correction = axes
+            .get(index)
+            .and_then(|axis| axis.correction.decode(word));
+        if let (false, Some(correction)) = (waits, correction) {
+            self.taken[index] = correction;
+            self.has_taken = true;
+        }
+    }
+}

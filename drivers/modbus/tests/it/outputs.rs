@@ -1,0 +1,255 @@
+//! Outputs on a module of our own, over TCP: it can be silent or refuse, and counts what it was told.
+
+use std::{
+    io::{ErrorKind, Read, Write},
+    net::{SocketAddr, TcpListener, TcpStream},
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+use volcomp_modbus::{Bus, DigitalModule, ModbusDigital, Profile};
+use volcomp_port::{Backoff, DigitalIo, Fault, InputLevels};
+
+use crate::until;
+
+/// What the module holds, and how it behaves.
+#[derive(Default)]
+struct Inside {
+    inputs: u8,
+    coils: u8,
+    /// The levels of every write that came, in order.
+    writes: Vec<u8>,
+    /// Takes requests and answers none.
+    silent: bool,
+    /// Refuses writes with exception 4.
+    refuses: bool,
+    /// How long reading the inputs of unit 2 takes.
+    slow: Duration,
+    /// Connections that the other side ended with a reset, and those that it closed.
+    resets: u32,
+    closes: u32,
+}
+
+#[derive(Clone, Default)]
+struct Module(Arc<Mutex<Inside>>);
+
+impl Module {
+    fn start() -> (Self, SocketAddr) {
+        let module = Self::default();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let serving = module.clone();
+        std::thread::spawn(move || {
+            for stream in listener.incoming() {
+                let module = serving.clone();
+                std::thread::spawn(move || module.serve(stream.unwrap()));
+            }
+        });
+        (module, address)
+    }
+
+    fn set(&self, change: impl FnOnce(&mut Inside)) {
+        change(&mut self.0.lock().unwrap());
+    }
+
+    fn get<T>(&self, what: impl FnOnce(&Inside) -> T) -> T {
+        what(&self.0.lock().unwrap())
+    }
+
+    /// Answers one connection until it ends.
+    fn serve(&self, mut stream: TcpStream) {
+        stream
+            .set_read_timeout(Some(Duration::from_millis(5)))
+            .unwrap();
+        let mut request = Vec::new();
+        let mut byte = [0; 64];
+        loop {
+            match stream.read(&mut byte) {
+                Ok(0) => return self.set(|inside| inside.closes += 1),
+                Ok(count) => request.extend(&byte[..count]),
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+                Err(e) if e.kind() == ErrorKind::ConnectionReset => {
+                    return self.set(|inside| inside.resets += 1);
+                }
+                Err(e) => panic!("{e}"),
+            }
+            while request.len() >= 6 {
+                let length = 6 + usize::from(request[5]);
+                if request.len() < length {
+                    break;
+                }
+                let rest = request.split_off(length);
+                if let Some(answer) = self.answer(&request) {
+                    let _ = stream.write_all(&answer);
+                }
+                request = rest;
+            }
+        }
+    }
+
+    fn answer(&self, request: &[u8]) -> Option<Vec<u8>> {
+        let (unit, function) = (request[6], request[7]);
+        if unit == 2 && function == 2 {
+            std::thread::sleep(self.get(|inside| inside.slow));
+        }
+        let mut inside = self.0.lock().unwrap();
+        if inside.silent {
+            return None;
+        }
+        let body = match function {
+            1 => vec![1, 1, inside.coils],
+            2 => vec![2, 1, inside.inputs],
+            15 if inside.refuses => vec![0x8f, 4],
+            15 => {
+                inside.coils = request[13];
+                inside.writes.push(request[13]);
+                request[7..12].to_vec()
+            }
+            other => panic!("function {other}"),
+        };
+        let length = u8::try_from(body.len() + 1).unwrap();
+        Some([&request[..4], &[0, length, unit], &body].concat())
+    }
+}
+
+fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
+    let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
+    let modules: Vec<_> = units
+        .iter()
+        .map(|unit| DigitalModule {
+            unit: *unit,
+            profile: profile.clone(),
+        })
+        .collect();
+    let bus = Bus::Tcp {
+        host: address.ip().to_string(),
+        port: address.port(),
+    };
+    let quick = Backoff {
+        first: Duration::from_millis(5),
+        most: Duration::from_millis(20),
+    };
+    ModbusDigital::new(bus, &modules, Duration::from_millis(80), quick).unwrap()
+}
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_secs(1)
+}
+
+fn reads(port: &mut ModbusDigital) -> bool {
+    port.read(soon()).is_ok()
+}
+
+/// Each write goes out once and is confirmed; before the first one the levels that the module has are known.
+#[test]
+fn a_write_goes_out_once_and_is_confirmed() {
+    let (module, address) = Module::start();
+    module.set(|inside| inside.coils = 0xa5);
+    let mut port = open(address, &[1]);
+    assert_eq!(port.confirmed(), None);
+    until("it reads", || reads(&mut port));
+    assert_eq!(port.confirmed(), Some(0xa5));
+    assert_eq!(port.write(0x5a, soon()), Ok(()));
+    until("it is confirmed", || {
+        reads(&mut port);
+        port.confirmed() == Some(0x5a)
+    });
+    // Many exchanges later it was written once, and a deadline that has passed is not.
+    std::thread::sleep(Duration::from_millis(50));
+    assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
+    std::thread::sleep(Duration::from_millis(50));
+    assert_eq!(module.get(|inside| inside.writes.clone()), [0x5a]);
+}
+
+/// A write that the module refuses or does not answer is told as failed by a later call, and confirms nothing.
+#[test]
+fn a_write_that_was_not_acknowledged_has_failed() {
+    let (module, address) = Module::start();
+    let mut port = open(address, &[1]);
+    until("it reads", || reads(&mut port));
+    module.set(|inside| inside.refuses = true);
+    assert_eq!(port.write(1, soon()), Ok(()), "nothing is known yet");
+    std::thread::sleep(Duration::from_millis(60));
+    for _ in 0..3 {
+        let refused = Err(Fault::Refused {
+            code: 4,
+            what: "outputs of a module",
+        });
+        assert_eq!(port.write(1, soon()), refused);
+        std::thread::sleep(Duration::from_millis(60));
+    }
+    assert_eq!(port.confirmed(), Some(0));
+    module.set(|inside| inside.refuses = false);
+    // The failure of the write before, then none.
+    assert!(port.write(2, soon()).is_err());
+    until("it is confirmed", || {
+        reads(&mut port);
+        port.confirmed() == Some(2)
+    });
+    assert_eq!(port.write(3, soon()), Ok(()));
+}
+
+/// What was asked for before the connection was lost is not written over the next one, and the lost connection is reset,
+/// so that the kernel sends nothing of it later.
+#[test]
+fn nothing_old_is_written_over_a_new_connection() {
+    let (module, address) = Module::start();
+    let mut port = open(address, &[1]);
+    until("it reads", || reads(&mut port));
+    port.write(7, soon()).unwrap();
+    until("it is confirmed", || {
+        reads(&mut port);
+        port.confirmed() == Some(7)
+    });
+    module.set(|inside| inside.silent = true);
+    port.write(8, soon()).unwrap();
+    until("the loss is told", || {
+        port.read(soon()) == Err(Fault::NotConnected)
+    });
+    assert_eq!(port.write(9, soon()), Err(Fault::NotConnected));
+    until("it is reset", || module.get(|inside| inside.resets > 0));
+    // Switched off and on: the outputs are zero, and stay so until somebody writes.
+    module.set(|inside| {
+        inside.coils = 0;
+        inside.silent = false;
+        inside.writes.clear();
+    });
+    until("it reads again", || reads(&mut port));
+    std::thread::sleep(Duration::from_millis(60));
+    assert!(module.get(|inside| inside.writes.is_empty()));
+    assert_eq!(port.confirmed(), Some(0));
+    assert_eq!(port.write(10, soon()), Ok(()), "its loss was told already");
+    until("it writes", || module.get(|inside| inside.writes == [10]));
+    assert_eq!(module.get(|inside| inside.closes), 0);
+}
+
+/// The time of an image is the arrival of its oldest part: a second module that takes long makes it older.
+#[test]
+fn an_image_is_as_old_as_its_oldest_part() {
+    let (module, address) = Module::start();
+    module.set(|inside| {
+        inside.inputs = 0x3c;
+        inside.slow = Duration::from_millis(15);
+    });
+    let mut port = open(address, &[1, 2]);
+    until("it reads", || reads(&mut port));
+    let mut before: Option<InputLevels> = None;
+    let mut seen = 0;
+    until("twenty readings", || {
+        std::thread::sleep(Duration::from_millis(7));
+        // A machine with other work may find them stale.
+        let Ok(found) = port.read(soon()) else {
+            return false;
+        };
+        assert_eq!(found.levels, 0x3c3c);
+        let age = found.taken.elapsed();
+        assert!(
+            age >= Duration::from_millis(14),
+            "the first part is older than the second took: {age:?}"
+        );
+        assert!(before.is_none_or(|before| before.taken <= found.taken));
+        before = Some(found);
+        seen += 1;
+        seen == 20
+    });
+}
