@@ -75,14 +75,12 @@ impl Outputs {
             (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
             _ => None,
         };
-        match turned {
-            Some(levels) => (levels, Latching::Turned(levels)),
-            None => {
-                let latch = confirmed.unwrap_or(self.latch) & bit;
-                let levels = word | others | latch;
-                (levels, Latching::Settling(levels))
-            }
+        if let Some(levels) = turned {
+            return (levels, Latching::Turned(levels));
         }
+        let latch = confirmed.unwrap_or(self.latch) & bit;
+        let levels = word | others | latch;
+        (levels, Latching::Settling(levels))
     }
 
     /// Takes note of what the device has confirmed since. Call it when a write was made.
