@@ -12,6 +12,8 @@ use std::{
 use sha2::{Digest, Sha256};
 use volcomp_runtime::monotonic;
 
+pub mod clerk;
+
 use crate::documents::{Details, Record};
 
 /// A file that is larger is closed, and the next one begun, bytes.
@@ -36,10 +38,37 @@ pub struct Found {
     pub broken: Option<(u64, PathBuf)>,
 }
 
+/// A record that has no place in the chain yet, with the time at which it was made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    who: String,
+    what: String,
+    details: Details,
+    monotonic_s: f64,
+    time: String,
+}
+
+impl Entry {
+    /// A record of what happens now.
+    pub fn new(who: impl Into<String>, what: impl Into<String>, details: Details) -> Self {
+        Self {
+            who: who.into(),
+            what: what.into(),
+            details,
+            monotonic_s: monotonic().as_secs_f64(),
+            time: utc_now(),
+        }
+    }
+}
+
+/// How a file of the log is brought onto the disk.
+type Sync = Box<dyn FnMut(&File) -> io::Result<()> + Send>;
+
 /// The log, open for appending.
 pub struct AuditLog {
     dir: PathBuf,
     file: File,
+    sync: Sync,
     bytes: u64,
     last_checksum: String,
     sequence: u64,
@@ -87,6 +116,7 @@ impl AuditLog {
         Ok((
             Self {
                 dir: dir.to_owned(),
+                sync: Box::new(File::sync_data),
                 bytes: if is_broken { 0 } else { whole },
                 file,
                 last_checksum: if is_broken {
@@ -109,11 +139,26 @@ impl AuditLog {
         self
     }
 
-    /// Appends a record; it is on disk afterwards.
+    /// Brings the file onto the disk in another way, such as a test's disk that hangs.
+    #[must_use]
+    pub fn synced_by(mut self, sync: impl FnMut(&File) -> io::Result<()> + Send + 'static) -> Self {
+        self.sync = Box::new(sync);
+        self
+    }
+
+    /// Appends a record of now; it is on disk afterwards.
     ///
     /// # Errors
     /// A disk that is full or gone: nothing of the record is left then.
     pub fn append(&mut self, who: &str, what: &str, details: Details) -> io::Result<()> {
+        self.write(&Entry::new(who, what, details), 0)
+    }
+
+    /// Appends a record before which `lost` others could not be written; it is on disk afterwards.
+    ///
+    /// # Errors
+    /// A disk that is full or gone: nothing of the record is left then.
+    pub fn write(&mut self, entry: &Entry, lost: u64) -> io::Result<()> {
         if self.bytes > self.max_bytes {
             self.rotate()?;
         }
@@ -121,11 +166,12 @@ impl AuditLog {
         let record = serde_json::to_string(&Record {
             seq: sequence,
             boot: self.boot_id.clone(),
-            monotonic_s: monotonic().as_secs_f64(),
-            time: utc_now(),
-            who: who.to_owned(),
-            what: what.to_owned(),
-            details,
+            monotonic_s: entry.monotonic_s,
+            time: entry.time.clone(),
+            who: entry.who.clone(),
+            what: entry.what.clone(),
+            details: entry.details.clone(),
+            lost,
             previous: self.last_checksum.clone(),
         })?;
         let checksum = checksum(&self.last_checksum, &record);
@@ -133,7 +179,7 @@ impl AuditLog {
         let written = self
             .file
             .write_all(line.as_bytes())
-            .and_then(|()| self.file.sync_data());
+            .and_then(|()| (self.sync)(&self.file));
         if let Err(e) = written {
             // Half a record would be a torn tail: cut at once where that is possible.
             let _ = self.file.set_len(self.bytes);

@@ -8,6 +8,7 @@ pub mod documents;
 pub mod error;
 pub mod history;
 pub mod http;
+mod identity;
 mod lock;
 mod metrics;
 mod observe;

@@ -16,11 +16,6 @@ use crate::{
     times::{Stretch, Times},
 };
 
-/// A report that is older by this is no longer shown, however short the cycles are.
-const STALE_AFTER: Duration = Duration::from_millis(250);
-/// A report that is older by so many periods is no longer shown.
-const STALE_PERIODS: u32 = 3;
-
 /// The facts that stay the same while a gateway runs.
 pub(crate) struct Facts<'a> {
     /// The model that corrects.
@@ -37,11 +32,9 @@ pub(crate) struct Facts<'a> {
     pub cycle: Duration,
 }
 
-/// The state at a report that is `age` old. When that is too old, nothing is said of where the machine is and what is
-/// applied: the state is `unknown`.
-pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times, age: Duration) -> Status {
+/// The state at a report.
+pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Status {
     let model = facts.model;
-    let is_silent = age > STALE_AFTER.max(facts.cycle * STALE_PERIODS);
     let mut axes = model.axes.clone();
     axes.sort_unstable();
     let mut status = Status {
@@ -76,18 +69,13 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times, age: Dur
         residual_axis_urad: None,
         true_error_um: None,
         true_residual_um: None,
-        temperatures: temperatures(facts, report, is_silent),
+        temperatures: temperatures(facts, report),
         held_back: report.held_back,
         faults: report.faults,
         uptime_s: round(report.now.as_secs_f64()),
-        age_ms: round(age.as_secs_f64() * 1e3),
+        age_ms: 0.0,
         cycle: cycle(facts, report, times),
     };
-    if is_silent {
-        status.state = StateName::Unknown;
-        status.reasons = vec![format!("no cycle for {:.0} ms", age.as_secs_f64() * 1e3)];
-        return status;
-    }
     let known = |index: usize| report.known >> index & 1 == 1;
     let all = |_: usize| true;
     let micro = Displacement::um_or_urad;
@@ -97,6 +85,42 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times, age: Dur
     [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, known, micro);
     errors(&mut status, facts, report);
     status
+}
+
+/// Takes back what a state says of the present, after `silence` without a cycle: where the machine is and what is
+/// applied is not known.
+pub(crate) fn silence(status: &mut Status, silence: Duration) {
+    status.state = StateName::Unknown;
+    status.reasons = vec![format!(
+        "no cycle for {:.0} ms",
+        silence.as_secs_f64() * 1e3
+    )];
+    for values in [
+        &mut status.positions_mm,
+        &mut status.positions_deg,
+        &mut status.correction_um,
+        &mut status.correction_urad,
+        &mut status.wanted_um,
+        &mut status.wanted_urad,
+    ] {
+        values.clear();
+    }
+    for errors in [
+        &mut status.error_um,
+        &mut status.error_urad,
+        &mut status.error_axis_urad,
+        &mut status.residual_um,
+        &mut status.residual_axis_urad,
+        &mut status.true_error_um,
+        &mut status.true_residual_um,
+    ] {
+        *errors = None;
+    }
+    for sensor in &mut status.temperatures {
+        sensor.degc = None;
+        "bad".clone_into(&mut sensor.quality);
+        sensor.reason = Some("no cycle".to_owned());
+    }
 }
 
 /// The correction that is applied, µm of linear and µrad of rotary axes.
@@ -144,15 +168,11 @@ fn errors(status: &mut Status, facts: &Facts<'_>, report: &Report) {
     }
 }
 
-fn temperatures(facts: &Facts<'_>, report: &Report, is_silent: bool) -> Vec<SensorState> {
+fn temperatures(facts: &Facts<'_>, report: &Report) -> Vec<SensorState> {
     let pairs = facts.sensors.iter().zip(&report.sensors);
     pairs
         .map(|(name, sensor)| {
-            let (degc, reason) = if is_silent {
-                (None, Some("no cycle".to_owned()))
-            } else {
-                (sensor.degc, sensor.flaw.map(|flaw| flaw.to_string()))
-            };
+            let (degc, reason) = (sensor.degc, sensor.flaw.map(|flaw| flaw.to_string()));
             let quality = match (degc, &reason) {
                 (None, _) => "bad",
                 (Some(_), Some(_)) => "uncertain",

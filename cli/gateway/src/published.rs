@@ -1,26 +1,32 @@
 //! The data that the service publishes and the dashboard reads.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::{
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
 
-use tokio::sync::watch;
-use volcomp_runtime::Model;
+use volcomp_runtime::{Model, Pulse};
 
 use crate::{
-    documents::{History, Status},
+    documents::{History, Status, round},
     history::Trend,
+    observe,
 };
+
+/// The service publishes so often at least; a state that is older than this and the patience with the control thread
+/// says nothing of the present, whichever of the two threads is late.
+const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
 
 /// The side of the dashboard.
 #[derive(Clone)]
 pub struct Published {
-    /// The latest state, and when it changes.
-    pub status: watch::Receiver<Arc<Status>>,
     shared: Arc<Shared>,
+    /// The sign of life of the control thread.
+    pulse: Pulse,
 }
 
 /// The side of the service.
 pub struct Publisher {
-    status: watch::Sender<Arc<Status>>,
     shared: Arc<Shared>,
 }
 
@@ -28,27 +34,29 @@ struct Shared {
     /// The model, for the error map.
     model: Mutex<Arc<Model>>,
     trend: Mutex<Trend>,
+    /// The latest state, and the time of its cycle.
+    latest: Mutex<(Arc<Status>, Instant)>,
 }
 
-/// Both sides, with a first state.
-pub fn published(first: Status, model: Arc<Model>) -> (Publisher, Published) {
-    let (status, read) = watch::channel(Arc::new(first));
+/// Both sides, with a first state. `pulse` tells whether the control thread lives.
+pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, Published) {
     let shared = Arc::new(Shared {
         model: Mutex::new(model),
         trend: Mutex::default(),
+        latest: Mutex::new((Arc::new(first), Instant::now())),
     });
     let reader = Published {
-        status: read,
         shared: Arc::clone(&shared),
+        pulse,
     };
-    (Publisher { status, shared }, reader)
+    (Publisher { shared }, reader)
 }
 
 impl Publisher {
-    /// Publishes a state, which becomes a point of the history.
-    pub fn publish(&self, status: Status) {
+    /// Publishes the state of a cycle, which becomes a point of the history.
+    pub fn publish(&self, status: Status, cycle_at: Instant) {
         lock(&self.shared.trend).add(&status);
-        self.status.send_replace(Arc::new(status));
+        *lock(&self.shared.latest) = (Arc::new(status), cycle_at);
     }
 
     /// Publishes another model, for the error map.
@@ -58,9 +66,21 @@ impl Publisher {
 }
 
 impl Published {
-    /// The state that was published last.
-    pub fn latest(&self) -> Arc<Status> {
-        Arc::clone(&self.status.borrow())
+    /// The state of now, with its age: that of the last cycle, or `unknown` where there has been none for three
+    /// periods ([`Pulse::patience`]).
+    pub fn latest(&self) -> Status {
+        let (status, cycle_at) = {
+            let latest = lock(&self.shared.latest);
+            (Arc::clone(&latest.0), latest.1)
+        };
+        let mut status = Status::clone(&status);
+        let age = cycle_at.elapsed();
+        status.age_ms = round(age.as_secs_f64() * 1e3);
+        let stale = Some(age).filter(|age| *age > self.pulse.patience() + PUBLISHED_EVERY);
+        if let Some(silence) = self.pulse.silence().or(stale) {
+            observe::silence(&mut status, silence);
+        }
+        status
     }
 
     /// The model that corrects, without its temperatures.

@@ -5,7 +5,6 @@ use std::{
     net::TcpListener,
     path::Path,
     sync::{Arc, atomic::AtomicUsize, mpsc::sync_channel},
-    time::Duration,
 };
 
 use signal_hook::{
@@ -13,7 +12,7 @@ use signal_hook::{
     iterator::Signals,
 };
 use volcomp_guard::Reasons;
-use volcomp_runtime::{Report, start};
+use volcomp_runtime::{DisarmSwitch, Report, start};
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::{
@@ -29,7 +28,7 @@ use crate::{
     process::Process,
     published::published,
     request::{Ask, Asked},
-    service::{Parts, Service},
+    service::{Parts, Service, standing},
     times::Times,
 };
 
@@ -68,13 +67,9 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         auto_arm: config.auto_arm,
         cycle: config.cycle,
     };
-    let first: Status = observe::status(
-        &facts,
-        &Report::default(),
-        &Times::default(),
-        Duration::ZERO,
-    );
-    let (publisher, published) = published(first, Arc::clone(&model));
+    let first: Status = observe::status(&facts, &Report::default(), &Times::default());
+    let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
+    let switch = handle.disarm_switch();
     let (asks, asked) = sync_channel(64);
     let address = listener
         .local_addr()
@@ -84,6 +79,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         published,
         controllers: controllers.len(),
         asks: asks.clone(),
+        switch: switch.clone(),
         tokens,
         hosts: config.dashboard.hosts.clone(),
         reading_needs_token: !config.dashboard.listen.ip().is_loopback(),
@@ -97,16 +93,16 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         sensors,
         model,
         truth,
-        audit,
+        standing: standing::read(&config.audit_dir),
         config,
     };
-    let mut service = Service::new(parts, publisher, asked);
+    let mut service = Service::new(parts, audit, publisher, asked)?;
     service.started(&found);
     let runtime = serve(listener, tls, dashboard)?;
     // Nobody may be reading.
     let _ = writeln!(std::io::stdout(), "listening on {scheme}://{address}");
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    until_stopped(&mut service, &asks)?;
+    until_stopped(&mut service, &asks, &switch)?;
     runtime.shutdown_background();
     Ok(())
 }
@@ -115,6 +111,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
 fn until_stopped(
     service: &mut Service,
     asks: &std::sync::mpsc::SyncSender<Asked>,
+    switch: &DisarmSwitch,
 ) -> Result<(), GatewayError> {
     let mut signals =
         Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|e| GatewayError::system("signals", e))?;
@@ -124,11 +121,7 @@ fn until_stopped(
                 service.stop(&mut || signals.pending().any(|signal| signal != SIGHUP));
                 return Ok(());
             }
-            let reload = Asked {
-                ask: Ask::Reload(None),
-                who: "signal".to_owned(),
-                answer: None,
-            };
+            let reload = Asked::new(Ask::Reload(None), "signal", None, switch);
             if asks.try_send(reload).is_err() {
                 tracing::warn!("reload: too many requests wait");
             }

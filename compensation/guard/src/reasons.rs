@@ -84,6 +84,12 @@ reasons! {
     NEAR_SINGULAR = 29, "near a singular pose";
     /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
     NOT_RELOADED = 30, "files on disk not taken over";
+    /// The gateway was faulted when it ended, and nobody has acknowledged it since.
+    FAULTED_BEFORE = 48, "faulted before the restart: acknowledge it";
+    /// A person disarmed it: it does not arm by itself, also after a restart.
+    DISARMED_BY_PERSON = 49, "disarmed by a person: it does not arm by itself";
+    /// The machine file or the limits are not those that were confirmed last.
+    MUST_CONFIRM = 50, "machine file or limits must be confirmed";
 }
 
 impl Reasons {
@@ -105,7 +111,9 @@ impl Reasons {
             | Self::CANNOT_SEE_OTHERS.0
             | Self::SINGULAR.0
             | Self::NEAR_SINGULAR.0
-            | Self::NOT_RELOADED.0,
+            | Self::NOT_RELOADED.0
+            | Self::DISARMED_BY_PERSON.0
+            | Self::MUST_CONFIRM.0,
     );
 
     /// Whether the set holds no reason.

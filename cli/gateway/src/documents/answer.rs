@@ -1,9 +1,11 @@
 //! The answers of the gateway to the requests to arm, disarm, acknowledge and reload.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::StateName;
+use super::{LimitChanges, StateName};
 
 /// The body of a request that confirms a model; requests without a body confirm none.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -27,20 +29,24 @@ pub enum Answer {
     Refusal(Refusal),
 }
 
-/// A change of model that a person must confirm by repeating the request with the model's hash.
+/// A change of model or limits that a person must confirm by repeating the request with its hash.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Question {
-    /// The hash of the new model.
+    /// The hash to be confirmed: of the new model, and where limits change of the new limits besides.
     pub model: String,
-    /// How far the correction of a linear axis moves at the worst corner of the work space, µm; null for a machine
+    /// How far the correction of a linear axis moves at the worst point of the work space, µm; null for a machine
     /// with other axes.
     pub worst_corner_um: Option<f64>,
-    /// How far the correction of a rotary axis moves at the worst corner, µrad; null for a machine with other axes.
+    /// How far the correction of a rotary axis moves at the worst point, µrad; null for a machine with other axes.
     pub worst_corner_urad: Option<f64>,
     /// Moves up to this need no confirmation, µm.
     pub confirm_um: f64,
     /// Moves up to this need no confirmation, µrad; null where no rotary axis has limits.
     pub confirm_urad: Option<f64>,
+    /// The limits, rates and accelerations that change, by the key of the configuration: the old and the new value;
+    /// null where there is none.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub limits: LimitChanges,
 }
 
 /// The state after a request.

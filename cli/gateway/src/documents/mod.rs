@@ -18,7 +18,10 @@ pub use plan::{
     AuditPlan, AxisPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
     PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
 };
-pub use record::{Broken, Details, Event, LastOutput, Record, Start, StateChange, Stop};
+pub use record::{
+    Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
+    StateChange, Stop,
+};
 pub use state::{
     ByAxis, ControllerState, CycleTimes, MachineState, SensorState, StateName, Status,
     StretchTimes, round,
@@ -37,6 +40,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-history.json", schema_for!(History)),
         ("gateway-last-output.json", schema_for!(LastOutput)),
         ("gateway-map.json", schema_for!(ErrorMap)),
+        ("gateway-standing.json", schema_for!(Standing)),
         ("gateway-state.json", schema_for!(Status)),
     ]
 }

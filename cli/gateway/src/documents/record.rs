@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{ByAxis, StateName};
 
+/// Limits, rates and accelerations that change, by the key of the configuration: the old and the new value.
+pub type LimitChanges = BTreeMap<String, [Option<f64>; 2]>;
+
 /// One line of the audit log, behind its checksum.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Record {
@@ -24,8 +27,19 @@ pub struct Record {
     pub what: String,
     /// The particulars of the event.
     pub details: Details,
+    /// How many records just before this one could not be written: the disk was full, gone, or did not answer.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lost: u64,
     /// The checksum of the record before; empty in the first.
     pub previous: String,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// The particulars of a record.
@@ -33,6 +47,14 @@ pub struct Record {
 pub struct Details {
     /// The hash of the machine file that corrects.
     pub model: String,
+    /// The correction that is applied to each linear axis when the record is made, µm; empty before the first cycle.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub output_um: ByAxis,
+    /// The correction that is applied to each rotary axis when the record is made, µrad.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub output_urad: ByAxis,
     /// The particulars that the kind of event has.
     pub what: Event,
 }
@@ -53,6 +75,10 @@ pub enum Event {
         from: String,
         /// The hash of the model after.
         to: String,
+        /// The limits, rates and accelerations that changed, by the key of the configuration: the old and the new
+        /// value; null where there is none.
+        #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+        limits: LimitChanges,
     },
     /// A request, with the state that it found.
     Request {
@@ -121,3 +147,16 @@ pub struct LastOutput {
     /// The output of each axis in the order of the machine's chain: mm for linear axes, rad for rotary ones.
     pub correction: Vec<f64>,
 }
+
+/// The file `standing.json` beside the log: what outlives a restart of the gateway.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Standing {
+    /// The name of the token of the person who disarmed it last; null once a person has armed it again.
+    pub disarmed_by: Option<String>,
+    /// The reasons of a fault that nobody has acknowledged; null where there is none.
+    pub faulted: Option<Vec<String>>,
+}
+
+/// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations with which it was armed last,
+/// by the key of the configuration.
+pub type ConfirmedLimits = BTreeMap<String, f64>;

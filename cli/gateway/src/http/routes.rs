@@ -19,8 +19,8 @@ use axum::{
     },
     routing::{get, post},
 };
-use tokio::sync::oneshot;
-use tokio_stream::{StreamExt, wrappers::WatchStream};
+use tokio::{sync::oneshot, time::MissedTickBehavior};
+use tokio_stream::{StreamExt, wrappers::IntervalStream};
 
 use super::{
     hosts, map,
@@ -37,7 +37,7 @@ use crate::{
 const MAX_BODY: usize = 64 * 1024;
 /// A request must be answered after so long, by the service too.
 const AT_MOST: Duration = Duration::from_secs(10);
-/// The shortest time between two events of a stream.
+/// The time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
 type Shared = Arc<Dashboard>;
@@ -188,7 +188,7 @@ async fn page(kind: &'static str, text: &'static str) -> Response {
 }
 
 async fn state(State(dashboard): State<Shared>) -> Response {
-    Json(&*dashboard.published.latest()).into_response()
+    Json(dashboard.published.latest()).into_response()
 }
 
 async fn history(State(dashboard): State<Shared>) -> Response {
@@ -214,11 +214,13 @@ async fn events(State(dashboard): State<Shared>) -> Response {
             &format!("{MAX_STREAMS} event streams are open already"),
         );
     };
-    let states = WatchStream::new(dashboard.published.status.clone());
-    let stream = states.throttle(EVENT_EVERY).filter_map(move |state| {
+    let mut ticks = tokio::time::interval(EVENT_EVERY);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let stream = IntervalStream::new(ticks).filter_map(move |_| {
         // Held as long as the stream lives.
         let _ = &slot;
-        let event = Event::default().event("state").json_data(&*state).ok()?;
+        let state = dashboard.published.latest();
+        let event = Event::default().event("state").json_data(state).ok()?;
         Some(Ok::<_, Infallible>(event))
     });
     Sse::new(stream)
@@ -291,11 +293,8 @@ async fn operate(
         }
     };
     let (answer, wait) = oneshot::channel();
-    let asked = Asked {
-        ask: ask(confirm),
-        who: holder.name,
-        answer: Some(answer),
-    };
+    // Disarming is ordered here and now, whatever becomes of the request.
+    let asked = Asked::new(ask(confirm), holder.name, Some(answer), &dashboard.switch);
     match dashboard.asks.try_send(asked) {
         Ok(()) => {}
         Err(TrySendError::Full(_)) => {

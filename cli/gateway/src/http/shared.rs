@@ -6,6 +6,8 @@ use std::sync::{
     mpsc::SyncSender,
 };
 
+use volcomp_runtime::DisarmSwitch;
+
 use super::tokens::Tokens;
 use crate::{published::Published, request::Asked};
 
@@ -20,6 +22,8 @@ pub struct Dashboard {
     pub controllers: usize,
     /// Where requests to the service go.
     pub asks: SyncSender<Asked>,
+    /// The order to disarm, which waits for no service.
+    pub switch: DisarmSwitch,
     /// Who may do what.
     pub tokens: Tokens,
     /// Host names, besides addresses, under which browsers may ask.

@@ -1,19 +1,28 @@
 //! Everything around the control thread that has no deadline: requests, the audit log, reloads, what others see.
+//!
+//! Nothing here waits for a disk: what is written goes to the [`Clerk`], what is read to the worker.
 
 use std::{
+    collections::VecDeque,
     sync::{Arc, mpsc::Receiver},
     time::{Duration, Instant},
 };
 
-use volcomp_guard::{Reasons, Request, State};
+use volcomp_guard::{Reasons, State};
 use volcomp_port::Description;
-use volcomp_runtime::{Handle, Model, Order, Report};
+use volcomp_runtime::{DisarmSwitch, Handle, Model, Report};
 use volcomp_vocabulary::PerAxis;
 
 use crate::{
-    audit::{AuditLog, Found, boot_id, replace_file},
+    audit::{
+        AuditLog, Entry, Found, boot_id,
+        clerk::{Clerk, Receipt},
+    },
     config::Config,
-    documents::{Broken, Details, Event, LastOutput, Start, StateChange, Status, Stop},
+    documents::{
+        Broken, Details, Event, LastOutput, Standing, Start, StateChange, StateName, Status, Stop,
+    },
+    error::GatewayError,
     observe::{self, Facts},
     options::Options,
     published::Publisher,
@@ -22,14 +31,29 @@ use crate::{
     times::Times,
 };
 
+mod arming;
 mod effect;
 mod reload;
 mod requests;
+pub(crate) mod standing;
+mod watchdog;
+mod worker;
+
+use arming::Comparing;
+use requests::Underway;
+use watchdog::Watchdog;
+use worker::Worker;
 
 /// How often states are published and changes written down.
 const TICK: Duration = Duration::from_millis(50);
+/// How often requests that are under way are looked at.
+const STEP: Duration = Duration::from_millis(2);
 /// How often the last output is written to disk.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
+/// How often a log that could not be written is tried again.
+const RETRY: Duration = Duration::from_millis(100);
+/// How long the end waits for a control thread that hangs, and as long again for the disk.
+const END: Duration = Duration::from_secs(1);
 
 /// The parts from which a service is built.
 pub struct Parts {
@@ -47,59 +71,95 @@ pub struct Parts {
     pub model: Arc<Model>,
     /// The true errors of the machine, where it is simulated.
     pub truth: Option<Truth>,
-    /// The audit log, open.
-    pub audit: AuditLog,
+    /// What stands since before the start.
+    pub standing: Standing,
     /// The reasons that forbid arming from the start.
     pub forbids: Reasons,
 }
 
-/// The service. State: what runs, and whether its log can be written.
+/// The service. State: what runs, which requests are under way, and whether its log can be written.
 pub struct Service {
     parts: Parts,
+    clerk: Clerk,
+    worker: Worker,
+    /// Whether what would correct must be confirmed, which is found out at the start.
+    unconfirmed: Option<Comparing>,
+    switch: DisarmSwitch,
     publisher: Publisher,
     asked: Receiver<Asked>,
+    /// Requests to arm and to reload, one after the other.
+    waiting: VecDeque<Asked>,
+    underway: Vec<Underway>,
     times: Times,
+    looked: Instant,
     last_state: State,
-    audit_fails: bool,
+    standing: Standing,
+    /// Why records of the log may be missing.
+    trouble: Option<&'static str>,
+    tried_again: Instant,
     /// Reasons of the service itself, shown beside those of the guards: the last reload was refused, it is ending.
     tells: Reasons,
     /// Whether it was armed once, or a person took over.
     auto_arm_done: bool,
     auto_arm_after: Instant,
-    output_written: (Instant, PerAxis<f64>),
+    output: LatestOutput,
     watchdog: Watchdog,
 }
 
-/// The watchdog of the service manager, fed only when the number of cycles has grown.
-struct Watchdog {
-    interval: Option<Duration>,
-    fed: Instant,
-    cycles: u64,
+/// The output that was handed over to be written last.
+struct LatestOutput {
+    at: Instant,
+    correction: PerAxis<f64>,
+    receipt: Option<Receipt>,
 }
 
 impl Service {
-    /// Puts a service together around a control thread.
-    pub fn new(parts: Parts, publisher: Publisher, asked: Receiver<Asked>) -> Self {
+    /// Puts a service together around a control thread, with the log to which it writes.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub fn new(
+        parts: Parts,
+        audit: AuditLog,
+        publisher: Publisher,
+        asked: Receiver<Asked>,
+    ) -> Result<Self, GatewayError> {
         let now = Instant::now();
+        let clerk = Clerk::start(audit).map_err(|e| GatewayError::system("audit log", e))?;
+        let pulse = parts.handle.pulse();
         let mut service = Self {
+            clerk,
+            worker: Worker::default(),
+            unconfirmed: None,
+            switch: parts.handle.disarm_switch(),
             publisher,
             asked,
+            waiting: VecDeque::new(),
+            underway: Vec::new(),
             times: Times::default(),
+            looked: now,
             last_state: State::Disarmed,
-            audit_fails: false,
+            trouble: None,
+            tried_again: now,
             tells: Reasons::NONE,
-            auto_arm_done: false,
+            auto_arm_done: parts.standing.disarmed_by.is_some(),
             auto_arm_after: now,
-            output_written: (now, PerAxis::ZERO),
-            watchdog: Watchdog {
-                interval: sd_notify::watchdog_enabled().map(|time| time / 2),
-                fed: now,
-                cycles: 0,
+            output: LatestOutput {
+                at: now,
+                correction: PerAxis::ZERO,
+                receipt: None,
             },
+            watchdog: Watchdog::new(
+                sd_notify::watchdog_enabled(),
+                pulse,
+                parts.config.cycle,
+                now,
+            ),
+            standing: parts.standing.clone(),
             parts,
         };
         service.tell_thread();
-        service
+        Ok(service)
     }
 
     /// Writes the first record: what was found, and which version runs.
@@ -114,88 +174,132 @@ impl Service {
             broken,
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
-        self.log("gateway", "started", Event::Start(start));
+        let _ = self.log("gateway", "started", Event::Start(start));
+        self.ask_whether_confirmed();
         self.look();
     }
 
-    /// One turn: answers a request, writes down what happened, publishes. Waits for a request up to 50 ms.
+    /// One turn: takes a request, goes on with those under way, writes down what happened, publishes. Waits for a
+    /// request up to 50 ms.
     pub fn turn(&mut self) {
-        match self.asked.recv_timeout(TICK) {
-            Ok(asked) => self.answer(asked),
+        let rest = TICK.saturating_sub(self.looked.elapsed());
+        let rest = if self.underway.is_empty() {
+            rest
+        } else {
+            rest.min(STEP)
+        };
+        match self.asked.recv_timeout(rest) {
+            Ok(asked) => self.take_on(asked),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
             // Nobody can ask any more.
-            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => std::thread::sleep(TICK),
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => std::thread::sleep(rest),
         }
-        self.look();
-        self.auto_arm();
+        self.go_on();
+        if self.looked.elapsed() >= TICK {
+            self.look();
+            self.auto_arm();
+        }
     }
 
     /// Ramps to zero for at most the configured time, then ends the control thread. `hurry` tells to end it at once.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
+        // Stopping waits for nothing: all else comes after the order.
+        self.switch.disarm();
+        let guard = self.parts.config.guard.as_ref();
+        let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
         self.tells |= Reasons::STOPPING;
         self.tell_thread();
-        let state = self.parts.handle.report().state.into();
-        // Stopping waits for no disk: the record comes after the order.
-        let mut ordered = self.parts.handle.send(Order::Request(Request::Disarm));
-        self.log("signal", "stop", Event::Request { state });
-        let guard = self.parts.config.guard.as_ref();
-        let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
-        std::thread::sleep(self.parts.config.cycle * 2);
+        let before = *self.parts.handle.report();
+        let state = before.state.into();
+        let _ = self.log("signal", "stop", Event::Request { state });
         while Instant::now() < end && !hurry() {
-            // Where other orders were in the way it is said again.
-            ordered = ordered || self.parts.handle.send(Order::Request(Request::Disarm));
             self.look();
             let report = self.parts.handle.report();
+            // Two cycles: the order may have come in the middle of one.
+            let seen = report.cycle > before.cycle + 2;
             let at_rest = report.state == State::Disarmed
                 || matches!(report.state, State::Faulted(_)) && report.correction == PerAxis::ZERO;
-            if ordered && at_rest {
+            if seen && at_rest {
                 break;
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        self.parts.handle.stop();
+        if !self.parts.handle.stop_within(END) {
+            tracing::error!("the control thread hangs: what is applied now is not known");
+        }
         let report = *self.parts.handle.report();
         self.write_output(&report);
+        self.write_standing();
         let [left_um, left_urad] = observe::correction(&self.parts.model, &report);
         let stop = Stop {
             state: report.state.into(),
             left_um,
             left_urad,
         };
-        self.log("signal", "stopped", Event::Stop(stop));
+        let _ = self.log("signal", "stopped", Event::Stop(stop));
+        if !self.clerk.settle(END) {
+            tracing::error!("the disk of the audit log does not answer: the last records are lost");
+        }
         tracing::info!(state = report.state.name(), "stopped");
     }
 
-    /// Writes a record. A log that cannot be written forbids arming.
-    fn log(&mut self, who: &str, what: &str, event: Event) -> bool {
+    /// Hands over a record. A log that cannot be written forbids arming.
+    fn log(&mut self, who: &str, what: &str, event: Event) -> Receipt {
+        let entry = self.entry(who, what, event);
+        self.clerk.record(entry)
+    }
+
+    fn entry(&mut self, who: &str, what: &str, event: Event) -> Entry {
+        let report = *self.parts.handle.report();
+        let [output_um, output_urad] = if report.cycle > 0 {
+            observe::correction(&self.parts.model, &report)
+        } else {
+            Default::default()
+        };
         let details = Details {
             model: self.parts.model.hash.clone(),
+            output_um,
+            output_urad,
             what: event,
         };
-        let written = self.parts.audit.append(who, what, details);
-        if let Err(e) = &written
-            && !self.audit_fails
-        {
-            tracing::error!("audit log: {e}: no arming until it can be written");
-        }
-        if self.audit_fails != written.is_err() {
-            self.audit_fails = written.is_err();
-            self.tell_thread();
-        }
-        written.is_ok()
+        Entry::new(who, what, details)
     }
 
     fn tell_thread(&mut self) {
-        let audit = Reasons::AUDIT.when(self.audit_fails);
-        self.parts.handle.forbid(self.parts.forbids | audit);
-        self.parts
-            .handle
-            .note(audit | Reasons::DEGRADED.when(self.audit_fails) | self.tells);
+        let audit = Reasons::AUDIT.when(self.trouble.is_some());
+        let standing = self.standing_reasons();
+        let handle = &self.parts.handle;
+        handle.forbid(
+            self.parts.forbids
+                | audit
+                | Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before()),
+        );
+        let degraded = Reasons::DEGRADED.when(self.trouble.is_some());
+        handle.note(audit | degraded | self.tells | standing);
+    }
+
+    /// Whether the log is written as it should; where it was not, it is tried again.
+    fn look_after_log(&mut self) {
+        let trouble = self.clerk.trouble();
+        if trouble != self.trouble {
+            if let Some(trouble) = trouble {
+                tracing::error!("{trouble}: no arming until it is written again");
+            }
+            self.trouble = trouble;
+            self.tell_thread();
+        }
+        if self.clerk.wants_another_try() && self.tried_again.elapsed() > RETRY {
+            self.tried_again = Instant::now();
+            let again = self.entry("gateway", "audit log can be written again", Event::Nothing);
+            self.clerk.try_again(again);
+        }
     }
 
     /// Changes since the last look go into the log, times into the histograms, and a state is published.
     fn look(&mut self) {
+        let now = Instant::now();
+        self.looked = now;
         self.parts.handle.free_retired();
         for refusal in self.parts.handle.refusals() {
             // The plan of a reload has checked them, so this is a fault of the program.
@@ -210,34 +314,36 @@ impl Service {
                 reasons = reasons.join(", "),
                 "state"
             );
+            let reasons: Vec<String> = reasons.into_iter().map(str::to_owned).collect();
+            let before = std::mem::replace(&mut self.last_state, change.state);
+            self.stand_as(before, &reasons);
             let event = StateChange {
                 state: change.state.into(),
                 controller: change.active,
-                reasons: reasons.into_iter().map(str::to_owned).collect(),
+                reasons,
                 cycle: change.cycle,
             };
-            self.log("gateway", "state", Event::StateChange(event));
-            self.last_state = change.state;
+            let _ = self.log("gateway", "state", Event::StateChange(event));
             self.auto_arm_done |= change.state == State::Compensating;
         }
-        if self.audit_fails {
-            // Once it can be written again arming is allowed again.
-            self.log("gateway", "audit log can be written again", Event::Nothing);
-        }
+        self.look_after_log();
+        self.tell_whether_confirmed();
         for timing in self.parts.handle.timings() {
             self.times.add(&timing);
+            self.watchdog.count(&timing, now);
         }
-        self.feed_watchdog();
+        if self.watchdog.is_due(now) {
+            let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+        }
         let report = *self.parts.handle.report();
-        self.publisher.publish(self.status(&report));
-        if self.output_written.0.elapsed() > OUTPUT_EVERY
-            && self.output_written.1 != report.correction
-        {
+        let cycle_at = self.parts.handle.start() + report.now;
+        self.publisher.publish(self.status(&report), cycle_at);
+        if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.correction {
             self.write_output(&report);
         }
     }
 
-    /// The state at a report, as old as it is now.
+    /// The state at a report.
     fn status(&self, report: &Report) -> Status {
         let parts = &self.parts;
         let facts = Facts {
@@ -248,37 +354,34 @@ impl Service {
             auto_arm: parts.config.auto_arm,
             cycle: parts.config.cycle,
         };
-        let age = parts.handle.start().elapsed().saturating_sub(report.now);
-        observe::status(&facts, report, &self.times, age)
+        let mut status = observe::status(&facts, report, &self.times);
+        if self.is_faulted_from_before() && report.state == State::Disarmed {
+            status.state = StateName::Faulted;
+            let reasons = self.standing.faulted.iter().flatten();
+            for reason in reasons {
+                if !status.reasons.contains(reason) {
+                    status.reasons.push(reason.clone());
+                }
+            }
+        }
+        status
     }
 
-    /// Writes down the last output, for controllers that cannot be asked after a restart.
+    /// Writes down the last output, for controllers that cannot be asked after a restart. One at a time.
     fn write_output(&mut self, report: &Report) {
+        let waits = |receipt: &Receipt| receipt.written().is_none();
+        if self.output.receipt.as_ref().is_some_and(waits) {
+            return;
+        }
         let output = LastOutput {
             boot: boot_id(),
             correction: report.correction.to_vec(),
         };
         let path = self.parts.config.audit_dir.join("output.json");
-        let written = serde_json::to_string(&output)
-            .map_err(std::io::Error::from)
-            .and_then(|text| replace_file(&path, &text));
-        if let Err(e) = written {
-            tracing::warn!("last output: {e}");
-        }
-        self.output_written = (Instant::now(), report.correction);
-    }
-
-    fn feed_watchdog(&mut self) {
-        let Some(interval) = self.watchdog.interval else {
-            return;
+        self.output = LatestOutput {
+            at: Instant::now(),
+            correction: report.correction,
+            receipt: (serde_json::to_string(&output).ok()).map(|text| self.clerk.keep(path, text)),
         };
-        let cycles = self.parts.handle.cycles();
-        if self.watchdog.fed.elapsed() >= interval.min(Duration::from_secs(1))
-            && cycles != self.watchdog.cycles
-        {
-            let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
-            self.watchdog.fed = Instant::now();
-            self.watchdog.cycles = cycles;
-        }
     }
 }

@@ -1,87 +1,138 @@
-//! Configuration and machine file read again while the gateway runs.
+//! Configuration and machine file read again while the gateway runs: read and compared, then written down, then taken.
 
-use std::sync::Arc;
+use std::{
+    sync::{
+        Arc,
+        mpsc::{Receiver, TryRecvError},
+    },
+    time::Instant,
+};
 
 use volcomp_guard::Reasons;
-use volcomp_runtime::{Order, Replacement};
+use volcomp_runtime::{Model, Order, Replacement};
 
 use super::{
     Service,
-    requests::{no_log, refused},
+    arming::{FILES, disk_silent},
+    requests::{Progress, Step, no_log, no_orders, refused},
 };
 use crate::{
-    audit::replace_file,
+    audit::clerk::Receipt,
     config::Config,
-    documents::{Answer, Event, Reloaded},
+    documents::{Answer, ConfirmedLimits, Event, LimitChanges, Question, Reloaded},
     error::{FixedKey, GatewayError, ReloadError},
+    identity::{self, Judge},
+    options::Options,
     plan::Plan,
     request::Reply,
 };
 
+/// What a reload would take, and the question that comes first.
+type Planned = Result<(Box<Plan>, Option<Question>), GatewayError>;
+
+/// The files under way.
+pub(super) struct Reading {
+    told: Receiver<Planned>,
+    until: Instant,
+}
+
+/// A plan that is taken as soon as its record is written.
+pub(super) struct Keeping {
+    plan: Box<Plan>,
+    record: Receipt,
+    until: Instant,
+}
+
 impl Service {
-    /// Reads everything again. What cannot change while the gateway runs is named and refused.
-    pub(super) fn reload(&mut self, who: &str, confirm: Option<&str>) -> Reply {
-        let reply = self.reloaded(who, confirm);
-        // The built-in configuration has no files that could differ from it.
-        let refused = reply.status != 200 && self.parts.options.config.is_some();
-        let told = self.tells.without(Reasons::NOT_RELOADED);
-        self.tells = told | Reasons::NOT_RELOADED.when(refused);
-        self.tell_thread();
-        reply
+    /// Begins to read everything again.
+    pub(super) fn read_again(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
+        let judge = self.judge(confirm);
+        let old = self.parts.config.clone();
+        let options = self.parts.options.clone();
+        let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
+        let work = move || plan_again(&options, &old, &model, &limits, judge.as_ref());
+        let told = self.worker.begin(work).ok_or_else(disk_silent)?;
+        Ok(Step::Reading(Reading {
+            told,
+            until: Instant::now() + FILES,
+        }))
     }
 
-    fn reloaded(&mut self, who: &str, confirm: Option<&str>) -> Reply {
-        match self.try_reload(who, confirm) {
-            Ok(reply) => reply,
-            Err(e) => {
-                self.log(who, "reload refused", Event::Refused(e.to_string()));
-                tracing::warn!("reload: {e}");
-                refused(422, e.to_string())
+    /// Whether the files are read; if what they say may be taken, its record is begun.
+    pub(super) fn planned(&mut self, step: Reading, who: &str) -> Progress {
+        let planned = match step.told.try_recv() {
+            Ok(planned) => planned,
+            Err(TryRecvError::Empty) if Instant::now() < step.until => {
+                return Progress::Waits(Step::Reading(step));
             }
-        }
-    }
-
-    fn try_reload(&mut self, who: &str, confirm: Option<&str>) -> Result<Reply, GatewayError> {
-        if self.parts.options.config.is_none() {
-            return Err(ReloadError::BuiltIn.into());
-        }
-        let config = self.parts.options.configuration()?;
-        if config.guard.is_none() {
-            let file = config.file;
-            return Err(ReloadError::NoGuard { file }.into());
-        }
-        self.can_change_to(&config)?;
-        let plan = Plan::new(config)?;
-        if plan.model.axes != self.parts.model.axes {
-            let machine = plan.config.machine;
-            return Err(ReloadError::OtherAxes { machine }.into());
-        }
-        if let Some(question) = self.question(&Arc::clone(&self.parts.model), &plan.model, confirm)
-        {
-            tracing::warn!("reload: model {} must be confirmed", question.model);
-            return Ok(Reply {
-                status: 409,
-                answer: Answer::Question(question),
-            });
-        }
-        // Limits and model are taken together or not at all.
-        if self.parts.handle.room() <= plan.limits().len() {
-            return Ok(refused(503, "the control thread takes no orders"));
-        }
+            Err(_) => return Progress::Done(self.not_reloaded(disk_silent())),
+        };
+        let plan = match planned {
+            Ok((plan, None)) => plan,
+            Ok((_, Some(question))) => {
+                tracing::warn!("reload: {} must be confirmed", question.model);
+                self.must_confirm(true);
+                return Progress::Done(self.not_reloaded(Reply {
+                    status: 409,
+                    answer: Answer::Question(question),
+                }));
+            }
+            Err(e) => {
+                let _ = self.log(who, "reload refused", Event::Refused(e.to_string()));
+                tracing::warn!("reload: {e}");
+                return Progress::Done(self.not_reloaded(refused(422, e.to_string())));
+            }
+        };
+        let to = plan.config.guard.as_ref().map(identity::limits);
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),
             to: plan.model.hash.clone(),
+            limits: identity::changes(&self.limits(), &to.unwrap_or_default()),
         };
-        if !self.log(who, "reload", event) {
-            return Ok(no_log(self.last_state));
+        let record = self.log(who, "reload", event);
+        Progress::Next(Step::Keeping(Box::new(Keeping {
+            plan,
+            record,
+            until: Instant::now() + FILES,
+        })))
+    }
+
+    /// Whether the record is written; then the plan is taken.
+    pub(super) fn kept(&mut self, step: Keeping) -> Progress {
+        match step.record.written() {
+            Some(true) => {}
+            None if Instant::now() < step.until => {
+                return Progress::Waits(Step::Keeping(Box::new(step)));
+            }
+            Some(false) | None => {
+                let reply = no_log(self.last_state, self.clerk.trouble());
+                return Progress::Done(self.not_reloaded(reply));
+            }
         }
-        self.take(plan);
-        Ok(Reply {
+        // Limits and model are taken together or not at all, and not by a thread that hangs.
+        let handle = &self.parts.handle;
+        let is_silent = handle.pulse().silence().is_some();
+        if is_silent || handle.room() <= step.plan.limits().len() {
+            return Progress::Done(self.not_reloaded(no_orders()));
+        }
+        self.take(*step.plan);
+        self.tells = self.tells.without(Reasons::NOT_RELOADED);
+        self.must_confirm(false);
+        Progress::Done(Reply {
             status: 200,
             answer: Answer::Reloaded(Reloaded {
                 model: self.parts.model.hash.clone(),
             }),
         })
+    }
+
+    /// The answer of a reload that took nothing, which is told beside it.
+    fn not_reloaded(&mut self, reply: Reply) -> Reply {
+        // The built-in configuration has no files that could differ from it.
+        let differs = self.parts.options.config.is_some();
+        self.tells |= Reasons::NOT_RELOADED.when(differs);
+        self.tell_thread();
+        reply
     }
 
     /// Limits and model of a plan from now on.
@@ -94,11 +145,8 @@ impl Service {
                 .send(Order::Limits(index, Box::new(limits)));
         }
         let Plan { config, model, .. } = plan;
-        if model.hash != self.parts.model.hash {
-            if self.last_state.is_armed() {
-                // The model that was confirmed last is now this one.
-                let _ = replace_file(&self.confirmed_path(), &model.text);
-            }
+        let has_other_model = model.hash != self.parts.model.hash;
+        if has_other_model {
             let copy = Arc::new(model.clone());
             let replacement = Replacement::new(Box::new(model), &self.parts.sensors);
             let _ = self.parts.handle.send(Order::Model(Box::new(replacement)));
@@ -107,35 +155,74 @@ impl Service {
         }
         self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
         self.parts.config = config;
+        if self.last_state.is_armed() {
+            // What was confirmed last is now this.
+            let _ = self.keep_confirmed();
+        }
         self.tell_thread();
     }
+}
 
-    /// Whether everything that stays as it is while the gateway runs is as it was.
-    fn can_change_to(&self, config: &Config) -> Result<(), ReloadError> {
-        let old = &self.parts.config;
-        let fixed = |config: &Config| {
-            let guard = config.guard.as_ref();
-            guard.map(|guard| (guard.hand_back, guard.temperatures, guard.fading))
-        };
-        let guard = old.guard.is_none() || fixed(config) == fixed(old);
-        let same = [
-            (config.controllers == old.controllers, FixedKey::Controller),
-            (
-                config.thermometers == old.thermometers,
-                FixedKey::Thermometer,
-            ),
-            (config.cycle == old.cycle, FixedKey::CycleMs),
-            (config.dashboard == old.dashboard, FixedKey::Dashboard),
-            (config.audit_dir == old.audit_dir, FixedKey::Audit),
-            (config.realtime == old.realtime, FixedKey::Realtime),
-            (guard, FixedKey::GuardTimes),
-        ];
-        match same.into_iter().find(|(same, _)| !same) {
-            Some((_, key)) => Err(ReloadError::Changed {
-                file: config.file.clone(),
-                key,
-            }),
-            None => Ok(()),
-        }
+/// Reads everything again. What cannot change while the gateway runs is named and refused.
+fn plan_again(
+    options: &Options,
+    old: &Config,
+    model: &Model,
+    limits: &ConfirmedLimits,
+    judge: Option<&Judge>,
+) -> Planned {
+    if options.config.is_none() {
+        return Err(ReloadError::BuiltIn.into());
+    }
+    let config = options.configuration()?;
+    let Some(guard) = &config.guard else {
+        let file = config.file;
+        return Err(ReloadError::NoGuard { file }.into());
+    };
+    can_change(old, &config)?;
+    let new_limits = identity::limits(guard);
+    let plan = Plan::new(config)?;
+    if plan.model.axes != model.axes {
+        let machine = plan.config.machine;
+        return Err(ReloadError::OtherAxes { machine }.into());
+    }
+    // Where there were no limits before, nothing was armed.
+    let changes = if limits.is_empty() {
+        LimitChanges::new()
+    } else {
+        identity::changes(limits, &new_limits)
+    };
+    let differs = plan.model.hash != model.hash || !changes.is_empty();
+    let question = judge
+        .filter(|_| differs)
+        .and_then(|judge| judge.question([model, &plan.model], changes, &new_limits));
+    Ok((Box::new(plan), question))
+}
+
+/// Whether everything that stays as it is while the gateway runs is as it was.
+fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
+    let fixed = |config: &Config| {
+        let guard = config.guard.as_ref();
+        guard.map(|guard| (guard.hand_back, guard.temperatures, guard.fading))
+    };
+    let guard = old.guard.is_none() || fixed(config) == fixed(old);
+    let same = [
+        (config.controllers == old.controllers, FixedKey::Controller),
+        (
+            config.thermometers == old.thermometers,
+            FixedKey::Thermometer,
+        ),
+        (config.cycle == old.cycle, FixedKey::CycleMs),
+        (config.dashboard == old.dashboard, FixedKey::Dashboard),
+        (config.audit_dir == old.audit_dir, FixedKey::Audit),
+        (config.realtime == old.realtime, FixedKey::Realtime),
+        (guard, FixedKey::GuardTimes),
+    ];
+    match same.into_iter().find(|(same, _)| !same) {
+        Some((_, key)) => Err(ReloadError::Changed {
+            file: config.file.clone(),
+            key,
+        }),
+        None => Ok(()),
     }
 }

@@ -1,210 +1,297 @@
-//! The requests that a service carries out: arming, disarming, acknowledging. Reloading has a file of its own.
+//! Requests on their way: each goes on by itself, and none holds up another. Arming and reloading, which wait for the
+//! disk, come one after the other and have files of their own.
 
-use std::{
-    io::ErrorKind,
-    path::PathBuf,
-    sync::Arc,
-    time::{Duration, Instant},
+use std::time::{Duration, Instant};
+
+use tokio::sync::oneshot;
+use volcomp_guard::{Hold, Reasons, Request, SensorFlaw, State};
+use volcomp_runtime::{Order, Report};
+
+use super::{
+    Service,
+    arming::{Comparing, Recording},
+    effect,
+    reload::{Keeping, Reading},
 };
-
-use volcomp_document::ReadError;
-use volcomp_guard::{Reasons, Request, State};
-use volcomp_model::{Machine, ModelError};
-use volcomp_port::Description;
-use volcomp_runtime::{Model, Order};
-use volcomp_vocabulary::AxisName;
-
-use super::{Service, effect};
 use crate::{
-    audit::replace_file,
-    documents::{Answer, Event, Question, Refusal, Settled},
+    documents::{Answer, Event, Refusal, Settled},
     request::{Ask, Asked, Reply},
 };
 
 /// A request has taken effect after so long, or it has none.
 const EFFECT: Duration = Duration::from_millis(300);
 
+/// A request on its way.
+pub(super) struct Underway {
+    pub(super) who: String,
+    pub(super) answer: Option<oneshot::Sender<Reply>>,
+    /// How often disarming had been ordered when the request was made.
+    pub(super) disarms: u64,
+    pub(super) step: Step,
+}
+
+/// How far a request is.
+pub(super) enum Step {
+    /// Arming: the model that was armed last is read and compared.
+    Comparing(Comparing),
+    /// Arming: its record is written.
+    Recording(Recording),
+    /// A reload: the files are read and compared.
+    Reading(Reading),
+    /// A reload: its record is written.
+    Keeping(Box<Keeping>),
+    /// The order was given.
+    Effect(Effect),
+}
+
+/// An order whose effect is waited for.
+#[derive(Clone, Copy)]
+pub(super) struct Effect {
+    request: Request,
+    /// The number of the last cycle before the order.
+    cycle: u64,
+    /// Until then it has an effect, or none; a request other than disarming is not carried out later.
+    until: Instant,
+}
+
+impl Effect {
+    /// Until when the order is carried out.
+    pub(super) fn until(&self) -> Instant {
+        self.until
+    }
+}
+
+/// What becomes of a request when it is looked at.
+pub(super) enum Progress {
+    /// Nothing new.
+    Waits(Step),
+    /// The next step, to be looked at at once.
+    Next(Step),
+    /// The answer.
+    Done(Reply),
+}
+
 impl Service {
+    /// Takes a request on. Disarming was ordered when it was made.
+    pub(super) fn take_on(&mut self, asked: Asked) {
+        // From here on a person decides.
+        self.auto_arm_done |= !matches!(asked.ask, Ask::Reload(_));
+        match asked.ask {
+            Ask::Arm(_) | Ask::Reload(_) => self.waiting.push_back(asked),
+            Ask::Disarm => {
+                let effect = self.ordered(Request::Disarm);
+                self.write_down(&asked.who, "disarm");
+                let who = asked.who.clone();
+                self.stand(|standing| standing.disarmed_by = Some(who));
+                self.begin(asked, Step::Effect(effect));
+            }
+            Ask::Acknowledge => self.acknowledge(asked),
+        }
+    }
+
+    /// The cause of a fault is mended. Where nothing waits for it this is said, and nothing is done.
+    fn acknowledge(&mut self, asked: Asked) {
+        let report = *self.parts.handle.report();
+        let from_before = self.is_faulted_from_before();
+        if !(from_before || has_to_be_acknowledged(&report)) {
+            let why = "there is nothing to acknowledge: no fault, no interlock, and no temperature that jumped";
+            let reply = settled(409, report.state, self.all_reasons(&report), Some(why));
+            return finish(&asked.who, asked.answer, reply);
+        }
+        let effect = self.ordered(Request::Acknowledge);
+        let sent = self.send(Request::Acknowledge, effect.until, asked.disarms);
+        self.write_down(&asked.who, "acknowledge");
+        if from_before {
+            self.stand(|standing| standing.faulted = None);
+        }
+        if sent {
+            self.begin(asked, Step::Effect(effect));
+        } else {
+            finish(&asked.who, asked.answer, no_orders());
+        }
+    }
+
+    /// Writes a request down with the state that it finds. Nobody waits for it.
+    fn write_down(&mut self, who: &str, what: &str) {
+        let state = self.parts.handle.report().state.into();
+        let _ = self.log(who, what, Event::Request { state });
+    }
+
+    fn begin(&mut self, asked: Asked, step: Step) {
+        self.underway.push(Underway {
+            who: asked.who,
+            answer: asked.answer,
+            disarms: asked.disarms,
+            step,
+        });
+    }
+
+    /// An order of now, whose effect shows from the next cycles on.
+    pub(super) fn ordered(&mut self, request: Request) -> Effect {
+        Effect {
+            request,
+            cycle: self.parts.handle.report().cycle,
+            until: Instant::now() + EFFECT.max(self.parts.config.cycle * 5),
+        }
+    }
+
+    pub(super) fn send(&mut self, request: Request, until: Instant, disarms: u64) -> bool {
+        let order = Order::Request(request);
+        self.parts.handle.send_by(order, until, disarms)
+    }
+
+    /// Goes on with everything that is under way, and begins with the next request that waits.
+    pub(super) fn go_on(&mut self) {
+        for mut underway in std::mem::take(&mut self.underway) {
+            let mut step = underway.step;
+            loop {
+                let (who, disarms) = (&*underway.who, underway.disarms);
+                let progress = match step {
+                    Step::Comparing(step) => self.compared(step, who),
+                    Step::Recording(step) => self.recorded(step, who, disarms),
+                    Step::Reading(step) => self.planned(step, who),
+                    Step::Keeping(step) => self.kept(*step),
+                    Step::Effect(effect) => self.took_effect(effect, who),
+                };
+                match progress {
+                    Progress::Next(next) => step = next,
+                    Progress::Waits(same) => {
+                        underway.step = same;
+                        self.underway.push(underway);
+                        break;
+                    }
+                    Progress::Done(reply) => {
+                        self.told(&underway.who, &reply);
+                        finish(&underway.who, underway.answer, reply);
+                        break;
+                    }
+                }
+            }
+        }
+        let is_slow = |underway: &Underway| !matches!(&underway.step, Step::Effect(effect) if effect.request != Request::Arm);
+        self.tell_whether_confirmed();
+        if self.unconfirmed.is_none()
+            && !self.underway.iter().any(is_slow)
+            && let Some(mut asked) = self.waiting.pop_front()
+        {
+            let step = match &mut asked.ask {
+                Ask::Arm(confirm) => self.compare(confirm.take()),
+                Ask::Reload(confirm) => self.read_again(confirm.take()),
+                // They do not wait.
+                Ask::Disarm | Ask::Acknowledge => return,
+            };
+            match step {
+                Ok(step) => self.begin(asked, step),
+                Err(reply) => finish(&asked.who, asked.answer, reply),
+            }
+        }
+    }
+
+    /// The answer of a request: what follows for the service.
+    fn told(&mut self, who: &str, reply: &Reply) {
+        if who == AUTO_ARM && reply.status != 200 {
+            tracing::warn!("auto_arm: {}", in_words(&reply.answer));
+            // A model that must be confirmed is for a person.
+            self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
+        }
+    }
+
+    /// Whether a request has taken effect.
+    fn took_effect(&mut self, effect: Effect, who: &str) -> Progress {
+        let report = *self.parts.handle.report();
+        // Two cycles: the order may have come in the middle of one.
+        let seen = report.cycle > effect.cycle + 2;
+        if seen && effect::has_taken(effect.request, report.state) {
+            if effect.request == Request::Arm && who != AUTO_ARM {
+                self.stand(|standing| standing.disarmed_by = None);
+            }
+            let reasons = self.all_reasons(&report);
+            return Progress::Done(settled(200, report.state, reasons, None));
+        }
+        if Instant::now() <= effect.until {
+            return Progress::Waits(Step::Effect(effect));
+        }
+        Progress::Done(if seen {
+            let why = effect::refusal(effect.request, report.state);
+            let reasons = self.all_reasons(&report);
+            settled(409, report.state, reasons, Some(why))
+        } else if effect.request == Request::Disarm {
+            refused(
+                503,
+                "the control thread runs no cycles: what is applied now is not known; it disarms with its next cycle",
+            )
+        } else {
+            refused(
+                503,
+                "the control thread runs no cycles: what is applied now is not known, and the request has expired: it is not carried out any more",
+            )
+        })
+    }
+
+    pub(super) fn all_reasons(&self, report: &Report) -> Reasons {
+        report.reasons | self.parts.forbids | self.standing_reasons()
+    }
+
     pub(super) fn auto_arm(&mut self) {
-        if !self.parts.config.auto_arm || self.auto_arm_done || Instant::now() < self.auto_arm_after
+        if !self.parts.config.auto_arm
+            || self.auto_arm_done
+            || !self.underway.is_empty()
+            || !self.waiting.is_empty()
+            || Instant::now() < self.auto_arm_after
         {
             return;
         }
         self.auto_arm_after = Instant::now() + Duration::from_secs(1);
-        let report = self.parts.handle.report();
-        let against = report.reasons.without(Reasons::DOES_NOT_FORBID);
+        let report = *self.parts.handle.report();
+        let against = self.all_reasons(&report).without(Reasons::DOES_NOT_FORBID);
         if report.cycle > 1
             && report.state == State::Disarmed
             && against.is_empty()
-            && self.parts.forbids.is_empty()
-            && !self.audit_fails
+            && self.trouble.is_none()
         {
-            let reply = self.arm("auto_arm", None);
-            if reply.status != 200 {
-                tracing::warn!("auto_arm: {}", in_words(&reply.answer));
-                // A model that must be confirmed is for a person.
-                self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
-            }
+            let asked = Asked::new(Ask::Arm(None), AUTO_ARM, None, &self.switch);
+            self.waiting.push_back(asked);
         }
-    }
-
-    pub(super) fn answer(&mut self, asked: Asked) {
-        let who = &asked.who;
-        // From here on a person decides.
-        self.auto_arm_done |= !matches!(asked.ask, Ask::Reload(_));
-        let reply = match asked.ask {
-            Ask::Arm(confirm) => self.arm(who, confirm.as_deref()),
-            Ask::Disarm => self.request(who, "disarm", Request::Disarm),
-            Ask::Acknowledge => self.request(who, "acknowledge", Request::Acknowledge),
-            Ask::Reload(confirm) => self.reload(who, confirm.as_deref()),
-        };
-        if let Some(to) = asked.answer {
-            // Whoever asked may have gone.
-            let _ = to.send(reply);
-        } else {
-            tracing::info!("{who}: {}", in_words(&reply.answer));
-        }
-    }
-
-    /// Sends a request, writes it down, and waits for its effect.
-    fn request(&mut self, who: &str, what: &str, request: Request) -> Reply {
-        let before = *self.parts.handle.report();
-        let state = before.state.into();
-        let end = Instant::now() + EFFECT.max(self.parts.config.cycle * 5);
-        // A full disk forbids arming, never disarming, and disarming waits for no disk.
-        if request == Request::Arm && !self.log(who, what, Event::Request { state }) {
-            return no_log(before.state);
-        }
-        let sent = self.send_until(request, end);
-        if request != Request::Arm {
-            self.log(who, what, Event::Request { state });
-        }
-        if !sent {
-            return refused(503, "the control thread takes no orders");
-        }
-        loop {
-            let report = *self.parts.handle.report();
-            // Two cycles: the order may have come in the middle of one.
-            let seen = report.cycle > before.cycle + 2;
-            let taken = effect::has_taken(request, report.state);
-            if seen && taken {
-                return settled(200, report.state, report.reasons | self.parts.forbids, None);
-            }
-            if Instant::now() > end && !seen {
-                return refused(
-                    503,
-                    "the control thread runs no cycles: what is applied now is not known, and the request waits for it",
-                );
-            }
-            if Instant::now() > end {
-                let why = effect::refusal(request, report.state);
-                let reasons = report.reasons | self.parts.forbids;
-                return settled(409, report.state, reasons, Some(why));
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-    }
-
-    /// Sends a request, again while too many orders wait. Whether it was taken.
-    fn send_until(&mut self, request: Request, end: Instant) -> bool {
-        while !self.parts.handle.send(Order::Request(request)) {
-            if Instant::now() > end {
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        true
-    }
-
-    pub(super) fn confirmed_path(&self) -> PathBuf {
-        self.parts.config.audit_dir.join("confirmed-machine.toml")
-    }
-
-    /// The question that a person must confirm before `new` takes the place of `old`; `None` where there is none, or
-    /// it is confirmed. The change of the correction is judged at the reference temperature and at the present
-    /// temperatures.
-    pub(super) fn question(
-        &mut self,
-        old: &Model,
-        new: &Model,
-        confirm: Option<&str>,
-    ) -> Option<Question> {
-        let report = *self.parts.handle.report();
-        let guard = self.parts.config.guard.as_ref()?;
-        let degc = |name: &str| {
-            let mut sensors = self.parts.sensors.iter();
-            let place = sensors.position(|sensor| sensor == name)?;
-            report.sensors.get(place)?.degc
-        };
-        let names = |controller: &Description| -> Vec<AxisName> {
-            controller.axes.iter().map(|axis| axis.name).collect()
-        };
-        let written: Vec<Vec<AxisName>> = self.parts.controllers.iter().map(names).collect();
-        let written = || written.iter().map(Vec::as_slice);
-        let cold = old.worst_corner(new, written());
-        let warm = old.warmed(degc).worst_corner(&new.warmed(degc), written());
-        let worst = cold.max(warm);
-        let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
-        let confirm_um = guard.linear.confirm.0;
-        let confirm_urad = guard.rotary.as_ref().map(|rotary| rotary.confirm.0);
-        let moves = worst_um > confirm_um || worst_urad > confirm_urad.unwrap_or(f64::INFINITY);
-        if !moves || confirm == Some(new.hash.as_str()) {
-            return None;
-        }
-        // A machine with other axes moves infinitely far, which is no number in JSON.
-        let finite = |x: f64| x.is_finite().then_some(x);
-        Some(Question {
-            model: new.hash.clone(),
-            worst_corner_um: finite(worst_um),
-            worst_corner_urad: finite(worst_urad),
-            confirm_um,
-            confirm_urad,
-        })
-    }
-
-    fn arm(&mut self, who: &str, confirm: Option<&str>) -> Reply {
-        let guard = self.parts.config.guard.as_ref();
-        let fading = guard.map(|guard| guard.fading).unwrap_or_default();
-        let path = self.confirmed_path();
-        let armed_last = Machine::read(&path).and_then(|machine| Model::new(&machine, fading));
-        let armed_last = match armed_last {
-            Ok(old) => Some(old),
-            // Where no model was armed before, there is nothing to compare with.
-            Err(ModelError::Read(ReadError::System { ref source, .. }))
-                if source.kind() == ErrorKind::NotFound =>
-            {
-                None
-            }
-            // A record that cannot be read is no proof that this model was confirmed.
-            Err(error) => {
-                tracing::error!("{}: {error}", path.display());
-                let what = format!(
-                    "the model that was armed last cannot be read ({error}): look at it, and remove {} if it is damaged",
-                    path.display()
-                );
-                return refused(409, what);
-            }
-        };
-        if let Some(old) = armed_last
-            && old.hash != self.parts.model.hash
-            && let Some(question) = self.question(&old, &Arc::clone(&self.parts.model), confirm)
-        {
-            return Reply {
-                status: 409,
-                answer: Answer::Question(question),
-            };
-        }
-        if let Err(e) = replace_file(&path, &self.parts.model.text) {
-            tracing::error!("{}: {e}", path.display());
-            return no_log(self.last_state);
-        }
-        self.request(who, "arm", Request::Arm)
     }
 }
 
+/// Who asks where nobody does.
+const AUTO_ARM: &str = "auto_arm";
+
+/// Whether anything waits for a person to acknowledge it.
+fn has_to_be_acknowledged(report: &Report) -> bool {
+    let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
+    let interlocks = [
+        Reasons::NOT_REFERENCED,
+        Reasons::CONTROLLER_ALARM,
+        Reasons::EMERGENCY_STOP,
+    ];
+    let state = report.state;
+    matches!(state, State::Faulted(_) | State::Holding(Hold::Interlocked))
+        || interlocks
+            .into_iter()
+            .any(|interlock| report.reasons.contains(interlock))
+        || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
+}
+
+/// Gives the answer to whoever asked.
+fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
+    match answer {
+        // Whoever asked may have gone.
+        Some(to) => drop(to.send(reply)),
+        None if who == AUTO_ARM => {}
+        None => tracing::info!("{who}: {}", in_words(&reply.answer)),
+    }
+}
+
+/// The answer while the control thread takes no orders.
+pub(super) fn no_orders() -> Reply {
+    refused(503, "the control thread takes no orders")
+}
+
 /// The answer when the audit log cannot be written.
-pub(super) fn no_log(state: State) -> Reply {
-    let why = "the audit log cannot be written";
+pub(super) fn no_log(state: State, why: Option<&str>) -> Reply {
+    let why = why.unwrap_or("the audit log cannot be written");
     settled(409, state, Reasons::AUDIT, Some(why))
 }
 
@@ -216,7 +303,7 @@ pub(super) fn refused(status: u16, why: impl Into<String>) -> Reply {
     }
 }
 
-fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {
+pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {
     Reply {
         status,
         answer: Answer::Settled(Settled {
@@ -236,8 +323,14 @@ fn in_words(answer: &Answer) -> String {
                     format!("{size:.1}")
                 })
             };
+            let limits: Vec<&str> = question.limits.keys().map(String::as_str).collect();
+            let limits = if limits.is_empty() {
+                String::new()
+            } else {
+                format!("; {} changed", limits.join(", "))
+            };
             format!(
-                "model {} must be confirmed: it moves a corner of the work space by {} µm and {} µrad",
+                "{} must be confirmed: it moves a point of the work space by {} µm and {} µrad{limits}",
                 question.model,
                 size(question.worst_corner_um),
                 size(question.worst_corner_urad)

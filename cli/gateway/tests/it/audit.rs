@@ -1,14 +1,29 @@
 //! The audit log by itself.
 
+use std::{
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
 use volcomp_gateway::{
-    audit::{AuditLog, verify},
-    documents::{Details, Event},
+    audit::{
+        AuditLog, Entry,
+        clerk::{Clerk, Receipt},
+        verify,
+    },
+    documents::{ByAxis, Details, Event},
 };
 
 /// What belongs to a record of these tests.
 fn details(what: &str) -> Details {
     Details {
         model: "none".to_owned(),
+        output_um: ByAxis::new(),
+        output_urad: ByAxis::new(),
         what: Event::Refused(what.to_owned()),
     }
 }
@@ -79,4 +94,107 @@ fn a_tail_torn_anywhere_is_cut() {
         assert_eq!(verify(&again).records, 3);
         assert_eq!(verify(&again).end, again.len());
     }
+}
+
+/// A log whose disk hangs while the switch is on.
+fn hanging(dir: &Path) -> (Clerk, Arc<AtomicBool>) {
+    let hangs = Arc::new(AtomicBool::new(false));
+    let (log, _) = AuditLog::open(dir).expect("new");
+    let switch = Arc::clone(&hangs);
+    let log = log.synced_by(move |file| {
+        while switch.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        file.sync_data()
+    });
+    (Clerk::start(log).expect("a thread"), hangs)
+}
+
+fn entry(what: &str) -> Entry {
+    Entry::new("anna", "test", details(what))
+}
+
+fn soon(done: impl Fn() -> bool) {
+    let end = Instant::now() + Duration::from_secs(20);
+    while !done() {
+        assert!(Instant::now() < end, "it does not come");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Handing a record over waits for no disk. What finds no place is told, and counted in the next record.
+#[test]
+fn a_disk_that_hangs_holds_up_nobody_and_lost_records_are_counted() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (clerk, hangs) = hanging(dir.path());
+    let first = clerk.record(entry("first"));
+    soon(|| first.written() == Some(true));
+    assert_eq!(clerk.trouble(), None);
+    hangs.store(true, Ordering::Relaxed);
+    let receipts: Vec<Receipt> = (0..400)
+        .map(|n| clerk.record(entry(&n.to_string())))
+        .collect();
+    // The disk has one of them, 256 wait.
+    let lost = receipts
+        .iter()
+        .filter(|r| r.written() == Some(false))
+        .count();
+    assert!((143..=144).contains(&lost), "{lost}");
+    assert_eq!(clerk.trouble(), Some("records of the audit log were lost"));
+    assert!(
+        !clerk.settle(Duration::from_millis(20)),
+        "the end does not wait for ever"
+    );
+    hangs.store(false, Ordering::Relaxed);
+    assert!(clerk.settle(Duration::from_secs(20)));
+    assert_eq!(clerk.trouble(), None);
+    let text = std::fs::read_to_string(dir.path().join("audit.log")).expect("readable");
+    assert_eq!(verify(text.as_bytes()).end, text.len());
+    assert_eq!(text.matches(&format!("\"lost\":{lost}")).count(), 1);
+    assert_eq!(text.matches("\"lost\":").count(), 1);
+}
+
+/// A record on its way for longer than a second forbids arming.
+#[test]
+fn a_disk_that_does_not_answer_is_told() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (clerk, hangs) = hanging(dir.path());
+    hangs.store(true, Ordering::Relaxed);
+    let receipt = clerk.record(entry("waits"));
+    soon(|| clerk.trouble() == Some("the disk of the audit log does not answer"));
+    assert_eq!(receipt.written(), None);
+    hangs.store(false, Ordering::Relaxed);
+    soon(|| receipt.written() == Some(true));
+    soon(|| clerk.trouble().is_none());
+}
+
+/// A record that cannot be written is counted in the first that can.
+#[test]
+fn a_record_that_fails_is_counted_in_the_next() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (log, _) = AuditLog::open(dir.path()).expect("new");
+    let mut failures = 3;
+    let log = log.synced_by(move |file| {
+        failures -= 1;
+        if failures >= 0 {
+            return Err(std::io::Error::other("full"));
+        }
+        file.sync_data()
+    });
+    let clerk = Clerk::start(log).expect("a thread");
+    for what in ["one", "two"] {
+        let receipt = clerk.record(entry(what));
+        soon(|| receipt.written() == Some(false));
+    }
+    assert_eq!(clerk.trouble(), Some("the audit log cannot be written"));
+    // The first try fails, too, and is no loss of its own.
+    for _ in 0..2 {
+        soon(|| clerk.wants_another_try());
+        clerk.try_again(entry("again"));
+        assert!(clerk.settle(Duration::from_secs(20)));
+    }
+    assert_eq!(clerk.trouble(), None);
+    let text = std::fs::read_to_string(dir.path().join("audit.log")).expect("readable");
+    assert_eq!(text.lines().count(), 1, "{text}");
+    assert!(text.contains("\"lost\":2,"), "{text}");
 }

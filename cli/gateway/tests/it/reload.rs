@@ -7,6 +7,18 @@ use crate::{
     program::{Program, change, path},
 };
 
+/// Whether the reasons of a state or an answer hold these words.
+fn says(answer: &serde_json::Value, words: &str) -> bool {
+    answer["reasons"].to_string().contains(words)
+}
+
+/// Repeats a reload with the hash that was asked for.
+fn confirm(program: &Program, asked: &serde_json::Value) {
+    let body = format!("{{\"confirm\": {}}}", asked["model"]);
+    let confirmed = program.post("/api/reload", &body);
+    assert_eq!(confirmed.status, 200, "{}", confirmed.body);
+}
+
 #[test]
 fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let dir = tempfile::tempdir().expect("writable");
@@ -42,17 +54,34 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
             .status,
         409
     );
-    let confirmed = program.post(
-        "/api/reload",
-        &format!("{{\"confirm\": {}}}", asked["model"]),
-    );
-    assert_eq!(confirmed.status, 200, "{}", confirmed.body);
+    confirm(&program, &asked);
     program
         .wait(|state| state["correction_um"]["Y"] == -100.0)
         .expect("the new model");
-    // A lower limit is approached, too.
+    // A limit belongs to what a person confirms; the hash of the machine file alone confirms none. Then it is
+    // approached.
     change(&config, "limit_um = 150.0", "limit_um = 50.0");
-    assert_eq!(program.post("/api/reload", "").status, 200);
+    let asked = program.post("/api/reload", "");
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let asked = asked.json();
+    assert_eq!(
+        asked["limits"]["limit_um"],
+        serde_json::json!([150.0, 50.0])
+    );
+    assert_eq!(asked["worst_corner_um"], 0.0);
+    program
+        .wait(|state| says(state, "must be confirmed"))
+        .expect("it says so");
+    let hash = program.state()["machine"]["hash"].clone();
+    let of_machine = program.post("/api/reload", &format!("{{\"confirm\": {hash}}}"));
+    assert_eq!(of_machine.status, 409);
+    assert_eq!(program.state()["correction_um"]["Y"], -100.0);
+    confirm(&program, &asked);
+    let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+    assert!(
+        audit.contains("\"limits\":{\"limit_um\":[150.0,50.0]}"),
+        "{audit}"
+    );
     program
         .wait(|state| state["correction_um"]["Y"] == -50.0)
         .expect("the new limit");
@@ -72,7 +101,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     program.wait_for("compensating");
     // The files on disk are not those that hold: it says so, also to whoever arms.
     let told = "files on disk not taken over";
-    let says = |answer: &serde_json::Value| answer["reasons"].to_string().contains(told);
+    let says = |answer: &serde_json::Value| says(answer, told);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
     let armed = program.post("/api/arm", "");

@@ -1,0 +1,221 @@
+//! The thread that writes: the audit log and the small files beside it. Nobody waits for it but who asks for a receipt,
+//! so that a disk that hangs holds up nothing else.
+
+use std::{
+    io,
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+        mpsc::{Receiver, SyncSender, TryRecvError, sync_channel},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use super::{AuditLog, Entry, replace_file};
+
+/// The largest number of records and files that wait for the disk.
+const WAITING: usize = 256;
+/// A disk that is busy with one record or file for longer counts as one that does not answer.
+const LATE: Duration = Duration::from_secs(1);
+
+/// One piece of work for the disk.
+enum Task {
+    Record(Box<Entry>, SyncSender<bool>),
+    Again(Box<Entry>),
+    Keep(PathBuf, String, SyncSender<bool>),
+}
+
+/// The side of whoever has something to be written. No call waits for the disk but [`settle`](Self::settle).
+pub struct Clerk {
+    tasks: SyncSender<Task>,
+    health: Arc<Health>,
+}
+
+/// How writing goes.
+#[derive(Default)]
+struct Health {
+    /// The log could not be written last time.
+    fails: AtomicBool,
+    /// Records since the last whole one that could not be written.
+    lost: AtomicU64,
+    /// Tasks that are not done.
+    open: AtomicU64,
+    /// When the task at hand was begun, ns of the monotonic clock; 0: none is.
+    begun_ns: AtomicU64,
+}
+
+/// Tells when something has been written.
+pub struct Receipt(Option<Receiver<bool>>);
+
+impl Receipt {
+    /// Whether it was written; `None` while it is not known.
+    pub fn written(&self) -> Option<bool> {
+        let Some(receiver) = &self.0 else {
+            return Some(false);
+        };
+        match receiver.try_recv() {
+            Ok(written) => Some(written),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(false),
+        }
+    }
+}
+
+impl Clerk {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub fn start(log: AuditLog) -> io::Result<Self> {
+        let (tasks, work) = sync_channel(WAITING);
+        let health = Arc::new(Health::default());
+        let desk = Desk {
+            log,
+            health: Arc::clone(&health),
+        };
+        thread::Builder::new()
+            .name("volcomp-audit".to_owned())
+            .spawn(move || desk.run(&work))?;
+        Ok(Self { tasks, health })
+    }
+
+    /// Hands a record over. One that finds no place is counted in the next record.
+    pub fn record(&self, entry: Entry) -> Receipt {
+        let (tell, receipt) = sync_channel(1);
+        let taken = self.hand_over(Task::Record(Box::new(entry), tell));
+        if !taken {
+            self.health.lost.fetch_add(1, Ordering::Relaxed);
+        }
+        Receipt(taken.then_some(receipt))
+    }
+
+    /// Whether records are missing and nothing is on its way that would tell.
+    pub fn wants_another_try(&self) -> bool {
+        let health = &self.health;
+        let missing =
+            health.fails.load(Ordering::Relaxed) || health.lost.load(Ordering::Relaxed) > 0;
+        missing && health.open.load(Ordering::Relaxed) == 0
+    }
+
+    /// Tries to write that the log can be written again; the record counts those that are missing.
+    pub fn try_again(&self, entry: Entry) {
+        let _ = self.hand_over(Task::Again(Box::new(entry)));
+    }
+
+    /// Hands over a small file, which is written whole or not at all.
+    pub fn keep(&self, path: PathBuf, text: String) -> Receipt {
+        let (tell, receipt) = sync_channel(1);
+        let taken = self.hand_over(Task::Keep(path, text, tell));
+        Receipt(taken.then_some(receipt))
+    }
+
+    fn hand_over(&self, task: Task) -> bool {
+        self.health.open.fetch_add(1, Ordering::Relaxed);
+        let taken = self.tasks.try_send(task).is_ok();
+        if !taken {
+            self.health.open.fetch_sub(1, Ordering::Relaxed);
+        }
+        taken
+    }
+
+    /// Why records may be missing, in words; `None` while everything is written at once.
+    pub fn trouble(&self) -> Option<&'static str> {
+        let health = &self.health;
+        if health.fails.load(Ordering::Relaxed) {
+            Some("the audit log cannot be written")
+        } else if health.lost.load(Ordering::Relaxed) > 0 {
+            Some("records of the audit log were lost")
+        } else if health.is_late() {
+            Some("the disk of the audit log does not answer")
+        } else {
+            None
+        }
+    }
+
+    /// Waits until everything is written, for at most `patience`. Whether it is.
+    pub fn settle(&self, patience: Duration) -> bool {
+        let end = Instant::now() + patience;
+        while self.health.open.load(Ordering::Relaxed) > 0 {
+            if Instant::now() > end {
+                return false;
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        true
+    }
+}
+
+/// The side of the thread.
+struct Desk {
+    log: AuditLog,
+    health: Arc<Health>,
+}
+
+impl Desk {
+    fn run(mut self, work: &Receiver<Task>) {
+        while let Ok(task) = work.recv() {
+            self.health.begin();
+            self.carry_out(task);
+            self.health.end();
+            self.health.open.fetch_sub(1, Ordering::Relaxed);
+        }
+    }
+
+    fn carry_out(&mut self, task: Task) {
+        // Whoever wanted the receipt may have gone.
+        match task {
+            Task::Record(entry, tell) => {
+                let _ = tell.try_send(self.write(&entry, 1));
+            }
+            // A record about a loss that cannot be written is no loss of its own.
+            Task::Again(entry) => {
+                self.write(&entry, 0);
+            }
+            Task::Keep(path, text, tell) => {
+                let kept = replace_file(&path, &text);
+                let _ = tell.try_send(kept.is_ok());
+                if let Err(e) = kept {
+                    tracing::error!("{}: {e}", path.display());
+                }
+            }
+        }
+    }
+
+    /// Writes a record; one that cannot be written is counted as `loss`.
+    fn write(&mut self, entry: &Entry, loss: u64) -> bool {
+        let lost = self.health.lost.swap(0, Ordering::Relaxed);
+        let written = self.log.write(entry, lost);
+        let failed = self.health.fails.swap(written.is_err(), Ordering::Relaxed);
+        if let Err(e) = &written {
+            self.health.lost.fetch_add(lost + loss, Ordering::Relaxed);
+            if !failed {
+                tracing::error!("audit log: {e}: no arming until it can be written");
+            }
+        }
+        written.is_ok()
+    }
+}
+
+impl Health {
+    fn is_late(&self) -> bool {
+        let begun = self.begun_ns.load(Ordering::Relaxed);
+        begun > 0
+            && monotonic_ns().saturating_sub(begun)
+                > u64::try_from(LATE.as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn begin(&self) {
+        self.begun_ns
+            .store(monotonic_ns().max(1), Ordering::Relaxed);
+    }
+
+    fn end(&self) {
+        self.begun_ns.store(0, Ordering::Relaxed);
+    }
+}
+
+fn monotonic_ns() -> u64 {
+    u64::try_from(volcomp_runtime::monotonic().as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,274 @@
+//! Arming: what corrects is compared with what was armed last, then the record is written, then the order is given.
+
+use std::{
+    collections::BTreeMap,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        mpsc::{Receiver, TryRecvError},
+    },
+    time::{Duration, Instant},
+};
+
+use volcomp_document::ReadError;
+use volcomp_guard::{Reasons, Request, State};
+use volcomp_model::{Fading, Machine, ModelError};
+use volcomp_port::Description;
+use volcomp_runtime::Model;
+use volcomp_vocabulary::AxisName;
+
+use super::{
+    Service,
+    requests::{Progress, Step, no_log, no_orders, refused, settled},
+};
+use crate::{
+    audit::clerk::Receipt,
+    documents::{Answer, ConfirmedLimits, Event, Question},
+    identity::{self, Judge},
+    request::Reply,
+};
+
+/// Arming waits for its record for so long.
+const RECORD: Duration = Duration::from_secs(2);
+/// Files are read and compared within this, or the request is given up.
+pub(super) const FILES: Duration = Duration::from_secs(8);
+
+/// What comes of comparing: a question, or why there is no telling.
+type Compared = Result<Option<Question>, String>;
+
+/// The comparison under way.
+pub(super) struct Comparing {
+    told: Receiver<Compared>,
+    until: Instant,
+}
+
+/// The record, and the files that say what is armed.
+pub(super) struct Recording {
+    receipts: [Receipt; 3],
+    written: [bool; 3],
+    until: Instant,
+}
+
+impl Service {
+    /// Where the machine file and the limits stand that were armed last.
+    pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
+        let dir = &self.parts.config.audit_dir;
+        ["confirmed-machine.toml", "confirmed-limits.json"].map(|name| dir.join(name))
+    }
+
+    /// The facts by which a change is judged; `None` without limits.
+    pub(super) fn judge(&mut self, confirmed: Option<String>) -> Option<Judge> {
+        let report = *self.parts.handle.report();
+        let guard = self.parts.config.guard.as_ref()?;
+        let sensors = self.parts.sensors.iter().zip(&report.sensors);
+        let degc = sensors.filter_map(|(name, sensor)| Some((name.clone(), sensor.degc?)));
+        let names = |controller: &Description| -> Vec<AxisName> {
+            controller.axes.iter().map(|axis| axis.name).collect()
+        };
+        Some(Judge {
+            degc: degc.collect::<BTreeMap<_, _>>(),
+            written: self.parts.controllers.iter().map(names).collect(),
+            confirm_um: guard.linear.confirm.0,
+            confirm_urad: guard.rotary.as_ref().map(|rotary| rotary.confirm.0),
+            confirmed,
+        })
+    }
+
+    /// The limits that hold now, by the keys of the configuration.
+    pub(super) fn limits(&self) -> ConfirmedLimits {
+        let guard = self.parts.config.guard.as_ref();
+        guard.map(identity::limits).unwrap_or_default()
+    }
+
+    /// Begins to compare the model and the limits of now with those that were armed last.
+    fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<Compared>> {
+        let judge = self.judge(confirm);
+        let fading = self.parts.config.guard.as_ref().map(|guard| guard.fading);
+        let fading = fading.unwrap_or_default();
+        let (paths, limits) = (self.confirmed_paths(), self.limits());
+        let model = Arc::clone(&self.parts.model);
+        self.worker
+            .begin(move || against_last(&paths, &model, &limits, fading, judge.as_ref()))
+    }
+
+    /// At the start: whether a person must confirm what would correct.
+    pub(super) fn ask_whether_confirmed(&mut self) {
+        let told = self.comparison(None);
+        let until = Instant::now() + FILES;
+        self.unconfirmed = told.map(|told| Comparing { told, until });
+    }
+
+    /// Says that a person must confirm what would correct, as soon as it is known.
+    pub(super) fn tell_whether_confirmed(&mut self) {
+        let Some(comparing) = &self.unconfirmed else {
+            return;
+        };
+        match comparing.told.try_recv() {
+            Err(TryRecvError::Empty) if Instant::now() < comparing.until => {}
+            Err(_) => self.unconfirmed = None,
+            Ok(compared) => {
+                self.unconfirmed = None;
+                self.must_confirm(!matches!(compared, Ok(None)));
+            }
+        }
+    }
+
+    /// Shows, or does not show any more, that something must be confirmed.
+    pub(super) fn must_confirm(&mut self, must: bool) {
+        let others = self.tells.without(Reasons::MUST_CONFIRM);
+        self.tells = others | Reasons::MUST_CONFIRM.when(must);
+        self.tell_thread();
+    }
+
+    /// Begins to arm.
+    pub(super) fn compare(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
+        let report = *self.parts.handle.report();
+        if self.is_faulted_from_before() || matches!(report.state, State::Faulted(_)) {
+            let why = "not armed: acknowledge the fault first";
+            return Err(settled(
+                409,
+                report.state,
+                self.all_reasons(&report),
+                Some(why),
+            ));
+        }
+        let told = self.comparison(confirm).ok_or_else(disk_silent)?;
+        Ok(Step::Comparing(Comparing {
+            told,
+            until: Instant::now() + FILES,
+        }))
+    }
+
+    /// Whether the comparison has come to an end; if it allows it, the record is begun.
+    pub(super) fn compared(&mut self, step: Comparing, who: &str) -> Progress {
+        let compared = match step.told.try_recv() {
+            Ok(compared) => compared,
+            Err(TryRecvError::Empty) if Instant::now() < step.until => {
+                return Progress::Waits(Step::Comparing(step));
+            }
+            Err(_) => return Progress::Done(disk_silent()),
+        };
+        match compared {
+            Err(what) => {
+                tracing::error!("{what}");
+                Progress::Done(refused(409, what))
+            }
+            Ok(Some(question)) => {
+                self.must_confirm(true);
+                Progress::Done(Reply {
+                    status: 409,
+                    answer: Answer::Question(question),
+                })
+            }
+            Ok(None) => {
+                let state = self.parts.handle.report().state.into();
+                let record = self.log(who, "arm", Event::Request { state });
+                Progress::Next(Step::Recording(Recording {
+                    receipts: {
+                        let [machine, limits] = self.keep_confirmed();
+                        [machine, limits, record]
+                    },
+                    written: [false; 3],
+                    until: Instant::now() + RECORD,
+                }))
+            }
+        }
+    }
+
+    /// Writes down that the model and the limits of now are the confirmed ones.
+    pub(super) fn keep_confirmed(&mut self) -> [Receipt; 2] {
+        let limits = serde_json::to_string(&self.limits()).unwrap_or_default();
+        let texts = [self.parts.model.text.clone(), limits];
+        let [machine, limits] = self.confirmed_paths();
+        let [model, numbers] = texts;
+        [
+            self.clerk.keep(machine, model),
+            self.clerk.keep(limits, numbers),
+        ]
+    }
+
+    /// Whether the record is written; then the order is given, unless somebody disarmed meanwhile.
+    pub(super) fn recorded(&mut self, mut step: Recording, who: &str, disarms: u64) -> Progress {
+        let state = self.parts.handle.report().state;
+        for (receipt, written) in step.receipts.iter().zip(&mut step.written) {
+            match receipt.written() {
+                Some(true) => *written = true,
+                // A receipt tells once.
+                Some(false) if !*written => {
+                    return Progress::Done(no_log(state, self.clerk.trouble()));
+                }
+                Some(false) | None => {}
+            }
+        }
+        if step.written.contains(&false) {
+            if Instant::now() < step.until {
+                return Progress::Waits(Step::Recording(step));
+            }
+            // The record may come onto the disk later: this one behind it tells what became of it.
+            let what = "not armed: its record was not written in time".to_owned();
+            let _ = self.log(who, "arm refused", Event::Refused(what));
+            return Progress::Done(no_log(state, self.clerk.trouble()));
+        }
+        if self.switch.count() != disarms {
+            let what = "not armed: it was disarmed meanwhile";
+            let _ = self.log(who, "arm refused", Event::Refused(what.to_owned()));
+            return Progress::Done(settled(409, state, Reasons::NONE, Some(what)));
+        }
+        self.must_confirm(false);
+        let effect = self.ordered(Request::Arm);
+        if !self.send(Request::Arm, effect.until(), disarms) {
+            return Progress::Done(no_orders());
+        }
+        Progress::Next(Step::Effect(effect))
+    }
+}
+
+/// The answer while the disk does not answer.
+pub(super) fn disk_silent() -> Reply {
+    refused(503, "the disk with the files does not answer: try again")
+}
+
+/// Compares the model and the limits of now with those that were armed last. Where none were there is no question.
+fn against_last(
+    [machine, limits_file]: &[PathBuf; 2],
+    model: &Model,
+    limits: &ConfirmedLimits,
+    fading: Fading,
+    judge: Option<&Judge>,
+) -> Compared {
+    let unread = |path: &Path, error: String| {
+        format!(
+            "what was armed last cannot be read ({error}): look at it, and remove {} if it is damaged",
+            path.display()
+        )
+    };
+    let last = match Machine::read(machine).and_then(|machine| Model::new(&machine, fading)) {
+        Ok(last) => Some(last),
+        // Where no model was armed before, there is nothing to compare with.
+        Err(ModelError::Read(ReadError::System { ref source, .. }))
+            if source.kind() == ErrorKind::NotFound =>
+        {
+            None
+        }
+        // A record that cannot be read is no proof that this model was confirmed.
+        Err(error) => return Err(unread(machine, error.to_string())),
+    };
+    let last_limits = match std::fs::read_to_string(limits_file) {
+        Ok(text) => Some(
+            serde_json::from_str::<ConfirmedLimits>(&text)
+                .map_err(|e| unread(limits_file, e.to_string()))?,
+        ),
+        Err(e) if e.kind() == ErrorKind::NotFound => None,
+        Err(e) => return Err(unread(limits_file, e.to_string())),
+    };
+    let changes = last_limits.map_or_else(BTreeMap::new, |last| identity::changes(&last, limits));
+    let Some(judge) = judge else {
+        return Ok(None);
+    };
+    Ok(match &last {
+        Some(last) if last.hash != model.hash => judge.question([last, model], changes, limits),
+        _ if !changes.is_empty() => judge.question([model, model], changes, limits),
+        _ => None,
+    })
+}

@@ -1,0 +1,75 @@
+//! What outlives a restart: a fault that nobody has acknowledged, and that a person disarmed it.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_guard::{Reasons, State};
+
+use super::Service;
+use crate::documents::Standing;
+
+/// Who disarmed it, where the file does not tell.
+const SOMEBODY: &str = "somebody";
+
+/// The file of a folder of the audit log.
+pub(crate) fn file(dir: &Path) -> PathBuf {
+    dir.join("standing.json")
+}
+
+/// What stands since before the start. A file that cannot be read is no proof that a person wants it armed.
+pub(crate) fn read(dir: &Path) -> Standing {
+    let path = file(dir);
+    let unread = |error: String| {
+        tracing::error!("{}: {error}: it does not arm by itself", path.display());
+        Standing {
+            disarmed_by: Some(SOMEBODY.to_owned()),
+            faulted: None,
+        }
+    };
+    match std::fs::read_to_string(&path) {
+        Ok(text) => serde_json::from_str(&text).unwrap_or_else(|e| unread(e.to_string())),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Standing::default(),
+        Err(e) => unread(e.to_string()),
+    }
+}
+
+impl Service {
+    /// What stands from now on.
+    pub(super) fn stand(&mut self, change: impl FnOnce(&mut Standing)) {
+        let before = self.standing.clone();
+        change(&mut self.standing);
+        if self.standing == before {
+            return;
+        }
+        self.write_standing();
+        self.tell_thread();
+    }
+
+    /// Writes it down. Where that fails the next change and the end of the gateway try again.
+    pub(super) fn write_standing(&self) {
+        if let Ok(text) = serde_json::to_string(&self.standing) {
+            let _ = self.clerk.keep(file(&self.parts.config.audit_dir), text);
+        }
+    }
+
+    /// A fault outlives the gateway until it has ended. `before` is the state before the present one.
+    pub(super) fn stand_as(&mut self, before: State, reasons: &[String]) {
+        if matches!(self.last_state, State::Faulted(_)) {
+            let reasons = reasons.to_vec();
+            self.stand(|standing| standing.faulted = Some(reasons));
+        } else if matches!(before, State::Faulted(_)) {
+            self.stand(|standing| standing.faulted = None);
+        }
+    }
+
+    /// The fault from before the start, which nobody has acknowledged: the guards know nothing of it.
+    pub(super) fn is_faulted_from_before(&self) -> bool {
+        self.standing.faulted.is_some() && !matches!(self.last_state, State::Faulted(_))
+    }
+
+    /// The reasons for not arming, and for telling, that stand.
+    pub(super) fn standing_reasons(&self) -> Reasons {
+        Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before())
+            | Reasons::DISARMED_BY_PERSON
+                .when(self.standing.disarmed_by.is_some() && self.parts.config.auto_arm)
+    }
+}

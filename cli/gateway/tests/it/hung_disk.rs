@@ -1,0 +1,147 @@
+//! A disk that hangs, under the real program: neither disarming nor ending waits for it.
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use volcomp_focas::simulator::{Options, Simulator, World};
+use volcomp_test_support::peers;
+
+use crate::{
+    controlled::configuration,
+    program::{Program, change, path},
+};
+
+/// A gateway that corrects a machine at standstill, on a disk that hangs while a file is there.
+struct Rig {
+    control: Simulator,
+    program: Program,
+    hangs: PathBuf,
+    dir: tempfile::TempDir,
+}
+
+impl Rig {
+    /// `None` where there is no compiler.
+    fn start() -> Option<Self> {
+        let dir = tempfile::tempdir().expect("writable");
+        let library = preloaded(dir.path())?;
+        let mut world = World::new(&['X', 'Y', 'Z']);
+        world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
+        let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
+        let config = configuration(dir.path(), &control, "auto_arm = true");
+        // 20 µm in 20 cycles: every cycle of the ramp writes another value.
+        change(&config, "[guard]", "[guard]\nramp_s = 0.08\nstop_s = 2");
+        let hangs = dir.path().join("hangs");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+        command.env("LD_PRELOAD", library).env("HANGS", &hangs);
+        let program = Program::spawn(command, dir.path(), &["--config", path(&config)]);
+        program
+            .wait(|state| state["correction_um"]["Y"] == -20.0)
+            .expect("it corrects");
+        Some(Self {
+            control,
+            program,
+            hangs,
+            dir,
+        })
+    }
+
+    fn hang(&self) {
+        std::fs::write(&self.hangs, "").expect("writable");
+    }
+
+    fn audit(&self) -> String {
+        let file = self.dir.path().join("audit/audit.log");
+        std::fs::read_to_string(file).expect("a log")
+    }
+}
+
+/// The library that lets the disk hang; `None` where there is no compiler.
+fn preloaded(dir: &Path) -> Option<PathBuf> {
+    let library = dir.join("hung_disk.so");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/hung_disk.c");
+    let built = Command::new("cc")
+        .args(["-shared", "-fPIC", "-o", path(&library), path(&source)])
+        .args(["-ldl"])
+        .status();
+    let Ok(status) = built else {
+        peers::not_run("cc");
+        return None;
+    };
+    assert!(status.success(), "cc");
+    Some(library)
+}
+
+/// Before, the answer to a disarming and everything behind it waited for the disk.
+#[test]
+fn disarming_acts_first_and_is_logged_after() {
+    let Some(rig) = Rig::start() else {
+        return;
+    };
+    let held = rig.control.world().shifts();
+    rig.hang();
+    let (control, program) = (&rig.control, &rig.program);
+    let pressed = Instant::now();
+    let answer = std::thread::scope(|scope| {
+        let answer = scope.spawn(|| {
+            let answer = program.post("/api/disarm", "");
+            (pressed.elapsed(), answer)
+        });
+        while control.world().shifts() == held {
+            std::thread::yield_now();
+        }
+        let first = pressed.elapsed();
+        let (answered, answer) = answer.join().expect("no panic");
+        println!(
+            "disk hangs: first write on the way out after {:.1} ms (cycle 4 ms), answer after {:.1} ms",
+            first.as_secs_f64() * 1e3,
+            answered.as_secs_f64() * 1e3
+        );
+        answer
+    });
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    program.wait_for("disarmed");
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+    // All of that before the disk answered. Nobody arms meanwhile, and it is told why.
+    assert!(rig.hangs.exists());
+    program
+        .wait(|state| state["reasons"].to_string().contains("audit log"))
+        .expect("it is told");
+    let armed = program.post("/api/arm", "");
+    assert!(matches!(armed.status, 409 | 503), "{}", armed.body);
+    assert_eq!(program.state()["state"], "disarmed");
+    std::fs::remove_file(&rig.hangs).expect("ours");
+    program
+        .wait(|state| !state["reasons"].to_string().contains("audit log"))
+        .expect("the disk is back");
+    std::thread::sleep(Duration::from_millis(100));
+    assert_eq!(program.state()["state"], "disarmed", "nothing arms late");
+    assert!(rig.audit().contains("\"who\":\"anna\",\"what\":\"disarm\""));
+    assert_eq!(program.post("/api/arm", "").status, 200);
+}
+
+/// Before, a stop wrote its record before the end, and waited for as long as the disk did.
+#[test]
+fn ending_ramps_out_and_ends_in_its_time() {
+    let Some(mut rig) = Rig::start() else {
+        return;
+    };
+    rig.hang();
+    let begun = Instant::now();
+    rig.program.signal("TERM");
+    assert_eq!(rig.program.end(), Some(0));
+    println!(
+        "disk hangs: ended after {:.1} s",
+        begun.elapsed().as_secs_f64()
+    );
+    assert_eq!(rig.control.world().shifts(), [0.0; 3]);
+    assert!(rig.hangs.exists());
+    assert!(
+        rig.program
+            .log()
+            .contains("the disk of the audit log does not answer")
+    );
+}

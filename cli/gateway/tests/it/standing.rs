@@ -1,0 +1,93 @@
+//! What outlives a restart: that a person disarmed it, and a fault that nobody has acknowledged.
+
+use std::{path::Path, sync::Arc, time::Duration};
+
+use volcomp_focas::simulator::{Options, Simulator, World};
+
+use crate::{
+    controlled::{configuration, control},
+    program::{Program, change, path},
+};
+
+fn started(config: &Path) -> Program {
+    let program = Program::start(
+        config.parent().expect("a folder"),
+        &["--config", path(config)],
+    );
+    program
+        .wait(|state| state["error_um"].is_array())
+        .expect("it sees the machine");
+    program
+}
+
+fn says(state: &serde_json::Value, words: &str) -> bool {
+    state["reasons"].to_string().contains(words)
+}
+
+/// Before, a restart with `auto_arm` armed what a person had disarmed.
+#[test]
+fn a_persons_disarming_outlives_a_restart() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = started(&config);
+    program.wait_for("compensating");
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    program.wait_for("disarmed");
+    program.running.kill();
+    drop(program);
+    let mut program = started(&config);
+    let told = program.wait(|state| says(state, "disarmed by a person"));
+    told.expect("it says why");
+    std::thread::sleep(Duration::from_millis(2500));
+    assert_eq!(program.state()["state"], "disarmed");
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+    // Armed by a person again it arms by itself after the next restart.
+    assert_eq!(program.post("/api/arm", "").status, 200);
+    program.wait_for("compensating");
+    program
+        .wait(|state| !says(state, "disarmed by a person"))
+        .expect("past");
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    drop(program);
+    started(&config).wait_for("compensating");
+}
+
+/// Before, killing a gateway was a way to acknowledge its fault.
+#[test]
+fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
+    let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    change(&config, "test_shift_um = 0", "test_shift_um = 5");
+    change(&config, "axes =", "includes_correction = true\naxes =");
+    let mut program = started(&config);
+    program.wait_for("faulted");
+    std::thread::sleep(Duration::from_millis(300));
+    program.running.kill();
+    drop(program);
+    change(&config, "includes_correction = true\n", "");
+    let program = started(&config);
+    let state = program.wait_for("faulted");
+    assert!(says(&state, "faulted before the restart"), "{state}");
+    assert!(says(&state, "positions contradict"), "{state}");
+    std::thread::sleep(Duration::from_millis(1500));
+    assert_eq!(program.state()["state"], "faulted", "auto_arm waits");
+    let refused = program.post("/api/arm", "");
+    assert_eq!(refused.status, 409, "{}", refused.body);
+    assert!(
+        refused.body.contains("acknowledge the fault first"),
+        "{}",
+        refused.body
+    );
+    let acknowledged = program.post("/api/acknowledge", "");
+    assert_eq!(acknowledged.status, 200, "{}", acknowledged.body);
+    program
+        .wait(|state| state["state"] != "faulted")
+        .expect("past");
+    assert_eq!(program.post("/api/arm", "").status, 200);
+    program.wait_for("compensating");
+}
