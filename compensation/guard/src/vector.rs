@@ -8,7 +8,8 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 use crate::Limits;
 use motion::{
-    allowed_part, is_on_grid, linear_word, rotary_word, span, stopping_part, stopping_rate, within,
+    allowed_part, braking_part, is_on_grid, linear_word, rotary_word, span, stopping_part,
+    stopping_rate, within,
 };
 pub use wanted::Wanted;
 
@@ -23,8 +24,8 @@ enum Motion {
     /// Nothing yet: the next cycle that follows begins the ramp.
     #[default]
     Begins,
-    /// On the ramp to what is wanted, of which this part is left.
-    Ramps(f64),
+    /// On the ramp to what is wanted: the part that is left of it, and how much of it passes in a second.
+    Ramps { left: f64, rate: f64 },
     /// Where what is wanted leads.
     Follows,
     /// On a straight line to a place, of which this part is left.
@@ -58,8 +59,13 @@ pub struct Vector {
 /// How a cycle went in which the correction followed what is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Followed {
-    /// Slew or acceleration hold the correction back: the tool is off by more than the rounding of the output.
+    /// Slew or acceleration hold the correction back: the rotary axes on the way to their goal, or the linear axes,
+    /// which `behind` tells.
     pub slewing: bool,
+    /// A linear axis is not where it belongs for the rotary shares as they are: only then, and where limits leave no
+    /// place for it at all, may the tool be further off than without correction or than where the ramp began, but
+    /// for the rounding of the output. It is `slewing`, too.
+    pub behind: bool,
     /// A limit allows only a part of what is wanted.
     pub limited: bool,
     /// What is wanted of an axis is above its warning.
@@ -83,10 +89,9 @@ impl Cycle<'_> {
             .filter(move |i| self.limits.axes[*i].kind == kind)
     }
 
-    /// The acceleration over ways that axes go together, 1/s².
-    fn accel_over(&self, ways: &PerChannel<f64>, kind: Option<AxisKind>) -> f64 {
-        self.places()
-            .filter(|i| kind.is_none_or(|kind| self.limits.axes[*i].kind == kind))
+    /// The acceleration over ways that the axes of a kind go together, 1/s².
+    fn accel_over(&self, ways: &PerChannel<f64>, kind: AxisKind) -> f64 {
+        self.of_kind(kind)
             .filter(|i| ways[*i] != 0.0)
             .map(|i| self.limits.axes[i].accel_per_s2 / ways[i].abs())
             .fold(f64::INFINITY, f64::min)
@@ -157,22 +162,26 @@ impl Vector {
             self.stop();
             return Followed {
                 slewing: !sound,
+                behind: !sound,
                 ..Followed::default()
             };
         }
         let cycle = self.cycle(limits, dt_s);
-        let left = self.left_of_ramp(wanted, &cycle);
+        let (left, rate) = self.ramp(wanted, &cycle);
         let position = self.position_share(wanted);
         self.goal = wanted.rotary_goal(&position, &self.goal, limits);
 
-        let ramp = if left > 0.0 {
-            (limits.ramp_share(dt_s) / left).min(1.0)
+        let ways = self.rotary_ways(&cycle);
+        let accel = self.accel(wanted, &ways, &cycle);
+        let stopping = stopping_part(accel, dt_s);
+        let (ramp, braking) = if left > 0.0 {
+            let ramp = (limits.ramp_share(dt_s) / left).min(1.0);
+            (ramp, braking_part(rate / left, accel, dt_s))
         } else {
-            1.0
+            (1.0, 0.0)
         };
-        let turning = self.turning(wanted, ramp, &cycle);
-        let stopping = cycle.accel_over(&self.offset, Some(AxisKind::Linear));
-        let eased = ramp.min(stopping_part(stopping, dt_s));
+        let eased = ramp.min(stopping).max(braking);
+        let turning = self.turning(&ways, ramp, accel, &cycle);
         let factor = self.factor(wanted, &position, &turning, eased, &cycle);
 
         for i in cycle.of_kind(AxisKind::Rotary) {
@@ -181,7 +190,7 @@ impl Vector {
         }
         // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
         let passed = factor.unwrap_or(1.0) * eased;
-        self.pass_ramp(left, passed);
+        self.pass_ramp(left, passed, dt_s);
         let (behind, part) = self.slide(wanted, &cycle);
         self.write(&cycle);
 
@@ -198,6 +207,7 @@ impl Vector {
             .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
         Followed {
             slewing: behind || held_back && far,
+            behind,
             limited: part < 1.0 || over(|axis| axis.limit),
             warned: over(|axis| axis.warn),
         }
@@ -221,13 +231,15 @@ impl Vector {
             end[i] = within([-limit, limit], to[i]);
             ways[i] = end[i] - self.smooth[i];
         }
-        let mut part = stopping_part(cycle.accel_over(&ways, None), dt_s);
-        if left > SMALLEST_PART {
-            part = part.min(limits.ramp_share(dt_s) / left);
-        }
-        for i in cycle.places() {
-            part = part.min(allowed_part(cycle.spans[i], ways[i]));
-        }
+        let accel = cycle
+            .accel_over(&ways, AxisKind::Linear)
+            .min(cycle.accel_over(&ways, AxisKind::Rotary));
+        let ramp = if left > SMALLEST_PART {
+            limits.ramp_share(dt_s) / left
+        } else {
+            1.0
+        };
+        let part = self.part(&ways, ramp, accel, &cycle);
         let mut arrived = true;
         for i in cycle.places() {
             self.advance(i, part * ways[i], &cycle);
@@ -278,11 +290,11 @@ impl Vector {
         }
     }
 
-    /// What is left of the ramp, which begins here if it has not.
-    fn left_of_ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> f64 {
+    /// What is left of the ramp, which begins here if it has not, and how much of it passes in a second.
+    fn ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> (f64, f64) {
         match self.motion {
-            Motion::Ramps(left) => left,
-            Motion::Follows => 0.0,
+            Motion::Ramps { left, rate } => (left, rate),
+            Motion::Follows => (0.0, 0.0),
             Motion::Begins | Motion::Line { .. } => {
                 let following = wanted.following(&self.rotary(cycle));
                 self.offset = PerChannel::ZERO;
@@ -291,16 +303,19 @@ impl Vector {
                 }
                 self.target = self.smooth;
                 self.goal = self.output;
-                1.0
+                (1.0, 0.0)
             }
         }
     }
 
-    fn pass_ramp(&mut self, left: f64, passed: f64) {
-        let left = left * (1.0 - passed);
+    fn pass_ramp(&mut self, before: f64, passed: f64, dt_s: f64) {
+        let left = before * (1.0 - passed);
         if left > SMALLEST_PART {
             self.offset = self.offset.map(|offset| offset * (1.0 - passed));
-            self.motion = Motion::Ramps(left);
+            self.motion = Motion::Ramps {
+                left,
+                rate: (before - left) / dt_s,
+            };
         } else {
             self.offset = PerChannel::ZERO;
             self.motion = Motion::Follows;
@@ -321,21 +336,48 @@ impl Vector {
         PerChannel::from_fn(|i| wanted.position[i] + self.offset[i])
     }
 
-    /// How far the rotary axes may go by one factor: within the ramp, slew and acceleration, and so that they and
-    /// the linear axes that follow can stop at the goal.
-    fn turning(&self, wanted: &Wanted, ramp: f64, cycle: &Cycle) -> Turning {
+    /// The ways of the rotary axes to their goal, zero at all other places.
+    fn rotary_ways(&self, cycle: &Cycle) -> PerChannel<f64> {
         let mut ways = PerChannel::ZERO;
         for i in cycle.of_kind(AxisKind::Rotary) {
             ways[i] = self.goal[i] - self.smooth[i];
         }
-        let following = wanted.following(&ways);
-        let accel = cycle
-            .accel_over(&ways, Some(AxisKind::Rotary))
-            .min(cycle.accel_over(&following, Some(AxisKind::Linear)));
-        let mut part = stopping_part(accel, cycle.dt_s).min(ramp);
-        for i in cycle.of_kind(AxisKind::Rotary) {
-            part = part.min(allowed_part(cycle.spans[i], ways[i]));
-        }
+        ways
+    }
+
+    /// The acceleration (1/s²) with which what is left of the ramp and of the ways of the rotary axes may pass, since the
+    /// linear axes follow both.
+    fn accel(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> f64 {
+        let following = wanted.following(ways);
+        let together = PerChannel::from_fn(|i| following[i].abs() + self.offset[i].abs());
+        cycle
+            .accel_over(ways, AxisKind::Rotary)
+            .min(cycle.accel_over(&together, AxisKind::Linear))
+    }
+
+    /// Which part of their ways axes go in this cycle by one factor: what the ramp allows and so that they can stop at
+    /// their ends, but no less than braking leaves; no more than the span of each allows.
+    fn part(&self, ways: &PerChannel<f64>, ramp: f64, accel: f64, cycle: &Cycle) -> f64 {
+        let rate = cycle
+            .places()
+            .filter(|i| ways[*i] != 0.0)
+            .map(|i| self.rate[i] / ways[i])
+            .fold(f64::INFINITY, f64::min);
+        let part = stopping_part(accel, cycle.dt_s).min(ramp);
+        let part = if rate.is_finite() {
+            part.max(braking_part(rate, accel, cycle.dt_s))
+        } else {
+            part
+        };
+        cycle
+            .places()
+            .map(|i| allowed_part(cycle.spans[i], ways[i]))
+            .fold(part, f64::min)
+    }
+
+    /// How far the rotary axes may go by one factor: within the ramp, slew and acceleration.
+    fn turning(&self, ways: &PerChannel<f64>, ramp: f64, accel: f64, cycle: &Cycle) -> Turning {
+        let part = self.part(ways, ramp, accel, cycle);
         let (mut least, mut most) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Rotary) {
             least[i] = within(cycle.spans[i], 0.0);

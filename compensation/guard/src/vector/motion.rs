@@ -38,18 +38,18 @@ pub(super) fn span(at: f64, rate: f64, slew: f64, axis: &AxisLimits, dt_s: f64) 
         .accel_per_s2
         .max(needed_to_stop(up, rate, dt_s))
         .max(needed_to_stop(down, -rate, dt_s));
-    let highest = (rate + accel * dt_s)
-        .min(slew)
-        .min(stopping_rate(up, accel, dt_s));
-    let lowest = (rate - accel * dt_s)
-        .max(-slew)
-        .max(-stopping_rate(down, accel, dt_s));
-    // The limit comes before slew and acceleration.
-    let (lowest, highest) = if up < down {
-        (lowest.min(highest), highest)
-    } else {
-        (lowest, highest.max(lowest))
-    };
+    // Slew comes before acceleration, the limit before both.
+    let within_slew = |rate: f64| rate.max(-slew).min(slew);
+    let (least, most) = (
+        within_slew(rate - accel * dt_s),
+        within_slew(rate + accel * dt_s),
+    );
+    let inwards = (
+        -stopping_rate(down, accel, dt_s),
+        stopping_rate(up, accel, dt_s),
+    );
+    let lowest = least.max(inwards.0).min(inwards.1);
+    let highest = most.min(inwards.1).max(inwards.0);
     [lowest * dt_s, highest * dt_s]
 }
 
@@ -72,6 +72,11 @@ pub(super) fn allowed_part([lowest, highest]: [f64; 2], way: f64) -> f64 {
 /// acceleration over the whole way, 1/s².
 pub(super) fn stopping_part(accel: f64, dt_s: f64) -> f64 {
     (stopping_rate(1.0, accel, dt_s) * dt_s).min(1.0)
+}
+
+/// Which part of the way that is left goes by in a cycle of braking from `rate`, 1/s, with `accel`, 1/s².
+pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
+    ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
 }
 
 /// Whether a value is a whole number of steps.

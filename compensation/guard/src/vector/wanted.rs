@@ -104,7 +104,7 @@ impl Wanted {
     }
 
     /// The largest part of the position share that leaves every linear axis within its limit while the rotary axes
-    /// stand at `rotary`; all of it where none does.
+    /// stand at `rotary`. Where none does, the one between what the axes would allow alone, so that nothing jumps.
     pub(super) fn position_part(
         &self,
         position: &PerChannel<f64>,
@@ -112,7 +112,13 @@ impl Wanted {
         limits: &Limits,
     ) -> f64 {
         let following = self.following(rotary);
-        largest_part(&following, position, limits).unwrap_or(1.0)
+        let [least, most] = parts(&following, position, limits);
+        let part = if least <= most || least.is_infinite() {
+            most
+        } else {
+            0.5 * (least + most)
+        };
+        part.clamp(0.0, 1.0)
     }
 }
 
@@ -129,20 +135,25 @@ fn rotary_of(limits: &Limits, value: impl Fn(usize) -> f64) -> PerChannel<f64> {
 
 /// The largest part t in [0, 1] with which `base` + t·`along` is within the limit of every axis.
 fn largest_part(base: &PerChannel<f64>, along: &PerChannel<f64>, limits: &Limits) -> Option<f64> {
+    let [least, most] = parts(base, along, limits);
+    (least <= most).then_some(most)
+}
+
+/// The least and the largest part t in [0, 1] with which `base` + t·`along` is within the limit of every axis; the
+/// least is above the largest where there is none.
+fn parts(base: &PerChannel<f64>, along: &PerChannel<f64>, limits: &Limits) -> [f64; 2] {
     let (mut least, mut most) = (0.0_f64, 1.0_f64);
     for i in 0..limits.count.min(MAX_AXES) {
         let axis = &limits.axes[i];
         let limit = axis.reachable() + ROUNDING_STEPS * axis.resolution;
         let (base, along) = (base[i], along[i]);
-        if along.abs() < 1e-300 {
-            if base.abs() > limit {
-                return None;
-            }
-            continue;
+        if along.abs() > 1e-300 {
+            let (low, high) = ((-limit - base) / along, (limit - base) / along);
+            least = least.max(low.min(high));
+            most = most.min(low.max(high));
+        } else if base.abs() > limit {
+            least = f64::INFINITY;
         }
-        let (low, high) = ((-limit - base) / along, (limit - base) / along);
-        least = least.max(low.min(high));
-        most = most.min(low.max(high));
     }
-    (least <= most).then_some(most)
+    [least, most]
 }

@@ -124,7 +124,12 @@ impl Cell {
                 sums = sums.iter().flat_map(|sum| [sum + way, sum - way]).collect();
             } else {
                 let between = (vector.output()[i] - vector.smooth()[i]).abs();
-                assert!(between <= 0.5001 * step, "{between} of {step}");
+                let most = if vector.smooth()[i].abs() > limits.axes[i].reachable() {
+                    1.0 // towards zero, on the way in
+                } else {
+                    0.5
+                };
+                assert!(between <= (most + 1e-6) * step, "{between} of {step}");
                 rotary += between * chain.lever_mm(*axis, state);
             }
         }
@@ -230,6 +235,7 @@ impl Path {
 struct Seen {
     cycles: usize,
     slewing: usize,
+    behind: usize,
     limited: usize,
     arrived: usize,
     scenes: usize,
@@ -247,8 +253,11 @@ struct Scene<'a> {
     time_s: f64,
     /// How far the tool was off when the ramp or line began, mm.
     began: f64,
-    /// How often in a row nothing slewed.
     followed: Followed,
+    /// The change of the smooth values in a second in the cycle before.
+    rate: PerChannel<f64>,
+    /// When each word was written.
+    trace: Vec<(f64, PerChannel<f64>)>,
 }
 
 impl<'a> Scene<'a> {
@@ -271,6 +280,8 @@ impl<'a> Scene<'a> {
             time_s: 0.0,
             began: 0.0,
             followed: Followed::default(),
+            rate: PerChannel::ZERO,
+            trace: vec![(0.0, applied)],
         };
         scene.begins();
         scene
@@ -303,24 +314,54 @@ impl<'a> Scene<'a> {
         seen.slewing += usize::from(self.followed.slewing);
         seen.limited += usize::from(self.followed.limited);
         self.holds_words(&before, dt_s);
-        if !self.followed.slewing {
+        seen.behind += usize::from(self.followed.behind);
+        if !self.followed.behind {
             self.judge(&state, seen);
         }
     }
 
-    /// Every word within its limit, every move within its slew.
-    fn holds_words(&self, before: &Vector, dt_s: f64) {
+    /// Every word is within its limit or on the way in, every move within slew and acceleration.
+    fn holds_words(&mut self, before: &Vector, dt_s: f64) {
         for i in 0..self.limits.count {
             let axis = &self.limits.axes[i];
             let (word, stood) = (self.vector.output()[i], before.output()[i]);
-            let most = (axis.limit + 1e-9 * axis.resolution).max(stood.abs());
+            let most = (axis.limit + 1e-6 * axis.resolution).max(stood.abs());
             assert!(word.abs() <= most, "{word} over {most}");
-            let way = (self.vector.smooth()[i] - before.smooth()[i]).abs();
+            let rate = (self.vector.smooth()[i] - before.smooth()[i]) / dt_s;
             assert!(
-                way <= axis.slew_per_s * dt_s * (1.0 + 1e-9) + 1e-15,
-                "{way} in {dt_s}"
+                rate.abs() <= axis.slew_per_s * (1.0 + 1e-9),
+                "{rate} of {axis:?}"
             );
+            let change = (rate - self.rate[i]).abs();
+            assert!(
+                change <= axis.accel_per_s2 * dt_s * (1.0 + 1e-6) + 1e-6 * axis.slew_per_s,
+                "{} to {rate} in {dt_s}: {axis:?} {before:?} {:?}",
+                self.rate[i],
+                self.vector
+            );
+            self.rate[i] = rate;
         }
+        self.trace.push((self.time_s, self.vector.output()));
+    }
+
+    /// In any window of time a word moves by the slew and one step at the most.
+    fn holds_in_windows(&self) {
+        for (first, (start, from)) in self.trace.iter().enumerate() {
+            for (end, to) in &self.trace[first..] {
+                for (i, axis) in self.limits.axes.iter().take(self.limits.count).enumerate() {
+                    let most = axis.slew_per_s * (end - start) + axis.resolution;
+                    let way = (to[i] - from[i]).abs();
+                    assert!(way <= most * (1.0 + 1e-9), "{way} from {start} to {end}");
+                }
+            }
+        }
+    }
+
+    /// Stands for a while: nothing is written.
+    fn stands(&mut self, time_s: f64) {
+        self.vector.stop();
+        self.rate = PerChannel::ZERO;
+        self.time_s += time_s;
     }
 
     fn judge(&self, state: &State, seen: &mut Seen) {
@@ -390,10 +431,11 @@ fn over_all_types(name: &str, scene: impl Fn(&Cell, &mut ChaCha8Rng, &mut Seen) 
     });
     for seen in &seen {
         println!(
-            "{name}: {} scenes, {} cycles, {:.1} % slewing, {:.1} % limited, {} arrived, worst {:.3} um: {}",
+            "{name}: {} scenes, {} cycles, {:.1} % slewing, {:.1} % behind, {:.1} % limited, {} arrived, worst {:.3} um: {}",
             seen.scenes,
             seen.cycles,
             100.0 * seen.slewing as f64 / seen.cycles as f64,
+            100.0 * seen.behind as f64 / seen.cycles as f64,
             100.0 * seen.limited as f64 / seen.cycles as f64,
             seen.arrived,
             1e3 * seen.worst.unwrap_or(f64::NAN),
@@ -417,6 +459,7 @@ fn ramps_at_standstill_and_in_motion() {
             for _ in 0..60 {
                 scene.follow(rng, seen);
             }
+            scene.holds_in_windows();
             seen.arrived += usize::from(scene.vector.is_ramped());
         });
     }
@@ -430,6 +473,7 @@ fn restarts_in_mid_correction() {
             for _ in 0..60 {
                 scene.follow(rng, seen);
             }
+            scene.holds_in_windows();
             seen.arrived += usize::from(scene.vector.is_ramped());
         });
     }
@@ -444,13 +488,13 @@ fn held_and_begun_again() {
                 scene.follow(rng, seen);
             }
             // Nothing is written while the machine moves on.
-            scene.vector.stop();
-            scene.time_s += rng.random_range(0.0..1.0);
+            scene.stands(rng.random_range(0.0..1.0));
             scene.vector.begin_ramp();
             scene.begins();
             for _ in 0..60 {
                 scene.follow(rng, seen);
             }
+            scene.holds_in_windows();
         });
     }
 }
@@ -464,12 +508,15 @@ fn ramps_to_zero() {
         for _ in 0..rng.random_range(1..40) {
             scene.follow(rng, seen);
         }
-        scene.vector.stop();
+        if scene.limits.axes[0].accel_per_s2.is_infinite() {
+            scene.stands(0.0);
+        }
         scene.begins();
         scene.vector.begin_line(&PerChannel::ZERO);
         let state = scene.path.at(scene.time_s);
         for cycle in 0.. {
             let dt_s = scene.tick(rng);
+            scene.time_s += dt_s;
             let before = scene.vector;
             let there = scene.vector.advance_line(&scene.limits, dt_s);
             scene.holds_words(&before, dt_s);
@@ -481,6 +528,108 @@ fn ramps_to_zero() {
             assert!(cycle < 100_000, "it arrives");
         }
         assert_eq!(scene.vector.output(), PerChannel::ZERO);
+        seen.arrived += 1;
+    });
+}
+
+/// Limits, slew and acceleration lowered in motion: no word is further out than before or than the new limit, what is
+/// outside comes in at the old slew or the new one, whichever is lower, and once it is in the bound holds again.
+#[test]
+fn limits_lowered_in_motion() {
+    over_all_types("lowered", |cell, rng, seen| {
+        let (moves, restarts) = (rng.random_bool(0.5), rng.random_bool(0.5));
+        let mut scene = Scene::new(cell, rng, moves, restarts);
+        for _ in 0..rng.random_range(1..40) {
+            scene.follow(rng, seen);
+        }
+        let old = scene.limits;
+        for axis in scene.limits.axes.iter_mut().take(old.count) {
+            let mut part = || {
+                if rng.random_bool(0.3) {
+                    1.0
+                } else {
+                    rng.random_range(0.05..=1.5)
+                }
+            };
+            axis.limit = (axis.limit * part()).max(2.0 * axis.resolution);
+            axis.warn = axis.limit;
+            axis.slew_per_s *= part();
+            axis.accel_per_s2 *= part();
+        }
+        for _ in 0..80 {
+            let before = scene.vector;
+            let dt_s = scene.tick(rng);
+            scene.time_s += dt_s;
+            let state = scene.path.at(scene.time_s);
+            let wanted = cell.wanted(&state);
+            scene.followed = scene.vector.follow(&wanted, &scene.limits, dt_s);
+            for (i, axis) in scene.limits.axes.iter().enumerate().take(old.count) {
+                let (smooth, stood) = (scene.vector.smooth()[i], before.smooth()[i]);
+                let rounding = 1e-6 * axis.resolution;
+                assert!(smooth.abs() <= axis.reachable().max(stood.abs()) + rounding);
+                let (word, stood) = (scene.vector.output()[i], before.output()[i]);
+                assert!(word.abs() <= axis.limit.max(stood.abs()) + rounding);
+                let outside = before.smooth()[i].abs() > axis.reachable() + rounding;
+                let slew = if outside {
+                    axis.slew_per_s.min(old.axes[i].slew_per_s)
+                } else {
+                    axis.slew_per_s
+                };
+                let rate = (smooth - before.smooth()[i]).abs() / dt_s;
+                assert!(rate <= slew * (1.0 + 1e-9), "{rate} of {slew}");
+            }
+            seen.cycles += 1;
+            seen.slewing += usize::from(scene.followed.slewing);
+            seen.behind += usize::from(scene.followed.behind);
+            if !scene.followed.behind {
+                scene.judge(&state, seen);
+            }
+        }
+    });
+}
+
+/// Given time and room, the correction is the whole of what is wanted, but for the rounding.
+#[test]
+fn arrives_at_the_whole_correction() {
+    over_all_types("arrives", |cell, rng, seen| {
+        let mut scene = Scene::new(cell, rng, false, false);
+        let wanted = cell.wanted(&scene.path.from);
+        let full = wanted.full();
+        for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
+            axis.limit = full[i].abs() + 3.0 * axis.resolution;
+        }
+        // The linear axes have room for the rotary shares on the way, too.
+        for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
+            axis.limit += wanted.position[i].abs() + 0.1;
+        }
+        let mut cycles = 0;
+        loop {
+            let before = scene.vector.smooth();
+            scene.follow(rng, seen);
+            let steps = scene.limits.axes.iter().map(|axis| axis.resolution);
+            let mut ways = before.iter().zip(scene.vector.smooth()).zip(steps);
+            let rests = ways.all(|((a, b), step)| (a - b).abs() < 1e-7 * step);
+            if rests && scene.vector.is_ramped() && !scene.followed.slewing {
+                break;
+            }
+            cycles += 1;
+            assert!(cycles < 1_000_000, "{:?} {full:?}", scene.vector);
+        }
+        let [words, smooth] = [scene.vector.output(), scene.vector.smooth()];
+        let rotary = PerChannel::from_fn(|i| match scene.limits.axes[i].kind {
+            AxisKind::Rotary if i < scene.limits.count => words[i],
+            _ => 0.0,
+        });
+        let exact = Wanted { rotary, ..wanted }.full();
+        for (i, axis) in scene.limits.axes.iter().enumerate().take(scene.limits.count) {
+            let close = 0.6001 * axis.resolution;
+            match axis.kind {
+                AxisKind::Rotary => assert!((words[i] - full[i]).abs() <= close),
+                AxisKind::Linear => assert!((words[i] - exact[i]).abs() <= close),
+            }
+            let rests = (smooth[i] - exact[i]).abs() <= 1e-4 * axis.resolution;
+            assert!(rests, "{smooth:?} {exact:?}");
+        }
         seen.arrived += 1;
     });
 }
