@@ -1,15 +1,16 @@
 //! The correction of all axes as one vector: what belongs together is limited, ramped and moved together, and is
 //! quantised last.
 
+mod cycle;
 mod motion;
 mod wanted;
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 use crate::Limits;
+use cycle::{Advance, Cycle};
 use motion::{
-    allowed_part, braking_part, is_on_grid, linear_word, rotary_word, span, stopping_part,
-    stopping_rate, within,
+    braking_part, is_on_grid, linear_word, rotary_word, span, stopping_part, stopping_rate, within,
 };
 pub use wanted::Wanted;
 
@@ -58,6 +59,10 @@ pub struct Vector {
 
 /// How a cycle went in which the correction followed what is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "four answers that do not exclude one another"
+)]
 pub struct Followed {
     /// Slew or acceleration hold the correction back: the rotary axes on the way to their goal, or the linear axes,
     /// which `behind` tells.
@@ -70,44 +75,6 @@ pub struct Followed {
     pub limited: bool,
     /// What is wanted of an axis is above its warning.
     pub warned: bool,
-}
-
-/// One cycle's limits: of how far each axis may go, and of the ramp.
-struct Cycle<'a> {
-    limits: &'a Limits,
-    dt_s: f64,
-    spans: PerChannel<[f64; 2]>,
-}
-
-impl Cycle<'_> {
-    fn places(&self) -> impl Iterator<Item = usize> + use<> {
-        0..self.limits.count.min(MAX_AXES)
-    }
-
-    fn of_kind(&self, kind: AxisKind) -> impl Iterator<Item = usize> + use<'_> {
-        self.places()
-            .filter(move |i| self.limits.axes[*i].kind == kind)
-    }
-
-    /// The acceleration over ways that the axes of a kind go together, 1/s².
-    fn accel_over(&self, ways: &PerChannel<f64>, kind: AxisKind) -> f64 {
-        self.of_kind(kind)
-            .filter(|i| ways[*i] != 0.0)
-            .map(|i| self.limits.axes[i].accel_per_s2 / ways[i].abs())
-            .fold(f64::INFINITY, f64::min)
-    }
-
-    fn step(&self, axis: usize) -> f64 {
-        self.limits.axes[axis].resolution
-    }
-}
-
-/// How far the rotary axes may go in a cycle: at least, braking as hard as they can, and at most.
-struct Turning {
-    least: PerChannel<f64>,
-    most: PerChannel<f64>,
-    /// Their own slew or acceleration allow less than what the ramp allows.
-    held_back: bool,
 }
 
 impl Vector {
@@ -172,24 +139,30 @@ impl Vector {
         self.goal = wanted.rotary_goal(&position, &self.goal, limits);
 
         let ways = self.rotary_ways(&cycle);
-        let accel = self.accel(wanted, &ways, &cycle);
-        let stopping = stopping_part(accel, dt_s);
+        let (ramp_accel, accel) = self.accels(wanted, &ways, &cycle);
         let (ramp, braking) = if left > 0.0 {
             let ramp = (limits.ramp_share(dt_s) / left).min(1.0);
-            (ramp, braking_part(rate / left, accel, dt_s))
+            (ramp, braking_part(rate / left, ramp_accel, dt_s))
         } else {
             (1.0, 0.0)
         };
-        let eased = ramp.min(stopping).max(braking);
-        let turning = self.turning(&ways, ramp, accel, &cycle);
-        let factor = self.factor(wanted, &position, &turning, eased, &cycle);
-
+        let eased = ramp.min(stopping_part(ramp_accel, dt_s)).max(braking);
+        let turning = cycle.part(&ways, &self.rate, ramp, accel);
+        let mut most = cycle.advance(&ways, turning, eased);
+        let mut factor = self.factor(wanted, &position, &most, &cycle);
+        if factor.is_none() {
+            // Not faster than in the cycle before: what moved then can be braked, or go on.
+            let turns = cycle.going(&ways, &self.rate).max(0.0);
+            let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
+            most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
+            factor = self.factor(wanted, &position, &most, &cycle);
+        }
         for i in cycle.of_kind(AxisKind::Rotary) {
-            let [least, most] = [turning.least[i], turning.most[i]];
+            let [least, most] = [most.least[i], most.most[i]];
             self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
         }
         // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
-        let passed = factor.unwrap_or(1.0) * eased;
+        let passed = factor.map_or(eased, |factor| factor * most.ramp);
         self.pass_ramp(left, passed, dt_s);
         let (behind, part) = self.slide(wanted, &cycle);
         self.write(&cycle);
@@ -201,7 +174,7 @@ impl Vector {
                 full[i].abs() > limit(axis) + ARRIVED_STEPS * axis.resolution
             })
         };
-        let held_back = turning.held_back || factor.is_none_or(|factor| factor < 1.0 - 1e-9);
+        let held_back = turning < ramp || factor.is_none_or(|factor| factor < 1.0 - 1e-9);
         let far = cycle
             .of_kind(AxisKind::Rotary)
             .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
@@ -239,7 +212,7 @@ impl Vector {
         } else {
             1.0
         };
-        let part = self.part(&ways, ramp, accel, &cycle);
+        let part = cycle.part(&ways, &self.rate, ramp, accel);
         let mut arrived = true;
         for i in cycle.places() {
             self.advance(i, part * ways[i], &cycle);
@@ -345,59 +318,26 @@ impl Vector {
         ways
     }
 
-    /// The acceleration (1/s²) with which what is left of the ramp and of the ways of the rotary axes may pass, since the
-    /// linear axes follow both.
-    fn accel(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> f64 {
-        let following = wanted.following(ways);
-        let together = PerChannel::from_fn(|i| following[i].abs() + self.offset[i].abs());
-        cycle
-            .accel_over(ways, AxisKind::Rotary)
-            .min(cycle.accel_over(&together, AxisKind::Linear))
-    }
-
-    /// Which part of their ways axes go in this cycle by one factor: what the ramp allows and so that they can stop at
-    /// their ends, but no less than braking leaves; no more than the span of each allows.
-    fn part(&self, ways: &PerChannel<f64>, ramp: f64, accel: f64, cycle: &Cycle) -> f64 {
-        let rate = cycle
-            .places()
-            .filter(|i| ways[*i] != 0.0)
-            .map(|i| self.rate[i] / ways[i])
-            .fold(f64::INFINITY, f64::min);
-        let part = stopping_part(accel, cycle.dt_s).min(ramp);
-        let part = if rate.is_finite() {
-            part.max(braking_part(rate, accel, cycle.dt_s))
+    /// The accelerations (1/s²) with which what is left of the ramp and of the ways of the rotary axes may pass. The
+    /// linear axes follow both: where there are rotary axes, each may take half of what a linear axis is allowed.
+    fn accels(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> (f64, f64) {
+        let rotary = cycle.accel_over(ways, AxisKind::Rotary);
+        let following = cycle.accel_over(&wanted.following(ways), AxisKind::Linear);
+        let ramp = cycle.accel_over(&self.offset, AxisKind::Linear);
+        if cycle.of_kind(AxisKind::Rotary).next().is_some() {
+            (0.5 * ramp, rotary.min(0.5 * following))
         } else {
-            part
-        };
-        cycle
-            .places()
-            .map(|i| allowed_part(cycle.spans[i], ways[i]))
-            .fold(part, f64::min)
-    }
-
-    /// How far the rotary axes may go by one factor: within the ramp, slew and acceleration.
-    fn turning(&self, ways: &PerChannel<f64>, ramp: f64, accel: f64, cycle: &Cycle) -> Turning {
-        let part = self.part(ways, ramp, accel, cycle);
-        let (mut least, mut most) = (PerChannel::ZERO, PerChannel::ZERO);
-        for i in cycle.of_kind(AxisKind::Rotary) {
-            least[i] = within(cycle.spans[i], 0.0);
-            most[i] = within(cycle.spans[i], part * ways[i]);
-        }
-        Turning {
-            least,
-            most,
-            held_back: part < ramp,
+            (ramp, rotary)
         }
     }
 
-    /// The largest factor between the least and the most that the rotary axes may go, and of the part `eased` of the
-    /// ramp, with which every linear axis can be where it belongs at the end of the cycle. `None` where there is none.
+    /// The largest factor between the least and the most of an advance with which every linear axis can be where it
+    /// belongs at the end of the cycle. `None` where there is none.
     fn factor(
         &self,
         wanted: &Wanted,
         position: &PerChannel<f64>,
-        turning: &Turning,
-        eased: f64,
+        advance: &Advance,
         cycle: &Cycle,
     ) -> Option<f64> {
         let rotary = self.rotary(cycle);
@@ -405,14 +345,14 @@ impl Vector {
         let at = |ways: &PerChannel<f64>| {
             wanted.following(&PerChannel::from_fn(|i| rotary[i] + ways[i]))
         };
-        let (least, most) = (at(&turning.least), at(&turning.most));
+        let (least, most) = (at(&advance.least), at(&advance.most));
         let (mut low, mut high) = (0.0_f64, 1.0_f64);
         for i in cycle.of_kind(AxisKind::Linear) {
             let limit = cycle.limits.axes[i].reachable();
             let rounding = 1e-9 * cycle.step(i);
             let [lowest, highest] = cycle.spans[i].map(|way| self.smooth[i] + way);
             let base = part * position[i] + least[i];
-            let along = most[i] - least[i] - part * eased * self.offset[i];
+            let along = most[i] - least[i] - part * advance.ramp * self.offset[i];
             // What is beyond a limit that can be reached is cut there.
             let highest = if highest >= limit - rounding {
                 f64::INFINITY

@@ -76,6 +76,7 @@ pub(super) fn stopping_part(accel: f64, dt_s: f64) -> f64 {
 
 /// Which part of the way that is left goes by in a cycle of braking from `rate`, 1/s, with `accel`, 1/s².
 pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
+    // An infinite acceleration stops at once.
     ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
 }
 

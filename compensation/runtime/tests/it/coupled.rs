@@ -621,7 +621,13 @@ fn arrives_at_the_whole_correction() {
             _ => 0.0,
         });
         let exact = Wanted { rotary, ..wanted }.full();
-        for (i, axis) in scene.limits.axes.iter().enumerate().take(scene.limits.count) {
+        for (i, axis) in scene
+            .limits
+            .axes
+            .iter()
+            .enumerate()
+            .take(scene.limits.count)
+        {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
                 AxisKind::Rotary => assert!((words[i] - full[i]).abs() <= close),
