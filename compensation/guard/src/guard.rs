@@ -8,7 +8,7 @@ use crate::{
     Inputs, Limits, LimitsError, Output, Quantity, Reading, Reasons,
     axis::Follower,
     limits::MOST_READ_BACK_CYCLES,
-    proof::Proof,
+    proof::{Moves, Proof, Verdict},
     state::{Facts, Hold, Phase, Request, State},
     written::Written,
 };
@@ -29,6 +29,9 @@ pub struct Guard {
     from: PerChannel<f64>,
     ramp: f64,
     proof: Proof,
+    moves: Moves,
+    /// What the last proof showed.
+    verdict: Verdict,
     written: Written,
     last_cycle: Option<Duration>,
     /// When positions and target were good last.
@@ -55,6 +58,8 @@ impl Guard {
             from: PerChannel::ZERO,
             ramp: 1.0,
             proof: Proof::default(),
+            moves: Moves::default(),
+            verdict: Verdict::default(),
             written: Written::fill(&PerChannel::ZERO),
             last_cycle: None,
             good: None,
@@ -116,6 +121,11 @@ impl Guard {
         self.state
     }
 
+    /// What the test shift of the last arming showed, axis by axis.
+    pub fn verdict(&self) -> &Verdict {
+        &self.verdict
+    }
+
     /// The last output, mm and rad.
     pub fn output(&self) -> PerChannel<f64> {
         self.axes.map(|axis| axis.output())
@@ -134,6 +144,9 @@ impl Guard {
         let facts = self.facts(inputs, reading.as_ref(), target.is_some(), changed);
         let before = self.state;
         self.state = before.next(&facts);
+        if self.state != before && self.state == State::Arming(Phase::Proving) {
+            self.verdict = Verdict::default();
+        }
         if self.state != before || changed || inputs.request == Some(Request::Switched) {
             self.begin_ramp();
         }
@@ -241,15 +254,28 @@ impl Guard {
             .good
             .map_or(Duration::MAX, |good| inputs.now.saturating_sub(good));
         let output = self.output();
+        if let Some(reading) = reading {
+            let applied = reading.applied.unwrap_or(output);
+            self.moves
+                .see(inputs.now, &reading.positions, &applied, &self.limits);
+        }
         let proven = match (self.state, reading) {
             (State::Arming(Phase::Proving), Some(reading))
                 if !changed && age <= self.limits.hold =>
             {
-                self.proof
-                    .read(&reading.positions, &output, &self.from, &self.limits)
+                self.proof.read(
+                    inputs.now,
+                    &reading.positions,
+                    &output,
+                    &self.from,
+                    &self.limits,
+                    &self.moves,
+                )
             }
             _ => None,
         };
+        self.verdict = proven.unwrap_or(self.verdict);
+        let proven = proven.map(|verdict| !verdict.is_contradiction());
         let half_step = |i: usize| 0.5 * self.limits.axes[i].resolution;
         let agrees = |applied: PerChannel<f64>| {
             self.all(|i| (applied[i] - output[i]).abs() <= 1.02 * half_step(i))
@@ -364,7 +390,9 @@ impl Guard {
         reasons |= Reasons::CORRECTION_LEFT.when(self.state == State::Disarmed && !facts.zero);
         reasons |=
             Reasons::WAITING_FOR_STANDSTILL.when(self.state == State::Arming(Phase::Proving));
-        reasons |= Reasons::NOT_PROVEN.when(!facts.proves);
+        let shown = |i: usize| self.verdict.proven[i] || self.limits.test_shift[i] == 0.0;
+        let after = !matches!(self.state, State::Disarmed | State::Arming(Phase::Proving));
+        reasons |= Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown));
         if let Some(reading) = reading {
             reasons |= Reasons::NOT_REFERENCED.when(!reading.referenced);
             reasons |= Reasons::CONTROLLER_ALARM.when(reading.alarm);

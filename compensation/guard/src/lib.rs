@@ -24,6 +24,7 @@ pub use guard::Guard;
 pub use limits::{
     AxisLimits, FEWEST_RAMP_CYCLES, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity,
 };
+pub use proof::{Moves, Proof, Proven, Verdict};
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{

@@ -1,102 +1,287 @@
 //! At arming: do reported positions contain the correction, as the configuration says?
 
+use core::time::Duration;
+
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::Limits;
 
-/// Readings in a row, and time, for which the axes must stand before and after the shift.
+/// Readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
+/// control may take to show positions anew.
 const STILL_READINGS: f64 = 5.0;
-const STILL_S: f64 = 0.1;
+const STILL_S: f64 = 0.25;
+/// So often it is tried again where a position neither follows a shift nor stays.
+const MOST_ATTEMPTS: u8 = 3;
+/// A position that stays within this share of a shift has not moved: a count that flickers, of which a shift has four at
+/// least, is no motion.
+const STAYED_SHARE: f64 = 0.25 + 1e-6;
+/// A position that neither follows nor stays, by more than this share of a shift: the machine moved the axis.
+const MOVED_SHARE: f64 = 2.5;
+/// Only motion that is so young shows that a position is alive.
+const ALIVE_FOR: Duration = Duration::from_secs(10);
 
-/// The test shift: state of the guard.
+/// What the test shift shows of one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Proven {
+    /// The reported position followed the shift both ways: it contains the correction.
+    Contained,
+    /// The reported position stayed both times, and it is alive: the axis moved by itself a short while ago.
+    NotContained,
+    /// Neither is shown: the axis was not shifted, its position may be frozen, or it did something between.
+    #[default]
+    NotProven,
+}
+
+/// The result of a proof: of each axis what is shown, and whether the configuration says otherwise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Verdict {
+    /// What is shown, axis by axis.
+    pub axes: PerChannel<Proven>,
+    /// The axes of which the configuration says the opposite of what is shown.
+    pub contradicts: PerChannel<bool>,
+    /// The axes of which anything is shown.
+    pub proven: PerChannel<bool>,
+}
+
+impl Verdict {
+    fn of(axes: PerChannel<Proven>, limits: &Limits) -> Self {
+        Self {
+            axes,
+            contradicts: PerChannel::from_fn(|i| match axes[i] {
+                Proven::Contained => !limits.axes[i].includes_correction,
+                Proven::NotContained => limits.axes[i].includes_correction,
+                Proven::NotProven => false,
+            }),
+            proven: axes.map(|axis| axis != Proven::NotProven),
+        }
+    }
+
+    /// Whether the configuration says the opposite of what is shown of any axis.
+    #[must_use]
+    pub fn is_contradiction(&self) -> bool {
+        self.contradicts.iter().any(|contradicts| *contradicts)
+    }
+}
+
+/// When each axis moved by itself last, not by the correction: only then a position that stays where it is shows
+/// anything. To be fed in every cycle in which a reading came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Proof {
+pub struct Moves {
+    /// The position as reported and the correction, when the axis moved last.
+    last: PerChannel<Option<(f64, f64)>>,
+    moved: PerChannel<Option<Duration>>,
+}
+
+impl Moves {
+    /// A reading: positions as reported (mm, rad) and the correction that is applied, as far as it is known. An axis
+    /// moved by itself when its position changed by more than its test shift, whether the correction is in it or not.
+    pub fn see(
+        &mut self,
+        now: Duration,
+        positions: &PerChannel<f64>,
+        applied: &PerChannel<f64>,
+        limits: &Limits,
+    ) {
+        for i in 0..limits.count.min(MAX_AXES) {
+            let (position, correction) = (positions[i], applied[i]);
+            if !(position.is_finite() && correction.is_finite()) {
+                continue;
+            }
+            let Some((before, corrected)) = self.last[i] else {
+                self.last[i] = Some((position, correction));
+                continue;
+            };
+            let reported = position - before;
+            let without = reported - (correction - corrected);
+            let least = shift(limits, i).max(limits.axes[i].resolution);
+            if reported.abs() > least && without.abs() > least {
+                self.last[i] = Some((position, correction));
+                self.moved[i] = Some(now);
+            }
+        }
+    }
+
+    /// Whether the axis moved by itself within the last 10 s.
+    #[must_use]
+    pub fn lately(&self, now: Duration, axis: usize) -> bool {
+        self.moved
+            .get(axis)
+            .copied()
+            .flatten()
+            .is_some_and(|moved| now.saturating_sub(moved) <= ALIVE_FOR)
+    }
+}
+
+/// How far the proof is: where the correction is to stand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Leg {
+    /// Where the proof began.
+    #[default]
+    Begin,
+    /// Shifted one way: towards zero, or up.
+    First,
+    /// Shifted the other way; near the limit back to where it began.
+    Second,
+}
+
+/// What the position of one axis did in one leg.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Did {
+    Followed,
+    Stayed,
+    Between,
+    /// It moved so far that the machine moved it.
+    Moved,
+}
+
+/// The test shift of all axes at once: state of the guard. The correction goes one way by the shift, then the other
+/// way, and stands in between; creep or a slow position so does not look like an answer to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Proof {
+    /// Where the axes began to stand, and for how many readings they have.
     positions: PerChannel<f64>,
     still: u32,
-    /// Positions before the shift, once it is on its way.
-    before: Option<PerChannel<f64>>,
+    leg: Leg,
+    /// Positions before the leg, and after the first one.
+    stood: [PerChannel<f64>; 2],
+    attempts: u8,
 }
 
 impl Proof {
-    /// The correction (mm, rad) to move to during the proof: at first the one where it began, then one test shift
-    /// away from it, on an axis with a positive correction downwards, else upwards.
-    pub(crate) fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
-        if self.before.is_none() {
-            return *from;
-        }
-        PerChannel::from_fn(|i| {
-            let shift = shift(limits, i);
-            if from[i] > 0.0 {
-                from[i] - shift
-            } else {
-                from[i] + shift
-            }
-        })
+    /// The correction (mm, rad) to move to during the proof, which began at `from`.
+    #[must_use]
+    pub fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
+        at_leg(self.leg, from, limits)
     }
 
-    /// A reading, and what the correction is and was when the proof began: whether the positions are as
-    /// configured, once that is known.
-    pub(crate) fn read(
+    /// A reading at `now`, the correction that is applied, and what it was when the proof began: the verdict, once
+    /// there is one.
+    pub fn read(
         &mut self,
+        now: Duration,
         positions: &PerChannel<f64>,
         output: &PerChannel<f64>,
         from: &PerChannel<f64>,
         limits: &Limits,
-    ) -> Option<bool> {
-        let same = (0..limits.count).all(|i| {
-            (positions[i] - self.positions[i]).abs()
-                < 0.1 * shift(limits, i).max(limits.axes[i].resolution)
-        });
-        self.positions = *positions;
+        moves: &Moves,
+    ) -> Option<Verdict> {
+        let count = limits.count.min(MAX_AXES);
         let goal = self.goal(from, limits);
-        let there =
-            (0..limits.count).all(|i| (output[i] - goal[i]).abs() < limits.axes[i].resolution);
-        self.still = if same && there { self.still + 1 } else { 0 };
+        let stands = (0..count).all(|i| {
+            let step = limits.axes[i].resolution;
+            let away = (positions[i] - self.positions[i]).abs();
+            away <= STAYED_SHARE * shift(limits, i).max(step) && (output[i] - goal[i]).abs() < step
+        });
+        if stands {
+            self.still += 1;
+        } else {
+            (self.positions, self.still) = (*positions, 0);
+        }
         let needed = STILL_READINGS.max(STILL_S / limits.period.as_secs_f64());
         if f64::from(self.still) < needed {
             return None;
         }
-        let Some(before) = self.before else {
-            (self.before, self.still) = (Some(*positions), 0);
-            return None;
-        };
-        let verdict = judge(positions, &before, &goal, from, limits);
-        if verdict.is_none() {
-            // Moved by something else: once more.
-            *self = Self::default();
+        self.still = 0;
+        match self.leg {
+            Leg::Begin => {
+                self.stood[0] = *positions;
+                self.leg = Leg::First;
+                None
+            }
+            Leg::First => {
+                self.stood[1] = *positions;
+                self.leg = Leg::Second;
+                None
+            }
+            Leg::Second => self.judge(now, positions, from, limits, moves),
         }
-        verdict
     }
-}
 
-fn shift(limits: &Limits, axis: usize) -> f64 {
-    let step = limits.axes[axis].resolution;
-    libm::round(limits.test_shift[axis] / step) * step
-}
-
-/// Whether every axis moved by its shift or not at all, as configured; `None`: something between.
-fn judge(
-    positions: &PerChannel<f64>,
-    before: &PerChannel<f64>,
-    goal: &PerChannel<f64>,
-    from: &PerChannel<f64>,
-    limits: &Limits,
-) -> Option<bool> {
-    let mut as_configured = true;
-    for i in 0..limits.count.min(MAX_AXES) {
-        let shifted = goal[i] - from[i];
-        if shifted == 0.0 {
-            continue;
+    /// The verdict, or another attempt.
+    fn judge(
+        &mut self,
+        now: Duration,
+        positions: &PerChannel<f64>,
+        from: &PerChannel<f64>,
+        limits: &Limits,
+        moves: &Moves,
+    ) -> Option<Verdict> {
+        let [begin, first, second] =
+            [Leg::Begin, Leg::First, Leg::Second].map(|leg| at_leg(leg, from, limits));
+        let [before, between] = self.stood;
+        let mut axes = PerChannel::default();
+        let (mut unclear, mut moved) = (false, false);
+        for i in (0..limits.count.min(MAX_AXES)).filter(|&i| shift(limits, i) > 0.0) {
+            let one = did(between[i] - before[i], first[i] - begin[i]);
+            let two = did(positions[i] - between[i], second[i] - first[i]);
+            axes[i] = match [one, two] {
+                [Did::Followed, Did::Followed] => Proven::Contained,
+                [Did::Stayed, Did::Stayed] if moves.lately(now, i) => Proven::NotContained,
+                [Did::Stayed, Did::Stayed] => Proven::NotProven,
+                both => {
+                    moved |= both.contains(&Did::Moved);
+                    unclear = true;
+                    Proven::NotProven
+                }
+            };
         }
-        let share = (positions[i] - before[i]) / shifted;
-        let contains = if share.abs() <= 0.25 {
-            false
-        } else if (share - 1.0).abs() <= 0.25 {
-            true
+        let attempts = if moved {
+            self.attempts
         } else {
-            return None;
+            self.attempts + 1
         };
-        as_configured &= contains == limits.axes[i].includes_correction;
+        if unclear && attempts < MOST_ATTEMPTS {
+            *self = Self {
+                attempts,
+                positions: *positions,
+                ..Self::default()
+            };
+            return None;
+        }
+        Some(Verdict::of(axes, limits))
     }
-    Some(as_configured)
+}
+
+/// What a position did that went so far while its correction was shifted.
+fn did(went: f64, shifted: f64) -> Did {
+    let share = went / shifted;
+    if share.abs() <= STAYED_SHARE {
+        Did::Stayed
+    } else if (share - 1.0).abs() <= STAYED_SHARE {
+        Did::Followed
+    } else if share.abs() > MOVED_SHARE {
+        Did::Moved
+    } else {
+        Did::Between
+    }
+}
+
+/// The shift of an axis in whole steps, as far as its limit allows one; 0: it is not shifted.
+fn shift(limits: &Limits, axis: usize) -> f64 {
+    let of_axis = &limits.axes[axis];
+    let step = of_axis.resolution;
+    (libm::round(limits.test_shift[axis] / step) * step).min(of_axis.reachable())
+}
+
+/// Where the correction stands in a leg of the proof: within the limit, both ways from where it began, the first one
+/// towards zero; near the limit inwards and back.
+fn at_leg(leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
+    PerChannel::from_fn(|i| {
+        if i >= limits.count {
+            return from[i];
+        }
+        let most = limits.axes[i].reachable();
+        let begin = from[i].clamp(-most, most);
+        let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, i);
+        let outwards = if (begin - inwards).abs() > most * (1.0 + 1e-9) {
+            begin
+        } else {
+            begin - inwards
+        };
+        match leg {
+            Leg::Begin => begin,
+            Leg::First => begin + inwards,
+            Leg::Second => outwards,
+        }
+    })
 }

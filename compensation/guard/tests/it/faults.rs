@@ -227,6 +227,9 @@ fn a_test_shift_proves_what_positions_contain() {
         }
         assert_eq!(world.run(2 * SECOND).state, State::Compensating);
         let mut world = proving(includes, !includes);
+        world.run(Duration::ZERO);
+        world.positions = axes(1.0, -1.0);
+        world.run(Duration::ZERO);
         world.request(Request::Arm);
         let output = world.run(2 * SECOND);
         assert_eq!(output.state.name(), "faulted");

@@ -1,0 +1,329 @@
+//! The test shift at arming: what it shows of each axis, and that what it does not see is not believed.
+
+use std::{collections::VecDeque, time::Duration};
+
+use volcomp_guard::{Limits, Moves, Proof, Proven, Reading, Reasons, Request, State, Verdict};
+use volcomp_vocabulary::PerChannel;
+
+use Proven::{Contained, NotContained, NotProven};
+
+use crate::world::{PERIOD, STEP, World, axes, limits};
+
+const SHIFT: f64 = 5.0 * STEP;
+const SECOND: Duration = Duration::from_secs(1);
+
+/// What one axis of the machine does.
+#[derive(Clone, Copy, Default)]
+struct Axis {
+    contains: bool,
+    /// The position that is told is this one, whatever happens.
+    frozen: Option<f64>,
+    /// The position is told so many cycles late.
+    lag: usize,
+    creep_mm_per_s: f64,
+    /// A count of so much goes to and fro.
+    flicker: f64,
+    /// The axis does not move by itself before the proof.
+    stood: bool,
+}
+
+struct Rig {
+    limits: Limits,
+    moves: Moves,
+    now: Duration,
+    machine: [Axis; 2],
+    history: VecDeque<[f64; 2]>,
+    /// Where the program has the axes.
+    place: f64,
+    output: PerChannel<f64>,
+}
+
+impl Rig {
+    fn new(limits: &Limits, machine: [Axis; 2], from: PerChannel<f64>) -> Self {
+        let mut rig = Self {
+            limits: Limits {
+                test_shift: PerChannel([SHIFT; 9]),
+                ..*limits
+            },
+            moves: Moves::default(),
+            now: SECOND,
+            machine,
+            history: VecDeque::new(),
+            place: 10.0,
+            output: from,
+        };
+        for cycle in 0..100 {
+            rig.place = 10.0 + 0.01 * f64::from(cycle);
+            rig.reading();
+        }
+        rig
+    }
+
+    fn reading(&mut self) -> PerChannel<f64> {
+        self.now += PERIOD;
+        let seconds = self.now.as_secs_f64();
+        let now: [f64; 2] = std::array::from_fn(|i| {
+            let axis = &self.machine[i];
+            let place = if axis.stood { 10.0 } else { self.place };
+            let contained = if axis.contains { self.output[i] } else { 0.0 };
+            let even = (self.now.as_millis() / 24).is_multiple_of(2);
+            place
+                + contained
+                + axis.creep_mm_per_s * seconds
+                + if even { axis.flicker } else { 0.0 }
+        });
+        self.history.push_front(now);
+        let positions = axes_of(|i| {
+            let axis = &self.machine[i];
+            let late = axis.lag.min(self.history.len() - 1);
+            axis.frozen.unwrap_or(self.history[late][i])
+        });
+        self.moves
+            .see(self.now, &positions, &self.output, &self.limits);
+        positions
+    }
+
+    /// Runs a proof from the present output: the verdict and the extremes of the output of the first axis.
+    fn prove(&mut self, most: Duration) -> (Option<Verdict>, [f64; 2]) {
+        let (mut proof, from) = (Proof::default(), self.output);
+        let mut reached = [f64::INFINITY, f64::NEG_INFINITY];
+        let end = self.now + most;
+        while self.now < end {
+            let positions = self.reading();
+            let (now, output) = (self.now, self.output);
+            let verdict = proof.read(now, &positions, &output, &from, &self.limits, &self.moves);
+            if verdict.is_some() {
+                return (verdict, reached);
+            }
+            let goal = proof.goal(&from, &self.limits);
+            // At the slew: 2 µm in a cycle.
+            self.output =
+                PerChannel::from_fn(|i| output[i] + (goal[i] - output[i]).clamp(-0.002, 0.002));
+            reached = [
+                reached[0].min(self.output[0]),
+                reached[1].max(self.output[0]),
+            ];
+        }
+        (None, reached)
+    }
+}
+
+fn axes_of(of: impl Fn(usize) -> f64) -> PerChannel<f64> {
+    axes(of(0), of(1))
+}
+
+fn proven(machine: [Axis; 2]) -> [Proven; 2] {
+    let (verdict, _) = Rig::new(&limits(), machine, PerChannel::ZERO).prove(20 * SECOND);
+    let axes = verdict.expect("a verdict").axes;
+    [axes[0], axes[1]]
+}
+
+#[test]
+fn each_axis_has_a_result_of_its_own() {
+    let plain = Axis::default();
+    let contains = Axis {
+        contains: true,
+        ..plain
+    };
+    let stood = Axis {
+        stood: true,
+        ..plain
+    };
+    let frozen = Axis {
+        frozen: Some(3.0),
+        contains: true,
+        ..plain
+    };
+    assert_eq!(proven([plain, contains]), [NotContained, Contained]);
+    assert_eq!(proven([stood, frozen]), [NotProven, NotProven]);
+    // What follows both ways contains it, whether it moved by itself or not.
+    let stood_contains = Axis {
+        stood: true,
+        ..contains
+    };
+    assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
+}
+
+/// A position that shows a shift late, or creeps, or flickers by one of the four counts of a shift.
+#[test]
+fn slow_creeping_and_flickering_positions() {
+    for contains in [false, true] {
+        let axis = Axis {
+            contains,
+            ..Axis::default()
+        };
+        let truth = if contains { Contained } else { NotContained };
+        for lag in [1, 5, 25, 60] {
+            let [shown, _] = proven([Axis { lag, ..axis }, Axis::default()]);
+            assert_eq!(shown, truth, "lag {lag}");
+        }
+        // Later than the axis stands: nothing is shown, and nothing wrong is believed.
+        for lag in [65, 70, 80, 100, 120] {
+            let [shown, _] = proven([Axis { lag, ..axis }, Axis::default()]);
+            let believed = [truth, NotProven];
+            assert!(believed.contains(&shown), "lag {lag}: {shown:?}");
+        }
+        let flicker = Axis {
+            flicker: SHIFT / 4.0,
+            ..axis
+        };
+        assert_eq!(proven([flicker, Axis::default()])[0], truth);
+    }
+    // As fast as the slowest shift looks in one leg: one way it fits, the other way it does not.
+    for creep_mm_per_s in [0.002, 0.004, 0.01, 0.015, 0.02, -0.015] {
+        let creeps = Axis {
+            creep_mm_per_s,
+            ..Axis::default()
+        };
+        let mut rig = Rig::new(&limits(), [creeps, Axis::default()], PerChannel::ZERO);
+        let (verdict, _) = rig.prove(20 * SECOND);
+        let shown = verdict.map_or(NotProven, |verdict| verdict.axes[0]);
+        assert_ne!(shown, Contained, "{creep_mm_per_s} mm/s");
+    }
+}
+
+/// Both signs; near the limit inwards and back. Never beyond the limit.
+#[test]
+fn the_shift_goes_both_ways_and_stays_within_the_limit() {
+    let machine = [Axis {
+        contains: true,
+        ..Axis::default()
+    }; 2];
+    for (from, expected) in [
+        (0.0, [-SHIFT, SHIFT]),
+        (0.040, [0.035, 0.045]),
+        (-0.040, [-0.045, -0.035]),
+        (0.150, [0.145, 0.150]),
+        (0.147, [0.142, 0.147]),
+        (0.145, [0.140, 0.150]),
+        (-0.150, [-0.150, -0.145]),
+        // Left over from a larger limit: led in first.
+        (0.162, [0.145, 0.162]),
+    ] {
+        let mut rig = Rig::new(&limits(), machine, axes(from, 0.0));
+        let (verdict, reached) = rig.prove(5 * SECOND);
+        assert_eq!(verdict.expect("a verdict").axes[0], Contained);
+        for (found, expected) in reached.iter().zip(expected) {
+            assert!((found - expected).abs() < 0.0021, "{from}: {reached:?}");
+        }
+        assert!(from.abs() > 0.15 || reached.iter().all(|at| at.abs() <= 0.150 + 1e-9));
+    }
+}
+
+#[test]
+fn an_axis_without_a_shift_is_not_proven_and_does_not_hinder() {
+    let mut rig = Rig::new(&limits(), [Axis::default(); 2], PerChannel::ZERO);
+    rig.limits.test_shift[1] = 0.0;
+    let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
+    assert_eq!(verdict.axes[..2], [NotContained, NotProven]);
+    assert_eq!(verdict.proven[..2], [true, false]);
+    assert!(!verdict.is_contradiction());
+}
+
+#[test]
+fn a_contradiction_names_its_axis() {
+    let contains = Axis {
+        contains: true,
+        ..Axis::default()
+    };
+    let mut of_limits = limits();
+    of_limits.axes[0].includes_correction = true;
+    let mut rig = Rig::new(&of_limits, [contains, contains], PerChannel::ZERO);
+    let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
+    assert_eq!(verdict.contradicts[..2], [false, true]);
+    let mut rig = Rig::new(&of_limits, [Axis::default(); 2], PerChannel::ZERO);
+    let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
+    assert_eq!(verdict.contradicts[..2], [true, false]);
+}
+
+/// Motion older than 10 s shows nothing any more.
+#[test]
+fn only_motion_of_the_last_ten_seconds_counts() {
+    for (wait, expected) in [(8, NotContained), (10, NotProven)] {
+        let mut rig = Rig::new(&limits(), [Axis::default(); 2], PerChannel::ZERO);
+        let end = rig.now + wait * SECOND;
+        while rig.now < end {
+            rig.reading();
+        }
+        let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
+        assert_eq!(verdict.axes[0], expected, "{wait} s");
+    }
+}
+
+/// The correction alone is no motion, whether positions contain it or not.
+#[test]
+fn a_correction_is_no_motion_of_the_axis() {
+    for contains in [false, true] {
+        let axis = Axis {
+            contains,
+            stood: true,
+            ..Axis::default()
+        };
+        let mut rig = Rig::new(&limits(), [axis; 2], PerChannel::ZERO);
+        for cycle in 0..500 {
+            rig.output[0] = 0.1 * (f64::from(cycle) * 0.05).sin();
+            rig.reading();
+        }
+        assert!(!rig.moves.lately(rig.now, 0));
+        assert!(!rig.moves.lately(rig.now, 1));
+        rig.machine[0].stood = false;
+        rig.reading();
+        assert!(rig.moves.lately(rig.now, 0));
+        assert!(!rig.moves.lately(rig.now + 11 * SECOND, 0));
+        assert!(!rig.moves.lately(rig.now, 99));
+    }
+}
+
+/// A position that stays as it is, with fresh times, passed for one that does not contain the correction.
+#[test]
+fn a_frozen_position_proves_nothing_and_that_is_told() {
+    let mut world = World::new(&Limits {
+        test_shift: PerChannel([SHIFT; 9]),
+        ..limits()
+    });
+    world.really_includes = true;
+    let frozen = world.positions;
+    world.request(Request::Arm);
+    let mut last = None;
+    for _ in 0..800 {
+        world.now += PERIOD;
+        let reading = Reading {
+            positions: frozen,
+            ..world.reading().expect("it answers")
+        };
+        let output = world.guard.cycle(&volcomp_guard::Inputs {
+            now: world.now,
+            reading: Some(reading),
+            target: world.target,
+            ..Default::default()
+        });
+        if output.write {
+            world.applied = output.correction;
+        }
+        last = Some(output);
+    }
+    let last = last.expect("cycles");
+    assert!(
+        last.reasons.contains(Reasons::NOT_PROVEN),
+        "{:?}",
+        last.state
+    );
+    assert_eq!(world.guard.verdict().proven[..2], [false, false]);
+}
+
+/// Proven axes are not told as not proven.
+#[test]
+fn what_is_proven_is_told() {
+    let mut world = World::new(&Limits {
+        test_shift: PerChannel([SHIFT; 9]),
+        ..limits()
+    });
+    world.run(PERIOD);
+    world.positions = axes(1.0, -1.0);
+    world.run(PERIOD);
+    world.request(Request::Arm);
+    let output = world.run(3 * SECOND);
+    assert_eq!(output.state, State::Compensating);
+    assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
+    assert_eq!(world.guard.verdict().axes[..2], [NotContained; 2]);
+}
