@@ -48,8 +48,8 @@ reasons! {
     CONTRADICTION = 12, "positions contradict includes_correction";
     /// Arming waits until the axes stand still.
     WAITING_FOR_STANDSTILL = 13, "waiting for standstill";
-    /// Whether positions contain the correction is not proven.
-    NOT_PROVEN = 14, "test shift is off";
+    /// Whether positions contain the correction is not proven for every axis.
+    NOT_PROVEN = 14, "not proven what positions contain";
     /// A correction is applied while disarmed.
     CORRECTION_LEFT = 15, "a correction is applied";
     /// A temperature that the model uses is missing.

@@ -48,7 +48,14 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
     world.motion = Arc::new(move |elapsed| {
         // Where the axes move the test shift waits.
         let moves = if setting == Arming { 1.0 } else { 0.0 };
-        let x = 400.0 + moves * 100.0 * elapsed.as_secs_f64().sin();
+        let seconds = elapsed.as_secs_f64();
+        // Only the position of an axis that moves shows that it does not contain the correction.
+        let goes_on = if setting == Faulted {
+            (seconds / 3.0).floor()
+        } else {
+            0.0
+        };
+        let x = 400.0 + goes_on + moves * 100.0 * seconds.sin();
         vec![x, 150.0, 50.0]
     });
     let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
@@ -67,6 +74,11 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
     program
         .wait(|state| state["error_um"].is_array())
         .expect("it sees the machine");
+    if setting == Faulted {
+        program
+            .wait(|state| state["positions_mm"]["X"].as_f64() > Some(400.9))
+            .expect("X moves");
+    }
     if setting == Disarmed {
         return (control, program);
     }
