@@ -10,7 +10,7 @@ use volcomp_devices::{
     thermometer, thermometer_names,
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
-use volcomp_focas::{FocasConfig, FocasController};
+use volcomp_focas::{BarrierArea, FocasConfig, FocasController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::PathSettings;
 use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
@@ -140,8 +140,8 @@ impl ControllerDevice {
         own.shared_byte(others).map_or(Ok(()), |byte| {
             let other = &other.address.text;
             Err(self.address.wrong(
-                format!("{byte} is written by the [[controller]] {other}, too"),
-                "expected area and heartbeat of its own for each controller of a control",
+                format!("{byte} is used by the [[controller]] {other}, too"),
+                "expected bytes of its own for each controller of a control",
             ))
         })
     }
@@ -173,7 +173,12 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
     if let Some(urad) = config.resolution_urad {
         focas.shift.count_rotary = Urad(urad).to_rad();
     }
+    focas.copied = config.copied;
     focas.heartbeat = config.heartbeat;
+    focas.barrier = config.barrier.and_then(|barrier| {
+        let (frame, report) = (barrier.frame?, barrier.report?);
+        Some(BarrierArea { frame, report })
+    });
     if let Some(referenced) = config.referenced {
         focas.referenced = referenced;
     }

@@ -8,7 +8,7 @@ use crate::{
     config::FocasConfig,
     error::FocasError,
     plan::{self, Abilities, Ask, Exchange, Packing, PlannedAxis},
-    reading,
+    reading::{self, Applied},
     return_code::ReturnCode,
     session::Session,
 };
@@ -33,13 +33,12 @@ pub(crate) fn find(
     if !all_axes {
         asker.must_all(plan::positions(axes, false))?;
     }
-    let shifts = |ranges| plan::runs(axes, ranges).into_iter().map(Ask::Shifts);
     let mut ranges = true;
-    for ask in shifts(true) {
+    for ask in plan::words(config, axes, true) {
         ranges &= asker.accepts(ask)?;
     }
     if !ranges {
-        asker.must_all(shifts(false))?;
+        asker.must_all(plan::words(config, axes, false))?;
     }
     asker.must_all(plan::bytes(config))?;
     let mut found = Abilities {
@@ -99,8 +98,9 @@ impl Asker<'_> {
         asked: &str,
     ) -> Result<Option<FocasError>, FocasError> {
         let deadline = Instant::now() + self.config.at_most;
-        let width = self.config.shift.width;
-        let Err(fault) = reading::read(self.session, exchanges, self.axes, width, deadline) else {
+        let applied = Applied::of(self.config);
+        let Err(fault) = reading::read(self.session, exchanges, self.axes, applied, deadline)
+        else {
             return Ok(None);
         };
         let error = FocasError::asking(asked, fault);

@@ -11,6 +11,7 @@ use crate::{
     pmc::{PmcArea, Width},
     return_code::ReturnCode,
     session::Session,
+    shift_source::{self, ShiftSource},
 };
 
 /// A control that is asked one thing at a time.
@@ -309,6 +310,47 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
+    /// From which words of the PMC the control takes the machine zero point shift of its axes: parameters 1203#0 and 1280,
+    /// whose meaning is from memory of manuals. A control that refuses the question, or answers with something that is
+    /// no address, does not tell it: that is no error.
+    ///
+    /// # Errors
+    /// See [`FocasError`]: no answer.
+    pub fn shift_source(&mut self) -> Result<ShiftSource, FocasError> {
+        let mut values = [0; 2];
+        for (value, number) in values
+            .iter_mut()
+            .zip([shift_source::IN_USE, shift_source::FIRST])
+        {
+            let told = match self.read_parameter(number, None) {
+                Err(error) if self.session.is_dead() => return Err(error),
+                Err(FocasError::Refused {
+                    code: ReturnCode::BUSY,
+                    asked,
+                }) => {
+                    let code = ReturnCode::BUSY;
+                    return Err(FocasError::Refused { asked, code });
+                }
+                Err(error) => Err(error.to_string()),
+                Ok(told) => Ok(told),
+            };
+            let whole = told.and_then(|told| {
+                whole(told).ok_or_else(|| {
+                    format!("parameter {number} holds {told}, which is no whole number")
+                })
+            });
+            match whole {
+                Ok(whole) => *value = whole,
+                Err(why) => return Ok(ShiftSource::Untold { why }),
+            }
+        }
+        let [in_use, first] = values;
+        Ok(ShiftSource::Told {
+            in_use: in_use & 1 == 1,
+            first,
+        })
+    }
+
     /// The alarms that are on, ten at the most.
     ///
     /// # Errors
@@ -332,6 +374,17 @@ impl Client {
         };
         Ok(data.chunks_exact(80).map(alarm).collect())
     }
+}
+
+/// A number that is whole and not negative.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "within the range, which is seen before"
+)]
+fn whole(value: f64) -> Option<u32> {
+    let is_whole = (0.0..=f64::from(u32::MAX)).contains(&value) && value.fract() == 0.0;
+    is_whole.then_some(value as u32)
 }
 
 /// An answer that cannot be read.

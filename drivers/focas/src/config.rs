@@ -7,6 +7,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad};
 
 use crate::{
     answers::PositionKind,
+    areas::{self, BarrierArea},
     error::FocasError,
     pmc::{PmcAddress, PmcArea, Width},
 };
@@ -31,6 +32,14 @@ impl Shift {
         match kind {
             AxisKind::Linear => Displacement::Length(self.count_linear),
             AxisKind::Rotary => Displacement::Angle(self.count_rotary),
+        }
+    }
+
+    /// The same shifts in words of two bytes, as frames to a barrier have them.
+    pub(crate) fn in_words(self) -> Self {
+        Self {
+            width: Width::Word,
+            ..self
         }
     }
 
@@ -61,6 +70,13 @@ pub struct FocasConfig {
     /// The byte that is written last in every correction and counts up: where a ladder copies the shifts on, it
     /// does so when this byte has changed, and so takes all axes together.
     pub sequence: Option<PmcAddress>,
+    /// Where frames go to a barrier in the ladder and its reports come from. Corrections are then handed over by
+    /// `post` and not by `apply`; heartbeat and sequence byte are not used, and the words of `shift` belong to the
+    /// ladder: the driver never writes them.
+    pub barrier: Option<BarrierArea>,
+    /// Whether a ladder copies the words of `shift` on to others, from which the control takes the shift; otherwise the
+    /// control takes it from those words themselves, and its parameters must say so.
+    pub copied: bool,
     /// In which coordinates positions are read.
     pub positions: PositionKind,
     /// Whether the positions that the control tells contain the shift.
@@ -95,6 +111,8 @@ impl FocasConfig {
             },
             heartbeat: Some(address(PmcArea::R, 120)),
             sequence: None,
+            barrier: None,
+            copied: false,
             positions: PositionKind::Machine,
             includes_correction: false,
             referenced: Some(address(PmcArea::F, 120)),
@@ -112,98 +130,44 @@ impl FocasConfig {
     ///
     /// # Errors
     /// No axis, an axis that stands twice, a count that moves an axis by no positive distance; bytes that cannot be
-    /// written, lie beyond the end of the PMC's memory, or within the words of the shifts.
+    /// written, lie beyond the end of the PMC's memory, or within one another.
     pub fn describe(&self) -> Result<Description, FocasError> {
         let axis = |&name: &AxisName| Axis {
             name,
             includes_correction: self.includes_correction,
             resolution: self.shift.count(name.kind()),
-            largest: Some(self.shift.largest(name.kind())),
+            largest: Some(match self.barrier {
+                None => self.shift.largest(name.kind()),
+                Some(_) => self.shift.in_words().largest(name.kind()),
+            }),
         };
         let description = Description {
             device: self.device(),
             channel: self.channel.clone(),
             axes: self.axes.iter().map(axis).collect(),
-            heartbeat: match self.heartbeat {
-                Some(_) => Heartbeat::Watched,
-                None => Heartbeat::Unwatched,
+            heartbeat: if self.barrier.is_some() || self.heartbeat.is_some() {
+                Heartbeat::Watched
+            } else {
+                Heartbeat::Unwatched
             },
-            barrier: false,
+            barrier: self.barrier.is_some(),
             tells_applied: true,
             shown: ShownStates {
                 referenced: self.referenced.is_some(),
                 ..ShownStates::ALL
             },
-            sees_other_gateways: self.heartbeat.is_some(),
+            sees_other_gateways: self.barrier.is_some() || self.heartbeat.is_some(),
             shortest_cycle: Duration::from_millis(1),
         };
         description.check()?;
-        self.check_addresses(self.axes.len())?;
+        areas::check(self, self.axes.len())?;
         Ok(description)
     }
 
-    /// The first byte that this and another configuration both write in the memory of the same control; `None` where
-    /// they share none, or are of different controls.
+    /// The first byte of the same control's memory that this or another configuration writes and the other one uses;
+    /// `None` where they leave each other's bytes alone, or are of different controls.
     pub fn shared_byte(&self, other: &Self) -> Option<PmcAddress> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
-        let mut bytes = self.written();
-        bytes.find(|byte| is_same && other.written().any(|others| others == *byte))
-    }
-
-    /// The bytes that are written: the shifts of as many axes as are corrected, heartbeat and sequence.
-    fn written(&self) -> impl Iterator<Item = PmcAddress> + '_ {
-        let first = self.shift.first;
-        let bytes = self.axes.len() * usize::from(self.shift.width.bytes());
-        (first.at..=u16::MAX)
-            .take(bytes)
-            .map(move |at| PmcAddress { at, ..first })
-            .chain(self.heartbeat)
-            .chain(self.sequence)
-    }
-
-    /// Checks the words of a control's first `slots` axes and the bytes with a meaning of their own: what is written may
-    /// be written and exists, and none lies within the others.
-    pub(crate) fn check_addresses(&self, slots: usize) -> Result<(), FocasError> {
-        let first = self.shift.first;
-        let written = [
-            ("area.first", Some(first)),
-            ("heartbeat", self.heartbeat),
-            ("sequence", self.sequence),
-        ];
-        for (key, at) in written {
-            if let Some(at) = at.filter(|at| !at.area.is_writable()) {
-                return Err(FocasError::NotWritable { key, at });
-            }
-        }
-        let bytes = u16::try_from(slots)
-            .unwrap_or(u16::MAX)
-            .saturating_mul(self.shift.width.bytes());
-        let at = first.at.checked_add(bytes.saturating_sub(1));
-        let last = at
-            .map(|at| PmcAddress { at, ..first })
-            .ok_or(FocasError::BeyondEnd {
-                first,
-                slots,
-                bytes: self.shift.width.bytes(),
-            })?;
-        let named = [
-            ("the heartbeat", self.heartbeat),
-            ("the sequence byte", self.sequence),
-            ("the byte of the referenced axes", self.referenced),
-        ];
-        for (byte, at) in named {
-            if let Some(at) = at
-                && at.area == first.area
-                && (first.at..=last.at).contains(&at.at)
-            {
-                return Err(FocasError::Overlap {
-                    byte,
-                    at,
-                    first,
-                    last,
-                });
-            }
-        }
-        Ok(())
+        is_same.then(|| areas::shared(self, other)).flatten()
     }
 }

@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_port::{Controller, Description, DeviceError, Fault, Snapshot, Supply};
+use volcomp_port::{Controller, Description, DeviceError, Fault, Snapshot, Supply, Words};
 use volcomp_vocabulary::PerChannel;
 
-use crate::{config::FocasConfig, link::Link, plan::Abilities};
+use crate::{config::FocasConfig, inspection::Inspection, link::Link, plan::Abilities};
 
 /// A control that is corrected. The connection is made, and made again, on a thread of its own.
 pub struct FocasController {
@@ -28,8 +28,11 @@ impl FocasController {
         let mut logged = String::new();
         let open = move || {
             let opened = Link::open(&config).map_err(|error| error.of(&*of_device));
-            let text = opened.as_ref().err().map(DeviceError::to_string);
-            let text = text.unwrap_or_default();
+            let text = match &opened {
+                Ok(link) if link.found().notes.is_empty() => String::new(),
+                Ok(link) => format!("{of_device}: {}", link.found().notes.join("; ")),
+                Err(error) => error.to_string(),
+            };
             if !text.is_empty() && text != logged {
                 tracing::warn!("{text}");
             }
@@ -60,6 +63,11 @@ impl FocasController {
         self.supply.last_error()
     }
 
+    /// What the control told when the present connection was made; `None` where there is none. Allocates: not for a cycle.
+    pub fn inspection(&mut self) -> Option<Inspection> {
+        self.supply.current().ok().map(|link| link.found().clone())
+    }
+
     /// In which form the control accepts requests; `None` where there is no connection.
     pub fn abilities(&mut self) -> Option<Abilities> {
         self.supply.current().ok().map(|link| link.abilities())
@@ -82,6 +90,10 @@ impl Controller for FocasController {
 
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.call(|link| link.read(deadline))
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        self.call(|link| link.post(frame, deadline))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {

@@ -5,7 +5,7 @@ use std::{io, net::SocketAddr};
 use volcomp_port::{DeviceError, Fault, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
-use crate::{frame::Broken, pmc::PmcAddress, return_code::ReturnCode};
+use crate::{areas::Block, frame::Broken, pmc::PmcAddress, return_code::ReturnCode};
 
 /// Why a control cannot be reached, refuses a question, or is configured wrongly.
 #[derive(Debug, thiserror::Error)]
@@ -60,42 +60,53 @@ pub enum FocasError {
         /// The letters of the axes that the control has.
         found: String,
     },
-    /// A byte with a meaning of its own lies within the words of the shifts: a correction would be written over it, and
-    /// its changes would be corrections.
+    /// Two blocks of bytes with a meaning of their own have bytes in common: what is written into one would change the
+    /// other.
     #[error(
-        "{byte} {at} lies within the words of the shifts {first} to {last}, expected a byte outside them"
+        "{one} {} {other}, expected bytes that nothing else uses",
+        if one.first == one.last { "lies within" } else { "overlap" }
     )]
     Overlap {
-        /// The meaning of the byte: heartbeat, sequence or referenced axes.
-        byte: &'static str,
-        /// The address of the byte.
-        at: PmcAddress,
-        /// The first byte of the shifts.
-        first: PmcAddress,
-        /// The last byte of the shifts, as far as it is known.
-        last: PmcAddress,
+        /// The block that lies within the other, or overlaps it.
+        one: Block,
+        /// The other block.
+        other: Block,
     },
     /// Something is to be written into an area of the PMC that only the control writes.
     #[error(
         "{key}: found {at}, expected another area: F holds the signals of the control, which nobody else writes"
     )]
     NotWritable {
-        /// The key of the configuration: `area.first`, `heartbeat` or `sequence`.
+        /// The key of the configuration: `area.first`, `heartbeat`, `sequence` or `barrier.frame`.
         key: &'static str,
         /// The address that was found.
         at: PmcAddress,
     },
-    /// The words of the shifts would end beyond the largest address of an area.
+    /// Words would end beyond the largest address of an area.
     #[error(
-        "area.first: found {first} for {slots} axes of {bytes} bytes each, expected words that end at byte 65535 at the latest"
+        "{key}: found {first} for {points} words of {bytes} bytes each, expected words that end at byte 65535 at the latest"
     )]
     BeyondEnd {
-        /// The first byte of the shifts.
+        /// The key of the configuration: `area.first`, `barrier.frame` or `barrier.report`.
+        key: &'static str,
+        /// The first byte of the words.
         first: PmcAddress,
-        /// How many axes of the control have words from there on.
-        slots: usize,
+        /// How many words begin there.
+        points: usize,
         /// The bytes of each word.
         bytes: u16,
+    },
+    /// The control does not take shifts from the words that the configuration names.
+    #[error("parameter {parameter} of the control ({meaning}): found {found}, expected {expected}")]
+    Parameter {
+        /// The number of the parameter.
+        parameter: &'static str,
+        /// What the parameter says.
+        meaning: &'static str,
+        /// The value that the control told.
+        found: String,
+        /// The value that fits the configuration, in words.
+        expected: String,
     },
     /// The axes of the configuration, or what one count moves them, make no sense.
     #[error(transparent)]
@@ -137,6 +148,9 @@ impl FocasError {
             Self::Overlap { .. } => "name a byte that nothing else uses",
             Self::NotWritable { .. } => "name a byte in R or D that the ladder leaves free",
             Self::BeyondEnd { .. } => "begin at a lower address",
+            Self::Parameter { .. } => {
+                "correct the addresses of the configuration, or with the machine builder the parameters of the control"
+            }
             Self::Axes(_) => "correct the axes, or what one count moves them",
             Self::Request(_) => "correct fewer axes",
         }
@@ -149,6 +163,7 @@ impl FocasError {
             | Self::Overlap { .. }
             | Self::NotWritable { .. }
             | Self::BeyondEnd { .. }
+            | Self::Parameter { .. }
             | Self::Axes(_)
             | Self::Request(_) => DeviceError::option,
             Self::Resolve { .. }

@@ -2,27 +2,33 @@
 
 mod abilities;
 mod answers;
+mod areas;
 mod client;
 mod config;
 mod controller;
 mod error;
 pub mod frame;
+mod inspection;
 mod link;
 mod plan;
 mod pmc;
 mod reading;
 mod return_code;
 mod session;
+mod shift_source;
 mod shift_words;
 #[cfg(feature = "simulator")]
 pub mod simulator;
 
 pub use answers::{Alarm, PositionKind, StatusInfo, SystemInfo};
+pub use areas::{BarrierArea, Block};
 pub use client::Client;
 pub use config::{FocasConfig, Shift};
 pub use controller::FocasController;
 pub use error::FocasError;
+pub use inspection::{Inspection, inspect};
 pub use plan::{Abilities, Packing};
 pub use pmc::{PmcAddress, PmcArea, Width};
 pub use return_code::ReturnCode;
 pub use session::Session;
+pub use shift_source::ShiftSource;

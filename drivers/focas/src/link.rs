@@ -1,28 +1,36 @@
 //! An open session with the requests of a cycle, in the form that the control accepts.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use volcomp_port::{Fault, Snapshot};
+use volcomp_port::{Fault, Snapshot, Words};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
     abilities,
+    areas::{self, BarrierArea},
     client::Client,
     config::FocasConfig,
     error::FocasError,
+    inspection::Inspection,
     plan::{self, Abilities, Ask, Exchange, Part, PlannedAxis},
     pmc::Width,
-    reading,
+    reading::{self, Applied},
     session::Session,
     shift_words::put,
 };
 
+/// The longest time for which something that was sent in a cycle may wait to be acknowledged: longer than the deadline of
+/// any cycle, short against the time after which an old correction would do harm. It holds even while the program stands.
+const UNACKNOWLEDGED: Duration = Duration::from_millis(250);
+
 /// An open session with the requests of a cycle.
 pub(crate) struct Link {
     session: Session,
-    abilities: Abilities,
+    found: Inspection,
     axes: Vec<PlannedAxis>,
     width: Width,
+    applied: Applied,
+    has_barrier: bool,
     reads: Vec<Exchange<Ask>>,
     writes: Vec<Exchange<Part>>,
     /// The heartbeat that is on the control: what was written or, before that, read.
@@ -32,32 +40,51 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// Opens a session, finds the axes on the control and the form in which it accepts requests.
+    /// Opens a session, finds the axes on the control and the form in which it accepts requests, and compares its
+    /// parameters with the configuration.
     pub(crate) fn open(config: &FocasConfig) -> Result<Self, FocasError> {
         let client = Client::open(&config.host, config.port, config.at_most)?;
         let mut client = client.with_path(config.path);
-        let axes = find_axes(config, &client.axis_names()?)?;
-        let sequence = match config.sequence {
+        let names = client.axis_names()?;
+        let axes = find_axes(config, &names)?;
+        let source = client.shift_source()?;
+        let notes = source.check(config, names.len())?;
+        let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
             // Goes on where it stands, so that the ladder sees the first correction, too.
             Some(address) => client.read_pmc(address.area, address.at, 1)?,
             None => Vec::new(),
         };
+        let version = client.version();
         let mut session = client.into_session();
         let abilities = abilities::find(&mut session, config, &axes)?;
+        session.bound_unacknowledged(UNACKNOWLEDGED);
         Ok(Self {
             reads: plan::reads(config, &axes, abilities)?,
             writes: plan::writes(config, &axes, abilities)?,
             session,
-            abilities,
+            found: Inspection {
+                version,
+                axes: names,
+                shift_source: source,
+                abilities,
+                notes,
+            },
             axes,
             width: config.shift.width,
+            applied: Applied::of(config),
+            has_barrier: config.barrier.is_some(),
             heartbeat: None,
             sequence: sequence.first().copied().unwrap_or(0),
         })
     }
 
+    /// What the control told when the session was opened.
+    pub(crate) fn found(&self) -> &Inspection {
+        &self.found
+    }
+
     pub(crate) fn abilities(&self) -> Abilities {
-        self.abilities
+        self.found.abilities
     }
 
     /// Whether a new session is needed.
@@ -66,8 +93,8 @@ impl Link {
     }
 
     pub(crate) fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        let (session, width) = (&mut self.session, self.width);
-        let reading = reading::read(session, &self.reads, &self.axes, width, deadline)?;
+        let (session, applied) = (&mut self.session, self.applied);
+        let reading = reading::read(session, &self.reads, &self.axes, applied, deadline)?;
         // Nobody else may move the heartbeat.
         let before = self.heartbeat;
         self.heartbeat = reading.heartbeat.or(before);
@@ -77,11 +104,40 @@ impl Link {
         }
     }
 
+    /// Writes the words of a frame for the barrier, in one command where the control accepts ranges.
+    pub(crate) fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        let words = frame.as_slice();
+        if !self.has_barrier {
+            return Err(Fault::Unsupported("frames, where there is no barrier"));
+        }
+        if words.len() != BarrierArea::frame_words(self.axes.len()) {
+            return Err(Fault::Unsupported("a frame of another number of axes"));
+        }
+        for exchange in &mut self.writes {
+            for (command, part) in exchange.parts.iter().enumerate() {
+                if let Part::Frame(run) = part {
+                    let into = exchange.request.data_mut(command).chunks_exact_mut(2);
+                    for (into, word) in into.zip(words.iter().skip(run.first)) {
+                        into.copy_from_slice(&word.to_be_bytes());
+                    }
+                }
+            }
+        }
+        for index in 0..self.writes.len() {
+            self.send(index, deadline)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the words of the shifts, and moves heartbeat and sequence on.
     pub(crate) fn apply(
         &mut self,
         corrections: &PerChannel<f64>,
         deadline: Instant,
     ) -> Result<(), Fault> {
+        if self.has_barrier {
+            return Err(Fault::Unsupported("plain corrections beside a barrier"));
+        }
         let beat = self.heartbeat.unwrap_or(0).wrapping_add(1);
         self.sequence = self.sequence.wrapping_add(1);
         for exchange in &mut self.writes {
@@ -99,27 +155,51 @@ impl Link {
                         }
                         continue;
                     }
+                    Part::Frame(_) => continue,
                 };
                 if let Some(into) = into.first_mut() {
                     *into = byte;
                 }
             }
-            let has_heartbeat = exchange
-                .parts
-                .iter()
+        }
+        for index in 0..self.writes.len() {
+            let parts = self.writes.get(index).map(|exchange| &exchange.parts);
+            let has_heartbeat = parts
+                .into_iter()
+                .flatten()
                 .any(|part| matches!(part, Part::Heartbeat(_)));
             if has_heartbeat {
                 // Until it is known whether the control took it: then nobody else has moved it.
                 self.heartbeat = None;
             }
-            for block in self.session.exchange(&exchange.request, deadline)? {
-                reading::data(block)?;
-            }
+            self.send(index, deadline)?;
             if has_heartbeat {
                 self.heartbeat = Some(beat);
             }
         }
         Ok(())
+    }
+
+    /// Sends one exchange of a write. Where an earlier one of the same write has been sent and this one can no longer be
+    /// in time, the session is aborted: half a write is no state in which to go on.
+    fn send(&mut self, index: usize, deadline: Instant) -> Result<(), Fault> {
+        let Some(exchange) = self.writes.get(index) else {
+            return Ok(());
+        };
+        match self.session.exchange(&exchange.request, deadline) {
+            Ok(blocks) => {
+                for block in blocks {
+                    reading::data(block)?;
+                }
+                Ok(())
+            }
+            Err(fault) => {
+                if fault == Fault::TimedOut && index > 0 {
+                    self.session.abort();
+                }
+                Err(fault)
+            }
+        }
     }
 }
 
@@ -141,8 +221,7 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
         .iter()
         .map(planned)
         .collect::<Result<_, FocasError>>()?;
-    // The control may have axes before those that are corrected: its words then reach further than the description knew.
-    let slots = axes.iter().map(|axis| axis.slot + 1).max().unwrap_or(0);
-    config.check_addresses(slots)?;
+    // The control has a word for each of its axes, corrected or not: the words reach further than the description knew.
+    areas::check(config, names.len())?;
     Ok(axes)
 }

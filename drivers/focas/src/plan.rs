@@ -4,6 +4,7 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{
     answers::function,
+    areas::BarrierArea,
     config::FocasConfig,
     frame::{Broken, Command, Request, Target},
     pmc::{PmcAddress, Width},
@@ -50,7 +51,7 @@ pub(crate) struct PlannedAxis {
     pub(crate) count: f64,
 }
 
-/// Neighbouring slots whose shifts are asked for and written together.
+/// Neighbouring words that are asked for and written together: the shifts of slots, or words of a frame or a report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub(crate) first: usize,
@@ -77,6 +78,8 @@ pub(crate) enum Ask {
     Shifts(Run),
     Heartbeat(PmcAddress),
     Referenced(PmcAddress),
+    /// Words of the barrier's report.
+    Report(Run),
 }
 
 /// The content of a command of a write.
@@ -85,6 +88,8 @@ pub(crate) enum Part {
     Shifts(Run),
     Heartbeat(PmcAddress),
     Sequence(PmcAddress),
+    /// Words of the frame for the barrier.
+    Frame(Run),
 }
 
 /// A frame of a cycle, and what its commands are for, in their order.
@@ -102,7 +107,9 @@ impl Ask {
     fn target(self) -> Target {
         match self {
             Self::Positions | Self::PositionOf(_) | Self::Status => Target::Cnc,
-            Self::Shifts(_) | Self::Heartbeat(_) | Self::Referenced(_) => Target::Pmc,
+            Self::Shifts(_) | Self::Heartbeat(_) | Self::Referenced(_) | Self::Report(_) => {
+                Target::Pmc
+            }
         }
     }
 
@@ -116,6 +123,11 @@ impl Ask {
                 let [first, last, ..] = shift_args(config, run, 0);
                 let area = config.shift.first.area;
                 format!("reading the shifts at {area:?}{first} to {area:?}{last}")
+            }
+            Self::Report(run) => {
+                let area = report_area(config).area;
+                let [first, last, ..] = word_args(report_area(config), run, 0);
+                format!("reading the report of the barrier at {area:?}{first} to {area:?}{last}")
             }
             Self::Heartbeat(address) => format!("reading the heartbeat at {address}"),
             Self::Referenced(address) => {
@@ -136,6 +148,7 @@ impl Ask {
             }
             Self::Status => (function::STATUS, [0; 5]),
             Self::Shifts(run) => (function::READ_PMC, shift_args(config, run, 0)),
+            Self::Report(run) => (function::READ_PMC, word_args(report_area(config), run, 0)),
             Self::Heartbeat(address) | Self::Referenced(address) => {
                 (function::READ_PMC, byte_args(address, 0))
             }
@@ -177,9 +190,29 @@ pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
     }
 }
 
-/// The bytes of PMC memory that are read besides the shifts.
+/// The words with what is applied: the shifts, or the report of the barrier, together where ranges are accepted.
+pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Ask> {
+    if config.barrier.is_none() {
+        return runs(axes, ranges).into_iter().map(Ask::Shifts).collect();
+    }
+    let words = in_runs(BarrierArea::report_words(axes.len()), ranges);
+    words.into_iter().map(Ask::Report).collect()
+}
+
+/// So many words from the first on: in one run where ranges are accepted.
+fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
+    let run = |first, count| Run { first, count };
+    if ranges {
+        vec![run(0, words)]
+    } else {
+        (0..words).map(|word| run(word, 1)).collect()
+    }
+}
+
+/// The bytes of PMC memory that are read besides.
 pub(crate) fn bytes(config: &FocasConfig) -> Vec<Ask> {
-    let heartbeat = config.heartbeat.map(Ask::Heartbeat);
+    let heartbeat = config.heartbeat.filter(|_| config.barrier.is_none());
+    let heartbeat = heartbeat.map(Ask::Heartbeat);
     let referenced = config.referenced.map(Ask::Referenced);
     heartbeat.into_iter().chain(referenced).collect()
 }
@@ -193,7 +226,7 @@ pub(crate) fn reads(
     let mut asks = positions(axes, abilities.all_axes);
     asks.push(Ask::Status);
     let of_control = asks.len();
-    asks.extend(runs(axes, abilities.ranges).into_iter().map(Ask::Shifts));
+    asks.extend(words(config, axes, abilities.ranges));
     asks.extend(bytes(config));
     let frames: Vec<&[Ask]> = match abilities.packing {
         Packing::OneFrame => vec![&asks[..]],
@@ -212,16 +245,22 @@ pub(crate) fn read(config: &FocasConfig, asks: &[Ask]) -> Result<Exchange<Ask>, 
     })
 }
 
-/// The frames of a write: shifts, then the heartbeat, then the sequence.
+/// The frames of a write: shifts, then the heartbeat, then the sequence; or the frame for the barrier, whose checksum
+/// is last.
 pub(crate) fn writes(
     config: &FocasConfig,
     axes: &[PlannedAxis],
     abilities: Abilities,
 ) -> Result<Vec<Exchange<Part>>, Broken> {
     let mut parts: Vec<Part> = Vec::new();
-    parts.extend(runs(axes, abilities.ranges).into_iter().map(Part::Shifts));
-    parts.extend(config.heartbeat.map(Part::Heartbeat));
-    parts.extend(config.sequence.map(Part::Sequence));
+    if config.barrier.is_some() {
+        let words = in_runs(BarrierArea::frame_words(axes.len()), abilities.ranges);
+        parts.extend(words.into_iter().map(Part::Frame));
+    } else {
+        parts.extend(runs(axes, abilities.ranges).into_iter().map(Part::Shifts));
+        parts.extend(config.heartbeat.map(Part::Heartbeat));
+        parts.extend(config.sequence.map(Part::Sequence));
+    }
     let together = match abilities.packing {
         Packing::OneFrame | Packing::ByTarget => parts.len(),
         Packing::OneByOne => 1,
@@ -242,6 +281,10 @@ fn write(config: &FocasConfig, parts: &[Part]) -> Result<Exchange<Part>, Broken>
                 let length = run.count * usize::from(config.shift.width.bytes());
                 (shift_args(config, run, length), length)
             }
+            Part::Frame(run) => {
+                let length = run.count * usize::from(Width::Word.bytes());
+                (word_args(frame_area(config), run, length), length)
+            }
             Part::Heartbeat(address) | Part::Sequence(address) => (byte_args(address, 1), 1),
         };
         commands.push(Command {
@@ -258,18 +301,39 @@ fn write(config: &FocasConfig, parts: &[Part]) -> Result<Exchange<Part>, Broken>
     })
 }
 
+fn shift_args(config: &FocasConfig, run: Run, written: usize) -> [i32; 5] {
+    run_args(config.shift.first, config.shift.width, run, written)
+}
+
+fn word_args(first: PmcAddress, run: Run, written: usize) -> [i32; 5] {
+    run_args(first, Width::Word, run, written)
+}
+
 /// First and last byte, area, width, and the length of what is written.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
-    reason = "slots and their bytes are counted in tens"
+    reason = "words and their bytes are counted in tens"
 )]
-fn shift_args(config: &FocasConfig, run: Run, written: usize) -> [i32; 5] {
-    let width = i32::from(config.shift.width.bytes());
-    let first = i32::from(config.shift.first.at) + run.first as i32 * width;
-    let last = first + run.count as i32 * width - 1;
-    let area = config.shift.first.area as i32;
-    [first, last, area, config.shift.width.code(), written as i32]
+fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5] {
+    let bytes = i32::from(width.bytes());
+    let first = i32::from(from.at) + run.first as i32 * bytes;
+    let last = first + run.count as i32 * bytes - 1;
+    [first, last, from.area as i32, width.code(), written as i32]
+}
+
+/// Where the report lies; the words of the shifts where there is no barrier, which nobody asks for then.
+fn report_area(config: &FocasConfig) -> PmcAddress {
+    config
+        .barrier
+        .map_or(config.shift.first, |barrier| barrier.report)
+}
+
+/// Where the frame lies.
+fn frame_area(config: &FocasConfig) -> PmcAddress {
+    config
+        .barrier
+        .map_or(config.shift.first, |barrier| barrier.frame)
 }
 
 fn byte_args(address: PmcAddress, written: i32) -> [i32; 5] {

@@ -2,11 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_port::{ControllerState, Fault, Snapshot};
+use volcomp_port::{ControllerState, Fault, MOST_WORDS, Snapshot, Words};
 use volcomp_vocabulary::{Displacement, PerChannel};
 
 use crate::{
     answers::{slot, status},
+    areas::BarrierArea,
+    config::FocasConfig,
     frame::{Block, Broken},
     plan::{Ask, Exchange, PlannedAxis, Run},
     pmc::Width,
@@ -22,15 +24,44 @@ pub(crate) struct Reading {
     pub(crate) heartbeat: Option<u8>,
 }
 
+/// In which words the control tells what is applied.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Applied {
+    /// The shifts themselves, in numbers of this width.
+    Shifts(Width),
+    /// The report of a barrier, of so many words.
+    Report(usize),
+}
+
+impl Applied {
+    /// As the configuration has it.
+    pub(crate) fn of(config: &FocasConfig) -> Self {
+        match config.barrier {
+            None => Self::Shifts(config.shift.width),
+            Some(_) => Self::Report(BarrierArea::report_words(config.axes.len())),
+        }
+    }
+}
+
 /// Sends the frames of a read one after the other, all before the deadline.
 pub(crate) fn read(
     session: &mut Session,
     exchanges: &[Exchange<Ask>],
     axes: &[PlannedAxis],
-    width: Width,
+    applied: Applied,
     deadline: Instant,
 ) -> Result<Reading, Fault> {
     let begun = Instant::now();
+    let (width, report) = match applied {
+        Applied::Shifts(width) => (width, None),
+        Applied::Report(words) => {
+            let empty = [0; MOST_WORDS];
+            (
+                Width::Word,
+                Words::new(empty.get(..words).unwrap_or(&empty)),
+            )
+        }
+    };
     let mut reading = Reading {
         snapshot: Snapshot {
             positions: PerChannel::ZERO,
@@ -40,8 +71,8 @@ pub(crate) fn read(
                 referenced: true,
                 ..ControllerState::default()
             },
-            applied: Some(PerChannel::ZERO),
-            report: None,
+            applied: report.is_none().then_some(PerChannel::ZERO),
+            report,
         },
         heartbeat: None,
     };
@@ -107,6 +138,11 @@ fn take(
             let applied = snapshot.applied.get_or_insert(PerChannel::ZERO);
             shifts(data, width, axes, run, applied)?;
         }
+        Ask::Report(run) => {
+            let words = snapshot.report.as_mut().map(Words::as_mut_slice);
+            let words = words.and_then(|words| words.get_mut(run.first..run.first + run.count));
+            take_words(data, words.unwrap_or_default())?;
+        }
         Ask::Heartbeat(_) => {
             reading.heartbeat = Some(*data.first().ok_or(Broken("no byte of the heartbeat"))?);
         }
@@ -116,6 +152,19 @@ fn take(
             let referenced = |axis: &PlannedAxis| axis.slot > 7 || bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
         }
+    }
+    Ok(())
+}
+
+/// Words of a report from the bytes of an answer.
+fn take_words(data: &[u8], words: &mut [u16]) -> Result<(), Broken> {
+    if data.len() != 2 * words.len() {
+        return Err(Broken(
+            "another number of words of the report than asked for",
+        ));
+    }
+    for (word, bytes) in words.iter_mut().zip(data.chunks_exact(2)) {
+        *word = u16::from_be_bytes([bytes[0], bytes[1]]);
     }
     Ok(())
 }

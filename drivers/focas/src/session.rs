@@ -9,6 +9,7 @@ use std::{
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
+    net::{connect_unspec, sockopt::set_socket_linger},
 };
 use volcomp_port::Fault;
 
@@ -23,6 +24,11 @@ const LONGEST: usize = 65_536;
 
 /// An open session. After a fault other than a refusal it is dead: what is still on its way would be taken
 /// for the next answer.
+///
+/// A dead session is aborted at once, in the cycle: the connection is reset, and what the kernel has not delivered yet is
+/// thrown away. Otherwise a request that was written before a cable was pulled would reach the control when the cable is
+/// back, and shift an axis by a correction that is long out of date. The same happens when the process ends in any way
+/// before it has closed the session itself.
 #[derive(Debug)]
 pub struct Session {
     stream: TcpStream,
@@ -57,29 +63,55 @@ impl Session {
 
     /// Opens a session on a connection.
     fn on(stream: TcpStream, deadline: Instant) -> Result<Self, FocasError> {
-        let set = stream
-            .set_nodelay(true)
-            .and_then(|()| stream.set_nonblocking(true));
-        set.map_err(|_| FocasError::NoSession(Fault::Disconnected))?;
+        let lost = |_| FocasError::NoSession(Fault::Disconnected);
+        stream.set_nodelay(true).map_err(lost)?;
+        stream.set_nonblocking(true).map_err(lost)?;
+        // However the socket is closed, even by the end of the process: nothing is delivered afterwards.
+        let set = set_socket_linger(&stream, Some(Duration::ZERO));
+        set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
             stream,
             answer: vec![0; LONGEST].into_boxed_slice(),
-            dead: false,
+            dead: true,
             version: 0,
         };
+        session.bound_unacknowledged(deadline.saturating_duration_since(Instant::now()));
         let head = session
             .send(&open_frame(), deadline)
             .and_then(|()| session.receive(deadline))
             .map_err(FocasError::NoSession)?;
         session.version = head.version;
         match head.kind {
-            Kind::Opened => Ok(session),
+            Kind::Opened => {
+                session.dead = false;
+                Ok(session)
+            }
             Kind::Refused => Err(FocasError::SessionRefused),
             _ => {
                 let wrong = Fault::Protocol("another answer than to the opening of a session");
                 Err(FocasError::NoSession(wrong))
             }
         }
+    }
+
+    /// Lets the kernel give the connection up when something that was sent stays unacknowledged for this time, whether
+    /// this program runs or is stopped. Where the kernel cannot do it, the deadlines remain.
+    pub(crate) fn bound_unacknowledged(&self, time: Duration) {
+        #[cfg(target_os = "linux")]
+        {
+            let ms = u32::try_from(time.as_millis()).unwrap_or(u32::MAX).max(1);
+            let _ = rustix::net::sockopt::set_tcp_user_timeout(&self.stream, ms);
+        }
+        #[cfg(not(target_os = "linux"))]
+        let _ = time;
+    }
+
+    /// Ends the session without a word: the connection is reset, and nothing that was not delivered will be. No
+    /// allocation and no wait.
+    pub(crate) fn abort(&mut self) {
+        self.dead = true;
+        // Where this fails the connection is gone already, or is reset when the socket is closed.
+        let _ = connect_unspec(&self.stream);
     }
 
     /// The version that the control answers with: 2, 3 or 4 by its generation.
@@ -92,11 +124,12 @@ impl Session {
         self.dead
     }
 
-    /// Sends a request and waits for its answers. No allocation.
+    /// Sends a request and waits for its answers. No allocation. A request whose deadline has passed is not sent.
     ///
     /// # Errors
-    /// [`Fault::Refused`] when the controller refuses the request as a whole: the session lives on. After
-    /// every other fault it is dead.
+    /// [`Fault::TimedOut`] before anything was sent, and [`Fault::Refused`] when the controller refuses the request as
+    /// a whole: the session lives on. After every other fault it is dead; an answer that came after the deadline is
+    /// such a fault, too.
     pub fn exchange(&mut self, request: &Request, deadline: Instant) -> Result<Blocks<'_>, Fault> {
         if self.dead {
             return Err(Fault::NotConnected);
@@ -107,8 +140,24 @@ impl Session {
         }
         // Dead unless everything goes well.
         self.dead = true;
-        self.send(request.bytes(), deadline)?;
-        let head = self.receive(deadline)?;
+        let received = self
+            .send(request.bytes(), deadline)
+            .and_then(|()| self.receive(deadline));
+        let in_time = received.and_then(|head| {
+            let is_late = Instant::now() >= deadline;
+            if is_late {
+                Err(Fault::TimedOut)
+            } else {
+                Ok(head)
+            }
+        });
+        let head = match in_time {
+            Ok(head) => head,
+            Err(fault) => {
+                self.abort();
+                return Err(fault);
+            }
+        };
         let payload = &self.answer[..head.length];
         match head.kind {
             Kind::Answer => {
@@ -129,6 +178,10 @@ impl Session {
 
     fn send(&mut self, mut bytes: &[u8], deadline: Instant) -> Result<(), Fault> {
         while !bytes.is_empty() {
+            // Right before the bytes go out: this thread may have stood since the caller looked.
+            if Instant::now() >= deadline {
+                return Err(Fault::TimedOut);
+            }
             match self.stream.write(bytes) {
                 Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
                 Err(e) => self.wait_for(&e, PollFlags::OUT, deadline)?,
@@ -189,10 +242,12 @@ impl Session {
 
 impl Drop for Session {
     fn drop(&mut self) {
-        // The other side may be gone; there is nothing to be done about it.
-        let _ = self
-            .stream
-            .set_write_timeout(Some(Duration::from_millis(10)));
-        let _ = self.stream.write_all(&close_frame());
+        if self.dead {
+            return self.abort();
+        }
+        // Everything that was sent has been answered, so only the closing frame can still be delivered. The other side
+        // may be gone; there is nothing to be done about it.
+        let _ = set_socket_linger(&self.stream, None);
+        let _ = self.stream.write(&close_frame());
     }
 }

@@ -1,7 +1,8 @@
 //! The tables `[[controller]]` and `[[thermometer]]`.
 
-use std::{collections::BTreeMap, ops::RangeInclusive};
+use std::{collections::BTreeMap, ops::RangeInclusive, time::Duration};
 
+use volcomp_devices::{Address, Scheme};
 use volcomp_digital_io::{
     Coherence, CorrectionCode, CorrectionWord, DigitalAxis, PositionCode, PositionWord,
 };
@@ -9,13 +10,13 @@ use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
-use super::{ControllerConfig, DigitalConfig, ThermometerConfig, is_blank, kinds};
+use super::{BarrierConfig, ControllerConfig, DigitalConfig, ThermometerConfig, is_blank, kinds};
 
 pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     kinds::check(section)?;
     let area = |value: Value<'_>| -> Result<_, InputError> {
         let section = value.section()?;
-        section.allow(&["pmc", "first", "width"])?;
+        section.allow(&["pmc", "first", "width", "copied"])?;
         let first = pmc_address(&section, "first")?;
         let width = match section
             .get("width")
@@ -29,12 +30,7 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
                 return Err(width.error(format!("found {found}, expected 1, 2 or 4 bytes")));
             }
         };
-        Ok((first, width))
-    };
-    let byte = |value: Value<'_>| -> Result<PmcAddress, InputError> {
-        let section = value.section()?;
-        section.allow(&["pmc", "at"])?;
-        pmc_address(&section, "at")
+        Ok((first, width, section.truth_or("copied", false)?))
     };
     let fixed = match section.section("fixed")? {
         None => BTreeMap::new(),
@@ -55,6 +51,11 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
             section.error("found both heartbeat and unwatched = true, expected one of them")
         );
     }
+    let barrier = section
+        .section("barrier")?
+        .map(|table| barrier(section, &table))
+        .transpose()?;
+    let area = section.get("area").map(area).transpose()?;
     let names = axes(&section.require("axes")?)?;
     for (key, kind) in [
         ("resolution_um", AxisKind::Linear),
@@ -79,7 +80,9 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         includes_correction: section.truth_or("includes_correction", false)?,
         unwatched,
         proves: section.optional("test_shift", Value::truth)?,
-        area: section.get("area").map(area).transpose()?,
+        area: area.map(|(first, width, _)| (first, width)),
+        copied: area.is_some_and(|(_, _, copied)| copied),
+        barrier,
         heartbeat,
         referenced,
         digital: section
@@ -87,6 +90,44 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
             .map(|section| digital(&section, &names))
             .transpose()?
             .unwrap_or_default(),
+    })
+}
+
+/// A byte of the PMC, `{ pmc = "R", at = 120 }`.
+fn byte(value: Value<'_>) -> Result<PmcAddress, InputError> {
+    let section = value.section()?;
+    section.allow(&["pmc", "at"])?;
+    pmc_address(&section, "at")
+}
+
+/// The table `barrier` of a controller. The keys of the plain scheme have no place beside it.
+fn barrier(controller: &Section<'_>, section: &Section<'_>) -> Result<BarrierConfig, InputError> {
+    section.allow(&["machine", "scan_ms", "frame", "report"])?;
+    for key in ["area", "heartbeat", "unwatched"] {
+        if let Some(value) = controller.get(key) {
+            return Err(value.error(
+                "found this key beside barrier, expected it only where corrections are written as plain values",
+            ));
+        }
+    }
+    let url = controller.require("url")?;
+    let is_focas = Address::parse(url.text()?).is_ok_and(|url| url.scheme == Scheme::Focas);
+    let words = |key: &str| {
+        match (section.get(key), is_focas) {
+        (Some(value), true) => byte(value).map(Some),
+        (None, true) => section.require(key).map(|_| None),
+        (Some(value), false) => Err(value.error(
+            "found this key for a controller that is no FANUC control, expected it only for focas://",
+        )),
+        (None, false) => Ok(None),
+    }
+    };
+    let scan_ms = section.require("scan_ms")?.number_in(0.1..=100.0)?;
+    Ok(BarrierConfig {
+        machine: section.require("machine")?.whole(0..=u16::MAX)?,
+        scan: Duration::from_secs_f64(scan_ms * 1e-3),
+        frame: words("frame")?,
+        report: words("report")?,
     })
 }
 

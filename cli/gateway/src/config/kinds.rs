@@ -18,7 +18,7 @@ pub enum ControllerKind {
 use ControllerKind::{Can, Focas, Lines};
 
 /// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
-pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 13] = [
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 14] = [
     ("url", &ControllerKind::ALL),
     ("channel", &ControllerKind::ALL),
     ("axes", &ControllerKind::ALL),
@@ -31,6 +31,7 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 13] = [
     ("area", &[Focas]),
     ("heartbeat", &[Focas]),
     ("referenced", &[Focas]),
+    ("barrier", &[Focas, Can]),
     ("digital", &[Lines]),
 ];
 

@@ -80,10 +80,27 @@ pub struct ControllerConfig {
     pub area: Option<(PmcAddress, Width)>,
     /// FOCAS: the byte that every correction counts up, for the ladder to watch.
     pub heartbeat: Option<PmcAddress>,
+    /// FOCAS: whether a ladder copies the words of the area on to those from which the control takes the shifts.
+    pub copied: bool,
+    /// The barrier in the control that frames go to; `None`: corrections are written as plain values.
+    pub barrier: Option<BarrierConfig>,
     /// FOCAS: the byte whose bits say which axes are referenced; `None`: the driver's own, `Some(None)`: not asked.
     pub referenced: Option<Option<PmcAddress>>,
     /// The words on digital lines.
     pub digital: DigitalConfig,
+}
+
+/// The table `[controller.barrier]`: the barrier in the control, as its program is set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BarrierConfig {
+    /// The number of the machine, which starts the checksums.
+    pub machine: u16,
+    /// The time from one scan of the control's program to the next.
+    pub scan: Duration,
+    /// FOCAS: the first byte of the frame in the PMC.
+    pub frame: Option<PmcAddress>,
+    /// FOCAS: the first byte of the report in the PMC.
+    pub report: Option<PmcAddress>,
 }
 
 /// The table `[controller.digital]`: the words on digital lines.

@@ -23,8 +23,13 @@ const URLS: [(&str, ControllerKind); 5] = [
 ];
 
 /// A good value of a key, and the axis for which it is one.
-fn value(key: &str) -> (&'static str, &'static str) {
+fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
     match key {
+        "barrier" if kind == ControllerKind::Focas => (
+            "{ machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
+            "X",
+        ),
+        "barrier" => ("{ machine = 1, scan_ms = 8.0 }", "X"),
         "channel" => ("\"emzps\"", "X"),
         "fixed" => ("{ Y = 1.0 }", "X"),
         "includes_correction" | "test_shift" | "unwatched" => ("true", "X"),
@@ -51,7 +56,7 @@ fn every_key_with_every_kind_of_controller() {
                 );
                 continue;
             }
-            let (value, axis) = value(key);
+            let (value, axis) = value(key, kind);
             let text = format!(
                 "machine = \"m.toml\"\n[[controller]]\nurl = \"{url}\"\naxes = [\"{axis}\"]\n{key} = {value}\n"
             );
@@ -69,8 +74,8 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 11 keys and 5 URLs: six keys on one kind or two of the three.
-    assert_eq!([taken, refused], [39, 16]);
+    // 12 keys and 5 URLs: seven keys on one kind or two of the three.
+    assert_eq!([taken, refused], [41, 19]);
 }
 
 /// Both keys of a coordinate are looked at, not the first alone.

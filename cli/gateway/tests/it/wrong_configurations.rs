@@ -224,14 +224,50 @@ pub(crate) const CASES: &[Wrong] = &[
             "[[thermometer]]",
             "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nunwatched = true\n[[thermometer]]",
         )],
-        "R100 is written by the [[controller]] focas://127.0.0.1:1, too",
+        "R100 is used by the [[controller]] focas://127.0.0.1:1, too",
     ),
     wrong(
         &[(
             "[[thermometer]]",
             "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\narea = { pmc = \"R\", first = 200, width = 2 }\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         )],
-        "R120 is written by the [[controller]] focas://127.0.0.1:1, too",
+        "R120 is used by the [[controller]] focas://127.0.0.1:1, too",
+    ),
+    // A barrier: its words, and the keys that have no place beside it.
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 217 } }",
+        )],
+        "the words of the frame R200 to R217 overlap the words of the report R217 to R254",
+    ),
+    wrong(
+        &[(
+            "heartbeat",
+            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }\nheartbeat",
+        )],
+        "controller[0].heartbeat: found this key beside barrier",
+    ),
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
+        )],
+        "report: missing",
+    ),
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "barrier = { machine = 1, scan_ms = 0.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
+        )],
+        "scan_ms",
+    ),
+    wrong(
+        &[(
+            "[[thermometer]]",
+            "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nbarrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 120 }, report = { pmc = \"R\", at = 240 } }\n[[thermometer]]",
+        )],
+        "R120 is used by the [[controller]] focas://127.0.0.1:1, too",
     ),
     // Thermometers.
     wrong(

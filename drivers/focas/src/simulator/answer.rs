@@ -5,6 +5,7 @@ use crate::{
     answers::function,
     frame::{Command, Kind, Target, number_bytes, parse_commands, push_block},
     pmc::PmcArea,
+    shift_source,
 };
 
 const LENGTH: i16 = 2;
@@ -201,21 +202,36 @@ fn write_offset(command: &Command<'_>, world: &mut World) -> Answered {
 
 fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answered {
     let number = command.args[0];
-    if !world.parameters.keys().any(|(known, _)| *known == number) {
-        // As captured: a number that does not exist refuses the frame.
-        return Err(Refusal::Frame);
-    }
-    let of = |slot| {
-        world
-            .parameters
-            .get(&(number, slot))
-            .copied()
-            .unwrap_or(0.0)
+    let of = |slot| world.parameters.get(&(number, slot)).copied();
+    let is_set = world.parameters.keys().any(|(known, _)| *known == number);
+    let default = if is_set {
+        Some(0.0)
+    } else {
+        shift_parameter(number, world)
     };
+    // As captured: a number that does not exist refuses the frame.
+    let default = default.ok_or(Refusal::Frame)?;
     let mut data = number.to_be_bytes().to_vec();
     data.extend([0, 0, 0, 2]);
-    data.extend(slots((0..world.axes.len()).map(of), options));
+    let values = (0..world.axes.len()).map(|slot| of(slot).unwrap_or(default));
+    data.extend(slots(values, options));
     Ok(data)
+}
+
+/// The parameters that say from which words the shifts are taken, as the simulated control does it.
+fn shift_parameter(number: i32, world: &World) -> Option<f64> {
+    if !world.tells_shift_source {
+        return None;
+    }
+    let in_r = world.shift.area == PmcArea::R;
+    match number {
+        shift_source::IN_USE => Some(if in_r { 1.0 } else { 0.0 }),
+        shift_source::FIRST => {
+            let first = if in_r { world.shift.first } else { 0 };
+            u32::try_from(first).ok().map(f64::from)
+        }
+        _ => None,
+    }
 }
 
 /// Area, first byte, bytes of a point and of the whole.

@@ -2,6 +2,7 @@
 //! request.
 
 mod answer;
+mod ladder;
 mod world;
 
 use std::{
@@ -12,9 +13,10 @@ use std::{
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
     thread::{self, JoinHandle},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
+pub use ladder::{BarrierLadder, HeartbeatLadder, Ladder};
 pub use world::{Motion, ShiftArea, World};
 
 use crate::frame::{HEAD, Head, Kind, frame};
@@ -71,7 +73,7 @@ impl Default for Options {
 pub struct Simulator {
     address: SocketAddr,
     shared: Arc<Shared>,
-    listener: Option<JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
 }
 
 struct Shared {
@@ -93,11 +95,13 @@ impl Shared {
 }
 
 impl Simulator {
-    /// Listens on an address, such as `127.0.0.1:0`.
+    /// Listens on an address, such as `127.0.0.1:0`, and runs the scans of the control.
     ///
     /// # Errors
     /// The address cannot be bound.
-    pub fn start(address: &str, options: Options, world: World) -> std::io::Result<Self> {
+    pub fn start(address: &str, options: Options, mut world: World) -> std::io::Result<Self> {
+        // The program of the control begins with the axes where their words have them.
+        world.reset();
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
         let shared = Arc::new(Shared {
@@ -107,15 +111,22 @@ impl Simulator {
             requests: AtomicU64::new(0),
             stop: AtomicBool::new(false),
         });
-        let served = Arc::clone(&shared);
-        let listener = thread::Builder::new()
-            .name("focas-sim".to_owned())
-            .spawn(move || listen(&listener, &served))?;
-        Ok(Self {
+        let mut simulator = Self {
             address,
             shared,
-            listener: Some(listener),
-        })
+            threads: Vec::new(),
+        };
+        let scanned = Arc::clone(&simulator.shared);
+        simulator.run("focas-scan", move || scan(&scanned))?;
+        let served = Arc::clone(&simulator.shared);
+        simulator.run("focas-sim", move || listen(&listener, &served))?;
+        Ok(simulator)
+    }
+
+    fn run(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+        let thread = thread::Builder::new().name(name.to_owned()).spawn(work)?;
+        self.threads.push(thread);
+        Ok(())
     }
 
     /// The address on which it listens.
@@ -138,6 +149,12 @@ impl Simulator {
         self.shared.requests.load(Ordering::Relaxed)
     }
 
+    /// The control is switched off and on: see [`World::power_up`]; its connections end.
+    pub fn power_up(&self) {
+        self.world().power_up();
+        self.disconnect_all();
+    }
+
     /// Cuts all connections, as a pulled cable would in the end.
     pub fn disconnect_all(&self) {
         for session in self.shared.sessions().iter() {
@@ -153,10 +170,29 @@ impl Drop for Simulator {
         self.disconnect_all();
         // Wakes the listener.
         drop(TcpStream::connect(self.address));
-        if let Some(listener) = self.listener.take() {
-            // A panic of the listener has been told by its own message.
-            let _ = listener.join();
+        for thread in self.threads.drain(..) {
+            // A panic of a thread has been told by its own message.
+            let _ = thread.join();
         }
+    }
+}
+
+/// Runs the scans of the control, at its own pace: a scan that comes late is made up for, but not many.
+fn scan(shared: &Shared) {
+    const MOST_BEHIND: u32 = 5;
+    let mut due = Instant::now();
+    while !shared.stop.load(Ordering::SeqCst) {
+        let time = {
+            let mut world = shared.world();
+            world.run_scan();
+            world.scan.max(Duration::from_micros(100))
+        };
+        let now = Instant::now();
+        due += time;
+        if due + time * MOST_BEHIND < now {
+            due = now;
+        }
+        thread::sleep(due.saturating_duration_since(now));
     }
 }
 
@@ -211,7 +247,8 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
             Kind::Close => return send(stream, shared, options.version, Kind::Closed, &[]),
             Kind::Command => {
                 shared.requests.fetch_add(1, Ordering::Relaxed);
-                thread::sleep(options.latency);
+                let latency = options.latency + shared.world().latency;
+                thread::sleep(latency);
                 wait_out_silence(shared);
                 let (kind, answer) = {
                     let mut world = shared.world();

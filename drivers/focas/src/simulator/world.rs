@@ -7,7 +7,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::pmc::{PmcArea, Width};
+use volcomp_port::ControlProgram;
+
+use super::ladder::{BarrierLadder, HeartbeatLadder, Ladder};
+use crate::pmc::{PmcAddress, PmcArea, Width};
 
 /// The number of bytes of each PMC area.
 const AREA: usize = 10_000;
@@ -40,6 +43,14 @@ pub struct World {
     pub shift: ShiftArea,
     /// The time after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
+    /// The program that runs in the control; `None`: the axes take the words of the shifts as they are written.
+    pub ladder: Option<Ladder>,
+    /// The time from one scan of the control to the next.
+    pub scan: Duration,
+    /// The time that an answer takes besides that of the options.
+    pub latency: Duration,
+    /// Whether the control tells from which words it takes the shifts, by parameters 1203 and 1280.
+    pub tells_shift_source: bool,
     /// The alarms that are on: number and text.
     pub alarms: Vec<(i32, String)>,
     /// Macro variables by number.
@@ -56,6 +67,14 @@ pub struct World {
     silent_until: Option<Instant>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
+    /// The bytes of the next longer write that come at once.
+    tear: Option<usize>,
+    /// The positions that are told while they are frozen.
+    frozen: Option<Vec<f64>>,
+    /// The shifts at the last scan, counts.
+    scanned: Vec<i64>,
+    /// The largest change of each shift from one scan to the next, counts.
+    largest_steps: Vec<i64>,
 }
 
 impl World {
@@ -73,6 +92,10 @@ impl World {
                 in_positions: false,
             },
             readback_delay: Duration::ZERO,
+            ladder: None,
+            scan: Duration::from_millis(2),
+            latency: Duration::ZERO,
+            tells_shift_source: true,
             alarms: Vec::new(),
             macros: BTreeMap::new(),
             parameters: BTreeMap::new(),
@@ -83,6 +106,10 @@ impl World {
             silent_until: None,
             memory: vec![vec![0; AREA]; PmcArea::ALL.len()],
             pending: Vec::new(),
+            tear: None,
+            frozen: None,
+            scanned: Vec::new(),
+            largest_steps: vec![0; count],
         };
         world.set_referenced(true);
         world
@@ -90,14 +117,100 @@ impl World {
 
     /// Says by the bits of F120 whether the axes are referenced: all of them, or none.
     pub fn set_referenced(&mut self, referenced: bool) {
-        self.store(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
+        self.set(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
+    }
+
+    /// The same control with a barrier of all its axes: one mailbox from R200 on, the report from R240 on.
+    #[must_use]
+    pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
+        let axes = self.axes.len();
+        self.ladder = Some(Ladder::Barrier(BarrierLadder::new(program, axes)));
+        self
+    }
+
+    /// The same control with the ladder of the manual for a control without a barrier: the gateway writes from R100 on
+    /// and moves R120 on, the axes take their shifts from R300 on.
+    #[must_use]
+    pub fn with_heartbeat(mut self) -> Self {
+        self.shift.first = 300;
+        self.ladder = Some(Ladder::Heartbeat(HeartbeatLadder::default()));
+        self
+    }
+
+    /// One scan of the control: its program runs, and the axes take their shifts.
+    pub(super) fn run_scan(&mut self) {
+        if let Some(mut ladder) = self.ladder.take() {
+            ladder.scan(self);
+            self.ladder = Some(ladder);
+        }
+        let now = self.shift_counts();
+        self.largest_steps.resize(now.len(), 0);
+        for (largest, (now, before)) in self
+            .largest_steps
+            .iter_mut()
+            .zip(now.iter().zip(&self.scanned))
+        {
+            *largest = (*largest).max((now - before).abs());
+        }
+        self.scanned = now;
+    }
+
+    /// The largest change of the shift of each axis from one scan to the next, counts, since the start or since
+    /// [`reset_largest_steps`](Self::reset_largest_steps).
+    pub fn largest_steps(&self) -> &[i64] {
+        &self.largest_steps
+    }
+
+    /// Forgets the largest steps so far.
+    pub fn reset_largest_steps(&mut self) {
+        self.largest_steps.fill(0);
+    }
+
+    /// A reset of the control: its program begins anew, the words of the axes stay as they are.
+    pub fn reset(&mut self) {
+        if let Some(mut ladder) = self.ladder.take() {
+            ladder.restart(self);
+            self.ladder = Some(ladder);
+        }
+    }
+
+    /// The control is switched off and on: the memory in R is cleared, and its program begins anew with nothing
+    /// applied. What the axes do meanwhile is no step: their drives are off.
+    pub fn power_up(&mut self) {
+        self.pending.clear();
+        if let Some(memory) = self.memory.get_mut(PmcArea::R as usize) {
+            memory.fill(0);
+        }
+        self.clear_shifts();
     }
 
     /// Sets the shifts of all axes to zero, as a control does that is switched off and on.
     pub fn clear_shifts(&mut self) {
         let bytes = vec![0; self.axes.len() * usize::from(self.shift.width.bytes())];
         self.pending.clear();
-        self.store(self.shift.area, self.shift.first, &bytes);
+        self.set(self.shift.area, self.shift.first, &bytes);
+        self.reset();
+        self.scanned = self.shift_counts();
+    }
+
+    /// Lets the control tell the positions of this moment from now on, or the true ones again.
+    pub fn freeze_positions(&mut self, frozen: bool) {
+        self.frozen = None;
+        self.frozen = frozen.then(|| self.positions());
+    }
+
+    /// Tears the next write of more than `bytes` bytes: so many are there at once, the others two scans later.
+    pub fn tear_next_write(&mut self, bytes: usize) {
+        self.tear = Some(bytes);
+    }
+
+    /// Whether the control keeps its axes where they are: emergency stop, alarm, or an axis that is not referenced.
+    pub fn holds(&mut self) -> bool {
+        let bits = self.read(PmcArea::F, 120, 1);
+        let bits = bits.and_then(|bytes| bytes.first().copied()).unwrap_or(0);
+        // A byte tells of eight axes.
+        let referenced = (0..self.axes.len().min(8)).all(|slot| bits >> slot & 1 == 1);
+        self.emergency_stop() || !self.alarms.is_empty() || !referenced
     }
 
     /// Lets the control answer nothing for this time from now on, new sessions included. What was asked meanwhile
@@ -144,6 +257,9 @@ impl World {
 
     /// Where the axes are, as reported, mm or deg.
     pub fn positions(&mut self) -> Vec<f64> {
+        if let Some(frozen) = &self.frozen {
+            return frozen.clone();
+        }
         let mut positions = self.commanded();
         if self.shift.in_positions {
             let shifts = self.shifts();
@@ -156,6 +272,14 @@ impl World {
 
     /// The shifts that are in force, mm or deg.
     pub fn shifts(&mut self) -> Vec<f64> {
+        let count = self.shift.count;
+        #[expect(clippy::cast_precision_loss, reason = "four bytes at the most")]
+        let shift = |counts: i64| counts as f64 * count;
+        self.shift_counts().into_iter().map(shift).collect()
+    }
+
+    /// The shifts that are in force, counts.
+    pub fn shift_counts(&mut self) -> Vec<i64> {
         let shift = self.shift;
         let width = usize::from(shift.width.bytes());
         let axes = self.axes.len();
@@ -167,13 +291,36 @@ impl World {
                 _ => [0; 8],
             };
             wide[..width].copy_from_slice(&bytes);
-            #[expect(clippy::cast_precision_loss, reason = "four bytes at the most")]
-            Some(i64::from_le_bytes(wide) as f64 * shift.count)
+            Some(i64::from_le_bytes(wide))
         };
         (0..axes)
             .map(count)
             .map(Option::unwrap_or_default)
             .collect()
+    }
+
+    /// Sets the shift of an axis by its place among the control's axes, counts.
+    pub(super) fn set_shift(&mut self, slot: usize, counts: i64) {
+        let (shift, width) = (self.shift, usize::from(self.shift.width.bytes()));
+        let bytes = counts.to_le_bytes();
+        self.set(shift.area, shift.first + slot * width, &bytes[..width]);
+    }
+
+    /// Words of PMC memory, the low byte first; beyond the end of the memory none.
+    pub fn words(&mut self, first: PmcAddress, count: usize) -> Vec<u16> {
+        let bytes = self.read(first.area, first.at.into(), 2 * count);
+        let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
+        bytes
+            .unwrap_or_default()
+            .chunks_exact(2)
+            .map(word)
+            .collect()
+    }
+
+    /// Sets words of PMC memory at once.
+    pub fn set_words(&mut self, first: PmcAddress, words: &[u16]) {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        self.set(first.area, first.at.into(), &bytes);
     }
 
     /// Bytes of PMC memory as they are seen now.
@@ -184,7 +331,7 @@ impl World {
             .partition(|(when, ..)| *when <= now);
         self.pending = later;
         for (_, area, at, bytes) in due {
-            self.store(area, at, &bytes);
+            self.set(area, at, &bytes);
         }
         let memory = self.memory.get(area as usize)?;
         memory.get(at..at.checked_add(length)?).map(<[u8]>::to_vec)
@@ -195,18 +342,33 @@ impl World {
         if at.checked_add(bytes.len()).is_none_or(|end| end > AREA) {
             return false;
         }
+        let now = Instant::now();
+        let (first, rest) = match self.tear.filter(|first| *first < bytes.len()) {
+            Some(first) => {
+                self.tear = None;
+                bytes.split_at(first)
+            }
+            None => (bytes, &[][..]),
+        };
         if self.readback_delay.is_zero() {
-            self.store(area, at, bytes);
+            self.set(area, at, first);
         } else {
-            let when = Instant::now() + self.readback_delay;
-            self.pending.push((when, area, at, bytes.to_vec()));
+            let when = now + self.readback_delay;
+            self.pending.push((when, area, at, first.to_vec()));
+        }
+        if !rest.is_empty() {
+            let when = now + self.readback_delay + 2 * self.scan;
+            let at = at + first.len();
+            self.pending.push((when, area, at, rest.to_vec()));
         }
         true
     }
 
-    fn store(&mut self, area: PmcArea, at: usize, bytes: &[u8]) {
+    /// Sets bytes of PMC memory at once, whatever `readback_delay` says; outside the memory nothing happens.
+    pub fn set(&mut self, area: PmcArea, at: usize, bytes: &[u8]) {
         if let Some(memory) = self.memory.get_mut(area as usize)
-            && let Some(into) = memory.get_mut(at..at + bytes.len())
+            && let Some(end) = at.checked_add(bytes.len())
+            && let Some(into) = memory.get_mut(at..end)
         {
             into.copy_from_slice(bytes);
         }

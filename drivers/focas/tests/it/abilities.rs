@@ -164,6 +164,7 @@ fn a_refusal_in_a_cycle_is_told_in_words() {
         area: PmcArea::Y,
         at: 100,
     };
+    config.copied = true;
     let mut controller = connected(config);
     controller.read(soon()).unwrap();
     let refused = controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap_err();

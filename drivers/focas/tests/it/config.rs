@@ -46,7 +46,7 @@ fn words_end_within_the_area() {
         assert!(at(last).is_ok());
         let found = at(last + 1).unwrap_err();
         assert!(
-            matches!(found, FocasError::BeyondEnd { slots: 2, .. }),
+            matches!(found, FocasError::BeyondEnd { points: 2, .. }),
             "{found}"
         );
         assert!(at(u16::MAX).is_err());

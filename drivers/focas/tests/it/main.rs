@@ -4,13 +4,16 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod abilities;
+mod barrier;
 mod client;
 mod config;
 mod connection;
 mod controller;
 mod frames;
 mod fuzz_corpus;
+mod outage;
 mod peer;
+mod shift_source;
 
 use std::time::Duration;
 

@@ -1,0 +1,121 @@
+//! From which words of the PMC the control takes the machine zero point shift, by its own parameters.
+//!
+//! Parameter 1203#0 says whether the extended external machine zero point shift is in use, parameter 1280 where in R its
+//! words begin, two bytes for each axis of the control. Both are from memory of manuals and were not seen on a real
+//! control; so a control that does not tell them is not refused.
+
+#[cfg(doc)]
+use crate::client::Client;
+use crate::{
+    areas::{self, Block},
+    config::FocasConfig,
+    error::FocasError,
+    pmc::{PmcAddress, PmcArea},
+};
+
+/// The parameter whose lowest bit says whether the extended external machine zero point shift is in use.
+pub(crate) const IN_USE: i32 = 1203;
+/// The parameter with the first R address of the shift words.
+pub(crate) const FIRST: i32 = 1280;
+
+/// From which words the control takes the machine zero point shift. See [`Client::shift_source`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum ShiftSource {
+    /// The control tells it.
+    Told {
+        /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
+        in_use: bool,
+        /// The first byte in R of the words, two bytes for each axis (parameter 1280).
+        first: u32,
+    },
+    /// The control does not tell it: it is too old for the question, or lacks the option.
+    Untold {
+        /// Why, in words.
+        why: String,
+    },
+}
+
+impl ShiftSource {
+    /// Compares what the control told with a configuration: notes in words where nothing is wrong.
+    ///
+    /// # Errors
+    /// The parameter by which the control takes the shift from other words than the configuration says; words that lie
+    /// within those of the configuration although a ladder is to copy them.
+    pub(crate) fn check(
+        &self,
+        config: &FocasConfig,
+        control_axes: usize,
+    ) -> Result<Vec<String>, FocasError> {
+        let area = config.shift.first;
+        let is_direct = config.barrier.is_none() && !config.copied;
+        let (in_use, first) = match self {
+            Self::Told { in_use, first } => (*in_use, *first),
+            Self::Untold { why } => {
+                return Ok(vec![format!(
+                    "the control does not tell parameters 1203 and 1280 ({why}): from which words it takes the shifts of \
+                     the axes is not known"
+                )]);
+            }
+        };
+        if !in_use && is_direct {
+            return Err(FocasError::Parameter {
+                parameter: "1203#0",
+                meaning: "extended external machine zero point shift in use",
+                found: "0".to_owned(),
+                expected: format!(
+                    "1, since the corrections are written to {area} for the control to take; or area.copied = true, \
+                     where a ladder brings them to the axes"
+                ),
+            });
+        }
+        if !in_use {
+            return Ok(vec![
+                "parameter 1203#0 of the control is 0: the extended external machine zero point shift is not in use, so \
+                 the ladder must bring the correction to the axes in another way"
+                    .to_owned(),
+            ]);
+        }
+        let wrong = |expected: String| FocasError::Parameter {
+            parameter: "1280",
+            meaning: "first R address of the words from which the control takes the shifts",
+            found: first.to_string(),
+            expected,
+        };
+        if is_direct {
+            return if area.area == PmcArea::R && u32::from(area.at) == first {
+                Ok(Vec::new())
+            } else {
+                let expected = match area.area {
+                    PmcArea::R => format!("{} as area says", area.at),
+                    _ => format!("words in R, which area {area} does not name"),
+                };
+                Err(wrong(format!(
+                    "{expected}; or area.copied = true, where a ladder copies the words on"
+                )))
+            };
+        }
+        let at = |byte: u32| {
+            let at = u16::try_from(byte).ok();
+            at.map(|at| PmcAddress {
+                area: PmcArea::R,
+                at,
+            })
+        };
+        let bytes = u32::try_from(control_axes)
+            .unwrap_or(u32::MAX)
+            .saturating_mul(2);
+        let words = at(first).zip(at(first.saturating_add(bytes.saturating_sub(1))));
+        let (first, last) =
+            words.ok_or_else(|| wrong("words that end at byte 65535 at the latest".to_owned()))?;
+        let words = Block {
+            what: "the words from which the control takes the shifts (parameter 1280)",
+            first,
+            last,
+        };
+        for block in areas::without_axis_words(config, control_axes)? {
+            areas::apart(&block, &words)?;
+        }
+        Ok(Vec::new())
+    }
+}

@@ -1,0 +1,425 @@
+//! Frames to a barrier in the simulated control and its reports back, opaque to the driver; what the axes get is looked
+//! at in the simulator.
+
+use std::{
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use volcomp_focas::{
+    BarrierArea, FocasConfig, FocasController, FocasError, PmcAddress, PmcArea,
+    simulator::{BarrierLadder, Ladder, Options, Simulator, World},
+};
+use volcomp_guard::barrier::{
+    Counts, FRAME_WORDS, Program, Protection, Refusal, Report, Seen, Session, Settings,
+};
+use volcomp_port::{Axis, Controller, Fault, Heartbeat, Words};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Rad};
+
+use crate::{
+    PATIENCE, config,
+    controller::{connected, soon},
+};
+
+const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+
+pub(crate) fn r(at: u16) -> PmcAddress {
+    PmcAddress {
+        area: PmcArea::R,
+        at,
+    }
+}
+
+pub(crate) fn area() -> BarrierArea {
+    BarrierArea {
+        frame: r(200),
+        report: r(240),
+    }
+}
+
+/// 150 counts, 2 counts in a scan of 2 ms, frames 200 ms old at the most, zero after 450 ms.
+pub(crate) fn settings(axes: usize) -> Settings {
+    let protection = Protection {
+        machine: 4711,
+        limit: Mm(0.150),
+        limit_rotary: Rad(0.01),
+        rate_per_s: Mm(1.0),
+        rate_rotary_per_s: Rad(0.1),
+        hold: Duration::from_millis(200),
+        time_out: Duration::from_millis(450),
+        scan: Duration::from_millis(2),
+    };
+    let axis = |name| Axis {
+        name,
+        includes_correction: false,
+        resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
+    };
+    protection
+        .settings(&[axis(AxisName::X); 9][..axes])
+        .unwrap()
+}
+
+pub(crate) fn simulated(options: Options) -> Simulator {
+    let program = Program::new(settings(3)).unwrap();
+    let mut world = World::new(&['X', 'Y', 'Z', 'C']);
+    world.ladder = Some(Ladder::Barrier(BarrierLadder::new(Box::new(program), 3)));
+    Simulator::start("127.0.0.1:0", options, world).unwrap()
+}
+
+fn barrier_config(simulator: &Simulator) -> FocasConfig {
+    FocasConfig {
+        barrier: Some(area()),
+        ..config(simulator, &AXES)
+    }
+}
+
+/// A gateway as far as the protocol of the barrier goes.
+pub(crate) struct Sender {
+    session: Session,
+    settings: Settings,
+    pub(crate) last: Option<Report>,
+    torn: u32,
+}
+
+impl Sender {
+    pub(crate) fn new(owner: u16) -> Self {
+        Self {
+            session: Session::new(owner),
+            settings: settings(3),
+            last: None,
+            torn: 0,
+        }
+    }
+
+    pub(crate) fn read(&mut self, controller: &mut FocasController) -> Option<Seen> {
+        let snapshot = controller.read(soon()).unwrap();
+        assert_eq!(snapshot.applied, None);
+        let words = snapshot.report.expect("a barrier reports");
+        let Some(report) = Report::decode(4711, 3, words.as_slice()) else {
+            self.torn += 1;
+            return None;
+        };
+        self.last = Some(report);
+        Some(self.session.read(&report))
+    }
+
+    pub(crate) fn frame(&mut self, um: [i16; 3]) -> Option<Words> {
+        let frame = self.session.frame(&PerChannel::leading(um))?;
+        let mut words = [0; FRAME_WORDS];
+        let length = frame.encode(&self.settings, &mut words);
+        Words::new(&words[..length])
+    }
+
+    /// Cycles until the barrier applies these counts.
+    pub(crate) fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            self.read(controller);
+            let wanted: Counts = PerChannel::leading(um);
+            if self.last.is_some_and(|report| report.applied == wanted) {
+                return;
+            }
+            assert!(Instant::now() < end, "{:?}", self.last);
+            if let Some(frame) = self.frame(um) {
+                controller.post(&frame, soon()).unwrap();
+            }
+            sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+#[test]
+fn frames_go_to_the_barrier_and_its_reports_come_back() {
+    for options in [
+        Options::default(),
+        Options {
+            version: 4,
+            refuses_mix: true,
+            fragment: 11,
+            ..Options::default()
+        },
+        // Only single points: the words go and come one by one, in one request.
+        Options {
+            version: 2,
+            slots: 8,
+            one_point: true,
+            ..Options::default()
+        },
+    ] {
+        let simulator = simulated(options);
+        let mut controller = connected(barrier_config(&simulator));
+        let description = controller.description();
+        assert!(description.barrier && description.sees_other_gateways);
+        assert_eq!(description.heartbeat, Heartbeat::Watched);
+        simulator.world().reset_largest_steps();
+        let mut sender = Sender::new(77);
+        sender.drive(&mut controller, [40, -100, 7]);
+        let shifts = simulator.world().shifts();
+        assert_eq!(shifts, [0.040, -0.100, 0.007, 0.0]);
+        sender.drive(&mut controller, [0, 0, 0]);
+        // Its own rate, whatever the frame asked for: 100 counts at once.
+        let steps = simulator.world().largest_steps().to_vec();
+        assert_eq!(steps[1], 2, "{steps:?}");
+        assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
+        let report = sender.last.unwrap();
+        assert_eq!((report.owner, report.refusal), (77, Refusal::None));
+    }
+}
+
+/// Where every word is a request of its own, a scan falls between the words of nearly every frame and every report. What
+/// is torn is refused by its checksum, at both ends; the axes keep their rate all the same.
+#[test]
+fn torn_frames_and_reports_are_refused() {
+    let simulator = simulated(Options {
+        one_point: true,
+        one_axis: true,
+        one_command: true,
+        latency: Duration::from_micros(300),
+        ..Options::default()
+    });
+    let mut controller = connected(barrier_config(&simulator));
+    simulator.world().reset_largest_steps();
+    let mut sender = Sender::new(78);
+    for cycle in 0..40 {
+        sender.read(&mut controller);
+        if let Some(frame) = sender.frame([cycle, -cycle, 0]) {
+            controller.post(&frame, soon()).unwrap();
+        }
+    }
+    assert!(
+        sender.torn > 0,
+        "no report was torn: the test shows nothing"
+    );
+    let steps = simulator.world().largest_steps().to_vec();
+    assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
+    // The same with frames: half of one now, the other half two scans later.
+    let simulator = simulated(Options::default());
+    let mut controller = connected(barrier_config(&simulator));
+    let mut sender = Sender::new(79);
+    sender.drive(&mut controller, [5, 5, 5]);
+    let mut refused = 0;
+    for bytes in (2..18).step_by(2) {
+        sender.read(&mut controller);
+        simulator.world().tear_next_write(bytes);
+        // Not before the next scan the first half is seen, and before the one after next it is alone.
+        let frame = sender.frame([-5, 60, 0]).unwrap();
+        controller.post(&frame, soon()).unwrap();
+        sleep(Duration::from_millis(3));
+        sender.read(&mut controller);
+        refused += u32::from(sender.last.unwrap().refusal == Refusal::Checksum);
+        sleep(Duration::from_millis(8));
+    }
+    assert!(refused > 0);
+    let steps = simulator.world().largest_steps().to_vec();
+    assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
+}
+
+/// Without frames the barrier goes to zero at its own rate; a frame from before is not taken any more.
+#[test]
+fn nobody_sends_and_an_old_frame_comes_late() {
+    let simulator = simulated(Options::default());
+    let mut controller = connected(barrier_config(&simulator));
+    let mut sender = Sender::new(80);
+    sender.drive(&mut controller, [90, 0, -90]);
+    sender.read(&mut controller);
+    let old = sender.frame([90, 0, -90]).unwrap();
+    sleep(Duration::from_millis(450 + 90 + 100));
+    assert_eq!(simulator.world().shifts()[..3], [0.0; 3]);
+    controller.post(&old, soon()).unwrap();
+    sleep(Duration::from_millis(50));
+    assert_eq!(simulator.world().shifts()[..3], [0.0; 3]);
+    assert!(simulator.world().largest_steps().iter().all(|s| *s <= 2));
+    sender.read(&mut controller);
+    assert_eq!(sender.last.unwrap().refusal, Refusal::Epoch);
+}
+
+/// Garbage in the words of the axes is where the barrier begins, not something that it believes: it leads out of it.
+#[test]
+fn garbage_in_any_word_makes_no_step() {
+    let program = Program::new(settings(3)).unwrap();
+    let mut world = World::new(&['X', 'Y', 'Z']).with_barrier(Box::new(program));
+    world.set_words(r(100), &[120, 0, 0]);
+    world.set_words(r(200), &[0xa5a5; 9]);
+    world.set_words(r(240), &[0x5a5a; 19]);
+    let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
+    let mut controller = connected(barrier_config(&simulator));
+    let mut sender = Sender::new(81);
+    sender.drive(&mut controller, [110, 10, 0]);
+    // A rogue writes into the axis words: the next scan writes what is applied.
+    simulator.world().set_words(r(100), &[5000, 0, 0]);
+    sleep(Duration::from_millis(20));
+    assert_eq!(simulator.world().shifts(), [0.110, 0.010, 0.0]);
+}
+
+/// While the control holds its axes, nothing moves; power-up begins with zero and another epoch.
+#[test]
+fn emergency_stop_and_power_up() {
+    let simulator = simulated(Options::default());
+    let mut controller = connected(barrier_config(&simulator));
+    let mut sender = Sender::new(82);
+    sender.drive(&mut controller, [50, 0, 0]);
+    simulator.world().set_emergency_stop(true);
+    let end = Instant::now() + Duration::from_millis(150);
+    while Instant::now() < end {
+        sender.read(&mut controller);
+        if let Some(frame) = sender.frame([-50, 0, 0]) {
+            controller.post(&frame, soon()).unwrap();
+        }
+    }
+    assert_eq!(simulator.world().shifts()[0], 0.050);
+    let before = sender.last.unwrap().epoch;
+    simulator.power_up();
+    assert_eq!(simulator.world().shifts()[0], 0.0);
+    assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
+    controller.wait(PATIENCE).unwrap();
+    sender.read(&mut controller);
+    assert_ne!(sender.last.unwrap().epoch, before);
+}
+
+#[test]
+fn a_path_with_a_barrier_takes_frames_of_its_axes_only() {
+    let simulator = simulated(Options::default());
+    let mut controller = connected(barrier_config(&simulator));
+    let plain = controller.apply(&PerChannel::ZERO, soon());
+    assert!(matches!(plain, Err(Fault::Unsupported(_))), "{plain:?}");
+    let long = controller.post(&Words::new(&[0; 10]).unwrap(), soon());
+    assert!(matches!(long, Err(Fault::Unsupported(_))), "{long:?}");
+    assert!(controller.read(soon()).is_ok(), "the session lives on");
+    let mut controller = connected(config(&simulator, &AXES));
+    let frame = controller.post(&Words::new(&[0; 9]).unwrap(), soon());
+    assert!(matches!(frame, Err(Fault::Unsupported(_))), "{frame:?}");
+}
+
+/// On the wire the words are big-endian, in the memory of the PMC little-endian, as bytes show.
+#[test]
+fn words_have_the_byte_order_of_the_wire() {
+    let simulator = Simulator::start(
+        "127.0.0.1:0",
+        Options::default(),
+        World::new(&['X', 'Y', 'Z']),
+    )
+    .unwrap();
+    let mut controller = connected(barrier_config(&simulator));
+    let words: Vec<u16> = (0..9).map(|word| 0x0102 + word * 0x0202).collect();
+    controller
+        .post(&Words::new(&words).unwrap(), soon())
+        .unwrap();
+    let bytes = simulator.world().read(PmcArea::R, 200, 19).unwrap();
+    let expected = [
+        2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15, 18, 17, 0,
+    ];
+    assert_eq!(bytes, expected);
+    simulator.world().set(PmcArea::R, 240, &[0x34, 0x12]);
+    simulator.world().set(PmcArea::R, 276, &[0x78, 0x56]);
+    let report = controller.read(soon()).unwrap().report.unwrap();
+    assert_eq!(report.as_slice().len(), 19);
+    assert_eq!(
+        (report.as_slice()[0], report.as_slice()[18]),
+        (0x1234, 0x5678)
+    );
+}
+
+#[test]
+fn words_that_overlap_are_refused() {
+    let overlap = |change: &dyn Fn(&mut FocasConfig)| {
+        let mut config = FocasConfig::new("192.0.2.10", &AXES);
+        config.barrier = Some(area());
+        change(&mut config);
+        match config.describe() {
+            Ok(_) => None,
+            Err(FocasError::Overlap { one, other }) => Some(format!("{one} / {other}")),
+            Err(error) => Some(error.to_string()),
+        }
+    };
+    let barrier = |frame, report| BarrierArea {
+        frame: r(frame),
+        report: r(report),
+    };
+    assert_eq!(overlap(&|_| {}), None);
+    // 9 words of the frame, 19 of the report, 3 of the shifts.
+    for (frame, report, expected) in [
+        (
+            200,
+            217,
+            Some("the words of the frame R200 to R217 / the words of the report R217 to R254"),
+        ),
+        (200, 218, None),
+        (
+            237,
+            200,
+            Some("the words of the frame R237 to R254 / the words of the report R200 to R237"),
+        ),
+        (238, 200, None),
+        (
+            83,
+            240,
+            Some("the words of the frame R83 to R100 / the words of the shifts R100 to R105"),
+        ),
+        (106, 240, None),
+        (
+            200,
+            63,
+            Some("the words of the report R63 to R100 / the words of the shifts R100 to R105"),
+        ),
+        (
+            65_519,
+            240,
+            Some(
+                "barrier.frame: found R65519 for 9 words of 2 bytes each, expected words that end at byte 65535 at the latest",
+            ),
+        ),
+        (65_518, 240, None),
+    ] {
+        let found = overlap(&|config| config.barrier = Some(barrier(frame, report)));
+        assert_eq!(found.as_deref(), expected);
+    }
+    let referenced = overlap(&|config| config.referenced = Some(r(241)));
+    assert!(
+        referenced
+            .unwrap()
+            .contains("the byte of the referenced axes R241")
+    );
+    // A byte that is not used beside a barrier overlaps nothing.
+    assert_eq!(overlap(&|config| config.heartbeat = Some(r(200))), None);
+    let fixed = overlap(&|config| {
+        config.barrier = Some(BarrierArea {
+            frame: PmcAddress {
+                area: PmcArea::F,
+                at: 0,
+            },
+            report: r(240),
+        });
+    });
+    assert!(fixed.unwrap().contains("barrier.frame: found F0"));
+}
+
+/// Two configurations of one control: each of its mailboxes has a frame of its own, and both may read one report.
+#[test]
+fn two_controllers_of_one_control_write_apart() {
+    let config = |frame: Option<u16>, first: u16| {
+        let mut config = FocasConfig::new("cnc", &AXES);
+        config.barrier = frame.map(|frame| BarrierArea {
+            frame: r(frame),
+            report: r(240),
+        });
+        config.shift.first = r(first);
+        config.heartbeat = Some(r(first + 1000));
+        config
+    };
+    let barrier = config(Some(200), 100);
+    let shared = |other: &FocasConfig| {
+        let found = barrier.shared_byte(other);
+        assert_eq!(found, other.shared_byte(&barrier), "both ways alike");
+        found.map(|byte| byte.to_string())
+    };
+    assert_eq!(shared(&config(Some(218), 100)), None);
+    assert_eq!(shared(&config(Some(217), 100)).as_deref(), Some("R217"));
+    // A plain path beside it writes the words of the axes, the report or the frame.
+    assert_eq!(shared(&config(None, 100)).as_deref(), Some("R100"));
+    assert_eq!(shared(&config(None, 241)).as_deref(), Some("R241"));
+    assert_eq!(shared(&config(None, 300)), None);
+    let mut elsewhere = config(Some(200), 100);
+    elsewhere.host = "another".to_owned();
+    assert_eq!(shared(&elsewhere), None);
+}
