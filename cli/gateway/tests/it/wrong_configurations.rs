@@ -163,7 +163,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "at = 120 }",
             "at = 120 }\narea = { pmc = \"R\", first = 65535, width = 2 }",
         )],
-        "area.first: found R65535 for 3 axes of 2 bytes each",
+        "area.first: found R65535 for 3 words of 2 bytes each",
     ),
     // Devices: keys of the URL, profiles, files, lines.
     wrong(
@@ -253,7 +253,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "heartbeat = { pmc = \"R\", at = 120 }",
             "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
         )],
-        "report: missing",
+        "key `report` is missing",
     ),
     wrong(
         &[(
