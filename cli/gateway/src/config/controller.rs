@@ -42,9 +42,12 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
     let referenced = match section.get("referenced") {
         None => None,
         Some(value) if value.truth().is_ok_and(|asked| !asked) => Some(None),
-        Some(value) => Some(Some(byte(value)?)),
+        Some(value) => Some(Some(byte(&value)?)),
     };
-    let heartbeat = section.get("heartbeat").map(byte).transpose()?;
+    let heartbeat = section
+        .get("heartbeat")
+        .map(|value| byte(&value))
+        .transpose()?;
     let unwatched = section.truth_or("unwatched", false)?;
     if heartbeat.is_some() && unwatched {
         return Err(
@@ -94,7 +97,7 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
 }
 
 /// A byte of the PMC, `{ pmc = "R", at = 120 }`.
-fn byte(value: Value<'_>) -> Result<PmcAddress, InputError> {
+fn byte(value: &Value<'_>) -> Result<PmcAddress, InputError> {
     let section = value.section()?;
     section.allow(&["pmc", "at"])?;
     pmc_address(&section, "at")
@@ -114,7 +117,7 @@ fn barrier(controller: &Section<'_>, section: &Section<'_>) -> Result<BarrierCon
     let is_focas = Address::parse(url.text()?).is_ok_and(|url| url.scheme == Scheme::Focas);
     let words = |key: &str| {
         match (section.get(key), is_focas) {
-        (Some(value), true) => byte(value).map(Some),
+        (Some(value), true) => byte(&value).map(Some),
         (None, true) => section.require(key).map(|_| None),
         (Some(value), false) => Err(value.error(
             "found this key for a controller that is no FANUC control, expected it only for focas://",
