@@ -196,6 +196,13 @@ fn correction(c: &mut Criterion) {
             }
         });
     });
+    group.bench_function("compiled_in_parts", |b| {
+        b.iter(|| {
+            for state in &states {
+                black_box(compiled.parts_of(black_box(state), compiled.correctors()));
+            }
+        });
+    });
     let newton = CorrectionOptions::default();
     group.bench_function("exact_newton_on_curves", |b| {
         b.iter(|| {

@@ -7,7 +7,7 @@ mod wanted;
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::Limits;
+use crate::{AxisLimits, Limits};
 use cycle::{Advance, Cycle};
 use motion::{
     braking_part, is_on_grid, linear_word, rotary_word, span, stopping_part, stopping_rate, within,
@@ -29,8 +29,12 @@ enum Motion {
     Ramps { left: f64, rate: f64 },
     /// Where what is wanted leads.
     Follows,
-    /// On a straight line to a place, of which this part is left.
-    Line { to: PerChannel<f64>, left: f64 },
+    /// On a straight line to a place, of which this part is left; before that what moved comes to rest.
+    Line {
+        to: PerChannel<f64>,
+        left: f64,
+        at_rest: bool,
+    },
 }
 
 /// The correction that moves, mm for linear and rad for rotary axes: state of the guard.
@@ -46,6 +50,8 @@ pub struct Vector {
     /// The correction before the quantiser, and its change in a second.
     smooth: PerChannel<f64>,
     rate: PerChannel<f64>,
+    /// The part of the rate of each linear axis that follows the rotary axes.
+    following: PerChannel<f64>,
     /// The slew that held for each axis in the last cycle, 0 before the first one.
     slew: PerChannel<f64>,
     /// Where the rotary axes go to: whole steps.
@@ -102,6 +108,7 @@ impl Vector {
     /// Stays where it is, since nothing is written.
     pub fn stop(&mut self) {
         self.rate = PerChannel::ZERO;
+        self.following = PerChannel::ZERO;
         self.target = self.smooth;
     }
 
@@ -118,7 +125,11 @@ impl Vector {
     /// A straight line to a correction (mm, rad) begins here, all axes by one factor: a ramp to zero, a shift, or the
     /// way back within a limit.
     pub fn begin_line(&mut self, to: &PerChannel<f64>) {
-        self.motion = Motion::Line { to: *to, left: 1.0 };
+        self.motion = Motion::Line {
+            to: *to,
+            left: 1.0,
+            at_rest: false,
+        };
     }
 
     /// Goes towards what is wanted for `dt_s`: by a ramp, and where it leads after that. Nothing moves where a number
@@ -134,6 +145,15 @@ impl Vector {
             };
         }
         let cycle = self.cycle(limits, dt_s);
+        let begins = matches!(self.motion, Motion::Begins | Motion::Line { .. });
+        if begins && self.brakes(&cycle) {
+            self.motion = Motion::Begins;
+            return Followed {
+                slewing: true,
+                behind: true,
+                ..Self::judged(wanted, 1.0, &cycle)
+            };
+        }
         let (left, rate) = self.ramp(wanted, &cycle);
         let position = self.position_share(wanted);
         self.goal = wanted.rotary_goal(&position, &self.goal, limits);
@@ -157,23 +177,19 @@ impl Vector {
             most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
             factor = self.factor(wanted, &position, &most, &cycle);
         }
+        let mut turned = PerChannel::ZERO;
         for i in cycle.of_kind(AxisKind::Rotary) {
             let [least, most] = [most.least[i], most.most[i]];
             self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
+            turned[i] = self.rate[i];
         }
+        self.following = wanted.following(&turned);
         // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
         let passed = factor.map_or(eased, |factor| factor * most.ramp);
         self.pass_ramp(left, passed, dt_s);
         let (behind, part) = self.slide(wanted, &cycle);
         self.write(&cycle);
 
-        let full = wanted.full();
-        let over = |limit: fn(&crate::AxisLimits) -> f64| {
-            cycle.places().any(|i| {
-                let axis = &limits.axes[i];
-                full[i].abs() > limit(axis) + ARRIVED_STEPS * axis.resolution
-            })
-        };
         let held_back = turning < ramp || factor.is_none_or(|factor| factor < 1.0 - 1e-9);
         let far = cycle
             .of_kind(AxisKind::Rotary)
@@ -181,15 +197,14 @@ impl Vector {
         Followed {
             slewing: behind || held_back && far,
             behind,
-            limited: part < 1.0 || over(|axis| axis.limit),
-            warned: over(|axis| axis.warn),
+            ..Self::judged(wanted, part, &cycle)
         }
     }
 
     /// Goes on along the line for `dt_s`, which is brought within the limits; true once it is at its end. The line
     /// lasts as long as a ramp, or as long as the axis needs that slew and acceleration hold back most.
     pub fn advance_line(&mut self, limits: &Limits, dt_s: f64) -> bool {
-        let Motion::Line { to, left } = self.motion else {
+        let Motion::Line { to, left, at_rest } = self.motion else {
             return true;
         };
         if dt_s <= 0.0 || !dt_s.is_finite() || !to.iter().all(|to| to.is_finite()) {
@@ -197,6 +212,9 @@ impl Vector {
             return false;
         }
         let cycle = self.cycle(limits, dt_s);
+        if !at_rest && self.brakes(&cycle) {
+            return false;
+        }
         let mut ways = PerChannel::ZERO;
         let mut end = PerChannel::ZERO;
         for i in cycle.places() {
@@ -204,9 +222,7 @@ impl Vector {
             end[i] = within([-limit, limit], to[i]);
             ways[i] = end[i] - self.smooth[i];
         }
-        let accel = cycle
-            .accel_over(&ways, AxisKind::Linear)
-            .min(cycle.accel_over(&ways, AxisKind::Rotary));
+        let accel = cycle.accel_over_all(&ways);
         let ramp = if left > SMALLEST_PART {
             limits.ramp_share(dt_s) / left
         } else {
@@ -223,11 +239,13 @@ impl Vector {
                 self.smooth[i] = end[i];
             }
         }
+        self.following = self.rate;
         self.target = self.smooth;
         self.goal = self.smooth;
         self.motion = Motion::Line {
             to,
             left: left * (1.0 - part),
+            at_rest: true,
         };
         self.write(&cycle);
         if arrived {
@@ -293,6 +311,53 @@ impl Vector {
             self.offset = PerChannel::ZERO;
             self.motion = Motion::Follows;
         }
+    }
+
+    /// What is wanted against the limits, `part` of the position share being possible.
+    fn judged(wanted: &Wanted, part: f64, cycle: &Cycle) -> Followed {
+        let full = wanted.full();
+        let over = |limit: fn(&AxisLimits) -> f64| {
+            cycle.places().any(|i| {
+                let most = limit(&cycle.limits.axes[i]) + ARRIVED_STEPS * cycle.step(i);
+                full[i].abs() > most
+            })
+        };
+        Followed {
+            limited: part < 1.0 || over(|axis| axis.limit),
+            warned: over(|axis| axis.warn),
+            ..Followed::default()
+        }
+    }
+
+    /// Where something else begins while the axes move: rotary axes and the linear axes that follow them come to rest by
+    /// one factor, and what else moves the linear axes by another. Whether they needed this cycle for it; axes
+    /// without a limit of their acceleration do not.
+    fn brakes(&mut self, cycle: &Cycle) -> bool {
+        let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
+        for i in cycle.of_kind(AxisKind::Linear) {
+            // Each may take half of what a linear axis is allowed.
+            moving[i] = 2.0 * self.following[i];
+            alone[i] = 2.0 * (self.rate[i] - self.following[i]);
+        }
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            moving[i] = self.rate[i];
+        }
+        let left = |rates| 1.0 - (cycle.accel_over_all(rates) * cycle.dt_s).min(1.0);
+        let (moving, alone) = (left(&moving), left(&alone));
+        if moving == 0.0 && alone == 0.0 {
+            return false;
+        }
+        for i in cycle.places() {
+            let (rate, following) = (self.rate[i], self.following[i]);
+            let rate = match cycle.limits.axes[i].kind {
+                AxisKind::Linear => moving * following + alone * (rate - following),
+                AxisKind::Rotary => moving * rate,
+            };
+            self.following[i] = moving * following;
+            self.advance(i, rate * cycle.dt_s, cycle);
+        }
+        self.write(cycle);
+        true
     }
 
     /// The rotary shares as they stand, zero at all other places.

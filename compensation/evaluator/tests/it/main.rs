@@ -8,6 +8,7 @@ mod blob_versions;
 mod builder;
 mod compiled;
 mod differential;
+mod in_parts;
 mod machines;
 
 /// Ends the run on an allocation where one is forbidden.

@@ -47,6 +47,12 @@ impl Cycle<'_> {
             .fold(f64::INFINITY, f64::min)
     }
 
+    /// The acceleration over ways that all axes go together, 1/s².
+    pub(super) fn accel_over_all(&self, ways: &PerChannel<f64>) -> f64 {
+        self.accel_over(ways, AxisKind::Linear)
+            .min(self.accel_over(ways, AxisKind::Rotary))
+    }
+
     /// Which part of their ways axes go in this cycle by one factor: what the ramp allows and so that they can stop at
     /// their ends, but no less than braking leaves; no more than the span of each allows.
     pub(super) fn part(

@@ -10,4 +10,5 @@ mod selector;
 mod states;
 mod structured_text;
 mod temperature;
+mod vector;
 mod world;

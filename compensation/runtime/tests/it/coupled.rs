@@ -13,6 +13,8 @@ use volcomp_runtime::{Model, kinematics::State};
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
 
+/// How far compiled curves may be from the machine's own, over all axes and levers.
+const COMPILED_MM: f64 = 3e-5;
 /// Poses of each type of machine where no other number is asked for.
 const POSES: usize = 40;
 
@@ -368,7 +370,17 @@ impl<'a> Scene<'a> {
         let cell = self.cell;
         let off = cell.off(state, &self.vector.output());
         let without = cell.off(state, &PerChannel::ZERO);
-        let bound = without.max(self.began) + cell.rounding(state, &self.vector, &self.limits);
+        // Of second order: what is left of the position error turns with the rotary shares.
+        let (mut turned, mut moved) = (0.0, self.began);
+        for (share, axis) in self.vector.smooth().iter().zip(&self.limits.axes) {
+            match axis.kind {
+                AxisKind::Linear => moved += share.abs(),
+                AxisKind::Rotary => turned += share.abs(),
+            }
+        }
+        let bound = without.max(self.began)
+            + cell.rounding(state, &self.vector, &self.limits)
+            + turned * moved;
         let over = off - bound;
         if seen.worst.is_none_or(|worst| over > worst) {
             seen.worst = Some(over);
@@ -444,12 +456,9 @@ fn over_all_types(name: &str, scene: impl Fn(&Cell, &mut ChaCha8Rng, &mut Seen) 
     }
     for seen in &seen {
         let worst = seen.worst.expect("something was judged");
-        assert!(worst <= SECOND_ORDER_MM, "{name}: {worst} {}", seen.told);
+        assert!(worst <= COMPILED_MM, "{name}: {worst} {}", seen.told);
     }
 }
-
-/// What a first-order correction neglects at these errors and limits.
-const SECOND_ORDER_MM: f64 = 2e-4;
 
 #[test]
 fn ramps_at_standstill_and_in_motion() {
@@ -508,9 +517,8 @@ fn ramps_to_zero() {
         for _ in 0..rng.random_range(1..40) {
             scene.follow(rng, seen);
         }
-        if scene.limits.axes[0].accel_per_s2.is_infinite() {
-            scene.stands(0.0);
-        }
+        // Axes that were not where they belong together do not stop together.
+        let together = !scene.followed.behind;
         scene.begins();
         scene.vector.begin_line(&PerChannel::ZERO);
         let state = scene.path.at(scene.time_s);
@@ -520,7 +528,9 @@ fn ramps_to_zero() {
             let before = scene.vector;
             let there = scene.vector.advance_line(&scene.limits, dt_s);
             scene.holds_words(&before, dt_s);
-            scene.judge(&state, seen);
+            if together {
+                scene.judge(&state, seen);
+            }
             seen.cycles += 1;
             if there {
                 break;

@@ -1,0 +1,135 @@
+//! The parts of a correction against the whole of it, and against central differences of the ideal chain.
+
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
+use volcomp_evaluator::CompiledMachine;
+use volcomp_kinematics::{Chain, Correctors, State, nalgebra::Vector3};
+use volcomp_model::Tolerance;
+use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::{MAX_AXES, PerAxis};
+
+use crate::machines::{machine, random_state};
+
+/// Machines of every type whose axes are up to some degrees off their letters, with some or all axes correcting.
+fn over_all_types(
+    mut check: impl FnMut(&CompiledMachine, &Correctors, &State, &mut ChaCha8Rng, bool),
+) {
+    let mut rng = ChaCha8Rng::seed_from_u64(31);
+    for (index, structure) in all_types().iter().enumerate() {
+        for oblique in [false, true] {
+            let text = machine(structure, 300 + index as u64).to_toml();
+            let lines = text.lines().filter(|line| !line.starts_with("checksum"));
+            let mut text: String = lines.flat_map(|line| [line, "\n"]).collect();
+            if oblique {
+                for axis in structure.axes() {
+                    let letter = volcomp_kinematics::letter_direction(*axis);
+                    let aside = Vector3::from_fn(|_, _| rng.random_range(-0.1..=0.1));
+                    let direction: [f64; 3] = (letter + aside).normalize().into();
+                    let table = format!("[axes.{axis}]\n");
+                    text = text.replace(&table, &format!("{table}direction = {direction:?}\n"));
+                }
+            }
+            let machine = volcomp_model::Machine::parse(&text, "m.toml").unwrap();
+            let compiled = machine.compile(Tolerance::default()).unwrap();
+            for pose in 0..200 {
+                let mut names = structure.axes().to_vec();
+                if pose % 2 == 1 {
+                    names.shuffle(&mut rng);
+                    names.truncate(rng.random_range(1..=names.len()));
+                }
+                let correctors = compiled.correctors_among(&names);
+                let state = random_state(&machine, &mut rng);
+                check(&compiled, &correctors, &state, &mut rng, pose % 2 == 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn together_they_are_the_whole_correction() {
+    over_all_types(|compiled, correctors, state, _, _| {
+        let whole = compiled.first_order_of(state, correctors);
+        let parts = compiled.parts_of(state, correctors);
+        assert_eq!(
+            (parts.error, parts.tool_axis_partial, parts.near_singular),
+            (whole.error, whole.tool_axis_partial, whole.near_singular)
+        );
+        for (index, (sum, delta)) in parts.delta().iter().zip(&whole.delta).enumerate() {
+            assert!((sum - delta).abs() < 1e-13, "{index}: {sum} {delta}");
+        }
+        for index in 0..MAX_AXES {
+            if !correctors.linear().contains(&index) {
+                assert_eq!(parts.position[index], 0.0);
+                assert!(parts.follow.iter().all(|row| row[index] == 0.0));
+            }
+            if !correctors.rotary().contains(&index) {
+                assert_eq!(parts.rotary[index], 0.0);
+                assert_eq!(parts.follow[index], PerAxis::ZERO);
+            }
+        }
+    });
+}
+
+/// The ideal tip after a move from a state, in workpiece axes.
+fn tip(chain: &Chain, state: &State, delta: &PerAxis<f64>) -> Vector3<f64> {
+    let mut there = *state;
+    for (q, delta) in there.q.iter_mut().zip(delta) {
+        *q += delta;
+    }
+    chain.ideal_tip_mm(&there)
+}
+
+/// With all linear axes correcting: the tip stays where it is when a rotary axis moves and the linear axes follow it,
+/// and the position share moves it against the position error.
+#[test]
+fn the_tip_stays_while_linear_axes_follow() {
+    over_all_types(|compiled, correctors, state, rng, all| {
+        if !all {
+            return;
+        }
+        let parts = compiled.parts_of(state, correctors);
+        let chain = compiled.chain();
+        let along = |delta: &PerAxis<f64>| {
+            let back = delta.map(|delta| -delta);
+            0.5 * (tip(chain, state, delta) - tip(chain, state, &back))
+        };
+        for &r in correctors.rotary() {
+            let turn = rng.random_range(1e-5..=1e-4);
+            let mut delta = parts.follow[r].map(|follow| follow * turn);
+            delta[r] = turn;
+            let moved = along(&delta).norm() / turn;
+            assert!(moved < 1e-4, "{moved} mm/rad of {}", chain.structure());
+        }
+        let moved = along(&parts.position);
+        let left = moved + Vector3::from(parts.error.position_mm);
+        assert!(left.norm() < 1e-10, "{left:?}");
+    });
+}
+
+#[test]
+fn parts_allocate_nothing() {
+    over_all_types(|compiled, correctors, state, _, _| {
+        let sum = assert_no_alloc::assert_no_alloc(|| {
+            let parts = compiled.parts_of(state, correctors);
+            parts.delta().iter().sum::<f64>()
+        });
+        assert!(sum.is_finite());
+    });
+}
+
+/// The lever is how far the tip goes for each rad of an axis, whatever the axis's own coordinate.
+#[test]
+fn levers_are_central_differences_of_the_tip() {
+    over_all_types(|compiled, _, state, _, _| {
+        let chain = compiled.chain();
+        for (index, axis) in chain.structure().axes().iter().enumerate() {
+            let mut delta = PerAxis::ZERO;
+            delta[index] = 1e-5;
+            let back = delta.map(|delta| -delta);
+            let went = (tip(chain, state, &delta) - tip(chain, state, &back)).norm() / 2e-5;
+            let expected = if axis.is_rotary() { went } else { 0.0 };
+            let lever = chain.lever_mm(index, state);
+            assert!((lever - expected).abs() < 1e-4, "{axis}: {lever} {went}");
+        }
+    });
+}

@@ -1,0 +1,469 @@
+//! The correction of all axes as one vector, against its limits and in any cycles; what it does to the tool of a
+//! machine is tested with the runtime.
+
+use std::time::Duration;
+
+use proptest::prelude::*;
+use volcomp_guard::{AxisLimits, Limits, Vector, Wanted};
+use volcomp_vocabulary::{AxisKind, PerChannel};
+
+use crate::world::limits;
+
+/// X, Y, Z, A and C: limits of 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
+fn five(accel_s: f64) -> Limits {
+    let mut limits = limits();
+    limits.count = 5;
+    for (i, axis) in limits.axes.iter_mut().enumerate() {
+        axis.accel_per_s2 = axis.slew_per_s / accel_s;
+        if i >= 3 {
+            *axis = AxisLimits {
+                kind: AxisKind::Rotary,
+                limit: 150e-6,
+                warn: 100e-6,
+                slew_per_s: 500e-6,
+                accel_per_s2: 500e-6 / accel_s,
+                resolution: 5e-6,
+                ..*axis
+            };
+        }
+    }
+    limits
+}
+
+fn three() -> Limits {
+    let mut limits = five(0.0);
+    limits.count = 3;
+    limits
+}
+
+fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
+    PerChannel::leading(values)
+}
+
+/// What no machine asks for, but a wrong model may: any shares, and levers to 0.6 m.
+fn any_wanted() -> impl Strategy<Value = Wanted> {
+    let share = |size: f64| -size..size;
+    let row = move || [share(600.0), share(600.0), share(600.0)];
+    (
+        [share(0.3), share(0.3), share(0.3)],
+        [share(400e-6), share(400e-6)],
+        [row(), row()],
+    )
+        .prop_map(|([x, y, z], [a, c], [by_a, by_c])| {
+            let mut follow = PerChannel::default();
+            (follow[3], follow[4]) = (of(by_a), of(by_c));
+            Wanted {
+                position: of([x, y, z]),
+                rotary: of([0.0, 0.0, 0.0, a, c]),
+                follow,
+            }
+        })
+}
+
+/// What is done with a vector, for so many cycles.
+#[derive(Clone, Debug)]
+enum Task {
+    Follow(Wanted, usize),
+    Ramp(Wanted, usize),
+    Line([f64; 5], usize),
+    Stop,
+    At([f64; 5]),
+}
+
+fn any_task() -> impl Strategy<Value = Task> {
+    let places = || {
+        let linear = || -0.15..0.15_f64;
+        let rotary = || -150e-6..150e-6_f64;
+        (linear(), linear(), linear(), rotary(), rotary())
+            .prop_map(|(x, y, z, a, c)| [x, y, z, a, c])
+    };
+    prop_oneof![
+        4 => (any_wanted(), 1..60_usize).prop_map(|(wanted, cycles)| Task::Follow(wanted, cycles)),
+        2 => (any_wanted(), 1..60_usize).prop_map(|(wanted, cycles)| Task::Ramp(wanted, cycles)),
+        1 => (Just([0.0; 5]), 1..80_usize).prop_map(|(to, cycles)| Task::Line(to, cycles)),
+        1 => (places(), 1..80_usize).prop_map(|(to, cycles)| Task::Line(to, cycles)),
+        1 => Just(Task::Stop),
+        1 => places().prop_map(Task::At),
+    ]
+}
+
+/// Every cycle of some tasks: the vector before and after, and the time of the cycle. `stopped` where the rate
+/// is zero by itself.
+fn run(
+    tasks: &[Task],
+    dts: &[f64],
+    limits: &Limits,
+    mut cycle_seen: impl FnMut(&Vector, &Vector, f64, bool) -> Result<(), TestCaseError>,
+) -> Result<Vector, TestCaseError> {
+    let mut vector = Vector::default();
+    let mut stopped = true;
+    let mut count = 0;
+    for task in tasks {
+        let cycles = match task {
+            Task::Follow(_, cycles) | Task::Ramp(_, cycles) | Task::Line(_, cycles) => *cycles,
+            Task::Stop | Task::At(_) => 0,
+        };
+        match task {
+            Task::Follow(..) => (),
+            Task::Ramp(..) => vector.begin_ramp(),
+            Task::Line(to, _) => vector.begin_line(&of(*to)),
+            Task::Stop => vector.stop(),
+            Task::At(place) => vector = Vector::at(&of(*place)),
+        }
+        stopped |= cycles == 0;
+        for _ in 0..cycles {
+            let (dt, before) = (dts[count % dts.len()], vector);
+            count += 1;
+            match task {
+                Task::Follow(wanted, _) | Task::Ramp(wanted, _) => {
+                    vector.follow(wanted, limits, dt);
+                }
+                _ => {
+                    vector.advance_line(limits, dt);
+                }
+            }
+            cycle_seen(&before, &vector, dt, stopped)?;
+            stopped = false;
+        }
+    }
+    Ok(vector)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    /// Slew, acceleration and limit hold in every cycle and window of time, cycles from a third of a period to five.
+    #[test]
+    fn slew_acceleration_and_limit_hold(
+        tasks in prop::collection::vec(any_task(), 1..10),
+        dts in prop::collection::vec(prop_oneof![Just(0.004), 0.001..0.020_f64], 50),
+        accel_s in prop_oneof![Just(0.0), 0.01..1.0_f64],
+    ) {
+        let limits = five(accel_s);
+        let mut rate = PerChannel::ZERO;
+        let mut time = 0.0;
+        // Words since the last jump to a confirmed value.
+        let mut trace: Vec<(f64, PerChannel<f64>)> = Vec::new();
+        run(&tasks, &dts, &limits, |before, after, dt, stopped| {
+            if stopped {
+                rate = PerChannel::ZERO;
+                trace = vec![(time, before.output())];
+            }
+            time += dt;
+            for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+                let now = (after.smooth()[i] - before.smooth()[i]) / dt;
+                prop_assert!(now.abs() <= axis.slew_per_s * (1.0 + 1e-9), "{now}");
+                let most = axis.accel_per_s2 * dt * (1.0 + 1e-6) + 1e-6 * axis.slew_per_s;
+                prop_assert!((now - rate[i]).abs() <= most, "{} to {now} in {dt} {before:?} {after:?}", rate[i]);
+                rate[i] = now;
+                prop_assert!(after.smooth()[i].abs() <= axis.limit * (1.0 + 1e-9));
+                prop_assert!(after.output()[i].abs() <= axis.limit * (1.0 + 1e-9));
+                let steps = after.output()[i] / axis.resolution;
+                let on_grid = (steps - steps.round()).abs() < 1e-6;
+                prop_assert!(on_grid || after.output()[i] == before.output()[i]);
+                let away = (after.output()[i] - after.smooth()[i]).abs() / axis.resolution;
+                prop_assert!(away <= 0.6 + 1e-6, "{away}");
+            }
+            trace.push((time, after.output()));
+            let (end, to) = trace[trace.len() - 1];
+            for (start, from) in &trace {
+                for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+                    let most = axis.slew_per_s * (end - start) + axis.resolution;
+                    prop_assert!((to[i] - from[i]).abs() <= most * (1.0 + 1e-9));
+                }
+            }
+            Ok(())
+        })?;
+    }
+
+    /// Limit, slew and acceleration lowered in motion: nothing goes further out than it stood or than the new limit,
+    /// and what is outside comes in at the old slew or the new one, whichever is lower.
+    #[test]
+    fn lowered_limits_are_not_passed(
+        before in prop::collection::vec(any_task(), 1..5),
+        after in prop::collection::vec(any_wanted(), 1..5),
+        parts in prop::array::uniform3(prop_oneof![Just(1.0), 0.02..1.0_f64]),
+        accel_s in prop_oneof![Just(0.0), 0.01..1.0_f64],
+        dts in prop::collection::vec(prop_oneof![Just(0.004), 0.001..0.020_f64], 50),
+        line in any::<bool>(),
+    ) {
+        let old = five(accel_s);
+        let mut vector = run(&before, &dts, &old, |_, _, _, _| Ok(()))?;
+        let mut new = old;
+        for axis in new.axes.iter_mut().take(5) {
+            axis.limit = (axis.limit * parts[0]).max(axis.resolution);
+            axis.warn = 0.0;
+            axis.slew_per_s *= parts[1];
+            axis.accel_per_s2 *= parts[2];
+        }
+        if line {
+            vector.begin_line(&PerChannel::ZERO);
+        }
+        for wanted in &after {
+            for dt in &dts {
+                let before = vector;
+                if line {
+                    vector.advance_line(&new, *dt);
+                } else {
+                    vector.follow(wanted, &new, *dt);
+                }
+                for (i, axis) in new.axes.iter().enumerate().take(5) {
+                    let rounding = 1e-6 * axis.resolution;
+                    let (stood, stands) = (before.smooth()[i], vector.smooth()[i]);
+                    prop_assert!(stands.abs() <= axis.limit.max(stood.abs()) + rounding);
+                    let (stood_word, word) = (before.output()[i], vector.output()[i]);
+                    prop_assert!(word.abs() <= axis.limit.max(stood_word.abs()) + rounding);
+                    let rate = (stands - stood).abs() / dt;
+                    prop_assert!(rate <= axis.slew_per_s * (1.0 + 1e-9), "{rate}");
+                }
+            }
+        }
+        // In the end every word is within the new limit.
+        for _ in 0..3000 {
+            vector.follow(&Wanted::default(), &new, 0.02);
+        }
+        for (i, axis) in new.axes.iter().enumerate().take(5) {
+            prop_assert!(vector.output()[i].abs() <= axis.limit * (1.0 + 1e-9), "{vector:?}");
+        }
+    }
+
+    /// The linear axes are where they belong for the rotary shares as they are, unless it is said that they are behind.
+    #[test]
+    fn linear_axes_follow_the_moving_shares(
+        wanted in any_wanted(),
+        accel_s in prop_oneof![Just(0.0), 0.01..1.0_f64],
+        dts in prop::collection::vec(prop_oneof![Just(0.004), 0.001..0.020_f64], 50),
+    ) {
+        let mut limits = five(accel_s);
+        let full = wanted.full();
+        for (i, axis) in limits.axes.iter_mut().enumerate().take(5) {
+            axis.limit = full[i].abs() + wanted.position[i].abs() + 0.02;
+        }
+        let mut vector = Vector::default();
+        for cycle in 0..20_000 {
+            let followed = vector.follow(&wanted, &limits, dts[cycle % dts.len()]);
+            prop_assert!(!followed.limited);
+            // All parts of the position share are equal on the ramp: x = s·x, so the shares of the linear axes beside
+            // what follows are proportional to the position share.
+            let rotary = PerChannel::from_fn(|i| if i >= 3 { vector.smooth()[i] } else { 0.0 });
+            let following = Wanted { position: PerChannel::ZERO, rotary, ..wanted }.full();
+            let beside = |i: usize| vector.smooth()[i] - following[i];
+            let (x, y) = (wanted.position[0], wanted.position[1]);
+            if !followed.behind {
+                prop_assert!((beside(0) * y - beside(1) * x).abs() < 1e-8 * 0.3, "{vector:?}");
+            }
+            if vector.is_ramped() && !followed.slewing && cycle > 19_000 {
+                prop_assert!((beside(0) - x).abs() < 1e-6, "{vector:?}");
+            }
+        }
+        prop_assert!(vector.is_ramped());
+        for (i, axis) in limits.axes.iter().enumerate().take(5).skip(3) {
+            prop_assert!((vector.output()[i] - full[i]).abs() <= 0.6001 * axis.resolution);
+        }
+    }
+
+    /// Without rotary axes: fresh goals that the slew can follow are reached in every cycle, but for the quantiser.
+    #[test]
+    fn three_axes_are_where_they_are_wanted(
+        at in prop::array::uniform3(-0.1..0.1_f64),
+        rates in prop::array::uniform3(-0.45..0.45_f64),
+        dts in prop::collection::vec(0.001..0.020_f64, 200),
+    ) {
+        let limits = three();
+        let mut vector = Vector::default();
+        let mut now = at;
+        for cycle in 0..2000 {
+            let dt = dts[cycle % dts.len()];
+            if vector.is_ramped() {
+                for (now, rate) in now.iter_mut().zip(rates) {
+                    let next = *now + rate * dt;
+                    *now = if next.abs() < 0.14 { next } else { *now };
+                }
+            }
+            let followed = vector.follow(&Wanted::linear(of(now)), &limits, dt);
+            prop_assert!(!followed.limited && !followed.slewing, "{followed:?}");
+            if vector.is_ramped() {
+                for (i, now) in now.iter().enumerate() {
+                    prop_assert!((vector.output()[i] - now).abs() <= 0.0006 + 1e-9);
+                }
+            }
+        }
+        prop_assert!(vector.is_ramped());
+    }
+
+    /// Noise of less than the hysteresis at standstill changes each word once at the most.
+    #[test]
+    fn no_chatter_at_standstill(
+        wanted in any_wanted(),
+        noise in prop::collection::vec(prop::array::uniform5(-0.00004..0.00004_f64), 200),
+    ) {
+        let limits = five(0.0);
+        let mut vector = Vector::default();
+        // Inside the limits, so that no factor moves with the noise.
+        let wanted = Wanted {
+            position: wanted.position.map(|x| 0.1 * x),
+            rotary: wanted.rotary.map(|x| 0.1 * x),
+            ..wanted
+        };
+        for _ in 0..4000 {
+            vector.follow(&wanted, &limits, 0.004);
+        }
+        let mut changes = [0; 5];
+        for noise in noise {
+            let mut noisy = wanted;
+            for (i, noise) in noise.into_iter().enumerate() {
+                if i < 3 {
+                    noisy.position[i] += noise;
+                } else {
+                    noisy.rotary[i] += 5e-3 * noise;
+                }
+            }
+            let before = vector.output();
+            for _ in 0..5 {
+                vector.follow(&noisy, &limits, 0.004);
+            }
+            for (i, changes) in changes.iter_mut().enumerate() {
+                *changes += u32::from(vector.output()[i] != before[i]);
+            }
+        }
+        // The rotary word may change once; the linear words then follow it, and change once by themselves.
+        prop_assert!(changes[3] <= 1 && changes[4] <= 1, "{changes:?}");
+        prop_assert!(changes[..3].iter().all(|changes| *changes <= 3), "{changes:?}");
+    }
+}
+
+/// How long a line takes, s.
+fn line_s(limits: &Limits, from: &PerChannel<f64>, to: &PerChannel<f64>) -> f64 {
+    let mut vector = Vector::at(from);
+    vector.begin_line(to);
+    for cycle in 1..100_000 {
+        let arrived = vector.advance_line(limits, 0.004);
+        // All axes by one factor.
+        let part = |i: usize| (vector.smooth()[i] - from[i]) / (to[i] - from[i]);
+        for i in 1..limits.count {
+            assert!((part(i) - part(0)).abs() < 1e-6, "{i}: {vector:?}");
+        }
+        if arrived {
+            assert_eq!(vector.output(), *to);
+            assert!(vector.advance_line(limits, 0.004), "it stays there");
+            return 0.004 * f64::from(cycle);
+        }
+    }
+    panic!("{vector:?}");
+}
+
+#[test]
+fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
+    let from = of([0.100, -0.050, 0.020, 100e-6, -50e-6]);
+    let to = of([0.0, 0.010, 0.0, 0.0, 0.0]);
+    let limits = five(0.0);
+    let ramp_s = line_s(&limits, &from, &to);
+    assert!((ramp_s - 0.5).abs() < 0.005, "{ramp_s}");
+    // 50 µrad at 50 µrad/s.
+    let mut slow = limits;
+    slow.axes[4].slew_per_s = 50e-6;
+    let slow_s = line_s(&slow, &from, &to);
+    assert!((slow_s - 1.0).abs() < 0.01, "{slow_s}");
+    // A tenth of a second to the slew of 0.1 mm/s.
+    let mut eased = limits;
+    eased.axes[0].slew_per_s = 0.1;
+    eased.axes[0].accel_per_s2 = 1.0;
+    let eased_s = line_s(&eased, &from, &to);
+    assert!((1.09..1.3).contains(&eased_s), "{eased_s}");
+    // Twenty cycles at the least.
+    let mut short = limits;
+    short.ramp = Duration::ZERO;
+    short
+        .axes
+        .iter_mut()
+        .for_each(|axis| axis.slew_per_s *= 10.0);
+    let short_s = line_s(&short, &from, &to);
+    assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
+}
+
+/// The line ends on the step that it was given, also from a value off the grid.
+#[test]
+fn a_correction_off_the_grid_goes_to_zero() {
+    let limits = five(0.0);
+    let mut vector = Vector::at(&of([0.0004, -0.1237, 0.0, 2.4e-6, 0.0]));
+    assert_eq!(vector.output()[0], 0.0004);
+    vector.begin_line(&PerChannel::ZERO);
+    while !vector.advance_line(&limits, 0.004) {}
+    assert_eq!(vector.output(), PerChannel::ZERO);
+}
+
+#[test]
+fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
+    let limits = five(0.0);
+    let mut follow = PerChannel::default();
+    follow[3] = of([0.0, 200.0, -100.0]);
+    let wanted = Wanted {
+        position: of([0.030, -0.020, 0.010]),
+        rotary: of([0.0, 0.0, 0.0, 50e-6]),
+        follow,
+    };
+    for from in [PerChannel::ZERO, of([0.020, 0.030, -0.040, -40e-6, 35e-6])] {
+        let mut vector = Vector::at(&from);
+        let mut cycles = 0;
+        while !vector.is_ramped() {
+            let before = vector.smooth();
+            let followed = vector.follow(&wanted, &limits, 0.004);
+            assert!(!followed.slewing, "{followed:?}");
+            cycles += 1;
+            for i in 0..5 {
+                let most = (wanted.full()[i] - from[i]).abs() / 120.0 + 1e-6;
+                assert!((vector.smooth()[i] - before[i]).abs() <= most);
+            }
+        }
+        assert!((124..=126).contains(&cycles), "{cycles}");
+        for i in 0..5 {
+            let step = limits.axes[i].resolution;
+            assert!((vector.output()[i] - wanted.full()[i]).abs() < 0.51 * step);
+        }
+    }
+}
+
+/// What no machine sends moves nothing, and no call panics.
+#[test]
+fn what_is_no_number_moves_nothing() {
+    let limits = five(0.0);
+    let here = of([0.020, 0.030, -0.040, -40e-6, 35e-6]);
+    let mut follow = PerChannel::default();
+    follow[3] = of([0.0, f64::NAN]);
+    for wanted in [
+        Wanted::linear(of([f64::NAN])),
+        Wanted::linear(of([f64::INFINITY])),
+        Wanted {
+            follow,
+            ..Wanted::default()
+        },
+    ] {
+        let mut vector = Vector::at(&here);
+        assert!(vector.follow(&wanted, &limits, 0.004).slewing);
+        assert_eq!(vector.output(), here);
+    }
+    for dt in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let mut vector = Vector::at(&here);
+        vector.follow(&Wanted::default(), &limits, dt);
+        vector.begin_line(&PerChannel::ZERO);
+        assert!(!vector.advance_line(&limits, dt));
+        vector.begin_line(&of([f64::NAN]));
+        assert!(!vector.advance_line(&limits, 0.004));
+        assert_eq!(vector.output(), here);
+    }
+    assert_eq!(Vector::at(&PerChannel::ZERO), Vector::default());
+}
+
+/// One factor for all: where X may go half of what is wanted, so do the others, and it is said.
+#[test]
+fn a_limit_takes_the_same_part_of_every_share() {
+    let limits = three();
+    let mut vector = Vector::default();
+    let mut followed = vector.follow(&Wanted::default(), &limits, 0.004);
+    assert!(!followed.limited && !followed.warned);
+    for _ in 0..1000 {
+        followed = vector.follow(&Wanted::linear(of([0.300, -0.100, 0.020])), &limits, 0.004);
+    }
+    assert_eq!(vector.output(), of([0.150, -0.050, 0.010]));
+    assert!(followed.limited && followed.warned && !followed.slewing);
+}
