@@ -73,6 +73,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         axes: vec![AxisName::X, AxisName::Y],
         includes_correction: false,
         stale_after: Duration::from_millis(200),
+        read_back_within: Duration::from_millis(60),
     };
     let mut controller = CanController::new(bus.clone(), &config)?;
     for axis in &controller.description().axes {

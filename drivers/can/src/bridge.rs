@@ -1,19 +1,22 @@
-//! A control whose PLC does the last step: positions and state come in plain frames, corrections go out. The
-//! names of the signals say what they are, so ids, places and scaling are the user's to change.
+//! A control whose PLC does the last step: positions and state come in plain frames, corrections go out, as plain values
+//! or as words for a barrier. The names of the signals say what they are, so ids, places and scaling are the user's to
+//! change.
 
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
     Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, ShownStates,
-    Snapshot,
+    Snapshot, Words,
 };
-
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
-    ears::{Ears, Health, Heard, Place, hear, to_internal},
-    frame::{CanPort, Frame},
-    signals::{Message, Signal, SignalTable},
+    barrier::{Barrier, Count},
+    ears::{Ears, Health, Heard, Place, hear},
+    frame::CanPort,
+    plain::Plain,
+    quantity::STATES,
+    signals::SignalTable,
     unopened::Unopened,
 };
 
@@ -25,12 +28,16 @@ pub struct BridgeConfig {
     pub table: SignalTable,
     /// Name of the channel by which corrections get in.
     pub channel: String,
-    /// The axes in channel order; signals `X_POS`, `X_CORR` and, where there is one, `X_APPLIED`.
+    /// The axes in channel order; signals `X_POS`, and, where there is no barrier, `X_CORR` and perhaps `X_APPLIED`.
     pub axes: Vec<AxisName>,
     /// Whether positions contain the correction.
     pub includes_correction: bool,
-    /// Positions older than this are stale: the control sends them by itself.
+    /// Positions and states older than this are stale: the control sends them by itself. A stale state counts in the
+    /// sense that forbids.
     pub stale_after: Duration,
+    /// What the control tells as applied is not told on when it is older than this. What watches over the corrections must
+    /// allow for it, and for the time that the control takes besides.
+    pub read_back_within: Duration,
 }
 
 impl BridgeConfig {
@@ -44,94 +51,82 @@ impl BridgeConfig {
     }
 }
 
-struct BridgeAxis {
-    position: Place,
-    applied: Option<Place>,
-    /// Which message that is sent.
-    sent: usize,
-    correction: Signal,
-    to_internal: f64,
+/// How corrections go out.
+enum Way {
+    /// As words of a frame for the barrier of the control.
+    Barrier(Barrier),
+    /// As plain values.
+    Plain(Plain),
 }
 
 /// A controller over plain frames.
 pub struct CanController<P> {
     ears: Ears<P>,
     description: Description,
-    axes: Vec<BridgeAxis>,
-    flags: [Option<Place>; 3],
-    sent: Vec<(Message, Frame)>,
-    counter: u64,
+    positions: Vec<Place>,
+    /// What is applied, by axis; empty where not every axis has it.
+    applied: Vec<Place>,
+    states: [Option<Place>; 3],
+    way: Way,
     stale_after: Duration,
-    saturated: u64,
+    read_back_within: Duration,
 }
 
 impl<P: CanPort> CanController<P> {
     /// A controller on a bus.
     ///
     /// # Errors
-    /// Axes without signals.
+    /// Axes without signals, units that are not known, words of a barrier that do not fit the axes.
     pub fn new(port: P, config: &BridgeConfig) -> Result<Self, DeviceError> {
         let device = port.device().to_owned();
         let refused =
             |what: String| DeviceError::option(&*device, what, "correct the DBC file or the axes");
         let table = &config.table;
-        let (mut heard, mut sent) = (Vec::new(), Vec::new());
-        let mut axes = Vec::new();
-        let mut described = Vec::new();
+        let mut heard: Vec<Heard> = Vec::new();
+        let mut positions = Vec::new();
         for name in &config.axes {
-            let needed = |suffix: &str| {
-                let signal = format!("{name}_{suffix}");
-                table
-                    .find(&signal)
-                    .ok_or_else(|| refused(format!("there is no signal {signal}")))
-            };
-            let position = needed("POS")?;
-            let (message, place) = needed("CORR")?;
-            let correction = table.messages[message].signals[place].clone();
-            let to_internal = to_internal(&correction);
-            let largest = correction.largest() * to_internal;
-            let applied = table.find(&format!("{name}_APPLIED"));
-            let applied = applied.map(|at| hear(table, &mut heard, at));
-            described.push(Axis {
-                name: *name,
-                includes_correction: config.includes_correction,
-                resolution: Displacement::new(name.kind(), correction.step() * to_internal),
-                largest: Some(Displacement::new(name.kind(), largest)),
-            });
-            axes.push(BridgeAxis {
-                position: hear(table, &mut heard, position),
-                applied,
-                sent: send(table, &mut sent, message).ok_or_else(|| {
-                    refused(format!("{} makes no frame", table.messages[message].name))
-                })?,
-                correction,
-                to_internal,
-            });
+            let place = needed(table, *name, "POS").map_err(&refused)?;
+            positions.push(hear(table, &mut heard, place).map_err(&refused)?);
         }
-        let flag = |name: &str, heard: &mut Vec<Heard>| {
-            let at = table.find(name)?;
-            Some(hear(table, heard, at))
+        let barrier = Barrier::of(table, &config.axes, &mut heard).map_err(&refused)?;
+        let mut applied = Vec::new();
+        let (way, counts, heartbeat) = match barrier {
+            Some((barrier, counts)) => (Way::Barrier(barrier), counts, Heartbeat::Watched),
+            None => {
+                let plain = Plain::of(table, &config.axes).map_err(&refused)?;
+                for name in &config.axes {
+                    if let Some(at) = table.find(&format!("{name}_APPLIED")) {
+                        applied.push(hear(table, &mut heard, at).map_err(&refused)?);
+                    }
+                }
+                let (plain, counts) = plain;
+                let heartbeat = plain.heartbeat();
+                (Way::Plain(plain), counts, heartbeat)
+            }
         };
-        let flags = ["REFERENCED", "ALARM", "EMERGENCY_STOP"].map(|name| flag(name, &mut heard));
-        let watched = sent
-            .iter()
-            .all(|(message, frame)| message.counter(frame.data()).is_some());
+        if applied.len() < config.axes.len() {
+            applied.clear();
+        }
+        let mut states = [const { None }; 3];
+        for (state, name) in states.iter_mut().zip(STATES) {
+            if let Some(at) = table.find(name) {
+                *state = Some(hear(table, &mut heard, at).map_err(&refused)?);
+            }
+        }
+        let has_barrier = matches!(way, Way::Barrier(_));
         let description = Description {
             channel: config.channel.clone(),
-            axes: described,
-            heartbeat: if watched {
-                Heartbeat::Watched
-            } else {
-                Heartbeat::Unwatched
-            },
-            barrier: false,
-            tells_applied: axes.iter().all(|axis| axis.applied.is_some()),
+            axes: described(config, &counts),
+            heartbeat,
+            barrier: has_barrier,
+            tells_applied: has_barrier || !applied.is_empty(),
             shown: ShownStates {
-                referenced: flags[0].is_some(),
-                alarm: flags[1].is_some(),
-                emergency_stop: flags[2].is_some(),
+                referenced: states[0].is_some(),
+                alarm: states[1].is_some(),
+                emergency_stop: states[2].is_some(),
             },
-            sees_other_gateways: false,
+            // A barrier takes frames of one sender and tells which.
+            sees_other_gateways: has_barrier,
             shortest_cycle: Duration::from_millis(1),
             device: device.clone(),
         };
@@ -139,12 +134,12 @@ impl<P: CanPort> CanController<P> {
         Ok(Self {
             ears: Ears::new(port, heard),
             description,
-            axes,
-            flags,
-            sent,
-            counter: 0,
+            positions,
+            applied,
+            states,
+            way,
             stale_after: config.stale_after,
-            saturated: 0,
+            read_back_within: config.read_back_within,
         })
     }
 
@@ -155,7 +150,10 @@ impl<P: CanPort> CanController<P> {
 
     /// How often a correction was larger than its signal can say.
     pub fn saturated(&self) -> u64 {
-        self.saturated
+        match &self.way {
+            Way::Barrier(_) => 0,
+            Way::Plain(plain) => plain.saturated(),
+        }
     }
 
     fn value(&self, place: &Place) -> f64 {
@@ -163,11 +161,25 @@ impl<P: CanPort> CanController<P> {
         place.signal.value(heard.data()) * place.to_internal
     }
 
-    fn all_fresh(&self) -> bool {
-        let places = self.axes.iter().map(|axis| &axis.position);
-        places
-            .chain(self.flags.iter().flatten())
-            .all(|place| self.ears.heard(place).is_fresh(self.stale_after))
+    fn are_fresh(&self, places: &[Place], within: Duration) -> bool {
+        let mut places = places.iter();
+        places.all(|place| self.ears.heard(place).is_fresh(within))
+    }
+
+    /// Whether a state of the control is on; one that is stale, or came never, counts as `forbids`.
+    fn state(&self, place: &Place, forbids: bool) -> bool {
+        if self.ears.heard(place).is_fresh(self.stale_after) {
+            self.value(place) != 0.0
+        } else {
+            forbids
+        }
+    }
+
+    /// When signals came, the oldest and the newest of them.
+    fn came(&self, places: &[Place]) -> Option<[Instant; 2]> {
+        let mut times = places.iter().filter_map(|p| self.ears.heard(p).taken);
+        let first = times.next()?;
+        Some(times.fold([first; 2], |[a, b], t| [a.min(t), b.max(t)]))
     }
 }
 
@@ -176,11 +188,12 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The last positions, state and applied correction from the control; where they are stale, waits for its next
-    /// frames.
+    /// The last positions, states and applied correction or report from the control; where positions are stale, waits for
+    /// the next ones. `taken` is when the oldest of the positions arrived, `uncertainty` how far the others, and what is
+    /// applied, are from it. What is applied is left out when it is older than the configuration allows.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.ears.listen(deadline, false)?;
-        while !self.all_fresh() {
+        while !self.are_fresh(&self.positions, self.stale_after) {
             if self.ears.health.bus_off {
                 return Err(Fault::Disconnected);
             }
@@ -188,66 +201,85 @@ impl<P: CanPort> Controller for CanController<P> {
                 return Err(Fault::TimedOut);
             }
         }
+        let [taken, newest] = self.came(&self.positions).ok_or(Fault::TimedOut)?;
+        let mut apart = newest.duration_since(taken);
         let mut positions = PerChannel::ZERO;
-        let mut applied = PerChannel::ZERO;
-        let mut taken = Instant::now();
-        let mut newest = None;
-        for (index, axis) in self.axes.iter().enumerate() {
-            positions[index] = self.value(&axis.position);
-            applied[index] = axis.applied.as_ref().map_or(0.0, |place| self.value(place));
-            if let Some(when) = self.ears.heard(&axis.position).taken {
-                taken = taken.min(when);
-                newest = newest.max(Some(when));
-            }
+        for (position, place) in positions.iter_mut().zip(&self.positions) {
+            *position = self.value(place);
         }
-        let flag = |place: &Option<Place>| place.as_ref().map(|place| self.value(place) != 0.0);
-        let knows_applied = self.axes.iter().all(|axis| {
-            let place = axis.applied.as_ref();
-            place.is_some_and(|p| self.ears.heard(p).is_fresh(self.stale_after))
-        });
+        let mut applied = None;
+        if let Some([oldest, newest]) = self.came(&self.applied)
+            && self.are_fresh(&self.applied, self.read_back_within)
+        {
+            let mut values = PerChannel::ZERO;
+            for (value, place) in values.iter_mut().zip(&self.applied) {
+                *value = self.value(place);
+            }
+            applied = Some(values);
+            let before = taken.saturating_duration_since(oldest);
+            apart = apart
+                .max(before)
+                .max(newest.saturating_duration_since(taken));
+        }
+        let [referenced, alarm, emergency_stop] = &self.states;
+        let state = |place: &Option<Place>, unseen: bool, forbids: bool| {
+            let place = place.as_ref();
+            place.map_or(unseen, |place| self.state(place, forbids))
+        };
         Ok(Snapshot {
             positions,
             taken,
-            // Positions of several messages are as far apart as these came.
-            uncertainty: newest.map_or(Duration::ZERO, |newest| {
-                newest.saturating_duration_since(taken)
-            }),
+            uncertainty: apart,
+            // A state that is not shown at all has been accepted so: the description tells.
             state: ControllerState {
-                referenced: flag(&self.flags[0]).unwrap_or(true),
-                alarm: flag(&self.flags[1]).unwrap_or(false),
-                emergency_stop: flag(&self.flags[2]).unwrap_or(false),
+                referenced: state(referenced, true, false),
+                alarm: state(alarm, false, true),
+                emergency_stop: state(emergency_stop, false, true),
             },
-            applied: knows_applied.then_some(applied),
-            report: None,
+            applied,
+            report: match &self.way {
+                Way::Barrier(barrier) => barrier.report(&self.ears),
+                Way::Plain(_) => None,
+            },
         })
     }
 
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        match &mut self.way {
+            Way::Barrier(barrier) => barrier.post(&mut self.ears.port, frame, deadline),
+            Way::Plain(_) => Err(Fault::Unsupported("frames: the DBC file has no barrier")),
+        }
+    }
+
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        for (axis, correction) in self.axes.iter().zip(corrections) {
-            let (_, frame) = &mut self.sent[axis.sent];
-            let within = axis
-                .correction
-                .put(frame.data_mut(), correction / axis.to_internal);
-            self.saturated += u64::from(!within);
+        match &mut self.way {
+            Way::Plain(plain) => plain.apply(&mut self.ears.port, corrections, deadline),
+            Way::Barrier(_) => Err(Fault::Unsupported(
+                "plain values: the control has a barrier",
+            )),
         }
-        self.counter = (self.counter + 1) % 16;
-        for (message, frame) in &mut self.sent {
-            message.seal(frame.data_mut(), self.counter);
-            self.ears.port.send(frame, deadline)?;
-        }
-        Ok(())
     }
 }
 
-/// Adds a message to those that are sent.
-fn send(table: &SignalTable, sent: &mut Vec<(Message, Frame)>, message: usize) -> Option<usize> {
-    let message = &table.messages[message];
-    let known = sent
-        .iter()
-        .position(|(other, _)| other.name == message.name);
-    if known.is_some() {
-        return known;
-    }
-    sent.push((message.clone(), message.frame()?));
-    Some(sent.len() - 1)
+/// The place of a signal of an axis that must be there.
+pub(crate) fn needed(
+    table: &SignalTable,
+    name: AxisName,
+    suffix: &str,
+) -> Result<(usize, usize), String> {
+    let signal = format!("{name}_{suffix}");
+    table
+        .find(&signal)
+        .ok_or_else(|| format!("there is no signal {signal}"))
+}
+
+fn described(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {
+    let both = config.axes.iter().zip(counts);
+    both.map(|(name, count)| Axis {
+        name: *name,
+        includes_correction: config.includes_correction,
+        resolution: Displacement::new(name.kind(), count.step),
+        largest: Some(Displacement::new(name.kind(), count.largest)),
+    })
+    .collect()
 }

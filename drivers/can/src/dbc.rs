@@ -4,7 +4,7 @@ use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, ValueType};
 
 use crate::{
     frame::Frame,
-    quantity::Quantity,
+    quantity::to_internal,
     signals::{Message, Signal, SignalTable},
 };
 
@@ -57,7 +57,7 @@ impl SignalTable {
     /// # Errors
     /// No DBC file, signals outside their message, lengths that no frame has, and a unit that is missing or that the
     /// quantity of the signal does not have: positions and corrections of linear axes are in mm or um, of rotary axes
-    /// in deg, rad or urad, temperatures in degC.
+    /// in deg, rad or urad, temperatures in degC, and the states of the control have no unit or `bool`.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text).map_err(|e| DbcError::Syntax {
             file: file.to_owned(),
@@ -166,14 +166,8 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
         let factor = format!("factor {} and offset {}", found.factor, found.offset);
         return Err(wrong(&place, &factor, "finite numbers, the factor not 0"));
     }
-    if let Some(quantity) = Quantity::of_signal(&found.name)
-        && quantity.factor(&found.unit).is_none()
-    {
-        let unit = match &*found.unit {
-            "" => "no unit".to_owned(),
-            other => format!("the unit `{other}`"),
-        };
-        return Err(wrong(&place, &unit, quantity.expected()));
+    if let Err(unit) = to_internal(&found.name, &found.unit) {
+        return Err(wrong(&place, &unit.found, unit.expected));
     }
     let all = u32::try_from(8 * length).unwrap_or(0);
     let bits = u32::try_from(found.size).unwrap_or(u32::MAX);

@@ -6,6 +6,7 @@ use volcomp_port::Fault;
 
 use crate::{
     frame::{AT_ONCE, CanPort, Frame, Received},
+    quantity::to_internal,
     signals::{Message, Signal, SignalTable},
 };
 
@@ -136,27 +137,28 @@ pub(crate) struct Place {
     pub(crate) to_internal: f64,
 }
 
-/// The factor from a signal's unit to mm, rad or °C; flags have no unit. [`SignalTable::parse`] refuses other units.
-pub(crate) fn to_internal(signal: &Signal) -> f64 {
-    signal.to_internal().unwrap_or(1.0)
-}
-
 /// Adds the message of a signal to those that are heard.
+///
+/// # Errors
+/// A unit that the quantity of the signal does not have. [`SignalTable::parse`] refuses it already; a table may come from
+/// elsewhere.
 pub(crate) fn hear(
     table: &SignalTable,
     heard: &mut Vec<Heard>,
     (message, place): (usize, usize),
-) -> Place {
+) -> Result<Place, String> {
     let message = &table.messages[message];
+    let signal = message.signals[place].clone();
+    let to_internal = to_internal(&signal.name, &signal.unit)
+        .map_err(|unit| format!("signal {}: {unit}", signal.name))?;
     let known = heard.iter().position(|h| h.message.name == message.name);
     let index = known.unwrap_or_else(|| {
         heard.push(Heard::new(message));
         heard.len() - 1
     });
-    let signal = message.signals[place].clone();
-    Place {
+    Ok(Place {
         heard: index,
-        to_internal: to_internal(&signal),
+        to_internal,
         signal,
-    }
+    })
 }

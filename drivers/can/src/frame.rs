@@ -60,7 +60,8 @@ impl Frame {
 /// A frame or an error report that was received from the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// A frame, and when it was taken from the bus.
+    /// A frame, and when it arrived here: not when it was read, and never later than it came. A frame that waited while
+    /// nobody read is as old as that.
     Frame(Frame, Instant),
     /// The controller of the bus reports errors.
     Error,

@@ -1,10 +1,14 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "socket")]
+mod arrival;
+mod barrier;
 mod bridge;
 pub mod canopen;
 mod dbc;
 mod ears;
 mod frame;
+mod plain;
 mod quantity;
 mod signals;
 #[cfg(feature = "socket")]
@@ -23,3 +27,6 @@ pub use thermometer::{CanThermometer, temperature_names};
 
 /// The shipped description of the plain frames.
 pub const SHIPPED_DBC: &str = include_str!("../volcomp.dbc");
+
+/// The shipped description of the frames of a control with a barrier, for a machine of the axes X, Y and Z.
+pub const BARRIER_DBC: &str = include_str!("../barrier.dbc");

@@ -3,6 +3,10 @@
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
+/// The signals that tell the state of a control: whether every axis was sent to its reference, an alarm is on, the
+/// emergency stop is pressed.
+pub(crate) const STATES: [&str; 3] = ["REFERENCED", "ALARM", "EMERGENCY_STOP"];
+
 /// The quantity that a signal carries, where the drivers use it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Quantity {
@@ -10,12 +14,25 @@ pub(crate) enum Quantity {
     Of(AxisName),
     /// A temperature in °C.
     Temperature,
+    /// A state of the control, 0 or not.
+    State,
+}
+
+/// A unit that the quantity of a signal does not have.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("found {found}, expected {expected}")]
+pub(crate) struct WrongUnit {
+    pub(crate) found: String,
+    pub(crate) expected: &'static str,
 }
 
 impl Quantity {
-    /// The quantity that the name of a signal stands for: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP`; `None` for every
-    /// other signal.
+    /// The quantity that the name of a signal stands for: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None`
+    /// for every other signal.
     pub(crate) fn of_signal(name: &str) -> Option<Self> {
+        if STATES.contains(&name) {
+            return Some(Self::State);
+        }
         if name.ends_with("_TEMP") {
             return Some(Self::Temperature);
         }
@@ -41,23 +58,42 @@ impl Quantity {
                 ],
             },
             Self::Temperature => &[("degC", 1.0), ("°C", 1.0)],
+            Self::State => &[("", 1.0), ("bool", 1.0)],
         }
     }
 
-    /// The factor from a unit to mm, rad or °C; `None` where this quantity does not have such a unit.
-    pub(crate) fn factor(self, unit: &str) -> Option<f64> {
+    /// The factor from a unit to mm, rad or °C.
+    ///
+    /// # Errors
+    /// This quantity does not have such a unit.
+    pub(crate) fn factor(self, unit: &str) -> Result<f64, WrongUnit> {
         let known = self.units().iter().find(|(name, _)| *name == unit);
-        known.map(|(_, factor)| *factor)
+        known.map(|(_, factor)| *factor).ok_or_else(|| WrongUnit {
+            found: match unit {
+                "" => "no unit".to_owned(),
+                other => format!("the unit `{other}`"),
+            },
+            expected: self.expected(),
+        })
     }
 
     /// The units as a message names them.
-    pub(crate) fn expected(self) -> &'static str {
+    fn expected(self) -> &'static str {
         match self {
             Self::Of(name) => match name.kind() {
                 AxisKind::Linear => "mm or um, since the axis is linear",
                 AxisKind::Rotary => "deg, rad or urad, since the axis is rotary",
             },
             Self::Temperature => "degC",
+            Self::State => "no unit or bool, since it is 0 or 1",
         }
     }
+}
+
+/// The factor from the unit of a signal to mm, rad or °C; 1 for a signal whose name stands for no quantity.
+///
+/// # Errors
+/// A unit that the quantity does not have.
+pub(crate) fn to_internal(name: &str, unit: &str) -> Result<f64, WrongUnit> {
+    Quantity::of_signal(name).map_or(Ok(1.0), |quantity| quantity.factor(unit))
 }

@@ -163,7 +163,7 @@ impl Signal {
 
     /// The factor from the value to mm, rad or °C; `None` for a signal that is no position, correction or temperature.
     pub(crate) fn to_internal(&self) -> Option<f64> {
-        Quantity::of_signal(&self.name)?.factor(&self.unit)
+        Quantity::of_signal(&self.name)?.factor(&self.unit).ok()
     }
 
     /// The axis and place that the data say, where this is the position of an axis (`X_POS`).

@@ -2,7 +2,7 @@
 
 use std::{
     io::{Error, ErrorKind},
-    time::Instant,
+    time::{Instant, SystemTime},
 };
 
 use rustix::{
@@ -15,7 +15,10 @@ use socketcan::{
 };
 use volcomp_port::{DeviceError, Fault};
 
-use crate::frame::{CanPort, Frame, Received};
+use crate::{
+    arrival::Arrivals,
+    frame::{CanPort, Frame, Received},
+};
 
 /// The class of an error frame that says that the controller has left the bus.
 const BUS_OFF: u32 = 0x40;
@@ -25,6 +28,7 @@ const BUS_OFF: u32 = 0x40;
 pub struct CanSocket {
     device: String,
     socket: CanFdSocket,
+    arrivals: Arrivals,
 }
 
 impl CanSocket {
@@ -47,10 +51,17 @@ impl CanSocket {
                 remedy,
             )
         };
+        let arrivals = Arrivals::empty_at(Instant::now(), SystemTime::now());
         let socket = CanFdSocket::open(interface).map_err(failed)?;
         socket.set_nonblocking(true).map_err(failed)?;
         socket.set_error_filter_accept_all().map_err(failed)?;
-        Ok(Self { device, socket })
+        // A kernel that does not stamp frames leaves them as old as they can be.
+        let _ = socket.set_recv_timestamp(true);
+        Ok(Self {
+            device,
+            socket,
+            arrivals,
+        })
     }
 
     fn wait(&self, what: PollFlags, deadline: Instant) -> Result<bool, Fault> {
@@ -71,13 +82,16 @@ impl CanPort for CanSocket {
 
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault> {
         loop {
-            match self.socket.read_frame() {
-                Ok(frame) => {
-                    if let Some(received) = received(&frame) {
+            let (now, wall) = (Instant::now(), SystemTime::now());
+            match self.socket.read_frame_with_timestamps() {
+                Ok((frame, stamps)) => {
+                    let arrived = self.arrivals.of(stamps.socket, now, wall);
+                    if let Some(received) = received(&frame, arrived) {
                         return Ok(Some(received));
                     }
                 }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => {
+                    self.arrivals = Arrivals::empty_at(now, wall);
                     if Instant::now() >= deadline || !self.wait(PollFlags::IN, deadline)? {
                         return Ok(None);
                     }
@@ -112,7 +126,7 @@ fn is_full(error: &Error) -> bool {
 }
 
 /// `None` for remote frames, which nobody here asks for.
-fn received(frame: &CanAnyFrame) -> Option<Received> {
+fn received(frame: &CanAnyFrame, arrived: Instant) -> Option<Received> {
     let (fd, data) = match frame {
         CanAnyFrame::Normal(frame) => (false, frame.data()),
         CanAnyFrame::Fd(frame) => (true, frame.data()),
@@ -127,7 +141,7 @@ fn received(frame: &CanAnyFrame) -> Option<Received> {
         CanAnyFrame::Remote(_) => return None,
     };
     let frame = Frame::new(frame.raw_id(), frame.is_extended(), fd, data)?;
-    Some(Received::Frame(frame, Instant::now()))
+    Some(Received::Frame(frame, arrived))
 }
 
 fn to_socket(frame: &Frame) -> Option<CanAnyFrame> {

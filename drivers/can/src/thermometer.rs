@@ -17,7 +17,7 @@ use crate::{
 /// A table without temperatures.
 pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String>, DeviceError> {
     let unopened = Unopened(device.to_owned());
-    Ok(CanThermometer::new(unopened, table, Duration::ZERO)?.names)
+    Ok(CanThermometer::new(unopened, table, &[], Duration::ZERO)?.names)
 }
 
 /// Temperatures in plain frames: signals that end in `_TEMP`, named by what stands before, in small letters.
@@ -32,24 +32,44 @@ pub struct CanThermometer<P> {
 }
 
 impl<P: CanPort> CanThermometer<P> {
-    /// The temperatures of a table.
+    /// The temperatures of a table with these names, in their order; without names all of the table.
     ///
     /// # Errors
-    /// A table without temperatures.
-    pub fn new(port: P, table: &SignalTable, stale_after: Duration) -> Result<Self, DeviceError> {
+    /// A table without temperatures, a name that it does not have or that stands twice.
+    pub fn new(
+        port: P,
+        table: &SignalTable,
+        names: &[String],
+        stale_after: Duration,
+    ) -> Result<Self, DeviceError> {
         let refused =
             |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
-        let (mut heard, mut names, mut places) = (Vec::new(), Vec::new(), Vec::new());
-        for (message, found) in table.messages.iter().enumerate() {
-            for (place, signal) in found.signals.iter().enumerate() {
+        let (wanted, mut found) = (names, Vec::new());
+        for (message, of_message) in table.messages.iter().enumerate() {
+            for (place, signal) in of_message.signals.iter().enumerate() {
                 if let Some(name) = signal.name.strip_suffix("_TEMP") {
-                    names.push(name.to_lowercase());
-                    places.push(hear(table, &mut heard, (message, place)));
+                    found.push((name.to_lowercase(), (message, place)));
                 }
             }
         }
-        if names.is_empty() {
+        if found.is_empty() {
             return Err(refused("there is no signal that ends in _TEMP".to_owned()));
+        }
+        let known: Vec<String> = found.iter().map(|(name, _)| name.clone()).collect();
+        let wanted = if wanted.is_empty() { &known } else { wanted };
+        let (mut heard, mut names, mut places) = (Vec::new(), Vec::new(), Vec::new());
+        for name in wanted {
+            let Some((_, at)) = found.iter().find(|(known, _)| known == name) else {
+                let known = known.join(", ");
+                return Err(refused(format!(
+                    "found no temperature {name}, expected one of {known}"
+                )));
+            };
+            if names.contains(name) {
+                return Err(refused(format!("the sensor {name} stands twice")));
+            }
+            names.push(name.clone());
+            places.push(hear(table, &mut heard, *at).map_err(&refused)?);
         }
         Ok(Self {
             latest: vec![Temperature::NOT_READ; names.len()],

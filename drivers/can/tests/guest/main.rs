@@ -125,6 +125,7 @@ fn the_bridge_lives_through_an_interface_that_goes_down() {
             axes: vec![AxisName::X],
             includes_correction: false,
             stale_after: Duration::from_millis(100),
+            read_back_within: Duration::from_millis(60),
         },
     )
     .unwrap();

@@ -1,7 +1,11 @@
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use volcomp_can::{BridgeConfig, CanController, CanThermometer, Received, SignalTable};
-use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer, contract};
+use volcomp_can::{
+    BridgeConfig, CanController, CanThermometer, Frame, Received, SHIPPED_DBC, SignalTable,
+};
+use volcomp_port::{
+    Controller, ControllerState, Fault, Quality, Reason, ShownStates, Thermometer, contract,
+};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{Bus, frame_of, shipped, soon};
@@ -13,6 +17,7 @@ fn config(axes: &[AxisName]) -> BridgeConfig {
         axes: axes.to_vec(),
         includes_correction: false,
         stale_after: Duration::from_millis(200),
+        read_back_within: Duration::from_millis(60),
     }
 }
 
@@ -196,7 +201,8 @@ fn configurations_that_make_no_sense_are_named() {
         &SignalTable {
             messages: Vec::new(),
         },
-        soon().elapsed(),
+        &[],
+        Duration::ZERO,
     );
     assert!(none.err().unwrap().to_string().contains("ends in _TEMP"));
 }
@@ -206,7 +212,7 @@ fn temperatures_come_in_frames() {
     let bus = Bus::default();
     let table = shipped();
     let mut thermometer =
-        CanThermometer::new(bus.clone(), &table, Duration::from_millis(200)).unwrap();
+        CanThermometer::new(bus.clone(), &table, &[], Duration::from_millis(200)).unwrap();
     assert_eq!(thermometer.names(), ["bed", "column", "spindle", "scale_x"]);
     assert_eq!(
         thermometer.latest()[0].quality,
@@ -229,6 +235,170 @@ fn temperatures_come_in_frames() {
         thermometer.latest()[0].quality,
         Quality::Bad(Reason::NoAnswer)
     );
+}
+
+/// The names of a configuration choose among the temperatures of the file, in their order.
+#[test]
+fn names_choose_temperatures() {
+    let bus = Bus::default();
+    let table = shipped();
+    let named = |names: &[&str]| {
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        CanThermometer::new(bus.clone(), &table, &names, Duration::from_secs(60))
+    };
+    let mut two = named(&["spindle", "bed"]).unwrap();
+    assert_eq!(two.names(), ["spindle", "bed"]);
+    let values = [("BED_TEMP", 21.5), ("SPINDLE_TEMP", 30.0)];
+    bus.comes(frame_of(&table, "TEMPERATURES", &values, 0));
+    let degc: Vec<f64> = two.latest().iter().filter_map(|t| t.degc).collect();
+    assert!((degc[0] - 30.0).abs() < 1e-9 && (degc[1] - 21.5).abs() < 1e-9 && degc.len() == 2);
+    let message = named(&["ram"]).err().unwrap().to_string();
+    assert!(
+        message.contains("found no temperature ram, expected one of bed, column, spindle, scale_x"),
+        "{message}"
+    );
+    let message = named(&["bed", "bed"]).err().unwrap().to_string();
+    assert!(message.contains("the sensor bed stands twice"), "{message}");
+}
+
+/// A state counts in the sense that forbids when it never came or is stale; one that the file does not have is not shown,
+/// and has to be accepted by whoever corrects.
+#[test]
+fn a_state_that_is_not_known_forbids() {
+    let bus = Bus::default();
+    let table = shipped();
+    let quick = BridgeConfig {
+        stale_after: Duration::from_millis(40),
+        ..config(&[AxisName::X])
+    };
+    let mut controller = CanController::new(bus.clone(), &quick).unwrap();
+    assert_eq!(controller.description().shown, ShownStates::ALL);
+    let mut counter = 0;
+    let mut read = |state: bool| {
+        counter += 1;
+        bus.comes(frame_of(&table, "POSITION_XY", &[("X_POS", 1.0)], counter));
+        if state {
+            let calm = [("REFERENCED", 1.0)];
+            bus.comes(frame_of(&table, "STATE", &calm, counter));
+        }
+        controller.read(soon()).unwrap().state
+    };
+    let forbids = ControllerState {
+        referenced: false,
+        alarm: true,
+        emergency_stop: true,
+    };
+    let calm = ControllerState {
+        referenced: true,
+        alarm: false,
+        emergency_stop: false,
+    };
+    assert_eq!(read(false), forbids, "no state came yet");
+    assert_eq!(read(true), calm);
+    assert_eq!(read(false), calm, "the last one is fresh");
+    std::thread::sleep(Duration::from_millis(60));
+    assert_eq!(read(false), forbids, "positions come, the state does not");
+    assert_eq!(read(true), calm);
+    let dumb = SHIPPED_DBC
+        .replace("EMERGENCY_STOP", "SPARE")
+        .replace(" ALARM", " OTHER");
+    let dumb = BridgeConfig {
+        table: SignalTable::parse(&dumb).unwrap(),
+        ..config(&[AxisName::X])
+    };
+    let shown = dumb.describe("can://memory").unwrap().shown;
+    let expected = ShownStates {
+        referenced: true,
+        ..ShownStates::NONE
+    };
+    assert_eq!(shown, expected);
+}
+
+/// What is applied is told only while it is young enough; `taken` is when the oldest position came, and `uncertainty` covers
+/// what is applied, too.
+#[test]
+fn an_old_read_back_is_not_told() {
+    let bus = Bus::default();
+    let table = shipped();
+    let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
+    let began = Instant::now();
+    let at = |ms: u64| began + Duration::from_millis(ms);
+    let comes = |frame: Frame, ms: u64| {
+        let received = Received::Frame(frame, at(ms));
+        bus.inside().coming.push_back(received);
+    };
+    std::thread::sleep(Duration::from_millis(80));
+    let applied = [("X_APPLIED", 40.0), ("REFERENCED", 1.0)];
+    comes(frame_of(&table, "STATE", &applied, 1), 50);
+    comes(frame_of(&table, "POSITION_XY", &[("X_POS", 5.0)], 1), 70);
+    let snapshot = controller.read(soon()).unwrap();
+    assert_eq!(snapshot.taken, at(70));
+    assert_eq!(snapshot.uncertainty, Duration::from_millis(20));
+    assert!((snapshot.applied.unwrap()[0] - 0.040).abs() < 1e-12);
+    // Older than 60 ms by now, while the positions go on: 60 to 100 ms made a step of 28 µm and a fault.
+    std::thread::sleep(Duration::from_millis(50));
+    bus.comes(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2));
+    let snapshot = controller.read(soon()).unwrap();
+    assert!(snapshot.state.referenced, "the state is not stale yet");
+    assert_eq!(snapshot.applied, None);
+    assert!(controller.description().tells_applied);
+}
+
+/// Frames that waited while nobody read are as old as they are: the positions in them are stale.
+#[test]
+fn frames_that_waited_are_stale() {
+    let bus = Bus::default();
+    let table = shipped();
+    let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
+    for counter in 0..10 {
+        bus.comes(frame_of(&table, "POSITION_XY", &[("X_POS", 9.0)], counter));
+    }
+    std::thread::sleep(Duration::from_millis(250));
+    assert_eq!(controller.read(soon()), Err(Fault::TimedOut));
+    bus.comes(frame_of(&table, "POSITION_XY", &[("X_POS", 1.0)], 10));
+    assert!((controller.read(soon()).unwrap().positions[0] - 1.0).abs() < 1e-9);
+}
+
+/// A write whose deadline has passed is not sent.
+#[test]
+fn a_late_correction_is_not_sent() {
+    let bus = Bus::default();
+    let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
+    let late = controller.apply(&PerChannel([0.01; 9]), Instant::now());
+    assert_eq!((late, bus.sent()), (Err(Fault::TimedOut), vec![]));
+}
+
+/// Units are compared again where a table does not come from a file.
+#[test]
+fn units_of_any_table_are_compared() {
+    for (signal, unit, expected) in [
+        (
+            "X_APPLIED",
+            "",
+            "signal X_APPLIED: found no unit, expected mm or um",
+        ),
+        (
+            "X_CORR",
+            "urad",
+            "signal X_CORR: found the unit `urad`, expected mm or um",
+        ),
+        (
+            "C_POS",
+            "mm",
+            "signal C_POS: found the unit `mm`, expected deg, rad or urad",
+        ),
+        (
+            "EMERGENCY_STOP",
+            "V",
+            "signal EMERGENCY_STOP: found the unit `V`, expected no unit or bool",
+        ),
+    ] {
+        let mut config = config(&[AxisName::X, AxisName::C]);
+        let (message, place) = config.table.find(signal).unwrap();
+        unit.clone_into(&mut config.table.messages[message].signals[place].unit);
+        let refused = config.describe("can://memory").unwrap_err().to_string();
+        assert!(refused.contains(expected), "{refused}");
+    }
 }
 
 /// One FD frame with all axes, big-endian, for who wants that.

@@ -66,7 +66,7 @@ fn temperatures_of_frames() {
     let _sender = Sender::start(&bus, move |round| {
         vec![frame_of(&shipped(), "TEMPERATURES", &values, round % 16)]
     });
-    let mut thermometer = CanThermometer::new(bus, &shipped(), LONG).unwrap();
+    let mut thermometer = CanThermometer::new(bus, &shipped(), &[], LONG).unwrap();
     contract::thermometer(&mut thermometer);
     assert_eq!(thermometer.health(), volcomp_can::Health::default());
 }

@@ -2,7 +2,7 @@
 
 use std::{fmt::Write, process::Command};
 
-use volcomp_can::{SHIPPED_DBC, SignalTable};
+use volcomp_can::{BARRIER_DBC, SHIPPED_DBC, SignalTable};
 
 /// Signals in both byte orders, at odd places, classic and FD.
 const ODD: &str = "VERSION \"\"\n\nBU_: A\n\n\
@@ -21,7 +21,7 @@ fn cantools_finds_the_same_numbers() {
         seed ^= seed << 17;
         seed.to_le_bytes()[3]
     };
-    for text in [SHIPPED_DBC, ODD] {
+    for text in [SHIPPED_DBC, BARRIER_DBC, ODD] {
         let table = SignalTable::parse(text).unwrap();
         let mut lines = String::new();
         for round in 0..200 {

@@ -221,9 +221,16 @@ fn units_are_those_of_the_quantity() {
             "\"K\"",
             "bridge.dbc:41: TEMPERATURES.BED_TEMP: found the unit `K`, expected degC",
         ),
+        (
+            "EMERGENCY_STOP : 54|1@1+ (1,0) [0|1] \"\"",
+            "EMERGENCY_STOP : 54|1@1+ (1,0) [0|1] \"V\"",
+            "bridge.dbc:29: STATE.EMERGENCY_STOP: found the unit `V`, expected no unit or bool, since it is 0 or 1",
+        ),
     ] {
         assert_eq!(refused(from, to), expected);
     }
+    let bools = volcomp_can::SHIPPED_DBC.replace("[0|1] \"\"", "[0|1] \"bool\"");
+    assert!(SignalTable::parse(&bools).unwrap().find("ALARM").is_some());
     // A position in µm is a thousandth of that in mm.
     let text = volcomp_can::SHIPPED_DBC.replacen("\"mm\"", "\"µm\"", 1);
     let table = SignalTable::parse(&text).unwrap();

@@ -1,0 +1,276 @@
+//! The words that go to and come from a barrier in the control: `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, …
+//! Words are carried as they are; their meaning is that of the barrier. Only the size of a count is taken from here: the
+//! value words have the unit and the factor of what they count.
+
+use volcomp_port::{Fault, MOST_WORDS, Words};
+use volcomp_vocabulary::AxisName;
+
+use crate::{
+    ears::{Ears, Heard, Place, hear},
+    frame::{CanPort, Frame},
+    quantity::Quantity,
+    signals::{Message, Signal, SignalTable},
+};
+
+/// Epoch, tick, sequence, owner.
+const FRAME_HEAD: usize = 4;
+/// Epoch, tick, owner, sequence, refusal, scans from step to step, hold, time-out.
+const REPORT_HEAD: usize = 8;
+/// Applied, limit, rate.
+const REPORT_OF_AXIS: usize = 3;
+/// Two words of checksum at the end of both.
+const CHECK: usize = 2;
+
+/// A message that is sent, and whether it was put together.
+struct Sent {
+    message: Message,
+    frame: Frame,
+}
+
+/// A word of the frame: which message that is sent, and the signal in it.
+struct Word {
+    sent: usize,
+    signal: Signal,
+}
+
+/// The words of a barrier on a bus.
+pub(crate) struct Barrier {
+    frame: Vec<Word>,
+    sent: Vec<Sent>,
+    report: Vec<Place>,
+    counter: u64,
+}
+
+/// The largest count of a value word.
+const LARGEST_COUNT: f64 = 32767.0;
+
+/// One step of the correction of an axis, and the largest correction, mm or rad.
+pub(crate) struct Count {
+    pub(crate) step: f64,
+    pub(crate) largest: f64,
+}
+
+impl Barrier {
+    /// The barrier of a table for these axes; `None` where the table has no words.
+    ///
+    /// # Errors
+    /// Words that are missing, or of which there are too few or too many for the axes, that are not of 16 bits, or whose
+    /// units are not those of a count.
+    pub(crate) fn of(
+        table: &SignalTable,
+        axes: &[AxisName],
+        heard: &mut Vec<Heard>,
+    ) -> Result<Option<(Self, Vec<Count>)>, String> {
+        let frame = words(table, "FRAME")?;
+        let report = words(table, "REPORT")?;
+        if frame.is_empty() && report.is_empty() {
+            return Ok(None);
+        }
+        let count = axes.len();
+        expect(&frame, "FRAME", FRAME_HEAD + count + CHECK, count)?;
+        let expected = REPORT_HEAD + REPORT_OF_AXIS * count + CHECK;
+        expect(&report, "REPORT", expected, count)?;
+        let signal = |at: &(usize, usize)| &table.messages[at.0].signals[at.1];
+        let mut counts = Vec::new();
+        for (index, name) in axes.iter().enumerate() {
+            let value = signal(&frame[FRAME_HEAD + index]);
+            counts.push(of_count(value, *name)?);
+            for at in &report[REPORT_HEAD + REPORT_OF_AXIS * index..][..2] {
+                same_count(signal(at), value)?;
+            }
+        }
+        let is_value = |index: usize| (FRAME_HEAD..FRAME_HEAD + count).contains(&index);
+        let counted = |index: usize| {
+            let of_axes = index.checked_sub(REPORT_HEAD);
+            of_axes.is_some_and(|at| at < REPORT_OF_AXIS * count && at % REPORT_OF_AXIS != 2)
+        };
+        for (index, at) in frame.iter().enumerate() {
+            check(signal(at), is_value(index))?;
+        }
+        for (index, at) in report.iter().enumerate() {
+            check(signal(at), counted(index))?;
+        }
+        let mut sent: Vec<Sent> = Vec::new();
+        let mut parts = Vec::new();
+        // The message with the last word is the last one: when it has come, the frame is whole.
+        let mut order: Vec<usize> = Vec::new();
+        for (message, _) in frame.iter().rev() {
+            if !order.contains(message) {
+                order.insert(0, *message);
+            }
+        }
+        for index in &order {
+            let message = &table.messages[*index];
+            let frame = message
+                .frame()
+                .ok_or_else(|| format!("{} makes no frame", message.name))?;
+            sent.push(Sent {
+                message: message.clone(),
+                frame,
+            });
+        }
+        for at in &frame {
+            let place = order.iter().position(|message| *message == at.0);
+            parts.push(Word {
+                // Every message of a word is in the order.
+                sent: place.unwrap_or(0),
+                signal: signal(at).clone(),
+            });
+        }
+        let report = report.iter().map(|at| hear(table, heard, *at));
+        let barrier = Self {
+            frame: parts,
+            sent,
+            report: report.collect::<Result<_, _>>()?,
+            counter: 0,
+        };
+        Ok(Some((barrier, counts)))
+    }
+
+    /// Puts the words of a frame into their messages and sends these in order, the one with the last word last.
+    pub(crate) fn post(
+        &mut self,
+        port: &mut impl CanPort,
+        words: &Words,
+        deadline: std::time::Instant,
+    ) -> Result<(), Fault> {
+        let words = words.as_slice();
+        if words.len() != self.frame.len() {
+            return Err(Fault::Unsupported("a frame of another number of words"));
+        }
+        for (place, word) in self.frame.iter().zip(words) {
+            let data = self.sent[place.sent].frame.data_mut();
+            place.signal.put_raw(data, u64::from(*word));
+        }
+        self.counter = (self.counter + 1) % 16;
+        for Sent { message, frame } in &mut self.sent {
+            message.seal(frame.data_mut(), self.counter);
+            send(port, frame, deadline)?;
+        }
+        Ok(())
+    }
+
+    /// The words of the last report, from the last whole messages; `None` before each of them came. Whether they belong
+    /// together, the checksum in the words tells.
+    pub(crate) fn report<P: CanPort>(&self, ears: &Ears<P>) -> Option<Words> {
+        let mut words = [0; MOST_WORDS];
+        for (word, place) in words.iter_mut().zip(&self.report) {
+            let heard = ears.heard(place);
+            heard.taken?;
+            // The signal has 16 bits.
+            *word = u16::try_from(place.signal.raw(heard.data())).ok()?;
+        }
+        Words::new(words.get(..self.report.len())?)
+    }
+}
+
+/// Sends a frame before its deadline.
+pub(crate) fn send(
+    port: &mut impl CanPort,
+    frame: &Frame,
+    deadline: std::time::Instant,
+) -> Result<(), Fault> {
+    if std::time::Instant::now() >= deadline {
+        return Err(Fault::TimedOut);
+    }
+    port.send(frame, deadline)
+}
+
+/// The places of the words `PREFIX_0`, `PREFIX_1` and so on, in their order.
+fn words(table: &SignalTable, prefix: &str) -> Result<Vec<(usize, usize)>, String> {
+    let mut found = Vec::new();
+    for (message, of_message) in table.messages.iter().enumerate() {
+        for (place, signal) in of_message.signals.iter().enumerate() {
+            let number = signal.name.strip_prefix(prefix);
+            let number = number.and_then(|rest| rest.strip_prefix('_'));
+            if let Some(number) = number.and_then(|number| number.parse::<usize>().ok()) {
+                found.push((number, (message, place)));
+            }
+        }
+    }
+    found.sort_unstable();
+    for (expected, (number, _)) in found.iter().enumerate() {
+        if expected != *number {
+            return Err(format!(
+                "found the signal {prefix}_{number}, expected {prefix}_{expected}: each word once, counted from 0"
+            ));
+        }
+    }
+    Ok(found.into_iter().map(|(_, at)| at).collect())
+}
+
+fn expect(
+    found: &[(usize, usize)],
+    prefix: &str,
+    expected: usize,
+    axes: usize,
+) -> Result<(), String> {
+    if found.len() == expected {
+        return Ok(());
+    }
+    Err(format!(
+        "found {} words {prefix}_0, {prefix}_1, …, expected {expected} for a barrier of {axes} axes",
+        found.len()
+    ))
+}
+
+/// The size of a count of an axis, by unit and factor of its value word.
+fn of_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
+    let unit = Quantity::Of(name).factor(&signal.unit);
+    let unit = unit.map_err(|unit| {
+        let word = &signal.name;
+        format!("signal {word}: {unit}; unit and factor say what a count of {name} is")
+    })?;
+    let step = signal.factor * unit;
+    if step <= 0.0 {
+        let found = signal.factor;
+        let word = &signal.name;
+        return Err(format!(
+            "signal {word}: found the factor {found}, expected a positive one, the size of a count"
+        ));
+    }
+    Ok(Count {
+        step,
+        largest: LARGEST_COUNT * step,
+    })
+}
+
+fn same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
+    #[expect(clippy::float_cmp, reason = "both stand in one file")]
+    let same = found.unit == expected.unit && found.factor == expected.factor;
+    if same {
+        return Ok(());
+    }
+    Err(format!(
+        "signal {}: found a count of {} {}, expected {} {} as in {}",
+        found.name, found.factor, found.unit, expected.factor, expected.unit, expected.name
+    ))
+}
+
+/// Whether a signal carries a word as it is: 16 bits without an offset, and without unit and factor where it counts
+/// nothing.
+fn check(signal: &Signal, counted: bool) -> Result<(), String> {
+    let word = &signal.name;
+    if signal.bits != 16 {
+        return Err(format!(
+            "signal {word}: found {} bits, expected 16",
+            signal.bits
+        ));
+    }
+    #[expect(clippy::float_cmp, reason = "as written in the file")]
+    let plain = signal.offset == 0.0 && (counted || signal.factor == 1.0);
+    if !plain || !(counted || signal.unit.is_empty()) {
+        return Err(format!(
+            "signal {word}: found the factor {}, the offset {} and the unit `{}`, expected {}",
+            signal.factor,
+            signal.offset,
+            signal.unit,
+            if counted {
+                "the offset 0"
+            } else {
+                "1, 0 and none: it is a word"
+            }
+        ));
+    }
+    Ok(())
+}

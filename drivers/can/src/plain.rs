@@ -1,0 +1,116 @@
+//! Corrections as plain values: `X_CORR`, in messages with a counter and a checksum.
+
+use std::time::Instant;
+
+use volcomp_port::{Fault, Heartbeat};
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+use crate::{
+    barrier::{Count, send},
+    bridge::needed,
+    frame::{CanPort, Frame},
+    quantity::to_internal,
+    signals::{Message, Signal, SignalTable},
+};
+
+/// The correction of one axis.
+struct OfAxis {
+    /// Which message that is sent.
+    sent: usize,
+    signal: Signal,
+    to_internal: f64,
+}
+
+/// Corrections as plain values.
+pub(crate) struct Plain {
+    axes: Vec<OfAxis>,
+    sent: Vec<(Message, Frame)>,
+    counter: u64,
+    saturated: u64,
+}
+
+impl Plain {
+    /// The corrections of these axes, and the steps of each.
+    ///
+    /// # Errors
+    /// An axis without its signal, a unit that it does not have.
+    pub(crate) fn of(
+        table: &SignalTable,
+        names: &[AxisName],
+    ) -> Result<(Self, Vec<Count>), String> {
+        let (mut axes, mut sent, mut counts) = (Vec::new(), Vec::new(), Vec::new());
+        for name in names {
+            let (message, place) = needed(table, *name, "CORR")?;
+            let message = &table.messages[message];
+            let signal = message.signals[place].clone();
+            let to_internal = to_internal(&signal.name, &signal.unit)
+                .map_err(|unit| format!("signal {}: {unit}", signal.name))?;
+            counts.push(Count {
+                step: signal.step() * to_internal,
+                largest: signal.largest() * to_internal,
+            });
+            axes.push(OfAxis {
+                sent: place_in(&mut sent, message)
+                    .ok_or_else(|| format!("{} makes no frame", message.name))?,
+                signal,
+                to_internal,
+            });
+        }
+        let plain = Self {
+            axes,
+            sent,
+            counter: 0,
+            saturated: 0,
+        };
+        Ok((plain, counts))
+    }
+
+    /// Every message with a counter lets the control notice that no new one comes.
+    pub(crate) fn heartbeat(&self) -> Heartbeat {
+        let counted = |(message, frame): &(Message, Frame)| message.counter(frame.data()).is_some();
+        if self.sent.iter().all(counted) {
+            Heartbeat::Watched
+        } else {
+            Heartbeat::Unwatched
+        }
+    }
+
+    /// How often a correction was larger than its signal can say.
+    pub(crate) fn saturated(&self) -> u64 {
+        self.saturated
+    }
+
+    /// Sends corrections, mm and rad.
+    pub(crate) fn apply(
+        &mut self,
+        port: &mut impl CanPort,
+        corrections: &PerChannel<f64>,
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        for (axis, correction) in self.axes.iter().zip(corrections) {
+            let (_, frame) = &mut self.sent[axis.sent];
+            let within = axis
+                .signal
+                .put(frame.data_mut(), correction / axis.to_internal);
+            self.saturated += u64::from(!within);
+        }
+        self.counter = (self.counter + 1) % 16;
+        for (message, frame) in &mut self.sent {
+            message.seal(frame.data_mut(), self.counter);
+            send(port, frame, deadline)?;
+        }
+        Ok(())
+    }
+}
+
+/// The place of a message among those that are sent; it is added where it is missing.
+fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
+    let known = sent
+        .iter()
+        .position(|(other, _)| other.name == message.name);
+    if known.is_some() {
+        return known;
+    }
+    sent.push((message.clone(), message.frame()?));
+    Some(sent.len() - 1)
+}

@@ -1,0 +1,284 @@
+//! Words for a barrier in the control, by the shipped file and by others.
+
+use std::{process::Command, time::Duration};
+
+use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, Frame, SignalTable};
+use volcomp_port::{Controller, Fault, Heartbeat, Words};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Urad};
+
+use crate::{Bus, frame_of, soon};
+
+const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+
+fn config(text: &str, axes: &[AxisName]) -> BridgeConfig {
+    BridgeConfig {
+        table: SignalTable::parse(text).unwrap(),
+        channel: "bridge".to_owned(),
+        axes: axes.to_vec(),
+        includes_correction: false,
+        stale_after: Duration::from_secs(60),
+        read_back_within: Duration::from_secs(60),
+    }
+}
+
+fn words(from: u16, count: u16) -> Words {
+    let words: Vec<u16> = (0..count).map(|k| from.wrapping_mul(k + 1)).collect();
+    Words::new(&words).unwrap()
+}
+
+/// The frames of a report with these words, in order.
+fn report_of(table: &SignalTable, words: &Words) -> Vec<Frame> {
+    let of_report = |m: &&volcomp_can::Message| m.name.starts_with("BARRIER_REPORT");
+    let mut frames = Vec::new();
+    for message in table.messages.iter().filter(of_report) {
+        let mut frame = message.frame().unwrap();
+        for signal in &message.signals {
+            let number = signal.name.strip_prefix("REPORT_").unwrap();
+            let word = words.as_slice()[number.parse::<usize>().unwrap()];
+            signal.put_raw(frame.data_mut(), word.into());
+        }
+        frames.push(frame);
+    }
+    frames
+}
+
+#[test]
+fn frames_go_and_reports_come() {
+    let bus = Bus::default();
+    let config = config(BARRIER_DBC, &XYZ);
+    let mut controller = CanController::new(bus.clone(), &config).unwrap();
+    let description = controller.description().clone();
+    assert!(description.barrier && description.tells_applied && description.sees_other_gateways);
+    assert_eq!(description.heartbeat, Heartbeat::Watched);
+    for axis in &description.axes {
+        assert_eq!(axis.resolution, Displacement::Length(Mm(0.001)));
+        assert_eq!(axis.largest, Some(Displacement::Length(Mm(32.767))));
+    }
+    let table = &config.table;
+    let mut counter = 0;
+    let mut read = |frames: &[Frame]| {
+        counter += 1;
+        let at = [("X_POS", 1.0), ("Y_POS", 2.0)];
+        bus.comes(frame_of(table, "POSITION_XY", &at, counter));
+        bus.comes(frame_of(table, "POSITION_Z", &[("Z_POS", 3.0)], counter));
+        for frame in frames {
+            bus.comes(*frame);
+        }
+        controller.read(soon()).unwrap()
+    };
+    let first = report_of(table, &words(0x1357, 19));
+    assert_eq!(first.len(), 5);
+    let snapshot = read(&first[..4]);
+    assert_eq!(snapshot.report, None, "a part is missing");
+    assert_eq!(snapshot.applied, None);
+    assert_eq!(snapshot.positions[..3], [1.0, 2.0, 3.0]);
+    assert_eq!(read(&first[4..]).report, Some(words(0x1357, 19)));
+    // The last whole messages: a report that is on its way is torn, which its checksum tells.
+    let second = report_of(table, &words(0xfedc, 19));
+    let torn = read(&second[..2]).report.unwrap();
+    assert_eq!(torn.as_slice()[..8], words(0xfedc, 19).as_slice()[..8]);
+    assert_eq!(torn.as_slice()[8..], words(0x1357, 19).as_slice()[8..]);
+    assert_eq!(read(&second[2..]).report, Some(words(0xfedc, 19)));
+
+    let frame = words(0x8001, 9);
+    controller.post(&frame, soon()).unwrap();
+    let sent = bus.sent();
+    let ids: Vec<u32> = sent.iter().map(|frame| frame.id).collect();
+    assert_eq!(ids, [272, 273, 274]);
+    let bytes: Vec<u8> = sent
+        .iter()
+        .flat_map(|frame| frame.data().to_vec())
+        .collect();
+    let expected = frame.as_slice().iter().flat_map(|word| word.to_le_bytes());
+    assert_eq!(bytes, expected.collect::<Vec<u8>>());
+    // Too late, too few, and plain values: nothing is sent.
+    let late = controller.post(&frame, std::time::Instant::now());
+    assert_eq!(late, Err(Fault::TimedOut));
+    let few = controller.post(&words(1, 8), soon());
+    assert!(matches!(few, Err(Fault::Unsupported(_))));
+    let plain = controller.apply(&PerChannel::ZERO, soon());
+    assert!(matches!(plain, Err(Fault::Unsupported(_))));
+    assert_eq!(bus.sent(), []);
+}
+
+/// Two axes in FD frames, high byte first, with counters and checksums, the words of a frame in two messages of which the
+/// second has the lower identifier: the one with the last word goes last.
+#[test]
+fn a_layout_of_the_users_own() {
+    let mut text = "VERSION \"\"\nBU_: A\nBO_ 1 WHERE: 8 A\n SG_ X_POS : 7|24@0- (0.001,0) [0|0] \"mm\" A\n SG_ C_POS : 31|24@0- (0.001,0) [0|0] \"deg\" A\n\n".to_owned();
+    let mut message = |id: u32, name: &str, prefix: &str, numbers: &[usize], counts: &[&str]| {
+        use std::fmt::Write;
+        writeln!(text, "BO_ {id} {name}: 48 A").unwrap();
+        for (place, number) in numbers.iter().enumerate() {
+            let start = 16 * place + 7;
+            let unit = counts.get(*number).unwrap_or(&"1:");
+            let (factor, unit) = unit.split_once(':').unwrap();
+            writeln!(
+                text,
+                " SG_ {prefix}_{number} : {start}|16@0+ ({factor},0) [0|0] \"{unit}\" A"
+            )
+            .unwrap();
+        }
+        writeln!(
+            text,
+            " SG_ {name}_CNT : 367|4@0+ (1,0) [0|0] \"\" A\n SG_ {name}_CRC : 375|8@0+ (1,0) [0|0] \"\" A\n"
+        )
+        .unwrap();
+    };
+    let frame_counts = ["1:", "1:", "1:", "1:", "0.5:um", "2:urad"];
+    message(9, "EARLY", "FRAME", &[0, 1, 2, 3], &frame_counts);
+    message(5, "LATE", "FRAME", &[7, 6, 5, 4], &frame_counts);
+    let plain = ["1:"; 8];
+    let of_axes = ["0.5:um", "0.5:um", "1:", "2:urad", "2:urad", "1:"];
+    let counts = [&plain[..], &of_axes[..]].concat();
+    message(7, "TOLD", "REPORT", &(0..16).collect::<Vec<_>>(), &counts);
+    let bus = Bus::default();
+    let config = config(&text, &[AxisName::X, AxisName::C]);
+    let mut controller = CanController::new(bus.clone(), &config).unwrap();
+    let axes = &controller.description().axes;
+    assert_eq!(axes[0].resolution, Displacement::Length(Mm(0.0005)));
+    assert_eq!(axes[1].resolution, Displacement::Angle(Urad(2.0).to_rad()));
+    let frame = words(0x0102, 8);
+    for round in 1..=20_u64 {
+        controller.post(&frame, soon()).unwrap();
+        let sent = bus.sent();
+        assert_eq!((sent[0].id, sent[1].id, sent.len()), (9, 5, 2));
+        assert_eq!(sent[0].data()[..4], [1, 2, 2, 4], "high byte first");
+        for frame in &sent {
+            let message = &config.table.messages[config.table.message_of(frame).unwrap()];
+            assert!(frame.fd && message.is_whole(frame.data()));
+            assert_eq!(message.counter(frame.data()), Some(round % 16));
+        }
+    }
+}
+
+#[test]
+fn words_that_do_not_fit_are_named() {
+    let refused = |from: &str, to: &str, axes: &[AxisName]| {
+        let text = BARRIER_DBC.replacen(from, to, 1);
+        assert!(from.is_empty() || text != BARRIER_DBC, "{from}");
+        let refused = config(&text, axes).describe("can://memory");
+        refused.unwrap_err().to_string()
+    };
+    for (from, to, axes, expected) in [
+        (
+            "",
+            "",
+            &XYZ[..2],
+            "found 9 words FRAME_0, FRAME_1, …, expected 8 for a barrier of 2 axes",
+        ),
+        (
+            "SG_ FRAME_8",
+            "SG_ SPARE",
+            &XYZ,
+            "found 8 words FRAME_0, FRAME_1, …, expected 9 for a barrier of 3 axes",
+        ),
+        (
+            "SG_ REPORT_18",
+            "SG_ REPORT_19",
+            &XYZ,
+            "found the signal REPORT_19, expected REPORT_18: each word once, counted from 0",
+        ),
+        (
+            "SG_ FRAME_3 : 48|16",
+            "SG_ FRAME_3 : 48|15",
+            &XYZ,
+            "signal FRAME_3: found 15 bits, expected 16",
+        ),
+        (
+            "SG_ FRAME_4 : 0|16@1- (1,0) [-32768|32767] \"um\"",
+            "SG_ FRAME_4 : 0|16@1- (1,0) [-32768|32767] \"\"",
+            &XYZ,
+            "signal FRAME_4: found no unit, expected mm or um, since the axis is linear; unit and factor say what a count of X is",
+        ),
+        (
+            "SG_ REPORT_8 : 0|16@1- (1,0)",
+            "SG_ REPORT_8 : 0|16@1- (0.1,0)",
+            &XYZ,
+            "signal REPORT_8: found a count of 0.1 um, expected 1 um as in FRAME_4",
+        ),
+        (
+            "SG_ FRAME_0 : 0|16@1+ (1,0)",
+            "SG_ FRAME_0 : 0|16@1+ (2,0)",
+            &XYZ,
+            "signal FRAME_0: found the factor 2, the offset 0 and the unit ``, expected 1, 0 and none: it is a word",
+        ),
+    ] {
+        let found = refused(from, to, axes);
+        assert!(found.contains(expected), "{found}");
+    }
+}
+
+/// PyPI's cantools packs reports and takes frames apart as we do.
+#[test]
+fn cantools_understands_the_words() {
+    let Some(python) = volcomp_test_support::peers::python() else {
+        return;
+    };
+    let bus = Bus::default();
+    let config = config(BARRIER_DBC, &XYZ);
+    let mut controller = CanController::new(bus.clone(), &config).unwrap();
+    // −20 µm in X: a count of two's complement.
+    let frame = [
+        7,
+        65535,
+        3,
+        0xbeef,
+        (-20_i16).cast_unsigned(),
+        150,
+        0,
+        0xffff,
+        0x8000,
+    ];
+    controller
+        .post(&Words::new(&frame).unwrap(), soon())
+        .unwrap();
+    let sent = bus.sent();
+    let hex = |data: &[u8]| data.iter().map(|b| format!("{b:02x}")).collect::<String>();
+    let data: Vec<String> = sent
+        .iter()
+        .map(|f| format!("{}:{}", f.id, hex(f.data())))
+        .collect();
+    let program = "import sys, cantools\n\
+        db = cantools.database.load_file(sys.argv[1])\n\
+        found = {}\n\
+        for part in sys.argv[2:]:\n\
+        \x20   id, data = part.split(':')\n\
+        \x20   found.update(db.decode_message(int(id), bytes.fromhex(data)))\n\
+        assert found['FRAME_4'] == -20, found\n\
+        print(*[int(found['FRAME_%d' % k]) & 0xffff for k in range(9)])\n\
+        for name in 'ABCDE':\n\
+        \x20   message = db.get_message_by_name('BARRIER_REPORT_' + name)\n\
+        \x20   words = {s.name: (1000 * (int(s.name[7:]) + 1)) for s in message.signals}\n\
+        \x20   print(message.frame_id, message.encode(words).hex())\n";
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/barrier.dbc");
+    let output = Command::new(&python)
+        .args(["-c", program, path])
+        .args(data)
+        .output()
+        .unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{error}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    let mut lines = text.lines();
+    let found: Vec<u16> = lines
+        .next()
+        .unwrap()
+        .split(' ')
+        .map(|w| w.parse().unwrap())
+        .collect();
+    assert_eq!(found, frame);
+    for line in lines {
+        let (id, data) = line.split_once(' ').unwrap();
+        let bytes = (0..data.len())
+            .step_by(2)
+            .map(|k| u8::from_str_radix(&data[k..k + 2], 16));
+        let bytes: Vec<u8> = bytes.map(Result::unwrap).collect();
+        bus.comes(Frame::new(id.parse().unwrap(), false, false, &bytes).unwrap());
+    }
+    bus.comes(frame_of(&config.table, "POSITION_XY", &[], 1));
+    bus.comes(frame_of(&config.table, "POSITION_Z", &[], 1));
+    let report = controller.read(soon()).unwrap().report.unwrap();
+    let expected: Vec<u16> = (1..=19).map(|k| 1000 * k).collect();
+    assert_eq!(report.as_slice(), expected);
+}
