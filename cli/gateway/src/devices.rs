@@ -13,12 +13,14 @@ use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{BarrierArea, FocasConfig, FocasController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::PathSettings;
-use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
 
-/// A bridge on CAN tells what is applied in messages of its own, so late at the most.
-const CAN_READ_BACK: Duration = Duration::from_millis(60);
+/// A bridge on CAN tells what is applied in messages of its own. One that is older than this is not believed …
+const CAN_READ_BACK_WITHIN: Duration = Duration::from_millis(60);
+/// … and so late at the most a correction shows in it: the control takes its time, too.
+const CAN_READ_BACK: Duration = Duration::from_millis(100);
 /// Positions of a CAN bridge that are older are stale.
 const CAN_STALE: Duration = Duration::from_millis(100);
 /// Temperatures of a CAN bridge that are older are stale.
@@ -47,11 +49,11 @@ struct Lines {
 }
 
 impl ControllerDevice {
-    /// The controller of a `[[controller]]`.
+    /// The controller of a `[[controller]]`, for cycles of this length.
     ///
     /// # Errors
     /// A URL or keys that make no sense, a DBC file that cannot be read.
-    pub fn new(config: &ControllerConfig) -> Result<Self, DeviceError> {
+    pub fn new(config: &ControllerConfig, period: Duration) -> Result<Self, DeviceError> {
         let address = Address::parse(&config.url)?;
         let channel = |default: &str| config.channel.clone().unwrap_or_else(|| default.to_owned());
         let kind = match address.scheme {
@@ -62,6 +64,8 @@ impl ControllerDevice {
                 axes: config.axes.clone(),
                 includes_correction: config.includes_correction,
                 stale_after: CAN_STALE,
+                // No older than the guard remembers its writes, less what the control takes.
+                read_back_within: CAN_READ_BACK_WITHIN.min(longest_read_back(period).mul_f64(0.6)),
             }),
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => {
                 Kind::Lines(lines(config, channel("digital"))?)
@@ -127,6 +131,34 @@ impl ControllerDevice {
                 .unwrap_or(usize::MAX)
                 .clamp(1, volcomp_runtime::guard::MOST_READ_BACK_CYCLES),
         }
+    }
+
+    /// Checks that every position within the travel of an axis can be shown, where positions come as words of so many
+    /// bits. `travel` tells the ends of the travel of a machine axis.
+    ///
+    /// # Errors
+    /// A travel beyond the position word.
+    pub fn check_travel(
+        &self,
+        travel: impl Fn(AxisName) -> Option<[Displacement; 2]>,
+    ) -> Result<(), DeviceError> {
+        let Kind::Lines(lines) = &self.kind else {
+            return Ok(());
+        };
+        let axis = &lines.axis;
+        let Some(travel) = travel(axis.name) else {
+            return Ok(());
+        };
+        let ends = travel.map(Displacement::mm_or_rad);
+        axis.position.check_travel(ends).map_err(|beyond| {
+            let found = format!("axis {}: {beyond}", axis.name);
+            let keys = match axis.name.kind() {
+                AxisKind::Linear => "position_mm_per_count or position_zero_mm",
+                AxisKind::Rotary => "position_deg_per_count or position_zero_deg",
+            };
+            let remedy = format!("state other [controller.digital] position_bits, {keys}");
+            self.address.wrong(found, remedy).caused_by(beyond)
+        })
     }
 
     /// Checks that no byte of a control is written by both of two controllers.
@@ -204,6 +236,7 @@ fn lines(config: &ControllerConfig, channel: String) -> Result<Lines, DeviceErro
         wiring: Wiring {
             position: (0..words.position_bits).collect(),
             correction: (0..words.correction_bits).collect(),
+            latch: words.latch,
             ..Wiring::default()
         },
         coherence: words.coherence,
@@ -234,6 +267,14 @@ pub struct ThermometerDevice {
     /// The table of signals, on CAN.
     table: Option<SignalTable>,
     names: Vec<String>,
+    /// The name of the configuration that the device does not have, and those that it has.
+    strange: Option<(String, Vec<String>)>,
+}
+
+/// The longest time for which a guard remembers its writes.
+fn longest_read_back(period: Duration) -> Duration {
+    let cycles = u32::try_from(volcomp_runtime::guard::MOST_READ_BACK_CYCLES).unwrap_or(u32::MAX);
+    period.saturating_mul(cycles)
 }
 
 impl ThermometerDevice {
@@ -243,13 +284,20 @@ impl ThermometerDevice {
     /// A URL or names that make no sense, a device without temperatures.
     pub fn new(config: &ThermometerConfig) -> Result<Self, DeviceError> {
         let address = Address::parse(&config.url)?;
+        let mut strange = None;
         let (table, names) = match address.scheme {
             Scheme::Modbus | Scheme::ModbusRtu => {
                 (None, thermometer_names(&address, &config.names)?)
             }
             Scheme::Can => {
                 let table = signal_table(&address)?;
-                let names = temperature_names(&table, &config.url)?;
+                let known = temperature_names(&table, &config.url)?;
+                let unknown = config.names.iter().find(|name| !known.contains(name));
+                strange = unknown.map(|name| (name.clone(), known.clone()));
+                let names = match &config.names[..] {
+                    [] => known,
+                    names => names.to_vec(),
+                };
                 (Some(table), names)
             }
             Scheme::Focas | Scheme::Gpio => {
@@ -263,7 +311,13 @@ impl ThermometerDevice {
             address,
             table,
             names,
+            strange,
         })
+    }
+
+    /// A name of the configuration that the device does not have, and the names that it has.
+    pub fn strange_name(&self) -> Option<&(String, Vec<String>)> {
+        self.strange.as_ref()
     }
 
     /// The names of its sensors, in the order in which it tells them.
@@ -294,6 +348,7 @@ impl ThermometerDevice {
             Some(table) => Box::new(CanThermometer::new(
                 CanSocket::open(&self.address.host)?,
                 table,
+                &self.names,
                 CAN_TEMPERATURE_STALE,
             )?),
             None => Box::new(thermometer(&self.address, &self.names)?),

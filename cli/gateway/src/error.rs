@@ -53,6 +53,30 @@ pub enum GatewayError {
         /// The URL of the device.
         url: String,
     },
+    /// A device does not show a state of the control, and the configuration does not accept that.
+    #[error(
+        "{file}: {url}: this device does not show {state}, so nothing holds the correction by it: let the control show it, or accept that with {state:?} in unseen"
+    )]
+    StateUnseen {
+        /// The path of the configuration file.
+        file: String,
+        /// The URL of the device.
+        url: String,
+        /// The name of the state, as the key has it.
+        state: &'static str,
+    },
+    /// The configuration accepts that a state is not shown, and the device shows it.
+    #[error(
+        "{file}: {url}: unseen: found {state:?}, expected only states that this device does not show"
+    )]
+    StateSeen {
+        /// The path of the configuration file.
+        file: String,
+        /// The URL of the device.
+        url: String,
+        /// The name of the state, as the key has it.
+        state: &'static str,
+    },
     /// The names of a thermometer's sensors are not those that the device has.
     #[error(
         "{file}: {url}: names: found {found:?}, expected some of {expected:?}, the sensors of this device"
@@ -335,6 +359,8 @@ impl GatewayError {
             | Self::DeviceConfig { .. }
             | Self::DeviceTwice { .. }
             | Self::SensorNames { .. }
+            | Self::StateUnseen { .. }
+            | Self::StateSeen { .. }
             | Self::SensorTwice { .. }
             | Self::SensorBlank { .. }
             | Self::NoTls { .. }

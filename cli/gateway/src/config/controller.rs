@@ -8,6 +8,7 @@ use volcomp_digital_io::{
 };
 use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
+use volcomp_port::ShownStates;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
 use super::{BarrierConfig, ControllerConfig, DigitalConfig, ThermometerConfig, is_blank, kinds};
@@ -82,6 +83,9 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         resolution_urad: section.optional("resolution_urad", |v| v.number_in(1e-4..=1e5))?,
         includes_correction: section.truth_or("includes_correction", false)?,
         unwatched,
+        unseen: section
+            .optional("unseen", |value| unseen(&value))?
+            .unwrap_or(ShownStates::NONE),
         proves: section.optional("test_shift", Value::truth)?,
         area: area.map(|(first, width, _)| (first, width)),
         copied: area.is_some_and(|(_, _, copied)| copied),
@@ -160,6 +164,27 @@ fn axis_name(value: &Value<'_>, name: &str) -> Result<AxisName, InputError> {
         .map_err(|e| value.error(format!("found the axis `{name}`, {e}")))
 }
 
+/// The names of states, each once.
+fn unseen(value: &Value<'_>) -> Result<ShownStates, InputError> {
+    let mut unseen = ShownStates::NONE;
+    for name in value.texts()? {
+        let state = match name {
+            "referenced" => &mut unseen.referenced,
+            "alarm" => &mut unseen.alarm,
+            "emergency_stop" => &mut unseen.emergency_stop,
+            other => {
+                return Err(value.error(format!(
+                    "found {other:?}, expected referenced, alarm or emergency_stop"
+                )));
+            }
+        };
+        if std::mem::replace(state, true) {
+            return Err(value.error(format!("{name} stands twice")));
+        }
+    }
+    Ok(unseen)
+}
+
 fn pmc_address(section: &Section<'_>, key: &str) -> Result<PmcAddress, InputError> {
     let value = section.require("pmc")?;
     let area = value.one_of(&[
@@ -212,6 +237,7 @@ fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, In
         "position_code",
         "correction_bits",
         "correction_code",
+        "latch",
         "coherence",
     ])?;
     let published = DigitalConfig::default();
@@ -247,6 +273,7 @@ fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, In
             ],
             published.correction_code,
         )?,
+        latch: section.optional("latch", |value| value.whole(0..=63))?,
         coherence: section.one_of(
             "coherence",
             &[

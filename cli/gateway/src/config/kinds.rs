@@ -26,6 +26,7 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 14] = [
     ("includes_correction", &ControllerKind::ALL),
     ("test_shift", &ControllerKind::ALL),
     ("unwatched", &ControllerKind::ALL),
+    ("unseen", &ControllerKind::ALL),
     ("resolution_um", &[Focas, Lines]),
     ("resolution_urad", &[Focas, Lines]),
     ("area", &[Focas]),

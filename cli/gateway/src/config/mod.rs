@@ -10,6 +10,7 @@ use std::{
 use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
 use volcomp_document::{Document, FileKind, InputError, Section};
 use volcomp_focas::{PmcAddress, Width};
+use volcomp_port::ShownStates;
 use volcomp_runtime::{GuardSettings, Realtime, guard::ceiling};
 use volcomp_vocabulary::{AxisName, Displacement};
 
@@ -74,6 +75,8 @@ pub struct ControllerConfig {
     pub includes_correction: bool,
     /// Whether it is accepted that nothing at the control notices when the gateway stops.
     pub unwatched: bool,
+    /// The states of the control that the device does not show, and that the machine may be corrected without.
+    pub unseen: ShownStates,
     /// Whether the test shift at arming is made; `None`: not on digital lines.
     pub proves: Option<bool>,
     /// FOCAS: the first byte of the shifts in the PMC, and the bytes of each.
@@ -118,6 +121,8 @@ pub struct DigitalConfig {
     pub correction_bits: u32,
     /// The code of the correction word.
     pub correction_code: CorrectionCode,
+    /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
+    pub latch: Option<u32>,
     /// How it is known that a word was not read in the middle of a change.
     pub coherence: Coherence,
 }
@@ -132,6 +137,7 @@ impl Default for DigitalConfig {
             position_code: PositionCode::Binary,
             correction_bits: 8,
             correction_code: CorrectionCode::TwosComplement,
+            latch: None,
             coherence: Coherence::TwoAgree,
         }
     }
@@ -142,7 +148,8 @@ impl Default for DigitalConfig {
 pub struct ThermometerConfig {
     /// The URL of the device.
     pub url: String,
-    /// The names of its sensors, in the order of its channels.
+    /// The names of its sensors: on Modbus in the order of its channels, on CAN a choice among those of the DBC file; none:
+    /// all of them.
     pub names: Vec<String>,
 }
 

@@ -22,6 +22,7 @@ use crate::{
 mod audit_folder;
 mod describe;
 mod notes;
+mod seen;
 mod text;
 
 /// A configuration with everything that it names, checked. No device has been opened.
@@ -90,6 +91,7 @@ impl Plan {
         let model = Model::new(&machine, guard.fading)?;
         let paths = paths(&config, &devices, &model, &guard)?;
         positions_known(&config, &model, &paths)?;
+        seen::check(&config, &model, &devices, &paths)?;
         let sensors = devices.sensors();
         if sensors.len() > MAX_SENSORS {
             return Err(GatewayError::Plan {
@@ -234,7 +236,7 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
     }
     let mut controllers: Vec<ControllerDevice> = Vec::new();
     for controller in &config.controllers {
-        let device = ControllerDevice::new(controller).map_err(wrong)?;
+        let device = ControllerDevice::new(controller, config.cycle).map_err(wrong)?;
         for before in &controllers {
             device.writes_apart_from(before).map_err(wrong)?;
         }
@@ -243,14 +245,12 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
     let mut thermometers: Vec<ThermometerDevice> = Vec::new();
     for thermometer in &config.thermometers {
         let device = ThermometerDevice::new(thermometer).map_err(wrong)?;
-        // A device that tells its own names need not be told all of them.
-        let strange = |name: &&String| !device.names().contains(name);
-        if let Some(found) = thermometer.names.iter().find(strange) {
+        if let Some((found, expected)) = device.strange_name() {
             return Err(GatewayError::SensorNames {
                 file: config.file.clone(),
                 url: thermometer.url.clone(),
                 found: found.clone(),
-                expected: device.names().to_vec(),
+                expected: expected.clone(),
             });
         }
         if thermometers.iter().any(|before| before.is_same(&device)) {

@@ -104,7 +104,7 @@ fn a_wrong_configuration_is_told_as_json() {
 fn a_plan_describes_what_is_opened() {
     use volcomp_gateway::{config::Config, plan::Plan};
     let dir = folder();
-    let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6";
+    let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\nposition_bits = 8\nposition_mm_per_count = 10.0\ncorrection_bits = 6";
     let slow = RIGHT.replace("cycle_ms = 4.0", "cycle_ms = 20.0");
     // Six bits carry 31 µm.
     let lines = slow

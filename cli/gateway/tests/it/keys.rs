@@ -39,6 +39,7 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "heartbeat" => ("{ pmc = \"R\", at = 120 }", "X"),
         "referenced" => ("false", "X"),
         "digital" => ("{ position_bits = 8 }", "X"),
+        "unseen" => ("[\"alarm\", \"referenced\"]", "X"),
         other => panic!("no value for the key {other}"),
     }
 }
@@ -74,8 +75,8 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 12 keys and 5 URLs: seven keys on one kind or two of the three.
-    assert_eq!([taken, refused], [41, 19]);
+    // 13 keys and 5 URLs: seven keys on one kind or two of the three.
+    assert_eq!([taken, refused], [46, 19]);
 }
 
 /// Both keys of a coordinate are looked at, not the first alone.

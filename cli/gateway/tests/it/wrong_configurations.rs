@@ -42,6 +42,9 @@ const fn wrong(changes: &'static [(&'static str, &'static str)], says: &'static 
 
 pub(crate) const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
 
+/// The published scheme on the lines of a chip, instead of [`FOCAS`]; nothing is wrong with it where limits are below 127 µm.
+const LINES: &str = "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\ncorrection_bits = 8";
+
 /// One case for each rule that a configuration can break.
 pub(crate) const CASES: &[Wrong] = &[
     // A heartbeat or a byte of referenced axes within the words that corrections are written to.
@@ -145,6 +148,56 @@ pub(crate) const CASES: &[Wrong] = &[
             "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1 }",
         )],
         "limit_um of axis X: found 150 µm, expected at most 127 µm",
+    ),
+    // States that the device does not show, and states that it does.
+    wrong(
+        &[
+            (FOCAS, LINES),
+            ("limit_um = 150.0", "limit_um = 120.0"),
+            ("\"emergency_stop\"]", "\"referenced\"]"),
+        ],
+        "referenced stands twice",
+    ),
+    wrong(
+        &[
+            (FOCAS, LINES),
+            ("limit_um = 150.0", "limit_um = 120.0"),
+            (", \"emergency_stop\"]", "]"),
+        ],
+        "this device does not show emergency_stop",
+    ),
+    wrong(
+        &[("heartbeat", "unseen = [\"alarm\"]\nheartbeat")],
+        "unseen: found \"alarm\", expected only states that this device does not show",
+    ),
+    wrong(
+        &[("heartbeat", "unseen = [\"alarms\"]\nheartbeat")],
+        "found \"alarms\", expected referenced, alarm or emergency_stop",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }",
+        )],
+        "this device does not show referenced",
+    ),
+    // Positions beyond the word: 15 lines of 1/128 mm are 256 mm.
+    wrong(
+        &[
+            (FOCAS, LINES),
+            ("limit_um = 150.0", "limit_um = 120.0"),
+            ("correction_bits = 8", "position_mm_per_count = 0.0078125"),
+        ],
+        "axis X: found a travel from",
+    ),
+    // A latch beside eight lines, of which there are eight.
+    wrong(
+        &[
+            (FOCAS, LINES),
+            ("limit_um = 150.0", "limit_um = 120.0"),
+            ("correction_bits = 8", "latch = 8"),
+        ],
+        "outputs: found 8, expected a line below 8",
     ),
     // Bytes that only the control writes, and words beyond the end of an area.
     wrong(
