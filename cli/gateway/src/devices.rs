@@ -58,15 +58,7 @@ impl ControllerDevice {
         let channel = |default: &str| config.channel.clone().unwrap_or_else(|| default.to_owned());
         let kind = match address.scheme {
             Scheme::Focas => Kind::Focas(Box::new(focas(&address, config)?)),
-            Scheme::Can => Kind::Can(BridgeConfig {
-                table: signal_table(&address)?,
-                channel: channel("can"),
-                axes: config.axes.clone(),
-                includes_correction: config.includes_correction,
-                stale_after: CAN_STALE,
-                // No older than the guard remembers its writes, less what the control takes.
-                read_back_within: CAN_READ_BACK_WITHIN.min(longest_read_back(period).mul_f64(0.6)),
-            }),
+            Scheme::Can => Kind::Can(can(&address, config, channel("can"), period)?),
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => {
                 Kind::Lines(lines(config, channel("digital"))?)
             }
@@ -181,6 +173,38 @@ impl ControllerDevice {
     /// Whether the step of corrections is told by the device itself.
     pub fn tells_resolution(&self) -> bool {
         matches!(self.kind, Kind::Can(_))
+    }
+}
+
+fn can(
+    address: &Address,
+    config: &ControllerConfig,
+    channel: String,
+    period: Duration,
+) -> Result<BridgeConfig, DeviceError> {
+    let bridge = BridgeConfig {
+        table: signal_table(address)?,
+        channel,
+        axes: config.axes.clone(),
+        includes_correction: config.includes_correction,
+        stale_after: CAN_STALE,
+        // No older than the guard remembers its writes, less what the control takes.
+        read_back_within: CAN_READ_BACK_WITHIN.min(longest_read_back(period).mul_f64(0.6)),
+    };
+    let has_barrier = bridge
+        .describe(&CanSocket::device_of(&address.host))?
+        .barrier;
+    let wrong = |found: &str, remedy: &str| Err(address.wrong(found, remedy));
+    match (has_barrier, config.barrier.is_some()) {
+        (true, false) => wrong(
+            "the DBC file has the words of a barrier, and there is no table [controller.barrier]",
+            "state the table with the number of the machine and the scan of the control",
+        ),
+        (false, true) => wrong(
+            "the DBC file has no words of a barrier, FRAME_0 and so on, and there is a table [controller.barrier]",
+            "name another DBC file, or leave the table out",
+        ),
+        _ => Ok(bridge),
     }
 }
 

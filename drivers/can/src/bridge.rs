@@ -90,19 +90,17 @@ impl<P: CanPort> CanController<P> {
         }
         let barrier = Barrier::of(table, &config.axes, &mut heard).map_err(&refused)?;
         let mut applied = Vec::new();
-        let (way, counts, heartbeat) = match barrier {
-            Some((barrier, counts)) => (Way::Barrier(barrier), counts, Heartbeat::Watched),
-            None => {
-                let plain = Plain::of(table, &config.axes).map_err(&refused)?;
-                for name in &config.axes {
-                    if let Some(at) = table.find(&format!("{name}_APPLIED")) {
-                        applied.push(hear(table, &mut heard, at).map_err(&refused)?);
-                    }
+        let (way, counts, heartbeat) = if let Some((barrier, counts)) = barrier {
+            (Way::Barrier(barrier), counts, Heartbeat::Watched)
+        } else {
+            let (plain, counts) = Plain::of(table, &config.axes).map_err(&refused)?;
+            for name in &config.axes {
+                if let Some(at) = table.find(&format!("{name}_APPLIED")) {
+                    applied.push(hear(table, &mut heard, at).map_err(&refused)?);
                 }
-                let (plain, counts) = plain;
-                let heartbeat = plain.heartbeat();
-                (Way::Plain(plain), counts, heartbeat)
             }
+            let heartbeat = plain.heartbeat();
+            (Way::Plain(plain), counts, heartbeat)
         };
         if applied.len() < config.axes.len() {
             applied.clear();

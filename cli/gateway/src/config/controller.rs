@@ -84,7 +84,7 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         includes_correction: section.truth_or("includes_correction", false)?,
         unwatched,
         unseen: section
-            .optional("unseen", |value| unseen(&value))?
+            .optional("unseen", |value| unseen(value))?
             .unwrap_or(ShownStates::NONE),
         proves: section.optional("test_shift", Value::truth)?,
         area: area.map(|(first, width, _)| (first, width)),

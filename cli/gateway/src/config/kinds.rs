@@ -18,7 +18,7 @@ pub enum ControllerKind {
 use ControllerKind::{Can, Focas, Lines};
 
 /// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
-pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 14] = [
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 15] = [
     ("url", &ControllerKind::ALL),
     ("channel", &ControllerKind::ALL),
     ("axes", &ControllerKind::ALL),

@@ -29,6 +29,7 @@ fn folder() -> tempfile::TempDir {
     );
     write("short", "anna operate 0123\n", 0o600);
     write("bare.dbc", BARE, 0o644);
+    write("barrier.dbc", volcomp_can::BARRIER_DBC, 0o644);
     write("deg.dbc", &BARE.replace("\"um\"", "\"deg\""), 0o644);
     // A link that leads nowhere, and a folder where the log should be.
     std::os::unix::fs::symlink("missing", dir.path().join("nowhere")).expect("writable");

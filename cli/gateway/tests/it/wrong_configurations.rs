@@ -181,6 +181,21 @@ pub(crate) const CASES: &[Wrong] = &[
         )],
         "this device does not show referenced",
     ),
+    // A barrier in the DBC file or in the configuration, but not in both.
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9?dbc=barrier.dbc\"\naxes = [\"X\", \"Y\", \"Z\"]",
+        )],
+        "there is no table [controller.barrier]",
+    ),
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"can://can9\"\naxes = [\"X\", \"Y\", \"Z\"]\n[controller.barrier]\nmachine = 7\nscan_ms = 2.0",
+        )],
+        "the DBC file has no words of a barrier",
+    ),
     // Positions beyond the word: 15 lines of 1/128 mm are 256 mm.
     wrong(
         &[
