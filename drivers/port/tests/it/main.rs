@@ -4,6 +4,7 @@
 
 mod description;
 mod faults;
+mod lies;
 mod serialised;
 mod simulated;
 mod supply;

@@ -67,6 +67,10 @@ fn what_is_written_is_read_as_it_was() {
         delay: Duration::from_millis(3),
         ..Faults::default()
     });
+    // Documents from before there were faults that lie.
+    let old = r#"{"delay":{"secs":0,"nanos":3000000},"jitter":false,"drop":0.25,"corrupt":0.0,"freeze":0.0,"disconnect":0.0,"calls":0}"#;
+    let read: Faults = serde_json::from_str(old).unwrap();
+    assert_eq!((read.drop, read.lie, read.lag), (0.25, 0.0, 0));
     round(&Move {
         to: PerChannel::leading([1.0, -2.5]),
         feed_per_s: 100.0,

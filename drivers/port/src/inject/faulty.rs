@@ -1,0 +1,384 @@
+//! A device with faults: what is common to all kinds of devices.
+
+use std::{
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_vocabulary::PerChannel;
+
+use super::{
+    Faults, Injection, Lie,
+    held::{Held, Write},
+};
+use crate::{Clock, Fault, InputLevels, Snapshot, Temperature};
+
+/// So many injections may wait for the next call.
+const MOST_ORDERS: usize = 64;
+/// The positions of so many readings are kept.
+pub(super) const MOST_LAG: usize = 64;
+/// A write that is late has this long to be delivered: nobody waits for it.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Lets the program stand for a time.
+type Pause = Box<dyn FnMut(Duration) + Send>;
+
+/// How a kind of device takes a write.
+pub(super) type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
+
+/// A device with faults.
+pub struct Faulty<D> {
+    /// The device that is wrapped.
+    pub device: D,
+    /// The faults that are injected; may be changed between calls.
+    pub faults: Faults,
+    pub(super) random: ChaCha8Rng,
+    pub(super) asked: Asked,
+    frozen: u32,
+    disconnected: u32,
+    held: Held,
+    last_write: Option<Write>,
+    clock: Clock,
+    pause: Option<Pause>,
+    orders: Arc<Mutex<Vec<Injection>>>,
+    pub(super) last_snapshot: Option<Snapshot>,
+    /// Before any lie was told.
+    pub(super) last_true: Option<Snapshot>,
+    pub(super) positions: [PerChannel<f64>; MOST_LAG],
+    pub(super) readings: usize,
+    pub(super) last_levels: Option<InputLevels>,
+    pub(super) last_temperatures: Vec<Temperature>,
+}
+
+/// What is to happen with the next calls.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Asked {
+    pub(super) lie: Option<(Lie, u32)>,
+    pub(super) constant: u32,
+    /// The reading whose read-back is told.
+    pub(super) constant_of: Option<Snapshot>,
+    late_write: Option<u32>,
+    double_write: Option<u32>,
+    torn_write: bool,
+    reordered_write: bool,
+    late_answer: Option<Duration>,
+    pub(super) frozen_positions: u32,
+    pub(super) frozen_at: Option<PerChannel<f64>>,
+    stop_after_read: Option<Duration>,
+    stop_before_write: Option<Duration>,
+    pub(super) dropped_flag: u32,
+    pub(super) flicker: Option<usize>,
+    pub(super) jump: Option<(usize, f64)>,
+}
+
+/// Asks a device that somebody else holds for faults.
+#[derive(Clone, Debug)]
+pub struct Remote(Arc<Mutex<Vec<Injection>>>);
+
+impl Remote {
+    /// Asks for a fault, from the next call on. At most 64 wait; more are forgotten, and `false` is told.
+    pub fn inject(&self, injection: Injection) -> bool {
+        let mut orders = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let room = orders.len() < MOST_ORDERS;
+        if room {
+            orders.push(injection);
+        }
+        room
+    }
+}
+
+impl<D: fmt::Debug> fmt::Debug for Faulty<D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Faulty")
+            .field("device", &self.device)
+            .field("faults", &self.faults)
+            .field("asked", &self.asked)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<D> Faulty<D> {
+    /// Wraps a device; the same seed makes the same faults.
+    pub fn new(device: D, faults: Faults, seed: u64) -> Self {
+        Self {
+            device,
+            faults,
+            random: ChaCha8Rng::seed_from_u64(seed),
+            asked: Asked::default(),
+            frozen: 0,
+            disconnected: 0,
+            held: Held::default(),
+            last_write: None,
+            clock: Clock::system(),
+            pause: None,
+            orders: Arc::new(Mutex::new(Vec::with_capacity(MOST_ORDERS))),
+            last_snapshot: None,
+            last_true: None,
+            positions: [PerChannel::ZERO; MOST_LAG],
+            readings: 0,
+            last_levels: None,
+            last_temperatures: Vec::new(),
+        }
+    }
+
+    /// The clock by which deadlines count and time passes while the program stands: a manual one is moved on instead
+    /// of waiting.
+    #[must_use]
+    pub fn with_clock(mut self, clock: Clock) -> Self {
+        self.clock = clock;
+        self
+    }
+
+    /// What lets time pass instead: called with the time wherever the program stands or an answer is late, so between a
+    /// reading and the write that follows.
+    #[must_use]
+    pub fn with_pause(mut self, pause: impl FnMut(Duration) + Send + 'static) -> Self {
+        self.pause = Some(Box::new(pause));
+        self
+    }
+
+    /// A handle by which faults can be asked for while somebody else holds the device.
+    pub fn remote(&self) -> Remote {
+        Remote(Arc::clone(&self.orders))
+    }
+
+    /// Asks for a fault, from the next call on.
+    pub fn inject(&mut self, injection: Injection) {
+        let asked = &mut self.asked;
+        match injection {
+            Injection::Lie { lie, readings } => asked.lie = Some((lie, readings)),
+            Injection::Constant { readings } => {
+                (asked.constant, asked.constant_of) = (readings, None);
+            }
+            Injection::LateWrite { calls } => asked.late_write = Some(calls),
+            Injection::DoubleWrite { calls } => asked.double_write = Some(calls),
+            Injection::TornWrite => asked.torn_write = true,
+            Injection::ReorderedWrite => asked.reordered_write = true,
+            Injection::LateAnswer(time) => asked.late_answer = Some(time),
+            Injection::FrozenPositions { readings } => {
+                (asked.frozen_positions, asked.frozen_at) = (readings, None);
+            }
+            Injection::StopAfterRead(time) => asked.stop_after_read = Some(time),
+            Injection::StopBeforeWrite(time) => asked.stop_before_write = Some(time),
+            Injection::DroppedFlag { readings } => asked.dropped_flag = readings,
+            Injection::Flicker { axis } => asked.flicker = Some(axis),
+            Injection::Lag(readings) => self.faults.lag = readings,
+            Injection::Disconnect { calls } => self.disconnected = calls,
+            Injection::Jump { sensor, kelvin } => asked.jump = Some((sensor, kelvin)),
+            Injection::Release => self.held.release(),
+            Injection::Faults(faults) => self.faults = faults,
+        }
+    }
+
+    pub(super) fn happens(&mut self, chance: f64) -> bool {
+        chance > 0.0 && self.random.random::<f64>() < chance
+    }
+
+    /// Takes what was asked for from elsewhere. Where the other side is just asking, with the next call.
+    pub(super) fn take_orders(&mut self) {
+        let orders = Arc::clone(&self.orders);
+        if let Ok(mut orders) = orders.try_lock() {
+            for index in 0..orders.len() {
+                self.inject(orders[index]);
+            }
+            orders.clear();
+        }
+    }
+
+    /// A number of calls for which something lasts, or after which it comes.
+    fn calls(&mut self) -> u32 {
+        self.random.random_range(1..=self.faults.calls.max(1))
+    }
+
+    fn stands_for(&mut self) -> Duration {
+        self.faults.stop.mul_f64(self.random.random::<f64>())
+    }
+
+    fn pass_time(&mut self, time: Duration) {
+        match (&mut self.pause, &self.clock) {
+            (Some(pause), _) => pause(time),
+            (None, Clock::Manual(..)) => self.clock.advance(time),
+            (None, Clock::System(_)) => std::thread::sleep(time),
+        }
+    }
+
+    /// The delay, loss or disconnection that happens before the device is asked at all.
+    pub(super) fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
+        self.take_orders();
+        if self.disconnected == 0 && self.happens(self.faults.disconnect) {
+            self.disconnected = self.faults.calls;
+        }
+        if self.disconnected > 0 {
+            self.disconnected -= 1;
+            return Err(Fault::NotConnected);
+        }
+        if !self.faults.delay.is_zero() {
+            let share = if self.faults.jitter {
+                self.random.random::<f64>()
+            } else {
+                1.0
+            };
+            let left = deadline.saturating_duration_since(self.clock.now());
+            let delay = self.faults.delay.mul_f64(share);
+            self.pass_time(delay.min(left));
+            if delay >= left {
+                return Err(Fault::TimedOut);
+            }
+        }
+        if self.happens(self.faults.drop) {
+            return Err(Fault::TimedOut);
+        }
+        Ok(())
+    }
+
+    /// Whether the last answer comes again.
+    pub(super) fn is_frozen(&mut self) -> bool {
+        if self.frozen == 0 && self.happens(self.faults.freeze) {
+            self.frozen = self.faults.calls;
+        }
+        let frozen = self.frozen > 0;
+        self.frozen = self.frozen.saturating_sub(1);
+        frozen
+    }
+
+    pub(super) fn broken_number(&mut self, number: f64) -> f64 {
+        match self.random.random_range(0..4) {
+            0 => f64::NAN,
+            1 => f64::INFINITY,
+            2 => -number - 1.0,
+            _ => number + self.random.random_range(-1e4..1e4),
+        }
+    }
+
+    /// Draws what shall go wrong with a reading.
+    pub(super) fn draw_reading(&mut self, axes: usize) {
+        if self.happens(self.faults.lie) {
+            let lie = Lie::ALL[self.random.random_range(0..Lie::ALL.len())];
+            self.inject(Injection::Lie { lie, readings: 1 });
+        }
+        if self.asked.constant == 0 && self.happens(self.faults.constant) {
+            let readings = self.calls();
+            self.inject(Injection::Constant { readings });
+        }
+        if self.asked.frozen_positions == 0 && self.happens(self.faults.frozen_positions) {
+            let readings = self.calls();
+            self.inject(Injection::FrozenPositions { readings });
+        }
+        if self.asked.dropped_flag == 0 && self.happens(self.faults.dropped_flag) {
+            let readings = self.calls();
+            self.inject(Injection::DroppedFlag { readings });
+        }
+        if self.happens(self.faults.flicker) {
+            let axis = self.random.random_range(0..axes.max(1));
+            self.inject(Injection::Flicker { axis });
+        }
+    }
+
+    /// After the device was read: the way back of the answer, and how long it was.
+    pub(super) fn way_back(&mut self, deadline: Instant) -> Duration {
+        let left = deadline.saturating_duration_since(self.clock.now());
+        let most = left.mul_f64(0.9);
+        if self.happens(self.faults.late_answer) {
+            self.asked.late_answer = Some(most.mul_f64(self.random.random::<f64>()));
+        }
+        let Some(late) = self.asked.late_answer.take() else {
+            return Duration::ZERO;
+        };
+        let late = late.min(most);
+        self.pass_time(late);
+        late
+    }
+
+    /// The program stands after a reading, before anything is made of it.
+    pub(super) fn after_reading(&mut self) {
+        if self.happens(self.faults.stop_after_read) {
+            self.asked.stop_after_read = Some(self.stands_for());
+        }
+        if let Some(time) = self.asked.stop_after_read.take() {
+            self.pass_time(time);
+        }
+    }
+
+    /// Delivers what is due on a connection that is open.
+    pub(super) fn deliver_due(&mut self, deliver: Deliver<D>) {
+        self.held.pass();
+        self.deliver_held(deliver, false);
+    }
+
+    fn deliver_held(&mut self, deliver: Deliver<D>, written: bool) {
+        while let Some(write) = self.held.take(written) {
+            // Nobody waits for the answer.
+            let _ = deliver(&mut self.device, &write, Instant::now() + PATIENCE);
+        }
+    }
+
+    /// A write, and what becomes of it on its way.
+    pub(super) fn put(
+        &mut self,
+        write: Write,
+        deadline: Instant,
+        deliver: Deliver<D>,
+    ) -> Result<(), Fault> {
+        self.before(deadline)?;
+        if self.happens(self.faults.stop_before_write) {
+            self.asked.stop_before_write = Some(self.stands_for());
+        }
+        if let Some(time) = self.asked.stop_before_write.take() {
+            let left = deadline.saturating_duration_since(self.clock.now());
+            self.pass_time(time);
+            if time >= left {
+                // What a driver promises: a write that missed its deadline is not sent.
+                return Err(Fault::TimedOut);
+            }
+        }
+        self.deliver_due(deliver);
+        self.draw_write();
+        let before = self.last_write.replace(write);
+        if let Some(calls) = self.asked.late_write.take() {
+            return match self.held.keep(write, calls) {
+                Some(write) => deliver(&mut self.device, &write, deadline),
+                None => Ok(()),
+            };
+        }
+        if std::mem::take(&mut self.asked.reordered_write) {
+            return match self.held.keep_for_next(write) {
+                Some(write) => deliver(&mut self.device, &write, deadline),
+                None => Ok(()),
+            };
+        }
+        let mut sent = write;
+        if std::mem::take(&mut self.asked.torn_write) && self.held.keep(write, 1).is_none() {
+            let cut = self.random.random::<f64>();
+            sent = write.torn(before.as_ref(), cut);
+        }
+        let result = deliver(&mut self.device, &sent, deadline);
+        self.deliver_held(deliver, true);
+        if let Some(calls) = self.asked.double_write.take() {
+            // Without room it is delivered twice at once.
+            if let Some(write) = self.held.keep(write, calls) {
+                let _ = deliver(&mut self.device, &write, deadline);
+            }
+        }
+        result
+    }
+
+    fn draw_write(&mut self) {
+        if self.happens(self.faults.late_write) {
+            let calls = self.calls();
+            self.inject(Injection::LateWrite { calls });
+        }
+        if self.happens(self.faults.double_write) {
+            let calls = self.calls();
+            self.inject(Injection::DoubleWrite { calls });
+        }
+        if self.happens(self.faults.torn_write) {
+            self.inject(Injection::TornWrite);
+        }
+        if self.happens(self.faults.reordered_write) {
+            self.inject(Injection::ReorderedWrite);
+        }
+    }
+}

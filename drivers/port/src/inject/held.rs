@@ -1,0 +1,130 @@
+//! Writes that are on their way.
+
+use volcomp_vocabulary::PerChannel;
+
+use crate::Words;
+
+/// So many writes may be on their way; one more is delivered at once.
+const MOST: usize = 8;
+
+/// What is written to a device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Write {
+    Frame(Words),
+    Values(PerChannel<f64>),
+    Levels(u64),
+}
+
+impl Write {
+    /// The first part of this write and the rest of the one before, as a control may read them while they are written.
+    /// `cut` is between 0 and 1.
+    pub(super) fn torn(&self, before: Option<&Self>, cut: f64) -> Self {
+        match (*self, before) {
+            (Self::Frame(new), Some(Self::Frame(old))) => {
+                let mut mixed = new;
+                let at = place(cut, mixed.as_slice().len());
+                let rest = mixed.as_mut_slice().iter_mut().zip(old.as_slice());
+                rest.skip(at).for_each(|(word, old)| *word = *old);
+                Self::Frame(mixed)
+            }
+            (Self::Frame(new), _) => {
+                let mut mixed = new;
+                let at = place(cut, mixed.as_slice().len());
+                mixed
+                    .as_mut_slice()
+                    .iter_mut()
+                    .skip(at)
+                    .for_each(|word| *word = 0);
+                Self::Frame(mixed)
+            }
+            (Self::Values(new), before) => {
+                let old = match before {
+                    Some(Self::Values(old)) => *old,
+                    _ => PerChannel::ZERO,
+                };
+                let at = place(cut, 3);
+                Self::Values(PerChannel::from_fn(
+                    |i| if i < at { new[i] } else { old[i] },
+                ))
+            }
+            (Self::Levels(new), before) => {
+                let old = match before {
+                    Some(Self::Levels(old)) => *old,
+                    _ => 0,
+                };
+                let first = (1_u64 << place(cut, 16)) - 1;
+                Self::Levels(new & first | old & !first)
+            }
+        }
+    }
+}
+
+/// A place after the first and before the last of so many.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::cast_precision_loss,
+    reason = "a few words"
+)]
+fn place(cut: f64, count: usize) -> usize {
+    ((cut.clamp(0.0, 1.0) * count as f64) as usize).clamp(1, count.saturating_sub(1).max(1))
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Due {
+    After(u32),
+    NextWrite,
+}
+
+/// The writes that are on their way, in the order in which they were made.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Held([Option<(Write, Due)>; MOST]);
+
+impl Held {
+    /// Keeps a write for so many calls. Gives it back when there is no room.
+    pub(super) fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
+        self.put(write, Due::After(calls.max(1)))
+    }
+
+    /// Keeps a write until another one was made. Gives it back when there is no room.
+    pub(super) fn keep_for_next(&mut self, write: Write) -> Option<Write> {
+        self.put(write, Due::NextWrite)
+    }
+
+    fn put(&mut self, write: Write, due: Due) -> Option<Write> {
+        match self.0.iter_mut().find(|place| place.is_none()) {
+            Some(place) => {
+                *place = Some((write, due));
+                None
+            }
+            None => Some(write),
+        }
+    }
+
+    /// A call came through.
+    pub(super) fn pass(&mut self) {
+        for (_, due) in self.0.iter_mut().flatten() {
+            if let Due::After(calls) = due {
+                *calls = calls.saturating_sub(1);
+            }
+        }
+    }
+
+    /// Everything is due.
+    pub(super) fn release(&mut self) {
+        for (_, due) in self.0.iter_mut().flatten() {
+            *due = Due::After(0);
+        }
+    }
+
+    /// A write that is due, or that waited for the one that was made just now.
+    pub(super) fn take(&mut self, written: bool) -> Option<Write> {
+        let due = |place: &&mut Option<(Write, Due)>| match place {
+            Some((_, Due::After(calls))) => *calls == 0,
+            Some((_, Due::NextWrite)) => written,
+            None => false,
+        };
+        let (write, _) = self.0.iter_mut().find(due)?.take()?;
+        Some(write)
+    }
+}
