@@ -2,17 +2,16 @@
 //! quantised last.
 
 mod cycle;
+mod follow;
 mod motion;
 mod wanted;
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::{AxisLimits, Limits};
-use cycle::{Advance, Cycle};
-use motion::{
-    braking_part, is_on_grid, linear_word, rotary_word, span, stopping_part, stopping_rate, within,
-};
-pub use wanted::Wanted;
+use crate::Limits;
+use cycle::Cycle;
+use motion::{is_on_grid, linear_word, rotary_word, span, within};
+pub use wanted::{Followed, Wanted};
 
 /// Nearer than so many steps an axis is where it is to be.
 const ARRIVED_STEPS: f64 = 1e-6;
@@ -63,26 +62,6 @@ pub struct Vector {
     motion: Motion,
 }
 
-/// How a cycle went in which the correction followed what is wanted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[allow(
-    clippy::struct_excessive_bools,
-    reason = "four answers that do not exclude one another"
-)]
-pub struct Followed {
-    /// Slew or acceleration hold the correction back: the rotary axes on the way to their goal, or the linear axes,
-    /// which `behind` tells.
-    pub slewing: bool,
-    /// A linear axis is not where it belongs for the rotary shares as they are: only then, and where limits leave no
-    /// place for it at all, may the tool be further off than without correction or than where the ramp began, but
-    /// for the rounding of the output. It is `slewing`, too.
-    pub behind: bool,
-    /// A limit allows only a part of what is wanted.
-    pub limited: bool,
-    /// What is wanted of an axis is above its warning.
-    pub warned: bool,
-}
-
 impl Vector {
     /// A correction that stands at confirmed values (mm, rad). What is wanted is then reached by a ramp.
     pub fn at(applied: &PerChannel<f64>) -> Self {
@@ -130,75 +109,6 @@ impl Vector {
             left: 1.0,
             at_rest: false,
         };
-    }
-
-    /// Goes towards what is wanted for `dt_s`: by a ramp, and where it leads after that. Nothing moves where a number
-    /// is not finite or no time has passed.
-    pub fn follow(&mut self, wanted: &Wanted, limits: &Limits, dt_s: f64) -> Followed {
-        let sound = wanted.is_finite();
-        if !sound || dt_s <= 0.0 || !dt_s.is_finite() {
-            self.stop();
-            return Followed {
-                slewing: !sound,
-                behind: !sound,
-                ..Followed::default()
-            };
-        }
-        let cycle = self.cycle(limits, dt_s);
-        let begins = matches!(self.motion, Motion::Begins | Motion::Line { .. });
-        if begins && self.brakes(&cycle) {
-            self.motion = Motion::Begins;
-            return Followed {
-                slewing: true,
-                behind: true,
-                ..Self::judged(wanted, 1.0, &cycle)
-            };
-        }
-        let (left, rate) = self.ramp(wanted, &cycle);
-        let position = self.position_share(wanted);
-        self.goal = wanted.rotary_goal(&position, &self.goal, limits);
-
-        let ways = self.rotary_ways(&cycle);
-        let (ramp_accel, accel) = self.accels(wanted, &ways, &cycle);
-        let (ramp, braking) = if left > 0.0 {
-            let ramp = (limits.ramp_share(dt_s) / left).min(1.0);
-            (ramp, braking_part(rate / left, ramp_accel, dt_s))
-        } else {
-            (1.0, 0.0)
-        };
-        let eased = ramp.min(stopping_part(ramp_accel, dt_s)).max(braking);
-        let turning = cycle.part(&ways, &self.rate, ramp, accel);
-        let mut most = cycle.advance(&ways, turning, eased);
-        let mut factor = self.factor(wanted, &position, &most, &cycle);
-        if factor.is_none() {
-            // Not faster than in the cycle before: what moved then can be braked, or go on.
-            let turns = cycle.going(&ways, &self.rate).max(0.0);
-            let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
-            most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
-            factor = self.factor(wanted, &position, &most, &cycle);
-        }
-        let mut turned = PerChannel::ZERO;
-        for i in cycle.of_kind(AxisKind::Rotary) {
-            let [least, most] = [most.least[i], most.most[i]];
-            self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
-            turned[i] = self.rate[i];
-        }
-        self.following = wanted.following(&turned);
-        // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
-        let passed = factor.map_or(eased, |factor| factor * most.ramp);
-        self.pass_ramp(left, passed, dt_s);
-        let (behind, part) = self.slide(wanted, &cycle);
-        self.write(&cycle);
-
-        let held_back = turning < ramp || factor.is_none_or(|factor| factor < 1.0 - 1e-9);
-        let far = cycle
-            .of_kind(AxisKind::Rotary)
-            .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
-        Followed {
-            slewing: behind || held_back && far,
-            behind,
-            ..Self::judged(wanted, part, &cycle)
-        }
     }
 
     /// Goes on along the line for `dt_s`, which is brought within the limits; true once it is at its end. The line
@@ -281,54 +191,6 @@ impl Vector {
         }
     }
 
-    /// What is left of the ramp, which begins here if it has not, and how much of it passes in a second.
-    fn ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> (f64, f64) {
-        match self.motion {
-            Motion::Ramps { left, rate } => (left, rate),
-            Motion::Follows => (0.0, 0.0),
-            Motion::Begins | Motion::Line { .. } => {
-                let following = wanted.following(&self.rotary(cycle));
-                self.offset = PerChannel::ZERO;
-                for i in cycle.of_kind(AxisKind::Linear) {
-                    self.offset[i] = self.smooth[i] - following[i] - wanted.position[i];
-                }
-                self.target = self.smooth;
-                self.goal = self.output;
-                (1.0, 0.0)
-            }
-        }
-    }
-
-    fn pass_ramp(&mut self, before: f64, passed: f64, dt_s: f64) {
-        let left = before * (1.0 - passed);
-        if left > SMALLEST_PART {
-            self.offset = self.offset.map(|offset| offset * (1.0 - passed));
-            self.motion = Motion::Ramps {
-                left,
-                rate: (before - left) / dt_s,
-            };
-        } else {
-            self.offset = PerChannel::ZERO;
-            self.motion = Motion::Follows;
-        }
-    }
-
-    /// What is wanted against the limits, `part` of the position share being possible.
-    fn judged(wanted: &Wanted, part: f64, cycle: &Cycle) -> Followed {
-        let full = wanted.full();
-        let over = |limit: fn(&AxisLimits) -> f64| {
-            cycle.places().any(|i| {
-                let most = limit(&cycle.limits.axes[i]) + ARRIVED_STEPS * cycle.step(i);
-                full[i].abs() > most
-            })
-        };
-        Followed {
-            limited: part < 1.0 || over(|axis| axis.limit),
-            warned: over(|axis| axis.warn),
-            ..Followed::default()
-        }
-    }
-
     /// Where something else begins while the axes move: rotary axes and the linear axes that follow them come to rest by
     /// one factor, and what else moves the linear axes by another. Whether they needed this cycle for it; axes
     /// without a limit of their acceleration do not.
@@ -358,112 +220,6 @@ impl Vector {
         }
         self.write(cycle);
         true
-    }
-
-    /// The rotary shares as they stand, zero at all other places.
-    fn rotary(&self, cycle: &Cycle) -> PerChannel<f64> {
-        let mut rotary = PerChannel::ZERO;
-        for i in cycle.of_kind(AxisKind::Rotary) {
-            rotary[i] = self.smooth[i];
-        }
-        rotary
-    }
-
-    /// The position share with what is left of the ramp.
-    fn position_share(&self, wanted: &Wanted) -> PerChannel<f64> {
-        PerChannel::from_fn(|i| wanted.position[i] + self.offset[i])
-    }
-
-    /// The ways of the rotary axes to their goal, zero at all other places.
-    fn rotary_ways(&self, cycle: &Cycle) -> PerChannel<f64> {
-        let mut ways = PerChannel::ZERO;
-        for i in cycle.of_kind(AxisKind::Rotary) {
-            ways[i] = self.goal[i] - self.smooth[i];
-        }
-        ways
-    }
-
-    /// The accelerations (1/s²) with which what is left of the ramp and of the ways of the rotary axes may pass. The
-    /// linear axes follow both: where there are rotary axes, each may take half of what a linear axis is allowed.
-    fn accels(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> (f64, f64) {
-        let rotary = cycle.accel_over(ways, AxisKind::Rotary);
-        let following = cycle.accel_over(&wanted.following(ways), AxisKind::Linear);
-        let ramp = cycle.accel_over(&self.offset, AxisKind::Linear);
-        if cycle.of_kind(AxisKind::Rotary).next().is_some() {
-            (0.5 * ramp, rotary.min(0.5 * following))
-        } else {
-            (ramp, rotary)
-        }
-    }
-
-    /// The largest factor between the least and the most of an advance with which every linear axis can be where it
-    /// belongs at the end of the cycle. `None` where there is none.
-    fn factor(
-        &self,
-        wanted: &Wanted,
-        position: &PerChannel<f64>,
-        advance: &Advance,
-        cycle: &Cycle,
-    ) -> Option<f64> {
-        let rotary = self.rotary(cycle);
-        let part = wanted.position_part(position, &rotary, cycle.limits);
-        let at = |ways: &PerChannel<f64>| {
-            wanted.following(&PerChannel::from_fn(|i| rotary[i] + ways[i]))
-        };
-        let (least, most) = (at(&advance.least), at(&advance.most));
-        let (mut low, mut high) = (0.0_f64, 1.0_f64);
-        for i in cycle.of_kind(AxisKind::Linear) {
-            let limit = cycle.limits.axes[i].reachable();
-            let rounding = 1e-9 * cycle.step(i);
-            let [lowest, highest] = cycle.spans[i].map(|way| self.smooth[i] + way);
-            let base = part * position[i] + least[i];
-            let along = most[i] - least[i] - part * advance.ramp * self.offset[i];
-            // What is beyond a limit that can be reached is cut there.
-            let highest = if highest >= limit - rounding {
-                f64::INFINITY
-            } else {
-                highest + rounding
-            };
-            let lowest = if lowest <= -limit + rounding {
-                f64::NEG_INFINITY
-            } else {
-                lowest - rounding
-            };
-            if along == 0.0 {
-                if base > highest || base < lowest {
-                    return None;
-                }
-                continue;
-            }
-            let ends = [(lowest - base) / along, (highest - base) / along];
-            low = low.max(ends[0].min(ends[1]));
-            high = high.min(ends[0].max(ends[1]));
-        }
-        (low <= high).then_some(high)
-    }
-
-    /// The linear axes go where they belong for the rotary shares as they are now, as far as they can. Whether one of
-    /// them is not there at the end, and the part of the position share that the limits leave.
-    fn slide(&mut self, wanted: &Wanted, cycle: &Cycle) -> (bool, f64) {
-        let position = self.position_share(wanted);
-        let rotary = self.rotary(cycle);
-        let part = wanted.position_part(&position, &rotary, cycle.limits);
-        let following = wanted.following(&rotary);
-        let mut behind = false;
-        for i in cycle.of_kind(AxisKind::Linear) {
-            let axis = &cycle.limits.axes[i];
-            let limit = axis.reachable();
-            let whole = part * position[i] + following[i];
-            let target = within([-limit, limit], whole);
-            // On the way with the target, and back to it as fast as can be stopped there.
-            let gap = self.target[i] - self.smooth[i];
-            let back = stopping_rate(gap.abs(), axis.accel_per_s2, cycle.dt_s) * cycle.dt_s;
-            let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);
-            self.advance(i, way, cycle);
-            self.target[i] = target;
-            behind |= (whole - self.smooth[i]).abs() > 2.0 * ARRIVED_STEPS * axis.resolution;
-        }
-        (behind, part)
     }
 
     /// One axis goes `way`, or as far as it may.

@@ -188,9 +188,9 @@ impl Model {
     }
 
     /// The largest position error that a rotary axis leaves because its correction goes in steps: half a step times the
-    /// longest lever from its line to the tool tip over the work space. The axis is named by its place in machine
-    /// order; zero for a linear axis. Levers are longest at ends of linear travel, and are compared there; the other rotary axes are
-    /// tried at 25 places of their travel, ends included.
+    /// longest lever from its line to the tool tip over the work space. The axis is named by its place in machine order;
+    /// zero for a linear axis and where there is no axis. Levers are longest where linear axes are at the ends of their
+    /// travel, and are compared there; the other rotary axes are tried at 25 places, the ends of their travel included.
     pub fn rotary_step_error(&self, index: usize, step: Rad) -> Mm {
         let chain = self.compiled.chain();
         let carried: Vec<(usize, u32)> = (index + 1..self.axes.len())

@@ -3,7 +3,7 @@
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 use super::motion::{is_on_grid, quantised};
-use crate::Limits;
+use crate::{AxisLimits, Limits};
 
 /// A limit is not missed by a rounding: so many steps beyond it count as within.
 const ROUNDING_STEPS: f64 = 1e-6;
@@ -21,6 +21,26 @@ pub struct Wanted {
     pub follow: PerChannel<PerChannel<f64>>,
 }
 
+/// How a cycle went in which the correction followed what is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "four answers that do not exclude one another"
+)]
+pub struct Followed {
+    /// Slew or acceleration hold the correction back: the rotary axes on the way to their goal, or the linear axes,
+    /// which `behind` tells.
+    pub slewing: bool,
+    /// A linear axis is not where it belongs for the rotary shares as they are: only then, and where limits leave no
+    /// place for it at all, may the tool be further off than without correction or than where the ramp began, but
+    /// for the rounding of the output. It is `slewing`, too.
+    pub behind: bool,
+    /// A limit allows only a part of what is wanted.
+    pub limited: bool,
+    /// What is wanted of an axis is above its warning.
+    pub warned: bool,
+}
+
 impl Wanted {
     /// The correction of a machine whose rotary axes, if it has any, are not corrected.
     pub fn linear(position: PerChannel<f64>) -> Self {
@@ -34,6 +54,20 @@ impl Wanted {
     pub fn full(&self) -> PerChannel<f64> {
         let following = self.following(&self.rotary);
         PerChannel::from_fn(|i| self.position[i] + following[i] + self.rotary[i])
+    }
+
+    /// What is wanted against the limits, which leave `part` of the position share.
+    pub(super) fn judged(&self, part: f64, limits: &Limits) -> Followed {
+        let full = self.full();
+        let over = |most: fn(&AxisLimits) -> f64| {
+            let mut axes = limits.axes.iter().zip(&full).take(limits.count);
+            axes.any(|(axis, full)| full.abs() > most(axis) + ROUNDING_STEPS * axis.resolution)
+        };
+        Followed {
+            limited: part < 1.0 || over(|axis| axis.limit),
+            warned: over(|axis| axis.warn),
+            ..Followed::default()
+        }
     }
 
     /// How the linear axes follow rotary shares, mm.
