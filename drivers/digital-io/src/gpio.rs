@@ -51,6 +51,14 @@ impl LineSet {
             lines,
         })
     }
+
+    /// The device file of the chip, by whichever of its names it is called.
+    ///
+    /// # Errors
+    /// No chip of that name, or none that this user may look at.
+    pub fn chip_file(&self) -> Result<PathBuf, DeviceError> {
+        find(self)
+    }
 }
 
 /// Inputs of one chip and outputs of another, or the same.

@@ -151,8 +151,8 @@ impl Service {
             },
             watchdog: Watchdog::new(
                 sd_notify::watchdog_enabled(),
-                pulse,
                 parts.config.cycle,
+                pulse.patience(),
                 now,
             ),
             standing: parts.standing.clone(),
@@ -332,7 +332,8 @@ impl Service {
             self.times.add(&timing);
             self.watchdog.count(&timing, now);
         }
-        if self.watchdog.is_due(now) {
+        let is_silent = self.parts.handle.pulse().silence().is_some();
+        if self.watchdog.is_due(is_silent, now) {
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
         }
         let report = *self.parts.handle.report();

@@ -2,15 +2,15 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_runtime::{Pulse, Timing};
+use volcomp_runtime::Timing;
 
-/// On time are cycles of which none stayed away for longer than its patience, and of which there were at least a third
-/// of what the period asks for.
+/// On time are cycles of which none stayed away for longer than `patience`, and of which there were at least a third of
+/// what the period asks for.
 pub(super) struct Watchdog {
     /// How often it is fed; `None`: nobody waits for it.
     interval: Option<Duration>,
-    pulse: Pulse,
     period: Duration,
+    patience: Duration,
     /// Since when cycles have been on time.
     since: Instant,
     /// Cycles since then.
@@ -21,15 +21,15 @@ impl Watchdog {
     /// A watchdog that must hear something within `time`; `None`: there is none.
     pub(super) fn new(
         time: Option<Duration>,
-        pulse: Pulse,
         period: Duration,
+        patience: Duration,
         now: Instant,
     ) -> Self {
         Self {
             // A stretch that was late costs as long again, and the next one must still be in time.
             interval: time.map(|time| (time / 4).min(Duration::from_secs(1))),
-            pulse,
             period,
+            patience,
             since: now,
             cycles: 0,
         }
@@ -38,17 +38,17 @@ impl Watchdog {
     /// Counts a cycle.
     pub(super) fn count(&mut self, timing: &Timing, now: Instant) {
         self.cycles += 1;
-        if self.period * (timing.missed + 1) > self.pulse.patience() {
+        if self.period.saturating_mul(timing.missed.saturating_add(1)) > self.patience {
             self.begin(now);
         }
     }
 
-    /// Whether it is to be fed now.
-    pub(super) fn is_due(&mut self, now: Instant) -> bool {
+    /// Whether it is to be fed now; `is_silent`: the control thread has run no cycle for too long.
+    pub(super) fn is_due(&mut self, is_silent: bool, now: Instant) -> bool {
         let Some(interval) = self.interval else {
             return false;
         };
-        if self.pulse.silence().is_some() {
+        if is_silent {
             self.begin(now);
             return false;
         }
@@ -65,5 +65,51 @@ impl Watchdog {
     fn begin(&mut self, now: Instant) {
         self.since = now;
         self.cycles = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    /// How often a watchdog of 400 ms is fed within ten seconds, with a cycle of 4 ms that takes place only every
+    /// `every` ms, and from which one further period is missing at 5 s for so many ms.
+    fn fed(every: u32, gap_ms: u32) -> u32 {
+        let begun = Instant::now();
+        let mut dog = Watchdog::new(Some(400 * MS), 4 * MS, 100 * MS, begun);
+        let (mut fed, mut last) = (0, 0);
+        for ms in 1..10_000_u32 {
+            let now = begun + ms * MS;
+            let in_gap = ms > 5000 && ms < 5000 + gap_ms;
+            if ms.is_multiple_of(every) && !in_gap {
+                let missed = (ms - last) / 4 - 1;
+                last = ms;
+                let timing = Timing {
+                    missed,
+                    ..Timing::default()
+                };
+                dog.count(&timing, now);
+            }
+            if ms.is_multiple_of(50) {
+                fed += u32::from(dog.is_due(ms - last > 100, now));
+            }
+        }
+        fed
+    }
+
+    /// Before, one cycle a second was enough.
+    #[test]
+    fn cycles_must_come_on_time() {
+        assert!(fed(4, 0) >= 95, "each cycle");
+        assert!(fed(8, 0) >= 95, "a slow control, every other cycle");
+        assert_eq!(fed(16, 0), 0, "a quarter of the cycles");
+        assert_eq!(fed(1000, 0), 0, "one a second");
+        let with_gap = fed(4, 2000);
+        assert!(
+            (72..=80).contains(&with_gap),
+            "{with_gap}: none for two seconds"
+        );
     }
 }

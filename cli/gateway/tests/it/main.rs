@@ -22,6 +22,7 @@ mod program;
 mod records;
 mod reload;
 mod shipped;
+mod silent;
 mod standing;
 mod texts;
 mod units;

@@ -157,21 +157,33 @@ fn the_service_manager_is_told() {
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let world = World::new(&['X', 'Y', 'Z']);
+    let control = Simulator::start("0.0.0.0:0", Options::default(), world).expect("loopback");
+    let at = |folder: &std::path::Path, host: &str, more: &str| {
+        let config = configuration(folder, &control, more);
+        change(&config, "focas://0.0.0.0", &format!("focas://{host}"));
+        config
+    };
+    let config = at(dir.path(), "127.0.0.1", "auto_arm = true");
     let first = Program::start(dir.path(), &["--config", path(&config)]);
     first.wait_for("compensating");
-    // On the same host: the lock.
-    let second = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["--config", path(&config), "--listen", "127.0.0.1:0"])
-        .output()
-        .expect("built");
-    assert_eq!(second.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&second.stderr).contains("another gateway on this computer"));
-    // As from another host, by another name: the heartbeat moves.
+    // On the same host: the lock, whatever the address is called.
     let other = tempfile::tempdir().expect("writable");
-    let config = configuration(other.path(), &control, "");
-    change(&config, "focas://127.0.0.1", "focas://localhost");
+    for spelling in ["127.0.0.1", "localhost", "LocalHost", "[::1]"] {
+        let config = at(other.path(), spelling, "");
+        let second = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(["--config", path(&config), "--listen", "127.0.0.1:0"])
+            .output()
+            .expect("built");
+        assert_eq!(second.status.code(), Some(1), "{spelling}");
+        let message = String::from_utf8_lossy(&second.stderr);
+        assert!(
+            message.contains("another gateway on this computer"),
+            "{message}"
+        );
+    }
+    // As from another host, by another address: the heartbeat moves.
+    let config = at(other.path(), "127.0.0.2", "");
     let second = Program::start(other.path(), &["--config", path(&config)]);
     second
         .wait(|state| state["cycle"]["count"].as_u64() > Some(100))
