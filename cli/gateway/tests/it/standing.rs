@@ -59,17 +59,25 @@ fn a_persons_disarming_outlives_a_restart() {
 fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
     let mut world = World::new(&['X', 'Y', 'Z']);
-    world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
+    // Only the position of an axis that moves shows that it does not contain the correction.
+    world.motion =
+        Arc::new(|elapsed| vec![400.0 + (elapsed.as_secs_f64() / 3.0).floor(), 150.0, 50.0]);
     let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
-    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let config = configuration(dir.path(), &control, "auto_arm = false");
     change(&config, "test_shift_um = 0", "test_shift_um = 5");
     change(&config, "axes =", "includes_correction = true\naxes =");
     let mut program = started(&config);
+    let begun = program.state()["positions_mm"]["X"].as_f64();
+    program
+        .wait(|state| state["positions_mm"]["X"].as_f64() > begun)
+        .expect("X moves");
+    assert_eq!(program.post("/api/arm", "").status, 200);
     program.wait_for("faulted");
     std::thread::sleep(Duration::from_millis(300));
     program.running.kill();
     drop(program);
     change(&config, "includes_correction = true\n", "");
+    change(&config, "auto_arm = false", "auto_arm = true");
     let program = started(&config);
     let state = program.wait_for("faulted");
     assert!(says(&state, "faulted before the restart"), "{state}");
