@@ -116,6 +116,23 @@ impl Cell {
         (actual.transform_point(&tip) - chain.ideal_pose(state).transform_point(&tip)).norm()
     }
 
+    /// How much the error of the machine differs (mm) between where a correction leads and where the whole one would:
+    /// the model asks for what belongs to the latter.
+    fn differs(&self, state: &State, correction: &PerChannel<f64>) -> f64 {
+        let chain = self.machine.chain();
+        let tip = chain.tool_tip_mm();
+        let source = self.machine.source(&self.temperatures);
+        let [there, wanted] = [*correction, self.wanted(state).full()].map(|correction| {
+            let mut there = *state;
+            for (q, delta) in there.q.iter_mut().zip(self.axes(&correction)) {
+                *q += delta;
+            }
+            let actual = actual_pose(chain, &source, &there);
+            actual.transform_point(&tip) - chain.ideal_pose(&there).transform_point(&tip)
+        });
+        (there - wanted).norm()
+    }
+
     /// What the rounding of the output may add, mm: 0.6 step of each linear axis in the worst direction, and while a
     /// rotary step is under way what is between the share and the word, at most half a step, times the lever.
     fn rounding(&self, state: &State, vector: &Vector, limits: &Limits) -> f64 {
@@ -258,6 +275,7 @@ struct Scene<'a> {
     time_s: f64,
     /// How far the tool was off when the ramp or line began, mm.
     began: f64,
+    differed: f64,
     followed: Followed,
     /// The change of the smooth values in a second in the cycle before.
     rate: PerChannel<f64>,
@@ -284,6 +302,7 @@ impl<'a> Scene<'a> {
             vector: Vector::at(&applied),
             time_s: 0.0,
             began: 0.0,
+            differed: 0.0,
             followed: Followed::default(),
             rate: PerChannel::ZERO,
             trace: vec![(0.0, applied)],
@@ -384,7 +403,10 @@ impl<'a> Scene<'a> {
         let bound = without.max(self.began)
             + cell.rounding(state, &self.vector, &self.limits)
             + turned * moved;
-        let over = off - bound;
+        let mut over = off - bound;
+        if over > 0.0 {
+            over -= cell.differs(state, &self.vector.smooth()) + self.differed;
+        }
         if seen.worst.is_none_or(|worst| over > worst) {
             seen.worst = Some(over);
             seen.told = format!(
@@ -411,7 +433,12 @@ fn poses() -> usize {
 }
 
 /// Runs a scene for every pose of every type of machine, on two cores.
-fn over_all_types(name: &str, scene: impl Fn(&Cell, &mut ChaCha8Rng, &mut Seen) + Sync) {
+/// No more than the part `behind` of the cycles may be excused from the bound because linear axes are behind.
+fn over_all_types(
+    name: &str,
+    behind: f64,
+    scene: impl Fn(&Cell, &mut ChaCha8Rng, &mut Seen) + Sync,
+) {
     let types = all_types();
     let scene = &scene;
     let types = &types;
@@ -460,13 +487,15 @@ fn over_all_types(name: &str, scene: impl Fn(&Cell, &mut ChaCha8Rng, &mut Seen) 
     for seen in &seen {
         let worst = seen.worst.expect("something was judged");
         assert!(worst <= COMPILED_MM, "{name}: {worst} {}", seen.told);
+        let excused = seen.behind as f64 / seen.cycles as f64;
+        assert!(excused <= behind, "{name}: {excused} behind");
     }
 }
 
 #[test]
 fn ramps_at_standstill_and_in_motion() {
     for moves in [false, true] {
-        over_all_types(&format!("ramp, moves {moves}"), |cell, rng, seen| {
+        over_all_types(&format!("ramp, moves {moves}"), 0.05, |cell, rng, seen| {
             let mut scene = Scene::new(cell, rng, moves, false);
             for _ in 0..60 {
                 scene.follow(rng, seen);
@@ -480,21 +509,25 @@ fn ramps_at_standstill_and_in_motion() {
 #[test]
 fn restarts_in_mid_correction() {
     for moves in [false, true] {
-        over_all_types(&format!("restart, moves {moves}"), |cell, rng, seen| {
-            let mut scene = Scene::new(cell, rng, moves, true);
-            for _ in 0..60 {
-                scene.follow(rng, seen);
-            }
-            scene.holds_in_windows();
-            seen.arrived += usize::from(scene.vector.is_ramped());
-        });
+        over_all_types(
+            &format!("restart, moves {moves}"),
+            0.2,
+            |cell, rng, seen| {
+                let mut scene = Scene::new(cell, rng, moves, true);
+                for _ in 0..60 {
+                    scene.follow(rng, seen);
+                }
+                scene.holds_in_windows();
+                seen.arrived += usize::from(scene.vector.is_ramped());
+            },
+        );
     }
 }
 
 #[test]
 fn held_and_begun_again() {
     for moves in [false, true] {
-        over_all_types(&format!("hold, moves {moves}"), |cell, rng, seen| {
+        over_all_types(&format!("hold, moves {moves}"), 0.05, |cell, rng, seen| {
             let mut scene = Scene::new(cell, rng, moves, false);
             for _ in 0..rng.random_range(1..60) {
                 scene.follow(rng, seen);
@@ -514,7 +547,7 @@ fn held_and_begun_again() {
 /// At standstill: on the way to zero the tool is between where it was and where it is without correction.
 #[test]
 fn ramps_to_zero() {
-    over_all_types("zero", |cell, rng, seen| {
+    over_all_types("zero", 0.01, |cell, rng, seen| {
         let restarts = rng.random_bool(0.5);
         let mut scene = Scene::new(cell, rng, false, restarts);
         for _ in 0..rng.random_range(1..40) {
@@ -549,7 +582,7 @@ fn ramps_to_zero() {
 /// outside comes in at the old slew or the new one, whichever is lower, and once it is in the bound holds again.
 #[test]
 fn limits_lowered_in_motion() {
-    over_all_types("lowered", |cell, rng, seen| {
+    over_all_types("lowered", 0.3, |cell, rng, seen| {
         let (moves, restarts) = (rng.random_bool(0.5), rng.random_bool(0.5));
         let mut scene = Scene::new(cell, rng, moves, restarts);
         for _ in 0..rng.random_range(1..40) {
@@ -604,7 +637,7 @@ fn limits_lowered_in_motion() {
 /// Given time and room, the correction is the whole of what is wanted, but for the rounding.
 #[test]
 fn arrives_at_the_whole_correction() {
-    over_all_types("arrives", |cell, rng, seen| {
+    over_all_types("arrives", 0.03, |cell, rng, seen| {
         let mut scene = Scene::new(cell, rng, false, false);
         let wanted = cell.wanted(&scene.path.from);
         let full = wanted.full();
