@@ -19,6 +19,7 @@ fn cycles(criterion: &mut Criterion) {
     let model = Model::new(&simulation.model, guard.fading).expect("built in");
     let settings = PathSettings {
         proves: false,
+        watch: Duration::ZERO,
         ..PathSettings::default()
     };
     let described = simulation.controller.description().clone();

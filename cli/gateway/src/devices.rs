@@ -122,6 +122,7 @@ impl ControllerDevice {
             read_back_cycles: usize::try_from(cycles)
                 .unwrap_or(usize::MAX)
                 .clamp(1, volcomp_runtime::guard::MOST_READ_BACK_CYCLES),
+            ..PathSettings::default()
         }
     }
 

@@ -5,6 +5,7 @@ use std::{
     net::TcpListener,
     path::Path,
     sync::{Arc, atomic::AtomicUsize, mpsc::sync_channel},
+    time::Duration,
 };
 
 use signal_hook::{
@@ -12,7 +13,7 @@ use signal_hook::{
     iterator::Signals,
 };
 use volcomp_guard::Reasons;
-use volcomp_runtime::{DisarmSwitch, Report, start};
+use volcomp_runtime::{DisarmSwitch, Report, monotonic, start};
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::{
@@ -52,8 +53,8 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         tokens,
         tls,
     } = plan.open()?;
-    if let Some(output) = last_output(&config.audit_dir.join("output.json")) {
-        cycle.restore(&output);
+    if let Some((output, age)) = last_output(&config.audit_dir.join("output.json")) {
+        cycle.restore(&output, age);
     }
     let (handle, lacking) = start(cycle, config.realtime)?;
     for lacking in process.lacking.iter().chain(&lacking) {
@@ -181,13 +182,21 @@ fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
     Ok((audit, found))
 }
 
-/// The last output that was stored (mm, rad); `None` where none was, or after a reboot: nobody knows then which
-/// corrections the controllers hold, and a correction begins at zero.
-fn last_output(path: &Path) -> Option<PerAxis<f64>> {
+/// The last output that was stored (mm, rad), and how long ago; `None` where none was, or after a reboot, when a
+/// correction begins at zero. Where the program did not come to its end it may have sent another one afterwards: then
+/// what was sent last is no number, and a controller that cannot be asked waits for a person.
+fn last_output(path: &Path) -> Option<(PerAxis<f64>, Duration)> {
     let text = std::fs::read_to_string(path).ok()?;
     let output: LastOutput = serde_json::from_str(&text).ok()?;
     let fits = output.boot == boot_id()
         && output.correction.len() <= MAX_AXES
         && output.correction.iter().all(|value| value.is_finite());
-    fits.then(|| PerAxis::from_fn(|axis| output.correction.get(axis).copied().unwrap_or(0.0)))
+    let written = Duration::try_from_secs_f64(output.monotonic_s).unwrap_or_default();
+    let age = monotonic().saturating_sub(written);
+    let of = |axis: usize| match output.correction.get(axis) {
+        Some(value) if output.ended => *value,
+        Some(_) => f64::NAN,
+        None => 0.0,
+    };
+    fits.then(|| (PerAxis::from_fn(of), age))
 }

@@ -12,7 +12,7 @@ use volcomp_port::{
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 
-use volcomp_runtime::{AxisSettings, GuardSettings, Realtime};
+use volcomp_runtime::{AxisSettings, GuardSettings, Realtime, WithoutBarrier};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um, Urad};
 
 use crate::{
@@ -243,6 +243,10 @@ pub fn guard() -> GuardSettings {
             test_shift: AxisSettings::<Urad>::TEST_SHIFT,
             ..linear.map(|Um(number)| Urad(number))
         }),
+        without_barrier: WithoutBarrier {
+            linear: linear.limit,
+            rotary: Urad(linear.limit.0),
+        },
         ..GuardSettings::new(linear)
     }
 }

@@ -5,7 +5,8 @@
 use std::time::Duration;
 
 use volcomp_guard::{
-    AxisLimits, Guard, Inputs, Limits, LimitsError, Reading, Request, State,
+    AxisLimits, Guard, Inputs, Limits, LimitsError, ReadBack, Reading, Request, State, Told,
+    Wanted,
     vocabulary::{AxisKind, MAX_AXES, PerChannel},
 };
 
@@ -22,7 +23,7 @@ fn main() -> Result<(), LimitsError> {
         resolution: 0.001,
         includes_correction: false,
     };
-    let mut guard = Guard::new(Limits {
+    let limits = Limits {
         axes,
         count: 1,
         period: PERIOD,
@@ -31,7 +32,9 @@ fn main() -> Result<(), LimitsError> {
         ramp: Duration::from_millis(200),
         test_shift: PerChannel::ZERO,
         read_back_cycles: 1,
-    })?;
+    };
+    let mut guard = Guard::new(limits)?;
+    let mut read_back = ReadBack::plain(Duration::ZERO);
 
     // The model wants 30 µm all the time; the control applies what is written.
     let mut applied = PerChannel::ZERO;
@@ -48,24 +51,29 @@ fn main() -> Result<(), LimitsError> {
             applied = PerChannel::ZERO;
         }
         // No positions from 0.8 s to 1.6 s.
-        let reading = (!(200..400).contains(&cycle)).then_some(Reading {
-            taken: now,
-            positions: PerChannel::ZERO,
-            applied: Some(applied),
-            referenced: true,
-            alarm: false,
-            emergency_stop: false,
-        });
+        let answers = !(200..400).contains(&cycle);
+        let told = if answers {
+            Told::Values(applied)
+        } else {
+            Told::Nothing
+        };
+        read_back.hear(now, now, &told, &limits);
         let output = guard.cycle(&Inputs {
             now,
-            reading,
-            target: Some(target),
-            request: (cycle == 1).then_some(Request::Arm),
+            reading: answers.then_some(Reading {
+                taken: now,
+                positions: PerChannel::ZERO,
+            }),
+            known: *read_back.known(),
+            wanted: Some(Wanted::linear(target)),
+            // Three equal readings confirm what the control applies.
+            request: (cycle == 3).then_some(Request::Arm),
             ..Inputs::default()
         });
         if output.write {
             largest_step = largest_step.max((output.correction[0] - applied[0]).abs());
             applied = output.correction;
+            read_back.sent(now, &output.correction, true);
         }
         if output.state != last_state {
             last_state = output.state;

@@ -4,23 +4,15 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Reasons, Request, State};
+use crate::{Known, Reasons, Request, State, Wanted};
 
-/// The positions, the applied correction and the state that a controller reported in this cycle.
+/// The positions that the path which corrects told in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// When the positions held, on the clock of [`Inputs::now`].
+    /// When the oldest of them held, on the clock of [`Inputs::now`].
     pub taken: Duration,
     /// As reported, mm and rad.
     pub positions: PerChannel<f64>,
-    /// The correction that is applied, where the controller can be asked.
-    pub applied: Option<PerChannel<f64>>,
-    /// Every axis was sent to its reference.
-    pub referenced: bool,
-    /// An alarm is on.
-    pub alarm: bool,
-    /// The emergency stop is pressed.
-    pub emergency_stop: bool,
 }
 
 /// The inputs of a guard in one cycle.
@@ -28,10 +20,14 @@ pub struct Reading {
 pub struct Inputs {
     /// When the cycle began, on a monotonic clock.
     pub now: Duration,
-    /// The report of the controller; `None` when it did not answer.
+    /// The positions; `None` when the controller did not answer.
     pub reading: Option<Reading>,
-    /// The correction that the model wants, mm and rad; `None`: it has none.
-    pub target: Option<PerChannel<f64>>,
+    /// What is known of the correction that the controller applies.
+    pub known: Known,
+    /// The interlocks of the machine ([`Interlocks::reasons`](crate::Interlocks::reasons)); empty: none.
+    pub interlocks: Reasons,
+    /// The correction that the model wants; `None`: it has none.
+    pub wanted: Option<Wanted>,
     /// The request of a person or a program since the last cycle, if there was one.
     pub request: Option<Request>,
     /// Why arming is forbidden; empty where it is allowed.
@@ -43,7 +39,7 @@ pub struct Inputs {
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
     pub correction: PerChannel<f64>,
-    /// Whether it is to be written, and the heartbeat with it.
+    /// Whether it is to be sent, and the heartbeat with it.
     pub write: bool,
     /// The state after this cycle.
     pub state: State,

@@ -8,13 +8,10 @@ pub const MAX_PATHS: usize = 4;
 /// The condition of one controller path in a cycle; paths stand in the order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
-    /// Its positions are fresh, nothing stands against writing, and every position that its correction depends
-    /// on is to be had.
+    /// Its positions are fresh, and every position that its correction depends on is to be had.
     pub usable: bool,
-    /// Paths with the same number replace one another: the controller selects. Others add.
-    pub channel: u32,
-    /// Whether the correction that the path has applied is known.
-    pub held_is_known: bool,
+    /// What the axes get is known as soon as it writes: it tells it itself, or nothing is left of the path before.
+    pub ready: bool,
 }
 
 /// Which path corrects, and why not another one.
@@ -24,7 +21,7 @@ pub struct Choice {
     pub active: usize,
     /// Whether it is another one than in the cycle before.
     pub switched: bool,
-    /// The next one may not take over, since nobody knows what another channel holds.
+    /// The next one may not take over, since nobody knows what the path before has left.
     pub blocked: bool,
 }
 
@@ -74,10 +71,7 @@ impl Selector {
                 blocked: false,
             };
         };
-        let unknown = |(index, path): (usize, &PathHealth)| {
-            index != wanted && path.channel != paths[wanted].channel && !path.held_is_known
-        };
-        let blocked = paths.iter().enumerate().any(unknown);
+        let blocked = !paths[wanted].ready;
         if !blocked {
             self.active = wanted;
         }

@@ -1,47 +1,63 @@
-//! The guard of one controller: inputs of a cycle in, the correction to write out.
+//! The guard of a machine: inputs of a cycle in, the correction to send out.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Inputs, Limits, LimitsError, Output, Quantity, Reading, Reasons,
-    axis::Follower,
-    limits::MOST_READ_BACK_CYCLES,
+    Confirmed, Inputs, Known, Limits, LimitsError, Output, Quantity, Reading, Reasons, Scheme,
+    Vector, Wanted,
     proof::{Moves, Proof, Verdict},
-    state::{Facts, Hold, Phase, Request, State},
-    written::Written,
+    read_back::{are_equal, is_step_equal},
+    state::{Cause, Facts, Hold, Phase, State},
 };
 
-/// So many adopted read-backs in a row, without a write between that was there afterwards, make a fault.
+/// So many confirmed corrections of an axis in a row that were not sent, without one between that was, make a fault.
 const MOST_ADOPTED: u32 = 3;
 /// A cycle counts as so many periods at the most.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
+/// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
+const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 
-/// The guard of one controller: it decides which correction may reach the axes (rules of the crate's front page). It
-/// keeps the last output, the ramp and the corrections that were written lately.
+/// The guard of a machine: it decides which correction may reach the axes (rules of the crate's front page). One path
+/// writes at a time. State: where the correction stands and moves, and the proof at arming.
 #[derive(Clone, Debug)]
 pub struct Guard {
     limits: Limits,
     state: State,
-    axes: PerChannel<Follower>,
-    /// Where the ramp began, and how much of it has passed.
+    vector: Vector,
+    /// The vector before the last motion, to come back to when its write fails.
+    before: Vector,
+    /// The correction where the last ramp or line began.
     from: PerChannel<f64>,
-    ramp: f64,
+    /// The largest correction of each axis that is no surprise: its limit, or more where that was lowered.
+    allowed: PerChannel<f64>,
+    /// Where the line of the proof leads.
+    shift: PerChannel<f64>,
+    /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
+    stood: bool,
+    /// Another path writes from now on: what it is known to apply is where it begins.
+    took_over: bool,
     proof: Proof,
     moves: Moves,
     /// What the last proof showed.
     verdict: Verdict,
-    written: Written,
     last_cycle: Option<Duration>,
-    /// When positions and target were good last.
+    /// When positions and correction were good last.
     good: Option<Duration>,
-    adopted: u32,
-    /// Writes that failed since the controller last said what is applied: whether it took them is not known.
-    lost_writes: usize,
-    /// Whether the controller can be asked what is applied: as it was when it answered last.
-    can_be_asked: bool,
+    adopted: PerChannel<u32>,
     held_back: u64,
+}
+
+/// What a cycle does with the output.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Sends {
+    /// Nothing is sent.
+    Nothing,
+    /// What is confirmed is sent again, so that a barrier does not time out.
+    Confirmed,
+    /// The output moves, and is sent.
+    Moving,
 }
 
 impl Guard {
@@ -54,61 +70,85 @@ impl Guard {
         Ok(Self {
             limits,
             state: State::Disarmed,
-            axes: PerChannel::default(),
+            vector: Vector::default(),
+            before: Vector::default(),
             from: PerChannel::ZERO,
-            ramp: 1.0,
+            allowed: limits.of_axes(|axis| axis.limit),
+            shift: PerChannel::ZERO,
+            stood: true,
+            took_over: true,
             proof: Proof::default(),
             moves: Moves::default(),
             verdict: Verdict::default(),
-            written: Written::fill(&PerChannel::ZERO),
             last_cycle: None,
             good: None,
-            adopted: 0,
-            lost_writes: 0,
-            can_be_asked: true,
+            adopted: PerChannel::default(),
             held_back: 0,
         })
     }
 
-    /// Starts from a correction (mm, rad) that was stored before a restart, for controllers that cannot be asked for
-    /// the correction they hold; to be called before the first cycle.
-    pub fn restore(&mut self, applied: &PerChannel<f64>) {
-        let finite = applied.map(|x| if x.is_finite() { x } else { 0.0 });
-        self.stand_at(&finite);
-    }
-
-    /// Other limits from the next cycle on: outputs beyond them come back at the new slew rate.
+    /// Other limits from the next cycle on: what lies beyond them comes in by a ramp, at the old or the new rate,
+    /// whichever is lower.
     ///
     /// # Errors
     /// Limits that make no sense, lie beyond a [`ceiling`](crate::ceiling), or are of another number or kind of axes: the
     /// old ones stay.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check()?;
+        let refused = |expected| LimitsError {
+            what: Quantity::Axes,
+            axis: None,
+            found: limits.count as f64,
+            expected,
+        };
         if limits.count != self.limits.count {
-            let found = limits.count as f64;
-            return Err(LimitsError {
-                what: Quantity::Axes,
-                axis: None,
-                found,
-                expected: "as many as before",
-            });
+            return Err(refused("as many as before"));
         }
         let kinds = |limits: &Limits| limits.axes.map(|axis| axis.kind);
         if kinds(&limits)[..limits.count] != kinds(&self.limits)[..limits.count] {
-            return Err(LimitsError {
-                what: Quantity::Axes,
-                axis: None,
-                found: limits.count as f64,
-                expected: "axes of the same kinds as before",
-            });
+            return Err(refused("axes of the same kinds as before"));
+        }
+        let output = self.output();
+        for i in 0..limits.count {
+            self.allowed[i] = limits.axes[i].limit.max(output[i].abs());
         }
         self.limits = limits;
         Ok(())
     }
 
-    /// The write of the last output failed: whether the controller took it the next read-back tells.
-    pub fn write_failed(&mut self) {
-        self.lost_writes = (self.lost_writes + 1).min(MOST_READ_BACK_CYCLES);
+    /// Another path writes from the next cycle on, with these limits in its order of axes: the output begins with what is
+    /// known to be applied on it.
+    ///
+    /// # Errors
+    /// Limits that make no sense: the path before goes on.
+    pub fn take_path(&mut self, limits: Limits) -> Result<(), LimitsError> {
+        limits.check()?;
+        self.limits = limits;
+        self.allowed = limits.of_axes(|axis| axis.limit);
+        self.adopted = PerChannel::default();
+        self.took_over = true;
+        Ok(())
+    }
+
+    /// The output of the last cycle was not sent, or its sending failed: it does not count as moved.
+    pub fn not_sent(&mut self) {
+        self.vector = self.before;
+        self.vector.stop();
+    }
+
+    /// For how long from `now` on the output of this cycle may still be sent, since positions and correction grow old;
+    /// `None`: not any more. To be asked immediately before a write.
+    #[must_use]
+    pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
+        // An output that is on its way out, or stands, depends on no position. But nothing is sent that was decided
+        // longer ago than positions may be held.
+        let depends = matches!(self.state, State::Arming(_) | State::Compensating);
+        let age = if depends {
+            self.age(now)
+        } else {
+            now.saturating_sub(self.last_cycle.unwrap_or(now))
+        };
+        self.limits.hold.checked_sub(age)
     }
 
     /// The limits that hold now.
@@ -121,48 +161,53 @@ impl Guard {
         self.state
     }
 
+    /// The last output, mm and rad.
+    pub fn output(&self) -> PerChannel<f64> {
+        self.vector.output()
+    }
+
     /// What the test shift of the last arming showed, axis by axis.
     pub fn verdict(&self) -> &Verdict {
         &self.verdict
     }
 
-    /// The last output, mm and rad.
-    pub fn output(&self) -> PerChannel<f64> {
-        self.axes.map(|axis| axis.output())
-    }
-
-    /// Decides one cycle: the correction to write, and the state.
+    /// Decides one cycle: the correction to send, and the state.
     pub fn cycle(&mut self, inputs: &Inputs) -> Output {
-        let dt = self.elapsed(inputs.now);
+        let dt_s = self.elapsed(inputs.now);
         let reading = inputs.reading.filter(|reading| self.is_finite(reading));
-        let target = inputs
-            .target
-            .filter(|target| self.all(|i| target[i].is_finite()));
-        let changed = inputs
-            .reading
-            .is_some_and(|reading| self.take_read_back(&reading));
-        let facts = self.facts(inputs, reading.as_ref(), target.is_some(), changed);
+        let wanted = inputs.wanted.filter(Wanted::is_finite);
+        let is_number = inputs.wanted.is_some() == wanted.is_some()
+            && inputs.reading.is_some() == reading.is_some();
+        let inputs = Inputs { wanted, ..*inputs };
+        let changed = self.adopt(&inputs);
+        let facts = self.facts(&inputs, reading.as_ref(), changed);
         let before = self.state;
         self.state = before.next(&facts);
         if self.state != before && self.state == State::Arming(Phase::Proving) {
             self.verdict = Verdict::default();
         }
-        if self.state != before || changed || inputs.request == Some(Request::Switched) {
-            self.begin_ramp();
+        self.allow(&inputs, before);
+        let resumes = self.stood && !facts.interlocked;
+        if self.state != before || changed || resumes || facts.begins_anew() {
+            self.begin();
+            self.stood = false;
         }
-        let mut reasons = self.reasons(inputs, reading.as_ref(), &facts);
-        let write = self.is_written(inputs, &facts);
-        if write {
-            self.ramp += self.limits.ramp_share(dt);
-            let goal = self.goal(target.as_ref(), &mut reasons);
-            self.follow(&goal, dt, &mut reasons);
-            self.written.push(&self.output());
-        } else {
-            self.axes.iter_mut().for_each(Follower::stop);
-        }
-        let correction = self.output();
+        let mut reasons = self.reasons(&inputs, &facts) | Reasons::NOT_A_NUMBER.when(!is_number);
+        let sends = self.sends(&inputs, &facts);
+        self.before = self.vector;
+        let write = match sends {
+            Sends::Nothing => {
+                self.vector.stop();
+                false
+            }
+            Sends::Confirmed => {
+                self.stand_at(&inputs.known);
+                true
+            }
+            Sends::Moving => self.advance(&inputs, dt_s, &mut reasons),
+        };
         Output {
-            correction,
+            correction: self.output(),
             write,
             state: self.state,
             reasons,
@@ -174,7 +219,7 @@ impl Guard {
         (0..self.limits.count).all(holds)
     }
 
-    /// A position that is no number makes a reading worthless, but what it says of the controller counts.
+    /// A position that is no number makes a reading worthless.
     fn is_finite(&self, reading: &Reading) -> bool {
         self.all(|i| reading.positions[i].is_finite())
     }
@@ -189,215 +234,263 @@ impl Guard {
         passed.min(period * LONGEST_CYCLE_PERIODS).as_secs_f64()
     }
 
-    fn stand_at(&mut self, applied: &PerChannel<f64>) {
-        self.axes = applied.map(Follower::at);
-        self.from = *applied;
+    /// How old positions and correction are.
+    fn age(&self, now: Duration) -> Duration {
+        self.good
+            .map_or(Duration::MAX, |good| now.saturating_sub(good))
     }
 
-    fn begin_ramp(&mut self) {
-        self.from = self.axes.map(|axis| axis.smooth());
-        self.ramp = 0.0;
-        self.proof = Proof::default();
+    fn stand_at(&mut self, known: &Known) {
+        if let Some(confirmed) = &known.confirmed {
+            self.vector = Vector::at(&confirmed.values);
+        }
     }
 
-    /// Takes the correction that the controller has applied (mm, rad) as the last output where it differs from the
-    /// one that was written, and tells whether it did so.
-    fn take_read_back(&mut self, reading: &Reading) -> bool {
-        self.can_be_asked = reading.applied.is_some();
-        let Some(applied) = reading.applied.filter(|a| self.all(|i| a[i].is_finite())) else {
+    /// Takes what is confirmed as the output where that is not what was sent, and tells whether this is an event.
+    fn adopt(&mut self, inputs: &Inputs) -> bool {
+        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
             return false;
         };
-        let differs = |i: usize, from: &PerChannel<f64>| {
-            (applied[i] - from[i]).abs() > 0.51 * self.limits.axes[i].resolution
-        };
-        let last = self.limits.read_back_cycles;
-        let lost = core::mem::take(&mut self.lost_writes);
-        if self.written.holds(&applied, last, &self.limits) {
-            let output = self.output();
-            // It went where it was told to, away from where the ramp began.
-            if self.all(|i| !differs(i, &output)) && !self.all(|i| !differs(i, &self.from)) {
-                self.adopted = 0;
+        if !self.all(|i| values[i].is_finite()) {
+            return false;
+        }
+        let output = self.output();
+        let differs =
+            |i: usize| !is_step_equal(values[i], output[i], self.limits.axes[i].resolution);
+        // While nothing is sent the output is what is applied.
+        let idle = self.is_idle() || !inputs.interlocks.is_empty();
+        if core::mem::take(&mut self.took_over) || idle {
+            self.vector = Vector::at(&values);
+            self.stood = true;
+            return false;
+        }
+        if !inputs.known.changed {
+            self.count_landed(&inputs.known, &values);
+            return false;
+        }
+        for i in 0..self.limits.count {
+            if differs(i) {
+                self.adopted[i] = self.adopted[i].saturating_add(1);
             }
-            return false;
         }
-        if lost > 0 && self.written.holds(&applied, last + lost, &self.limits) {
-            // The writes that failed were not taken: on from there, which is no event.
-            self.axes = applied.map(Follower::at);
-            self.written = Written::fill(&applied);
-            return false;
-        }
-        let writes = !matches!(
-            self.state,
-            State::Disarmed | State::Holding(Hold::Interlocked)
-        );
-        self.adopted = if writes {
-            self.adopted.saturating_add(1)
-        } else {
-            0
-        };
-        self.stand_at(&applied);
-        self.written = Written::fill(&applied);
-        true
+        let is_event = !self.all(|i| !differs(i));
+        self.vector = Vector::at(&values);
+        is_event
     }
 
-    fn facts(
-        &mut self,
-        inputs: &Inputs,
-        reading: Option<&Reading>,
-        has_target: bool,
-        changed: bool,
-    ) -> Facts {
-        if let (Some(reading), true) = (reading, has_target) {
+    /// Nothing is sent in this state.
+    fn is_idle(&self) -> bool {
+        matches!(
+            self.state,
+            State::Disarmed
+                | State::Holding(Hold::Interlocked)
+                | State::Faulted(Cause::BeyondLimit)
+        )
+    }
+
+    /// An axis that went where it was sent, away from where the ramp began, takes what is sent.
+    fn count_landed(&mut self, known: &Known, values: &PerChannel<f64>) {
+        if known.unlanded_since.is_some() || !known.writable {
+            return;
+        }
+        for i in 0..self.limits.count {
+            if !is_step_equal(values[i], self.from[i], self.limits.axes[i].resolution) {
+                self.adopted[i] = 0;
+            }
+        }
+    }
+
+    fn facts(&mut self, inputs: &Inputs, reading: Option<&Reading>, changed: bool) -> Facts {
+        let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
+        if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
             self.good = self.good.max(Some(reading.taken));
         }
-        let age = self
-            .good
-            .map_or(Duration::MAX, |good| inputs.now.saturating_sub(good));
-        let output = self.output();
-        if let Some(reading) = reading {
-            let applied = reading.applied.unwrap_or(output);
-            self.moves
-                .see(inputs.now, &reading.positions, &applied, &self.limits);
-        }
-        let proven = match (self.state, reading) {
-            (State::Arming(Phase::Proving), Some(reading))
-                if !changed && age <= self.limits.hold =>
-            {
-                self.proof.read(
-                    inputs.now,
-                    &reading.positions,
-                    &output,
-                    &self.from,
-                    &self.limits,
-                    &self.moves,
-                )
-            }
-            _ => None,
-        };
-        self.verdict = proven.unwrap_or(self.verdict);
-        let proven = proven.map(|verdict| !verdict.is_contradiction());
-        let half_step = |i: usize| 0.5 * self.limits.axes[i].resolution;
-        let agrees = |applied: PerChannel<f64>| {
-            self.all(|i| (applied[i] - output[i]).abs() <= 1.02 * half_step(i))
+        let age = self.age(now);
+        let since = |since: Option<Duration>| since.map(|since| now.saturating_sub(since));
+        let confirmed = since(known.confirmed.map(|confirmed| confirmed.at));
+        let unlanded = since(known.unlanded_since).unwrap_or_default();
+        let unconfirmed = confirmed.is_none_or(|age| age > limits.hold) || unlanded > limits.hold;
+        let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
+        let values = known.confirmed.map(|confirmed| confirmed.values);
+        let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
+        let beyond = |values: &PerChannel<f64>| {
+            let is_beyond = |i: usize| {
+                values[i].abs() > self.allowed[i] + 1.01 * self.limits.axes[i].resolution
+            };
+            (0..self.limits.count).any(is_beyond)
         };
         Facts {
             request: inputs.request,
-            // Until it answers again nobody knows better.
-            interlocked: inputs
-                .reading
-                .map_or(self.state == State::Holding(Hold::Interlocked), |r| {
-                    !r.referenced || r.alarm || r.emergency_stop
-                }),
+            interlocked: !inputs.interlocks.is_empty(),
             stale: age > self.limits.hold,
             lost: age > self.limits.zero_after,
+            unconfirmed,
+            does_not_land,
+            beyond: values.as_ref().is_some_and(beyond),
             changed,
-            forbidden: !inputs.forbids.is_empty(),
-            ramped: self.ramp >= 1.0,
-            zero: self.all(|i| output[i].abs() <= half_step(i)),
-            proves: self.proves(),
-            proven,
-            does_not_stick: self.adopted >= MOST_ADOPTED,
-            agrees: reading.is_some_and(|reading| reading.applied.is_none_or(agrees)),
+            forbidden: !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID))
+                .is_empty(),
+            ramped: self.vector.is_ramped(),
+            zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
+            proves: (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0),
+            proven: self.prove(inputs, reading, changed || age > self.limits.hold || unconfirmed),
+            does_not_stick: self.adopted.iter().any(|times| *times >= MOST_ADOPTED),
         }
     }
 
-    fn proves(&self) -> bool {
-        (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0)
+    /// Goes on with the proof at arming; its result once there is one.
+    fn prove(
+        &mut self,
+        inputs: &Inputs,
+        reading: Option<&Reading>,
+        disturbed: bool,
+    ) -> Option<bool> {
+        let (now, positions) = (inputs.now, &reading?.positions);
+        let applied = inputs.known.confirmed?.values;
+        self.moves.see(now, positions, &applied, &self.limits);
+        if self.state != State::Arming(Phase::Proving) || disturbed {
+            return None;
+        }
+        let (from, limits) = (&self.from, &self.limits);
+        self.verdict = self
+            .proof
+            .read(now, positions, &applied, from, limits, &self.moves)?;
+        Some(!self.verdict.is_contradiction())
     }
 
-    /// Whether the output is written. Not without a reading where the controller can be asked: it may have
-    /// been cleared meanwhile, and the old correction would be a step.
-    fn is_written(&self, inputs: &Inputs, facts: &Facts) -> bool {
-        let active = !matches!(
-            self.state,
-            State::Disarmed | State::Holding(Hold::Interlocked)
-        ) && !facts.interlocked;
-        let known = match inputs.reading {
-            Some(Reading {
-                applied: Some(applied),
-                ..
-            }) => self.all(|i| applied[i].is_finite()),
-            Some(_) => true,
-            None => !self.can_be_asked,
-        };
-        active && known
-    }
-
-    /// Where the correction goes to, clamped.
-    fn goal(&mut self, target: Option<&PerChannel<f64>>, reasons: &mut Reasons) -> PerChannel<f64> {
-        let target = self.clamped(target, reasons);
-        let smooth = self.axes.map(|axis| axis.smooth());
-        let share = self.ramp.min(1.0);
-        let ramp = |to: PerChannel<f64>| {
-            PerChannel::from_fn(|i| self.from[i] + (to[i] - self.from[i]) * share)
-        };
-        let goal = match self.state {
-            State::Arming(Phase::Proving) => self.proof.goal(&self.from, &self.limits),
-            State::Arming(Phase::Ramping) => target.map_or(smooth, ramp),
-            State::Compensating => target.unwrap_or(smooth),
-            State::RampingOut(_) | State::Faulted(_) => ramp(PerChannel::ZERO),
-            State::Disarmed | State::Holding(_) => smooth,
-        };
-        PerChannel::from_fn(|i| {
-            let most = self.limits.axes[i].reachable();
-            if i < self.limits.count {
-                goal[i].clamp(-most, most)
+    /// Keeps the largest correction that is no surprise: more than the limit only on the way in.
+    fn allow(&mut self, inputs: &Inputs, before: State) {
+        let leads_out = matches!(self.state, State::RampingOut(_))
+            && !matches!(before, State::RampingOut(_))
+            && inputs.request.is_some();
+        let values = inputs.known.confirmed.map(|confirmed| confirmed.values);
+        for i in 0..self.limits.count {
+            let (limits, output) = (&self.limits.axes[i], self.vector.output()[i].abs());
+            if leads_out && let Some(values) = values {
+                self.allowed[i] = limits.limit.max(values[i].abs());
             } else {
-                0.0
+                self.allowed[i] = limits.limit.max(self.allowed[i].min(output));
             }
+        }
+    }
+
+    /// A ramp or a line begins where the output stands.
+    fn begin(&mut self) {
+        self.from = self.vector.smooth();
+        self.proof = Proof::default();
+        self.shift = self.from;
+        match self.state {
+            State::RampingOut(_) | State::Faulted(_) => self.vector.begin_line(&PerChannel::ZERO),
+            State::Arming(_) | State::Compensating | State::Disarmed | State::Holding(_) => {
+                self.vector.begin_ramp();
+            }
+        }
+    }
+
+    fn sends(&self, inputs: &Inputs, facts: &Facts) -> Sends {
+        let idle = matches!(
+            self.state,
+            State::Disarmed | State::Faulted(Cause::BeyondLimit)
+        );
+        if idle || !inputs.known.writable {
+            Sends::Nothing
+        } else if !facts.interlocked {
+            Sends::Moving
+        } else if inputs.known.scheme == Scheme::Barrier {
+            Sends::Confirmed
+        } else {
+            Sends::Nothing
+        }
+    }
+
+    /// Moves the output for `dt_s`, as far as it stays near to what is confirmed. Whether it is to be sent.
+    fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
+        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
+            return false;
+        };
+        let reach = self.reach(inputs.known.scheme);
+        for share in SHARES {
+            self.vector = self.before;
+            let moved = self.move_by(inputs, dt_s * share);
+            let output = self.output();
+            let is_near = |i: usize| {
+                let most = values[i].abs().max(self.limits.axes[i].reachable());
+                (output[i] - values[i]).abs() <= reach[i] * (1.0 + 1e-9)
+                    && output[i].abs() <= most * (1.0 + 1e-9)
+            };
+            if self.all(is_near) {
+                self.held_back += u64::from(moved.contains(Reasons::SLEWING));
+                *reasons |= moved;
+                return true;
+            }
+        }
+        // What was sent last is too far from what is confirmed to be sent again.
+        self.vector = self.before;
+        self.vector.stop();
+        false
+    }
+
+    /// How far the output of each axis may be from what is confirmed, mm and rad: what the guard slews in the delay of a
+    /// path with a barrier, else one slew or one step, whichever is larger.
+    fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
+        let period_s = self.limits.period.as_secs_f64();
+        let delay_s = self.limits.delay().as_secs_f64();
+        self.limits.of_axes(|axis| match scheme {
+            Scheme::Barrier => axis.slew_per_s * (delay_s + period_s) + axis.resolution,
+            Scheme::Plain | Scheme::Blind => (axis.slew_per_s * period_s).max(axis.resolution),
         })
     }
 
-    fn clamped(
-        &self,
-        target: Option<&PerChannel<f64>>,
-        reasons: &mut Reasons,
-    ) -> Option<PerChannel<f64>> {
-        let mut target = *target?;
-        for (wanted, limits) in target
-            .iter_mut()
-            .zip(&self.limits.axes)
-            .take(self.limits.count)
-        {
-            *reasons |= Reasons::WARN.when(wanted.abs() > limits.warn);
-            *reasons |= Reasons::LIMITED.when(wanted.abs() > limits.limit);
-            *wanted = wanted.clamp(-limits.limit, limits.limit);
+    /// Moves the vector by what the state asks for. Gives what is to be told of it.
+    fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
+        let limits = self.limits;
+        match self.state {
+            State::Arming(Phase::Proving) => {
+                let goal = self.proof.goal(&self.from, &self.limits);
+                if goal != self.shift {
+                    self.shift = goal;
+                    self.vector.begin_line(&goal);
+                }
+                self.vector.advance_line(&limits, dt_s);
+                Reasons::NONE
+            }
+            State::Arming(Phase::Ramping) | State::Compensating => {
+                let Some(wanted) = &inputs.wanted else {
+                    return Reasons::NONE;
+                };
+                let followed = self.vector.follow(wanted, &limits, dt_s);
+                Reasons::SLEWING.when(followed.slewing)
+                    | Reasons::LIMITED.when(followed.limited)
+                    | Reasons::WARN.when(followed.warned)
+            }
+            State::RampingOut(_) | State::Faulted(_) => {
+                self.vector.advance_line(&limits, dt_s);
+                Reasons::NONE
+            }
+            State::Disarmed | State::Holding(_) => {
+                self.vector.stop();
+                Reasons::NONE
+            }
         }
-        Some(target)
     }
 
-    fn follow(&mut self, goal: &PerChannel<f64>, dt: f64, reasons: &mut Reasons) {
-        let mut held_back = false;
-        let limits = self.limits.axes.iter().take(self.limits.count);
-        for ((axis, goal), limits) in self.axes.iter_mut().zip(goal).zip(limits) {
-            held_back |= axis.follow(*goal, limits, dt);
-        }
-        self.held_back += u64::from(held_back);
-        *reasons |= Reasons::SLEWING.when(held_back);
-    }
-
-    fn reasons(&self, inputs: &Inputs, reading: Option<&Reading>, facts: &Facts) -> Reasons {
-        let mut reasons = self.state.reason();
+    fn reasons(&self, inputs: &Inputs, facts: &Facts) -> Reasons {
+        let mut reasons = self.state.reason() | inputs.interlocks | inputs.known.reasons;
         reasons |= Reasons::NO_CONTROLLER.when(inputs.reading.is_none());
-        reasons |= Reasons::NOT_A_NUMBER.when(
-            inputs.reading.is_some() && reading.is_none()
-                || inputs
-                    .target
-                    .is_some_and(|t| !self.all(|i| t[i].is_finite())),
-        );
         reasons |= Reasons::POSITIONS_STALE.when(facts.stale);
-        reasons |= Reasons::READ_BACK.when(facts.changed && self.state != State::Disarmed);
-        reasons |= Reasons::CORRECTION_LEFT.when(self.state == State::Disarmed && !facts.zero);
+        reasons |= Reasons::READ_BACK.when(facts.changed);
+        reasons |= Reasons::UNCONFIRMED.when(facts.unconfirmed);
+        reasons |= Reasons::CORRECTION_LEFT.when(
+            self.state == State::Disarmed
+                && inputs.known.confirmed.is_some_and(|known| {
+                    !are_equal(&known.values, &PerChannel::ZERO, &self.limits)
+                }),
+        );
+        reasons |= Reasons::BEYOND_LIMIT.when(facts.beyond);
         reasons |=
             Reasons::WAITING_FOR_STANDSTILL.when(self.state == State::Arming(Phase::Proving));
         let shown = |i: usize| self.verdict.proven[i] || self.limits.test_shift[i] == 0.0;
         let after = !matches!(self.state, State::Disarmed | State::Arming(Phase::Proving));
-        reasons |= Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown));
-        if let Some(reading) = reading {
-            reasons |= Reasons::NOT_REFERENCED.when(!reading.referenced);
-            reasons |= Reasons::CONTROLLER_ALARM.when(reading.alarm);
-            reasons |= Reasons::EMERGENCY_STOP.when(reading.emergency_stop);
-        }
-        reasons
+        reasons | Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown))
     }
 }

@@ -8,23 +8,26 @@ mod direction;
 mod exchange;
 mod fallback;
 mod guard;
+mod interlock;
 mod limits;
 mod proof;
+mod read_back;
 mod reasons;
 mod state;
 mod temperature;
 mod vector;
-mod written;
 
 pub use axis::Follower;
 pub use direction::{DirectionMemory, reversal_threshold};
 pub use exchange::{Inputs, Output, Reading};
 pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};
 pub use guard::Guard;
+pub use interlock::{Interlock, Interlocks};
 pub use limits::{
     AxisLimits, FEWEST_RAMP_CYCLES, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity,
 };
 pub use proof::{Moves, Proof, Proven, Verdict};
+pub use read_back::{BarrierLink, Confirmed, ControlTimeOut, Known, ReadBack, Scheme, Told};
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{

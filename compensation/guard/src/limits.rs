@@ -288,6 +288,24 @@ impl Limits {
         Ok(())
     }
 
+    /// The delay of the path: how long after a write its values may be read back.
+    #[must_use]
+    pub fn delay(&self) -> Duration {
+        let cycles = u32::try_from(self.read_back_cycles).unwrap_or(u32::MAX);
+        self.period.saturating_mul(cycles)
+    }
+
+    /// A number of each axis, 0 for places without one.
+    pub(crate) fn of_axes(&self, number: impl Fn(&AxisLimits) -> f64) -> PerChannel<f64> {
+        PerChannel::from_fn(|i| {
+            if i < self.count {
+                number(&self.axes[i])
+            } else {
+                0.0
+            }
+        })
+    }
+
     /// The time that a ramp really takes: what is asked for, or 20 cycles if that is longer.
     pub fn ramp_taken(&self) -> Duration {
         let fewest = self.period.saturating_mul(FEWEST_RAMP_CYCLES);

@@ -71,7 +71,7 @@ reasons! {
     /// Another controller path stands in.
     FALLBACK = 24, "fallback controller";
     /// No other path may take over, since nobody knows what the silent one still applies.
-    OTHER_CHANNEL_UNKNOWN = 25, "other channel unknown";
+    OTHER_CHANNEL_UNKNOWN = 25, "another path may still hold a correction";
     /// Whether a second gateway is there cannot be seen.
     CANNOT_SEE_OTHERS = 26, "cannot see other gateways";
     /// The program is stopping.
@@ -90,6 +90,24 @@ reasons! {
     DISARMED_BY_PERSON = 49, "disarmed by a person: it does not arm by itself";
     /// The machine file or the limits are not those that were confirmed last.
     MUST_CONFIRM = 50, "machine file or limits must be confirmed";
+    /// Nothing in the control tells a late or foreign write from one that is meant now.
+    NO_BARRIER = 31, "no barrier";
+    /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
+    BARRIER_UNFIT = 32, "the control's barrier does not fit the limits";
+    /// Whether another gateway writes, or how fast the control scans, is being looked at before the first write.
+    WATCHING = 33, "watching the control";
+    /// The correction that the control applies has not been confirmed for too long.
+    UNCONFIRMED = 34, "applied correction not confirmed";
+    /// The control applies a correction beyond the limit, and nothing here has asked for it.
+    BEYOND_LIMIT = 35, "a correction beyond the limit was found";
+    /// An interlock was seen on a path that says nothing any more.
+    INTERLOCK_UNSEEN = 36, "interlock not seen to clear";
+    /// What a control that cannot be asked was left with is not known.
+    LEFT_UNKNOWN = 37, "what the control was left with is unknown";
+    /// Another path shows a correction that it should not have.
+    STANDBY_HOLDS = 38, "a standby path holds a correction";
+    /// Another path does not answer.
+    STANDBY_SILENT = 39, "a standby path does not answer";
 }
 
 impl Reasons {
@@ -113,7 +131,10 @@ impl Reasons {
             | Self::NEAR_SINGULAR.0
             | Self::NOT_RELOADED.0
             | Self::DISARMED_BY_PERSON.0
-            | Self::MUST_CONFIRM.0,
+            | Self::MUST_CONFIRM.0
+            | Self::NO_BARRIER.0
+            | Self::STANDBY_HOLDS.0
+            | Self::STANDBY_SILENT.0,
     );
 
     /// Whether the set holds no reason.

@@ -36,8 +36,10 @@ pub enum Hold {
     Stale,
     /// Positions were lost, and the correction has gone to zero.
     Lost,
-    /// Not referenced, alarm or emergency stop: nothing is written.
+    /// Not referenced, alarm or emergency stop: nothing new is written.
     Interlocked,
+    /// What the control applies has not been confirmed for too long, or what is sent does not land.
+    Unconfirmed,
 }
 
 /// The state that follows once the correction has reached zero.
@@ -54,6 +56,8 @@ pub enum End {
 pub enum Cause {
     /// A correction that was written is not found when it is read back.
     DoesNotStick,
+    /// The control applies a correction beyond the limit that was not sent: nothing is written until a person has looked.
+    BeyondLimit,
     /// Positions contain the correction, and should not, or the other way round.
     Contradiction,
 }
@@ -93,7 +97,7 @@ pub(crate) struct Facts {
     pub(crate) forbidden: bool,
     /// The ramp has reached its end.
     pub(crate) ramped: bool,
-    /// The output is zero on every axis.
+    /// The correction is confirmed to be zero on every axis.
     pub(crate) zero: bool,
     /// The proof at arming is wanted.
     pub(crate) proves: bool,
@@ -101,8 +105,12 @@ pub(crate) struct Facts {
     pub(crate) proven: Option<bool>,
     /// Several writes in a row did not stick.
     pub(crate) does_not_stick: bool,
-    /// The read-back is what was written.
-    pub(crate) agrees: bool,
+    /// What the control applies is not confirmed, or what is sent does not land, for longer than `hold`.
+    pub(crate) unconfirmed: bool,
+    /// What is sent does not land for longer than `zero_after` although the control answers.
+    pub(crate) does_not_land: bool,
+    /// The control applies more than the limit, and not because the limit was lowered.
+    pub(crate) beyond: bool,
 }
 
 impl State {
@@ -130,7 +138,9 @@ impl State {
     pub fn reason(self) -> Reasons {
         match self {
             Self::Holding(Hold::Lost) | Self::RampingOut(End::Lost) => Reasons::POSITIONS_LOST,
+            Self::Holding(Hold::Unconfirmed) => Reasons::UNCONFIRMED,
             Self::Faulted(Cause::DoesNotStick) => Reasons::DOES_NOT_STICK,
+            Self::Faulted(Cause::BeyondLimit) => Reasons::BEYOND_LIMIT,
             Self::Faulted(Cause::Contradiction) => Reasons::CONTRADICTION,
             _ => Reasons::NONE,
         }
@@ -138,12 +148,14 @@ impl State {
 
     /// The state that follows from the facts of a cycle.
     pub(crate) fn next(self, facts: &Facts) -> Self {
-        let ramping_in = Self::Arming(Phase::Ramping);
         if self.is_armed() {
             if facts.request == Some(Request::Disarm) {
                 return Self::RampingOut(End::Disarmed);
             }
-            if facts.does_not_stick {
+            if facts.beyond {
+                return Self::Faulted(Cause::BeyondLimit);
+            }
+            if facts.does_not_stick || facts.does_not_land {
                 return Self::Faulted(Cause::DoesNotStick);
             }
             // What is not proven is not held on to: arming begins anew.
@@ -154,24 +166,48 @@ impl State {
                 return Self::Holding(Hold::Interlocked);
             }
         }
-        let may_arm = matches!(facts.request, Some(Request::Arm | Request::TakeOver))
-            && !(facts.forbidden || facts.interlocked || facts.stale);
         match self {
-            // From zero, or from where it is on its way out.
-            Self::Disarmed | Self::RampingOut(End::Disarmed) if may_arm => {
-                let proves = facts.proves && facts.request == Some(Request::Arm);
-                Self::Arming(if proves {
-                    Phase::Proving
-                } else {
-                    Phase::Ramping
-                })
+            Self::Disarmed => self.disarmed(facts),
+            Self::RampingOut(End::Disarmed) if facts.may_arm() => facts.arming(),
+            Self::RampingOut(End::Disarmed) if facts.beyond => Self::Faulted(Cause::BeyondLimit),
+            Self::RampingOut(End::Disarmed) if facts.does_not_land => {
+                Self::Faulted(Cause::DoesNotStick)
             }
             Self::RampingOut(End::Disarmed) if facts.zero => Self::Disarmed,
-            Self::Arming(Phase::Proving) if facts.stale => self,
+            Self::Faulted(_) if facts.request == Some(Request::Acknowledge) => {
+                facts.acknowledged(self)
+            }
+            Self::RampingOut(End::Disarmed) | Self::Faulted(_) => self,
+            _ => self.armed(facts),
+        }
+    }
+
+    fn disarmed(self, facts: &Facts) -> Self {
+        match facts.request {
+            Some(Request::Arm | Request::TakeOver) if facts.beyond && !facts.unconfirmed => {
+                Self::Faulted(Cause::BeyondLimit)
+            }
+            // A correction that was left over is led out.
+            Some(Request::Disarm) if !facts.zero => Self::RampingOut(End::Disarmed),
+            _ if facts.may_arm() => facts.arming(),
+            _ => self,
+        }
+    }
+
+    /// The states in which it corrects, or will by itself; no interlock, no fault, no request to let go.
+    fn armed(self, facts: &Facts) -> Self {
+        let ramping_in = Self::Arming(Phase::Ramping);
+        match self {
+            Self::Arming(Phase::Proving) if facts.stale || facts.unconfirmed => self,
             Self::Arming(_) | Self::Compensating | Self::Holding(Hold::Interlocked)
                 if facts.stale =>
             {
                 Self::Holding(Hold::Stale)
+            }
+            Self::Arming(_) | Self::Compensating | Self::Holding(Hold::Interlocked)
+                if facts.unconfirmed =>
+            {
+                Self::Holding(Hold::Unconfirmed)
             }
             Self::Arming(Phase::Proving) => match facts.proven {
                 Some(true) => ramping_in,
@@ -179,18 +215,58 @@ impl State {
                 None => self,
             },
             Self::Arming(Phase::Ramping) if facts.ramped => Self::Compensating,
-            Self::Compensating if facts.changed || facts.request == Some(Request::Switched) => {
+            Self::Compensating if facts.begins_anew() => ramping_in,
+            Self::Holding(Hold::Stale | Hold::Unconfirmed) if facts.lost => {
+                Self::RampingOut(End::Lost)
+            }
+            Self::RampingOut(End::Lost) if facts.stale && facts.zero => Self::Holding(Hold::Lost),
+            Self::Holding(Hold::Stale) if !facts.stale && facts.unconfirmed => {
+                Self::Holding(Hold::Unconfirmed)
+            }
+            Self::Holding(Hold::Unconfirmed) if facts.stale && !facts.unconfirmed => {
+                Self::Holding(Hold::Stale)
+            }
+            Self::Holding(_) | Self::RampingOut(End::Lost)
+                if !facts.stale && !facts.unconfirmed =>
+            {
                 ramping_in
             }
-            Self::Holding(Hold::Stale) if facts.lost => Self::RampingOut(End::Lost),
-            Self::RampingOut(End::Lost) if facts.stale && facts.zero => Self::Holding(Hold::Lost),
-            Self::Holding(_) | Self::RampingOut(End::Lost) if !facts.stale => ramping_in,
-            Self::Faulted(_)
-                if facts.request == Some(Request::Acknowledge) && facts.zero && facts.agrees =>
-            {
-                Self::Disarmed
-            }
             _ => self,
+        }
+    }
+}
+
+impl Facts {
+    /// Whether it is asked to correct and nothing stands against it.
+    fn may_arm(&self) -> bool {
+        let asked = matches!(self.request, Some(Request::Arm | Request::TakeOver));
+        let hindered = self.forbidden || self.interlocked || self.stale;
+        asked && !hindered && !self.unconfirmed && !self.beyond
+    }
+
+    /// How arming begins: in the middle of work without the proof.
+    fn arming(&self) -> State {
+        let proves = self.proves && self.request == Some(Request::Arm);
+        State::Arming(if proves {
+            Phase::Proving
+        } else {
+            Phase::Ramping
+        })
+    }
+
+    /// What was compensated until now is ramped to anew.
+    pub(crate) fn begins_anew(&self) -> bool {
+        self.changed || matches!(self.request, Some(Request::Switched | Request::TakeOver))
+    }
+
+    /// What follows when a person has looked at a fault: what is left of the correction is led out.
+    fn acknowledged(&self, fault: State) -> State {
+        if self.interlocked || self.unconfirmed {
+            fault
+        } else if self.zero {
+            State::Disarmed
+        } else {
+            State::RampingOut(End::Disarmed)
         }
     }
 }

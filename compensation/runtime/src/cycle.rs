@@ -1,22 +1,24 @@
 //! One cycle: positions, thermal state, model, guard, correction. Nothing here allocates, locks or logs.
 //!
-//! State: the paths with their guards, which path is active, the directions of travel, the thermal lags of the model.
+//! State: the paths with what is known of them, which path writes, the guard, the interlocks, the directions of travel,
+//! the thermal lags of the model.
 
 mod choice;
 
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    DirectionMemory, Limits, MAX_PATHS, Output, Reasons, Request, Selector, State as GuardState,
+    DirectionMemory, Guard, Inputs, Interlocks, Limits, Output, Reading, Reasons, Request,
+    Selector, Wanted,
 };
 use volcomp_kinematics::State;
-use volcomp_port::Description;
+use volcomp_port::{Clock, Description};
 use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
 use crate::{
     asked::Asked,
     error::{LimitsRefusal, PlanError},
-    model::Model,
+    model::{Model, ModelWanted},
     path::ControlPath,
     place::Place,
     replacement::Replacement,
@@ -24,13 +26,14 @@ use crate::{
     sensors::Sensors,
 };
 
-/// The longest time that an exchange with a controller may take, however long its positions may be held.
-const LONGEST_EXCHANGE: Duration = Duration::from_secs(10);
-
 /// Travel after which a direction counts as turned: of linear axes 5 µm.
 const REVERSAL_MM: f64 = 0.005;
 /// Travel after which a direction counts as turned: of rotary axes 5e-4 deg.
 const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
+/// How often a path that stands by is asked.
+const STANDBY_EVERY: Duration = Duration::from_millis(100);
+/// A path that stands by and has not answered for so long is reported.
+const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
 /// How long the parts of a cycle took.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,9 +48,9 @@ pub struct Spent {
 pub struct Cycle {
     model: Replacement,
     paths: Vec<ControlPath>,
+    guard: Guard,
     selector: Selector,
-    /// The active path was switched and is to be armed.
-    taking_over: bool,
+    interlocks: Interlocks,
     directions: PerAxis<DirectionMemory>,
     sensors: Sensors,
     degraded: bool,
@@ -55,6 +58,8 @@ pub struct Cycle {
     commanded: Option<State>,
     last: Option<Duration>,
     start: Instant,
+    /// The clock that a test counts.
+    clock: Option<Clock>,
     period: Duration,
     report: Report,
 }
@@ -64,41 +69,60 @@ impl Cycle {
     /// `hand_back`.
     ///
     /// # Errors
-    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`]. [`PlanError::Period`]: another period than that for
-    /// which a path was planned.
+    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]:
+    /// another period than that for which a path was planned. [`PlanError::Channels`]: paths whose corrections would add
+    /// up.
     pub fn new(
         model: Box<Model>,
-        mut paths: Vec<ControlPath>,
+        paths: Vec<ControlPath>,
         hand_back: Duration,
         sensors: Sensors,
         period: Duration,
     ) -> Result<Self, PlanError> {
-        if !(1..=MAX_PATHS).contains(&paths.len()) {
+        let Some(first) = paths
+            .first()
+            .filter(|_| paths.len() <= volcomp_guard::MAX_PATHS)
+        else {
             return Err(PlanError::Paths { found: paths.len() });
-        }
-        // A guard has checked the period of its plan, so none that makes no sense comes through.
+        };
+        let channel = &first.controller.description().channel;
         for path in &paths {
-            let planned = path.guard.limits().period;
+            let description = path.controller.description();
+            // A plan has checked the period, so none that makes no sense comes through.
+            let planned = path.limits().period;
             if planned != period {
                 return Err(PlanError::Period {
-                    device: path.controller.description().device.clone(),
+                    device: description.device.clone(),
                     found: period,
                     planned,
                 });
             }
+            if description.channel != *channel {
+                return Err(PlanError::Channels {
+                    device: description.device.clone(),
+                    found: description.channel.clone(),
+                    expected: channel.clone(),
+                });
+            }
         }
-        choice::number_channels(&mut paths);
+        let guard = Guard::new(first.limits()).map_err(|source| PlanError::Limits {
+            device: first.controller.description().device.clone(),
+            axis: None,
+            source,
+        })?;
         Ok(Self {
             model: Replacement::new(model, &sensors.names()),
+            guard,
             paths,
             selector: Selector::new(hand_back),
-            taking_over: false,
+            interlocks: Interlocks::default(),
             directions: PerAxis::default(),
             sensors,
             degraded: false,
             commanded: None,
             last: None,
             start: Instant::now(),
+            clock: None,
             period,
             report: Report::default(),
         })
@@ -111,16 +135,26 @@ impl Cycle {
         self
     }
 
-    /// Starts from the correction that was applied when the program ended (mm, rad), for controllers that cannot be
-    /// asked for the correction they hold.
-    pub fn restore(&mut self, correction: &PerAxis<f64>) {
+    /// Takes the time from this clock, in the middle of a cycle too: for clocks that a test counts.
+    #[must_use]
+    pub fn with_clock(mut self, clock: Clock) -> Self {
+        self.start = clock.start();
+        self.clock = Some(clock);
+        self
+    }
+
+    /// Tells which correction (mm, rad) was sent last before the program ended, `age` ago, for controllers that cannot be
+    /// asked for the correction they hold. Controllers that can be asked are asked.
+    pub fn restore(&mut self, correction: &PerAxis<f64>, age: Duration) {
         for path in &mut self.paths {
+            let limits = path.limits();
             let mut applied = PerChannel::ZERO;
             let places = applied.iter_mut().zip(path.machine_axis);
-            for (into, machine_axis) in places.take(path.guard.limits().count) {
+            for (into, machine_axis) in places.take(limits.count) {
                 *into = correction[machine_axis];
             }
-            path.guard.restore(&applied);
+            path.read_back
+                .restore(Duration::ZERO, &applied, age, &limits);
         }
     }
 
@@ -150,6 +184,9 @@ impl Cycle {
         for path in &mut self.paths {
             path.fit_to(&self.model);
         }
+        let limits = self.paths[self.selector.active()].limits();
+        // Only test shifts become zero or are again what was accepted before, so a guard does not refuse them.
+        let _ = self.guard.set_limits(limits);
     }
 
     /// Takes other limits for the path at `index`. Allocates nothing.
@@ -169,11 +206,16 @@ impl Cycle {
                 expected: self.period,
             });
         }
-        path.set_limits(limits)
-            .map_err(|source| LimitsRefusal::Limits {
-                path: index,
-                source,
-            })
+        let refused = |source| LimitsRefusal::Limits {
+            path: index,
+            source,
+        };
+        path.set_limits(limits).map_err(refused)?;
+        if index == self.selector.active() {
+            let limits = path.limits();
+            self.guard.set_limits(limits).map_err(refused)?;
+        }
+        Ok(())
     }
 
     /// Counts periods that were missed.
@@ -188,18 +230,24 @@ impl Cycle {
         asked: &Asked,
         own_clock: &mut dyn FnMut() -> Duration,
     ) -> Spent {
+        let begun = Instant::now();
         let since_start = now.saturating_duration_since(self.start);
         let last = self.last.replace(since_start).unwrap_or(since_start);
         let dt = since_start.saturating_sub(last).min(self.period * 5);
-        self.read_all(now, since_start);
+        self.read(self.selector.active(), now + self.patience(), since_start);
         if asked.request == Some(Request::Acknowledge) {
             self.sensors.acknowledge();
+            self.interlocks.acknowledge();
+            for path in &mut self.paths {
+                path.read_back.acknowledge(since_start);
+            }
         }
         let (computes, read) = (own_clock(), Instant::now());
         self.thermal(since_start, dt);
         let output = self.decide(since_start, asked);
         let (computed, writes) = (own_clock(), Instant::now());
-        self.write_all(&output);
+        self.write(&output, begun, since_start);
+        self.read_standby(since_start);
         let (tells, written) = (own_clock(), Instant::now());
         self.tell(since_start, asked, &output);
         Spent {
@@ -208,36 +256,36 @@ impl Cycle {
         }
     }
 
-    /// Asks every controller where it is, the active one first.
-    fn read_all(&mut self, now: Instant, since_start: Duration) {
+    /// Asks one of the paths that stand by, after the one that corrects has been written: they must not hold it up.
+    fn read_standby(&mut self, since_start: Duration) {
         let active = self.selector.active();
-        let deadline = now + self.patience(active);
-        self.read(active, deadline, since_start);
-        for index in 0..self.paths.len() {
-            if index != active {
-                // Those that stand by must not hold up the one that corrects.
-                let deadline = Instant::now() + self.period.mul_f64(0.1);
-                self.read(index, deadline, since_start);
-            }
+        let standby = (0..self.paths.len()).filter(|&index| index != active);
+        let asked_at = |index: &usize| self.paths[*index].asked_at();
+        let Some(next) = standby.min_by_key(asked_at) else {
+            return;
+        };
+        let is_due =
+            asked_at(&next).is_none_or(|at| since_start.saturating_sub(at) >= STANDBY_EVERY);
+        if is_due {
+            let deadline = Instant::now() + self.period.mul_f64(0.5);
+            self.read(next, deadline, since_start);
         }
     }
 
     /// How long an exchange may take. Longer than a cycle where positions may be held for longer: an answer that
     /// comes late costs a few cycles, a connection that is given up costs many.
-    fn patience(&self, index: usize) -> Duration {
-        let hold = self
-            .paths
-            .get(index)
-            .map_or(Duration::ZERO, |path| path.guard.limits().hold);
-        let patience = self.period.mul_f64(0.6).max(hold / 3);
-        patience.min(LONGEST_EXCHANGE)
+    fn patience(&self) -> Duration {
+        self.period.mul_f64(0.6).max(self.guard.limits().hold / 3)
     }
 
     fn read(&mut self, index: usize, deadline: Instant, since_start: Duration) {
         let start = self.start;
-        let answered =
-            (self.paths.get_mut(index)).is_some_and(|p| p.read(deadline, start, since_start));
+        let Some(path) = self.paths.get_mut(index) else {
+            return;
+        };
+        let answered = path.read(deadline, start, since_start);
         self.report.faults += u64::from(!answered);
+        self.interlocks.see(index, path.interlock());
     }
 
     /// Temperatures, the lags, and the model with them: in every cycle, since work that is done seldom finds nothing
@@ -248,8 +296,8 @@ impl Cycle {
         self.degraded = self.model.warm(dt, &self.report.sensors);
     }
 
-    /// The correction that the model asks for at a place, mm and rad.
-    fn wanted(&mut self, place: &Place) -> (PerAxis<f64>, Reasons) {
+    /// The correction that the model asks for at a place, mm and rad; `None` while a position is not known.
+    fn wanted(&mut self, place: &Place) -> (Option<ModelWanted>, Reasons) {
         let mut state = State::default();
         for (q, position) in state.q.iter_mut().zip(&place.positions) {
             *q = *position;
@@ -259,44 +307,74 @@ impl Cycle {
         self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
         if self.commanded.is_none() {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
-            return (PerAxis::ZERO, unknown);
+            return (None, unknown);
         }
         let correctors = &self.paths[self.selector.active()].correctors;
-        let wanted = self.model.correction_of(&state, correctors);
+        let wanted = self.model.wanted(&state, correctors);
         let outside = self.model.is_outside_range(&state);
         let notes = Reasons::SINGULAR.when(wanted.singular)
             | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
             | Reasons::OUTSIDE_RANGE.when(outside);
-        (wanted.delta, notes)
+        (Some(wanted), notes)
     }
 
-    /// Which path corrects, what the model asks for, what each guard makes of it.
-    fn decide(&mut self, now: Duration, asked: &Asked) -> [Output; MAX_PATHS] {
-        let before = self.selector.active();
-        let mut notes = self.select(now);
+    /// Which path corrects, what the model asks for, what the guard makes of it.
+    fn decide(&mut self, now: Duration, asked: &Asked) -> Output {
+        let (mut notes, switched) = self.select(now);
         let active = self.selector.active();
         let place = Place::seen_by(&self.paths, active, self.model.axes.len(), now);
         let (wanted, of_model) = self.wanted(&place);
-        notes |= of_model | Reasons::FALLBACK.when(active != 0);
-        self.report.wanted = wanted;
-        let mut outputs = [Output::default(); MAX_PATHS];
-        for (index, output) in outputs.iter_mut().enumerate().take(self.paths.len()) {
-            let request = self.request_for(index, active, before, asked);
-            // Those that do not correct let go.
-            let (target, oldest) = if index == active {
-                let share = || self.share(index, &wanted);
-                (
-                    place.is_complete(self.model.axes.len()).then(share),
-                    place.oldest,
-                )
-            } else {
-                (Some(PerChannel::ZERO), None)
-            };
-            *output = self.paths[index].guarded(now, oldest, target, request, asked);
+        notes |= of_model | Reasons::FALLBACK.when(active != 0) | self.standby_notes(now);
+        self.report.wanted = wanted.map_or(PerAxis::ZERO, |wanted| wanted.full());
+        let path = &self.paths[active];
+        let takes_over = (switched && self.guard.state().is_armed()).then_some(Request::TakeOver);
+        let reading = path.reading.as_ref().map(|snapshot| Reading {
+            taken: place.oldest.or(path.taken()).unwrap_or_default(),
+            positions: snapshot.positions,
+        });
+        let mut output = self.guard.cycle(&Inputs {
+            now,
+            reading,
+            known: *path.known(),
+            interlocks: self.interlocks.reasons(),
+            wanted: wanted.map(|wanted| in_channel(path, &wanted)),
+            request: asked.request.or(takes_over),
+            forbids: asked.forbids,
+        });
+        output.reasons |= notes | path.notes;
+        output
+    }
+
+    /// What is to be known of the paths that stand by.
+    fn standby_notes(&self, now: Duration) -> Reasons {
+        let active = self.selector.active();
+        let mut notes = Reasons::NONE;
+        for (index, path) in self.paths.iter().enumerate() {
+            if index != active && path.asked_at().is_some() {
+                let report = path.report(now);
+                let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
+                notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)
+                    | Reasons::STANDBY_HOLDS.when(report.holds && self.holds_another(active, path));
+            }
         }
-        self.taking_over &= self.paths[active].guard.state() == GuardState::Disarmed;
-        outputs[active].reasons |= notes;
-        outputs
+        notes
+    }
+
+    /// Whether a path tells another correction than the one that writes: both lead to the same axes.
+    fn holds_another(&self, active: usize, path: &ControlPath) -> bool {
+        let told = path.known().confirmed.map(|confirmed| confirmed.values);
+        let limits = path.limits();
+        let own = &self.paths[active];
+        let differs = |i: usize| {
+            let of_active = own
+                .place_of(path.machine_axis[i])
+                .map_or(0.0, |place| self.guard.output()[place]);
+            let reach = limits.axes[i].slew_per_s * STANDBY_EVERY.as_secs_f64() * 2.0;
+            told.is_some_and(|told| {
+                (told[i] - of_active).abs() > reach + 1.01 * limits.axes[i].resolution
+            })
+        };
+        (0..limits.count).any(differs)
     }
 
     /// From which direction each axis came, from positions without correction.
@@ -314,50 +392,46 @@ impl Cycle {
         }
     }
 
-    /// The part of the wanted correction (mm, rad) that a path shall apply: the whole less the part that paths on
-    /// other channels apply; zero for axes that do not correct.
-    fn share(&self, index: usize, wanted: &PerAxis<f64>) -> PerChannel<f64> {
-        let path = &self.paths[index];
-        let mut share = PerChannel::ZERO;
-        for (i, share) in share.iter_mut().enumerate() {
-            if !path.corrects(i) {
-                continue;
-            }
-            let machine_axis = path.machine_axis[i];
-            let others = self.paths.iter().enumerate();
-            let others = others.filter(|(other, p)| *other != index && p.channel != path.channel);
-            let held: f64 = others.map(|(_, other)| other.output_of(machine_axis)).sum();
-            *share = wanted[machine_axis] - held;
+    /// Sends the output on the path that corrects. The age of what it depends on is looked at once more.
+    fn write(&mut self, output: &Output, begun: Instant, since_start: Duration) {
+        if !output.write {
+            return;
         }
-        share
-    }
-
-    fn write_all(&mut self, outputs: &[Output; MAX_PATHS]) {
-        for (index, output) in outputs.iter().enumerate().take(self.paths.len()) {
-            let deadline = Instant::now() + self.patience(index);
-            let path = &mut self.paths[index];
-            if output.write && path.controller.apply(&output.correction, deadline).is_err() {
-                path.guard.write_failed();
-                self.report.faults += 1;
-            }
+        let now = match &self.clock {
+            Some(clock) => clock.elapsed(),
+            None => since_start + begun.elapsed(),
+        };
+        let patience = self.patience();
+        let path = &mut self.paths[self.selector.active()];
+        let left = self.guard.time_to_send(now);
+        let sent = left.is_some_and(|left| {
+            let deadline = Instant::now() + left.min(patience);
+            path.send(&output.correction, deadline, now)
+        });
+        if !sent {
+            self.guard.not_sent();
+            self.report.faults += 1;
         }
     }
 
-    fn tell(&mut self, since_start: Duration, asked: &Asked, outputs: &[Output; MAX_PATHS]) {
+    fn tell(&mut self, since_start: Duration, asked: &Asked, output: &Output) {
         let active = self.selector.active();
-        let output = &outputs[active];
+        let path = &self.paths[active];
         let report = &mut self.report;
+        let known = path.known();
+        let applied = known
+            .confirmed
+            .map_or(PerChannel::ZERO, |confirmed| confirmed.values);
         report.correction = PerAxis::ZERO;
-        let channel = self.paths[active].channel;
-        for (index, (path, output)) in self.paths.iter().zip(outputs).enumerate() {
-            // Another path on the same channel is replaced by the active one.
-            if index != active && path.channel == channel {
-                continue;
-            }
-            for i in 0..path.count() {
-                report.correction[path.machine_axis[i]] += output.correction[i];
-            }
+        report.sent = PerAxis::ZERO;
+        for i in 0..path.count() {
+            report.correction[path.machine_axis[i]] = applied[i];
+            report.sent[path.machine_axis[i]] = output.correction[i];
         }
+        let hold = self.guard.limits().hold;
+        report.correction_known = known
+            .confirmed
+            .is_some_and(|confirmed| since_start.saturating_sub(confirmed.at) <= hold);
         let errors = self
             .commanded
             .map(|state| self.model.errors(&state, &report.correction));
@@ -370,5 +444,30 @@ impl Cycle {
         report.held_back = output.held_back;
         report.reasons =
             output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
+        for (into, path) in report.paths.iter_mut().zip(&self.paths) {
+            *into = path.report(since_start);
+        }
+    }
+}
+
+/// What the model asks for, in the order of a path's axes; zero for axes that do not correct.
+fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
+    let of = |values: &PerAxis<f64>, i: usize| {
+        if path.corrects(i) {
+            values[path.machine_axis[i]]
+        } else {
+            0.0
+        }
+    };
+    Wanted {
+        position: PerChannel::from_fn(|i| of(&wanted.position, i)),
+        rotary: PerChannel::from_fn(|i| of(&wanted.rotary, i)),
+        follow: PerChannel::from_fn(|rotary| {
+            if !path.corrects(rotary) {
+                return PerChannel::ZERO;
+            }
+            let row = &wanted.follow[path.machine_axis[rotary]];
+            PerChannel::from_fn(|i| of(row, i))
+        }),
     }
 }

@@ -95,6 +95,39 @@ pub enum PlanError {
         /// The device as the driver names it.
         device: String,
     },
+    /// Driver and settings do not agree whether the control has a barrier.
+    #[error("{device}: {}", match .has {
+        true => "the control has a barrier: expected the number of the machine and the time of a scan in the setting `barrier`",
+        false => "the setting `barrier` is stated: this device carries no frames to a barrier, expected none",
+    })]
+    Barrier {
+        /// The device as the driver names it.
+        device: String,
+        /// Whether the driver says that it has one.
+        has: bool,
+    },
+    /// The control does not show a state that would forbid correcting.
+    #[error(
+        "{device}: the control does not show the state {state:?}: expected it, or that this is accepted (`unseen`)"
+    )]
+    Unseen {
+        /// The device as the driver names it.
+        device: String,
+        /// The state that is not shown.
+        state: &'static str,
+    },
+    /// Two controllers whose corrections would add up.
+    #[error(
+        "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"
+    )]
+    Channels {
+        /// The device as the driver names it.
+        device: String,
+        /// Its channel.
+        found: String,
+        /// The channel of the first controller.
+        expected: String,
+    },
     /// The device cannot keep up with the cycle.
     #[error(
         "{device}: cycle: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"

@@ -24,10 +24,13 @@ pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS};
 pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};
 pub use replacement::Replacement;
-pub use report::{Change, Report, Timing, ToolError};
+pub use report::{Change, PathReport, Report, Timing, ToolError};
 pub use schedule::schedule;
 pub use sensors::Sensors;
-pub use settings::{AxisSettings, GuardSettings, PathSettings, Realtime};
+pub use settings::{
+    AxisSettings, BarrierSettings, GuardSettings, PathSettings, Realtime, UnseenStates,
+    WithoutBarrier,
+};
 
 /// How temperatures are told in a report.
 pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};

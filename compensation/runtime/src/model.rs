@@ -36,6 +36,17 @@ pub struct ModelWanted {
     pub near_singular: bool,
 }
 
+impl ModelWanted {
+    /// The whole correction: what each axis takes, mm for linear and rad for rotary axes.
+    pub fn full(&self) -> PerAxis<f64> {
+        PerAxis::from_fn(|axis| {
+            let follows = self.rotary.iter().zip(&self.follow);
+            let follows: f64 = follows.map(|(rotary, row)| rotary * row[axis]).sum();
+            self.position[axis] + self.rotary[axis] + follows
+        })
+    }
+}
+
 /// How far the correction at the worst corner of the work space moves when another model takes over. Infinite where
 /// the axes of the machines differ.
 #[derive(Clone, Copy, Debug, PartialEq)]

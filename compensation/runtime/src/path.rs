@@ -1,28 +1,27 @@
-//! One controller with its guard, as a cycle sees it. State: the guard, and what the controller said last.
+//! One controller as a cycle sees it. State: what it said last, and what is known of the correction that it applies.
 
 use std::time::{Duration, Instant};
 
-use volcomp_guard::{Guard, Inputs, Limits, LimitsError, Output, Reading, Reasons, Request};
+use volcomp_guard::{
+    BarrierLink, Interlock, Known, Limits, LimitsError, ReadBack, Reasons, Told,
+    barrier::FRAME_WORDS,
+};
 use volcomp_kinematics::Correctors;
-use volcomp_port::{Controller, Fault, Snapshot};
+use volcomp_port::{Controller, Fault, Snapshot, Words};
 use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
 
 use crate::{
-    asked::Asked,
     error::PlanError,
     model::Model,
     plan::{PathPlan, names},
+    report::PathReport,
 };
 
-/// A second gateway that was seen is reported for so long.
-const OTHER_GATEWAY_FOR: Duration = Duration::from_secs(5);
-
-/// One controller with its guard.
+/// One controller and its read-back.
 pub struct ControlPath {
     pub(crate) controller: Box<dyn Controller>,
-    pub(crate) guard: Guard,
-    /// The test shift of each axis while it corrects, mm and rad.
-    test_shift: PerChannel<f64>,
+    limits: Limits,
+    pub(crate) read_back: ReadBack,
     /// The place in the machine of each axis of the controller.
     pub(crate) machine_axis: PerChannel<usize>,
     /// The letters of its axes, and those of them that correct with the model of now.
@@ -30,15 +29,17 @@ pub struct ControlPath {
     pub(crate) correctors: Correctors,
     /// Machine axes that stand at a stated position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
-    /// Paths with the same number replace one another, others add.
-    pub(crate) channel: u32,
     /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
-    notes: Reasons,
-    reading: Option<Snapshot>,
+    pub(crate) notes: Reasons,
+    pub(crate) reading: Option<Snapshot>,
     /// Positions without correction, as they held at `taken`.
     positions: PerChannel<f64>,
     taken: Option<Duration>,
-    other_gateway: Option<Duration>,
+    /// When it was asked last, and when it answered last.
+    asked: Option<Duration>,
+    answered: Option<Duration>,
+    /// When something was sent to it last.
+    sent: Option<Duration>,
 }
 
 impl ControlPath {
@@ -47,59 +48,59 @@ impl ControlPath {
     /// # Errors
     /// Limits that a guard refuses: none for a plan that was not changed since it was made.
     pub fn new(controller: Box<dyn Controller>, plan: &PathPlan) -> Result<Self, PlanError> {
-        let guard = Guard::new(plan.limits).map_err(|source| PlanError::Limits {
+        plan.limits.check().map_err(|source| PlanError::Limits {
             device: plan.description.device.clone(),
             axis: None,
             source,
         })?;
         Ok(Self {
             controller,
-            guard,
-            test_shift: plan.limits.test_shift,
+            limits: plan.limits,
+            read_back: match plan.barrier {
+                Some(barrier) => {
+                    ReadBack::barrier(BarrierLink::new(owner(), barrier.machine, barrier.scan))
+                }
+                None if plan.is_blind => ReadBack::blind(plan.time_out),
+                None => ReadBack::plain(plan.watch),
+            },
             machine_axis: plan.machine_axis,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
             fixed: plan.fixed,
-            channel: 0,
             notes: plan.notes,
             reading: None,
             positions: PerChannel::ZERO,
             taken: None,
-            other_gateway: None,
+            asked: None,
+            answered: None,
+            sent: None,
         })
     }
 
     /// Chooses the axes that correct anew, for another model. Allocates nothing.
     pub(crate) fn fit_to(&mut self, model: &Model) {
         self.correctors = model.correctors_among(&self.names);
-        let limits = *self.guard.limits();
-        // Only test shifts become zero or are again what was accepted before, so a guard does not refuse them.
-        let _ = self.guard.set_limits(self.of_correctors(&limits));
     }
 
     /// Takes other limits. Allocates nothing.
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check()?;
-        let before = std::mem::replace(&mut self.test_shift, limits.test_shift);
-        let taken = self.guard.set_limits(self.of_correctors(limits));
-        if taken.is_err() {
-            self.test_shift = before;
-        }
-        taken
+        self.limits = *limits;
+        Ok(())
     }
 
-    /// Limits with the test shift of the axes that correct only: nothing is written to the others.
-    fn of_correctors(&self, limits: &Limits) -> Limits {
+    /// Its limits, with the test shift of the axes that correct only: nothing is written to the others.
+    pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) {
-                self.test_shift[place]
+                self.limits.test_shift[place]
             } else {
                 0.0
             }
         };
         Limits {
             test_shift: PerChannel::from_fn(shift),
-            ..*limits
+            ..self.limits
         }
     }
 
@@ -110,7 +111,12 @@ impl ControlPath {
 
     /// How many axes it has.
     pub(crate) fn count(&self) -> usize {
-        self.guard.limits().count
+        self.limits.count
+    }
+
+    /// What is known of the correction that it applies.
+    pub(crate) fn known(&self) -> &Known {
+        self.read_back.known()
     }
 
     /// Its place of a machine axis.
@@ -124,10 +130,9 @@ impl ControlPath {
         Some((self.positions[place], self.taken?))
     }
 
-    /// Its correction of a machine axis.
-    pub(crate) fn output_of(&self, machine_axis: usize) -> f64 {
-        let place = self.place_of(machine_axis);
-        place.map_or(0.0, |place| self.guard.output()[place])
+    /// When its positions held.
+    pub(crate) fn taken(&self) -> Option<Duration> {
+        self.taken
     }
 
     /// Whether its positions are young enough to correct with.
@@ -137,82 +142,134 @@ impl ControlPath {
 
     /// Whether positions that held at `taken` are young enough for this path to correct with.
     pub(crate) fn is_young(&self, taken: Option<Duration>, now: Duration) -> bool {
-        taken.is_some_and(|taken| now.saturating_sub(taken) <= self.guard.limits().hold)
+        taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
-    /// It answered in this cycle, and neither reference, alarm nor emergency stop stand against correcting.
-    pub(crate) fn is_free(&self) -> bool {
-        let free = |reading: &Snapshot| {
-            let state = reading.state;
-            state.referenced && !state.alarm && !state.emergency_stop
-        };
-        self.reading.as_ref().is_some_and(free)
+    /// When something was sent to it last.
+    pub(crate) fn sent_at(&self) -> Option<Duration> {
+        self.sent
     }
 
-    /// Whether it was asked in this cycle what it has applied, and said so.
-    pub(crate) fn held_is_known(&self) -> bool {
-        self.reading
-            .is_some_and(|reading| reading.applied.is_some())
+    /// When it was asked last.
+    pub(crate) fn asked_at(&self) -> Option<Duration> {
+        self.asked
+    }
+
+    /// What it said of the machine in the last reading; `None`: it did not answer.
+    pub(crate) fn interlock(&self) -> Option<Interlock> {
+        self.reading.as_ref().map(|reading| Interlock {
+            unreferenced: !reading.state.referenced,
+            alarm: reading.state.alarm,
+            emergency_stop: reading.state.emergency_stop,
+        })
     }
 
     /// Asks the controller. `start` is when the cycle's clock began. Whether it answered.
     pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
+        self.asked = Some(now);
         let read = self.controller.read(deadline);
         if read == Err(Fault::OtherGateway) {
-            self.other_gateway = Some(now);
+            self.read_back.see_other(now);
         }
         self.reading = read.ok();
-        let Some(snapshot) = self.reading else {
+        let limits = self.limits();
+        let Some(snapshot) = &self.reading else {
+            self.read_back.hear(now, now, &Told::Nothing, &limits);
             return false;
         };
-        let applied = snapshot.applied.unwrap_or_else(|| self.guard.output());
-        let limits = self.guard.limits();
-        let reported = snapshot.positions.iter().zip(&applied);
-        for ((position, (reported, applied)), limits) in
-            self.positions.iter_mut().zip(reported).zip(&limits.axes)
-        {
-            let contained = if limits.includes_correction {
-                *applied
-            } else {
-                0.0
-            };
-            *position = reported - contained;
-        }
-        let used = self.positions.iter().take(limits.count);
-        if used.into_iter().all(|position| position.is_finite()) {
-            self.taken = Some(snapshot.taken.saturating_duration_since(start));
-        }
+        let taken = snapshot.taken.saturating_duration_since(start);
+        let told = match (&snapshot.report, snapshot.applied) {
+            (Some(words), _) => Told::Report(words.as_slice()),
+            (None, Some(applied)) => Told::Values(applied),
+            (None, None) => Told::Nothing,
+        };
+        self.read_back.hear(now, taken, &told, &limits);
+        self.answered = Some(now);
+        self.take_positions(taken);
         true
     }
 
-    /// The decision of the guard in this cycle. `oldest` is the time of the oldest positions on which `target` (mm,
-    /// rad) depends.
-    pub(crate) fn guarded(
-        &mut self,
-        now: Duration,
-        oldest: Option<Duration>,
-        target: Option<PerChannel<f64>>,
-        request: Option<Request>,
-        asked: &Asked,
-    ) -> Output {
-        let reading = self.reading.map(|snapshot| Reading {
-            taken: oldest.or(self.taken).unwrap_or_default(),
-            positions: snapshot.positions,
-            applied: snapshot.applied,
-            referenced: snapshot.state.referenced,
-            alarm: snapshot.state.alarm,
-            emergency_stop: snapshot.state.emergency_stop,
-        });
-        let seen_lately = |seen| now.saturating_sub(seen) < OTHER_GATEWAY_FOR;
-        let other = Reasons::OTHER_GATEWAY.when(self.other_gateway.is_some_and(seen_lately));
-        let mut output = self.guard.cycle(&Inputs {
-            now,
-            reading,
-            target,
-            request,
-            forbids: asked.forbids | other,
-        });
-        output.reasons |= other | self.notes;
-        output
+    /// Takes the positions of the last reading, less the correction that they contain. Where that is not known they say
+    /// nothing.
+    fn take_positions(&mut self, taken: Duration) {
+        let Some(snapshot) = &self.reading else {
+            return;
+        };
+        let applied = self.known().confirmed.map(|confirmed| confirmed.values);
+        let mut positions = snapshot.positions;
+        for (place, position) in positions.iter_mut().enumerate().take(self.limits.count) {
+            if self.limits.axes[place].includes_correction {
+                // What is not known is no number, and no number is no position.
+                *position -= applied.map_or(f64::NAN, |applied| applied[place]);
+            }
+        }
+        if positions
+            .iter()
+            .take(self.limits.count)
+            .all(|q| q.is_finite())
+        {
+            self.positions = positions;
+            self.taken = Some(taken);
+        }
     }
+
+    /// Sends a correction (mm, rad). Whether it was sent without a failure.
+    pub(crate) fn send(
+        &mut self,
+        correction: &PerChannel<f64>,
+        deadline: Instant,
+        now: Duration,
+    ) -> bool {
+        let limits = self.limits();
+        let sent = if self.read_back.known().scheme == volcomp_guard::Scheme::Barrier {
+            let mut words = [0; FRAME_WORDS];
+            let frame = self
+                .read_back
+                .frame(correction, &limits, &mut words)
+                .and_then(|length| Words::new(&words[..length]));
+            match frame {
+                Some(frame) => self.controller.post(&frame, deadline),
+                None => Err(Fault::NotConnected),
+            }
+        } else {
+            self.controller.apply(correction, deadline)
+        };
+        self.sent = Some(now);
+        self.read_back.sent(now, correction, sent.is_ok());
+        sent.is_ok()
+    }
+
+    /// How the path is, to be told.
+    pub(crate) fn report(&self, now: Duration) -> PathReport {
+        let known = self.known();
+        let limits = &self.limits;
+        let holds = known.confirmed.is_some_and(|confirmed| {
+            (0..limits.count).any(|i| confirmed.values[i].abs() > 0.51 * limits.axes[i].resolution)
+        });
+        PathReport {
+            answered: self.answered.map(|then| now.saturating_sub(then)),
+            positions: self.taken.map(|then| now.saturating_sub(then)),
+            confirmed: known
+                .confirmed
+                .map(|confirmed| now.saturating_sub(confirmed.at)),
+            scheme: known.scheme,
+            holds,
+            reasons: known.reasons | self.notes,
+        }
+    }
+}
+
+/// A number that tells this run of the program from others: drawn once at the start, never 0.
+fn owner() -> u16 {
+    use std::sync::OnceLock;
+    static OWNER: OnceLock<u16> = OnceLock::new();
+    *OWNER.get_or_init(|| {
+        let mut bytes = [0; 2];
+        // Where the system gives no random bytes the clock does.
+        let drawn = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty());
+        let by_clock = || crate::clock::monotonic().subsec_nanos() as u16;
+        drawn
+            .map_or_else(|_| by_clock(), |_| u16::from_ne_bytes(bytes))
+            .max(1)
+    })
 }

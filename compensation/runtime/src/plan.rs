@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, Limits, Reasons};
+use volcomp_guard::{AxisLimits, ControlTimeOut, Limits, Reasons};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description, Heartbeat};
-use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerAxis, PerChannel, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerAxis, PerChannel, Urad};
 
 use crate::{
     error::PlanError,
     model::Model,
-    settings::{AxisSettings, GuardSettings, PathSettings},
+    settings::{AxisSettings, BarrierSettings, GuardSettings, PathSettings},
 };
 
 /// The test shift is at least so many steps of the position and of the correction: a smaller one proves nothing.
@@ -31,6 +31,14 @@ pub struct PathPlan {
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons that this path reports in every cycle.
     pub notes: Reasons,
+    /// The barrier of the control, where there is one.
+    pub barrier: Option<BarrierSettings>,
+    /// Whether the control cannot be asked what it applies.
+    pub is_blind: bool,
+    /// For how long nothing on a control without a barrier may move before the first write.
+    pub watch: Duration,
+    /// What a control that cannot be asked does by itself when nothing is written any more.
+    pub time_out: Option<ControlTimeOut>,
 }
 
 impl PathPlan {
@@ -117,7 +125,14 @@ impl PathPlan {
                 shortest_ms: ms(description.shortest_cycle),
             });
         }
+        let barrier = barrier(&description, settings)?;
+        unseen(&description, settings)?;
+        notes |= Reasons::NO_BARRIER.when(barrier.is_none());
         Ok(Self {
+            barrier,
+            is_blind: barrier.is_none() && !description.tells_applied,
+            watch: settings.watch,
+            time_out: settings.time_out,
             limits: limits(
                 &description,
                 &machine_axis,
@@ -143,6 +158,44 @@ impl PathPlan {
 /// The axes of a controller in its order.
 pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
+}
+
+/// The barrier of a control: driver and settings must agree that there is one.
+fn barrier(
+    description: &Description,
+    settings: &PathSettings,
+) -> Result<Option<BarrierSettings>, PlanError> {
+    match (description.barrier, settings.barrier) {
+        (true, Some(barrier)) if !barrier.scan.is_zero() => Ok(Some(barrier)),
+        (false, None) => Ok(None),
+        (has, _) => Err(PlanError::Barrier {
+            device: description.device.clone(),
+            has,
+        }),
+    }
+}
+
+/// Refuses a control that does not show a state, unless that is accepted.
+fn unseen(description: &Description, settings: &PathSettings) -> Result<(), PlanError> {
+    let (shown, accepted) = (description.shown, settings.unseen);
+    let states = [
+        ("referenced", shown.referenced, accepted.referenced),
+        ("alarm", shown.alarm, accepted.alarm),
+        (
+            "emergency_stop",
+            shown.emergency_stop,
+            accepted.emergency_stop,
+        ),
+    ];
+    for (state, shown, accepted) in states {
+        if !shown && !accepted {
+            return Err(PlanError::Unseen {
+                device: description.device.clone(),
+                state,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// A limit of so many steps is no exact number.
@@ -206,6 +259,9 @@ fn limits(
                 largest,
             });
         }
+        if !description.barrier {
+            without_barrier(into, guard);
+        }
         let asked = of_kind.test_shift.mm_or_rad();
         let wanted = asked.max(SHIFT_STEPS * axis.step().max(position_step));
         if settings.proves && asked > 0.0 && wanted <= into.limit {
@@ -246,6 +302,20 @@ fn position_step(
             axis: axis.name,
         }),
     }
+}
+
+/// The limit of an axis on a path without a barrier, and its warning, which lies within.
+fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
+    let most = match limits.kind {
+        AxisKind::Linear => guard.without_barrier.linear.to_mm().0,
+        AxisKind::Rotary => guard.without_barrier.rotary.to_rad().0,
+    };
+    // At least one step: a limit below it is no limit.
+    let most = most.max(limits.resolution);
+    if limits.warn <= limits.limit {
+        limits.warn = limits.warn.min(most);
+    }
+    limits.limit = limits.limit.min(most);
 }
 
 fn axis_of(description: &Description, place: usize) -> Option<AxisName> {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{MAX_SENSORS, Reasons, SensorReport, State};
+use volcomp_guard::{MAX_PATHS, MAX_SENSORS, Reasons, Scheme, SensorReport, State};
 use volcomp_vocabulary::PerAxis;
 
 /// The error of the tool at one position, in workpiece axes.
@@ -14,6 +14,23 @@ pub struct ToolError {
     pub rotation_rad: [f64; 3],
     /// Actual minus ideal direction of the tool axis: the difference of two unit vectors, rad.
     pub axis_rad: [f64; 3],
+}
+
+/// How one path is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PathReport {
+    /// How long ago it answered last; `None`: never.
+    pub answered: Option<Duration>,
+    /// How old its positions are; `None`: it told none.
+    pub positions: Option<Duration>,
+    /// How long ago the correction that it applies was confirmed last; `None`: never.
+    pub confirmed: Option<Duration>,
+    /// How its correction is confirmed.
+    pub scheme: Scheme,
+    /// Whether it applies a correction other than zero, as far as that is known.
+    pub holds: bool,
+    /// What is to be known of it.
+    pub reasons: Reasons,
 }
 
 /// The report of one cycle. Values by axis stand in machine order: mm for linear axes, rad for rotary ones.
@@ -35,8 +52,15 @@ pub struct Report {
     pub known: u16,
     /// The correction that the model asks for, mm and rad.
     pub wanted: PerAxis<f64>,
-    /// The correction that is applied, mm and rad.
+    /// The correction that the control is known to apply, mm and rad; see `correction_known`.
     pub correction: PerAxis<f64>,
+    /// Whether that was confirmed within the time for which positions may be held. Otherwise `correction` is what was
+    /// confirmed last.
+    pub correction_known: bool,
+    /// The correction that was sent last, mm and rad.
+    pub sent: PerAxis<f64>,
+    /// The paths in the order of preference; places beyond their number are not used.
+    pub paths: [PathReport; MAX_PATHS],
     /// The error of the model without correction; `None` while a position is not known.
     pub error: Option<ToolError>,
     /// The error that the model leaves with the applied correction; `None` while a position is not known.
@@ -63,6 +87,9 @@ impl Default for Report {
             known: 0,
             wanted: PerAxis::ZERO,
             correction: PerAxis::ZERO,
+            correction_known: false,
+            sent: PerAxis::ZERO,
+            paths: [PathReport::default(); MAX_PATHS],
             error: None,
             residual: None,
             held_back: 0,

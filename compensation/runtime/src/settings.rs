@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use volcomp_guard::SensorLimits;
+use volcomp_guard::{ControlTimeOut, SensorLimits};
 use volcomp_model::Fading;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Unit, Urad};
 
@@ -31,6 +31,8 @@ pub struct GuardSettings {
     pub linear: AxisSettings<Um>,
     /// The limits of rotary axes, µrad; `None` where no controller has one.
     pub rotary: Option<AxisSettings<Urad>>,
+    /// The largest corrections on a path without a barrier.
+    pub without_barrier: WithoutBarrier,
     /// Positions that are older are held.
     pub hold: Duration,
     /// Positions that are older ramp the correction to zero.
@@ -55,6 +57,7 @@ impl GuardSettings {
         Self {
             linear,
             rotary: None,
+            without_barrier: WithoutBarrier::default(),
             hold: Duration::from_millis(50),
             zero_after: Duration::from_millis(500),
             ramp: Duration::from_millis(500),
@@ -120,6 +123,35 @@ impl<U> AxisSettings<U> {
     }
 }
 
+/// The barrier of a control, as far as it must be known before anything is read from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BarrierSettings {
+    /// The number of the machine that starts every checksum.
+    pub machine: u16,
+    /// The time of one scan of the control's program.
+    pub scan: Duration,
+}
+
+/// The largest corrections, in either direction, on a path without a barrier: a wrong reading or a write that lands late
+/// may make a step as large as this.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WithoutBarrier {
+    /// Of linear axes.
+    pub linear: Um,
+    /// Of rotary axes.
+    pub rotary: Urad,
+}
+
+impl Default for WithoutBarrier {
+    /// 30 µm and 30 µrad.
+    fn default() -> Self {
+        Self {
+            linear: Um(30.0),
+            rotary: Urad(30.0),
+        }
+    }
+}
+
 /// The settings of one controller path besides those of its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
@@ -134,10 +166,30 @@ pub struct PathSettings {
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// How many writes its read-back may be behind, from 1.
     pub read_back_cycles: usize,
+    /// The barrier of the control, where there is one.
+    pub barrier: Option<BarrierSettings>,
+    /// For how long nothing on a control without a barrier may move before the first write: another gateway would show.
+    pub watch: Duration,
+    /// What a control that cannot be asked does by itself when nothing is written any more; `None`: it keeps what it has.
+    pub time_out: Option<ControlTimeOut>,
+    /// The states that the control does not show and that it is accepted not to know.
+    pub unseen: UnseenStates,
+}
+
+/// States of a control that may stay unknown, since a person has accepted that.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct UnseenStates {
+    /// Whether its axes were sent to their reference.
+    pub referenced: bool,
+    /// Whether it has an alarm.
+    pub alarm: bool,
+    /// Whether its emergency stop is pressed.
+    pub emergency_stop: bool,
 }
 
 impl Default for PathSettings {
-    /// Every axis is shown, something watches, the test shift is made, the read-back is one write behind.
+    /// Every axis and state is shown, something watches, the test shift is made, the read-back is one write behind, there is
+    /// no barrier, and the control is watched for 2 s before the first write.
     fn default() -> Self {
         Self {
             fixed: BTreeMap::new(),
@@ -145,6 +197,10 @@ impl Default for PathSettings {
             proves: true,
             position_steps: BTreeMap::new(),
             read_back_cycles: 1,
+            barrier: None,
+            watch: Duration::from_secs(2),
+            time_out: None,
+            unseen: UnseenStates::default(),
         }
     }
 }

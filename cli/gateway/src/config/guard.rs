@@ -5,7 +5,7 @@ use std::time::Duration;
 use volcomp_document::{InputError, Section};
 use volcomp_model::Fading;
 use volcomp_runtime::{
-    AxisSettings, GuardSettings,
+    AxisSettings, GuardSettings, WithoutBarrier,
     guard::{SensorLimits, ceiling},
 };
 use volcomp_vocabulary::{Um, Urad};
@@ -24,6 +24,8 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
         "accel_urad_per_s2",
         "confirm_urad",
         "test_shift_urad",
+        "limit_without_barrier_um",
+        "limit_without_barrier_urad",
         "hold_ms",
         "zero_after_ms",
         "ramp_s",
@@ -74,6 +76,18 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
     Ok(GuardSettings {
         linear,
         rotary: rotary(section)?,
+        without_barrier: WithoutBarrier {
+            linear: Um(section.number_or(
+                "limit_without_barrier_um",
+                1e-3..=LINEAR.most,
+                default.without_barrier.linear.0,
+            )?),
+            rotary: Urad(section.number_or(
+                "limit_without_barrier_urad",
+                1e-3..=ROTARY.most,
+                default.without_barrier.rotary.0,
+            )?),
+        },
         hold: Duration::from_secs_f64(hold_ms * 1e-3),
         zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
         ramp: seconds("ramp_s", 0.0..=600.0, default.ramp)?,

@@ -144,6 +144,12 @@ pub struct Stop {
 pub struct LastOutput {
     /// The boot in which it was written: after another boot it is not used.
     pub boot: String,
+    /// When it was written, s on the monotonic clock of that boot.
+    #[serde(default)]
+    pub monotonic_s: f64,
+    /// Whether the gateway ended with it; otherwise it may have sent another one afterwards.
+    #[serde(default)]
+    pub ended: bool,
     /// The output of each axis in the order of the machine's chain: mm for linear axes, rad for rotary ones.
     pub correction: Vec<f64>,
 }

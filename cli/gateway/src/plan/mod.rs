@@ -306,7 +306,11 @@ fn paths(
     match devices {
         Devices::Simulated(simulation) => Ok(vec![path(
             simulation.controller.description().clone(),
-            &PathSettings::default(),
+            // Nobody else can reach it.
+            &PathSettings {
+                watch: Duration::ZERO,
+                ..PathSettings::default()
+            },
         )?]),
         Devices::Configured { controllers, .. } => controllers
             .iter()

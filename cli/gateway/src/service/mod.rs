@@ -10,7 +10,7 @@ use std::{
 
 use volcomp_guard::{Reasons, State};
 use volcomp_port::Description;
-use volcomp_runtime::{DisarmSwitch, Handle, Model, Report};
+use volcomp_runtime::{DisarmSwitch, Handle, Model, Report, monotonic};
 use volcomp_vocabulary::PerAxis;
 
 use crate::{
@@ -176,6 +176,9 @@ impl Service {
         };
         let _ = self.log("gateway", "started", Event::Start(start));
         self.ask_whether_confirmed();
+        // From now on what the run before has written down may no longer be so.
+        let report = *self.parts.handle.report();
+        self.write_output(&report, false);
         self.look();
     }
 
@@ -229,7 +232,7 @@ impl Service {
             tracing::error!("the control thread hangs: what is applied now is not known");
         }
         let report = *self.parts.handle.report();
-        self.write_output(&report);
+        self.write_output(&report, true);
         self.write_standing();
         let [left_um, left_urad] = observe::correction(&self.parts.model, &report);
         let stop = Stop {
@@ -339,8 +342,8 @@ impl Service {
         let report = *self.parts.handle.report();
         let cycle_at = self.parts.handle.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
-        if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.correction {
-            self.write_output(&report);
+        if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.sent {
+            self.write_output(&report, false);
         }
     }
 
@@ -369,19 +372,21 @@ impl Service {
     }
 
     /// Writes down the last output, for controllers that cannot be asked after a restart. One at a time.
-    fn write_output(&mut self, report: &Report) {
+    fn write_output(&mut self, report: &Report, ended: bool) {
         let waits = |receipt: &Receipt| receipt.written().is_none();
         if self.output.receipt.as_ref().is_some_and(waits) {
             return;
         }
         let output = LastOutput {
             boot: boot_id(),
-            correction: report.correction.to_vec(),
+            ended,
+            monotonic_s: monotonic().as_secs_f64(),
+            correction: report.sent.to_vec(),
         };
         let path = self.parts.config.audit_dir.join("output.json");
         self.output = LatestOutput {
             at: Instant::now(),
-            correction: report.correction,
+            correction: report.sent,
             receipt: (serde_json::to_string(&output).ok()).map(|text| self.clerk.keep(path, text)),
         };
     }

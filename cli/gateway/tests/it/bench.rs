@@ -114,11 +114,19 @@ pub(crate) fn path(
     ControlPath::new(Box::new(controller), &plan).unwrap_or_else(|e| panic!("{e}"))
 }
 
+/// Settings for a control that nobody else reaches.
+pub(crate) fn alone() -> PathSettings {
+    PathSettings {
+        watch: Duration::ZERO,
+        ..PathSettings::default()
+    }
+}
+
 /// Settings without a test shift.
 pub(crate) fn unproven() -> PathSettings {
     PathSettings {
         proves: false,
-        ..PathSettings::default()
+        ..alone()
     }
 }
 
@@ -128,7 +136,7 @@ impl Bench {
         guard: &GuardSettings,
         thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
     ) -> Self {
-        let proven = PathSettings::default();
+        let proven = alone();
         let watched = |parts: Parts| {
             let controller = Watched::new(parts.controller, parts.seen);
             vec![path(controller, parts.model, guard, &proven)]

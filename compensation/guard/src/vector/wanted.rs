@@ -84,7 +84,7 @@ impl Wanted {
     }
 
     /// Whether every number is finite.
-    pub(super) fn is_finite(&self) -> bool {
+    pub(crate) fn is_finite(&self) -> bool {
         let finite = |values: &PerChannel<f64>| values.iter().all(|x| x.is_finite());
         finite(&self.position) && finite(&self.rotary) && self.follow.iter().all(finite)
     }

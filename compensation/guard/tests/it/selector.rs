@@ -4,19 +4,15 @@ use volcomp_guard::{Choice, PathHealth, Selector};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-fn path(usable: bool, channel: u32, held_is_known: bool) -> PathHealth {
-    PathHealth {
-        usable,
-        channel,
-        held_is_known,
-    }
+fn path(usable: bool, ready: bool) -> PathHealth {
+    PathHealth { usable, ready }
 }
 
 #[test]
 fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
     let mut selector = Selector::new(2 * SECOND);
-    let both = [path(true, 0, true), path(true, 0, true)];
-    let second = [path(false, 0, false), path(true, 0, true)];
+    let both = [path(true, true), path(true, true)];
+    let second = [path(false, false), path(true, true)];
     assert_eq!(selector.choose(SECOND, &both).active, 0);
     assert_eq!(
         selector.choose(2 * SECOND, &second),
@@ -44,9 +40,9 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
 }
 
 #[test]
-fn what_another_channel_holds_must_be_known() {
+fn what_the_path_before_has_left_must_be_known() {
     let mut selector = Selector::new(SECOND);
-    let unknown = [path(false, 0, false), path(true, 1, true)];
+    let unknown = [path(false, false), path(true, false)];
     assert_eq!(
         selector.choose(SECOND, &unknown),
         Choice {
@@ -55,7 +51,7 @@ fn what_another_channel_holds_must_be_known() {
             blocked: true
         }
     );
-    let known = [path(false, 0, true), path(true, 1, true)];
+    let known = [path(false, false), path(true, true)];
     assert_eq!(
         selector.choose(SECOND, &known),
         Choice {
@@ -69,7 +65,7 @@ fn what_another_channel_holds_must_be_known() {
 #[test]
 fn without_any_path_the_last_one_stays() {
     let mut selector = Selector::new(SECOND);
-    let none = [path(false, 0, false), path(false, 0, false)];
+    let none = [path(false, false), path(false, false)];
     assert_eq!(
         selector.choose(SECOND, &none),
         Choice {

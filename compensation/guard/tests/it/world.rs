@@ -1,12 +1,18 @@
-//! A controller as a guard sees it, with all that may go wrong.
+//! A control as a guard sees it, with all that may go wrong: what its axes get is what counts.
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, Output, Reading, Reasons, Request, State};
+use volcomp_guard::{
+    AxisLimits, BarrierLink, Guard, Inputs, Interlock, Interlocks, Known, Limits, Output, ReadBack,
+    Reading, Reasons, Request, Scheme, State, Told, Wanted,
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
+};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
+pub(crate) const SCAN: Duration = Duration::from_millis(2);
 pub(crate) const STEP: f64 = 0.001;
+pub(crate) const MACHINE: u16 = 4711;
 
 pub(crate) fn limits() -> Limits {
     let axis = AxisLimits {
@@ -30,25 +36,52 @@ pub(crate) fn limits() -> Limits {
     }
 }
 
-/// A controller, a guard and time.
+/// A barrier that fits the limits above: 1 µm/ms, hold 50 ms, time-out 200 ms.
+pub(crate) fn barrier() -> Barrier {
+    let settings = Settings {
+        axes: 2,
+        machine: MACHINE,
+        limit: PerChannel([150; MAX_AXES]),
+        rate: PerChannel([2; MAX_AXES]),
+        step_scans: 1,
+        hold_scans: 25,
+        time_out_scans: 100,
+    };
+    Barrier::start(settings, 17, 40, &PerChannel::default()).expect("good settings")
+}
+
+/// A control, a guard and time.
 #[expect(clippy::struct_excessive_bools, reason = "each is a fault of its own")]
 pub(crate) struct World {
     pub(crate) guard: Guard,
+    pub(crate) read_back: ReadBack,
+    pub(crate) interlocks: Interlocks,
     pub(crate) now: Duration,
-    /// What the axes have, written or cleared.
+    /// What the axes have, written, cleared, or moved by the barrier.
     pub(crate) applied: PerChannel<f64>,
+    pub(crate) barrier: Option<Barrier>,
+    pub(crate) mailbox: Vec<u16>,
+    scanned: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
     pub(crate) positions: PerChannel<f64>,
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
     pub(crate) emergency_stop: bool,
     pub(crate) answers: bool,
-    pub(crate) tells_applied: bool,
+    /// What is told of the correction this time, instead of what is so.
+    pub(crate) lie: Option<PerChannel<f64>>,
+    /// The reading says nothing of the correction.
+    pub(crate) hides_applied: bool,
+    /// Writes are taken.
     pub(crate) sticks: bool,
+    /// Writes fail, and are told to have failed.
+    pub(crate) write_fails: bool,
     /// Positions do not get younger.
     pub(crate) frozen_at: Option<Duration>,
     pub(crate) really_includes: bool,
     pub(crate) forbids: Reasons,
+    /// The largest change of an axis from one write, or one scan, to the next since this was set to zero, mm.
+    pub(crate) largest_step: f64,
 }
 
 pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
@@ -58,23 +91,83 @@ pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
 }
 
 impl World {
+    /// A control without a barrier that can be asked, found as it is.
     pub(crate) fn new(limits: &Limits) -> Self {
-        Self {
+        Self::of(limits, ReadBack::plain(Duration::ZERO), None)
+    }
+
+    /// Lines: a control that cannot be asked.
+    pub(crate) fn blind(limits: &Limits) -> Self {
+        Self::of(limits, ReadBack::blind(None), None)
+    }
+
+    /// A control with a barrier.
+    pub(crate) fn guarded(limits: &Limits) -> Self {
+        let link = BarrierLink::new(99, MACHINE, SCAN);
+        let mut world = Self::of(limits, ReadBack::barrier(link), Some(barrier()));
+        // The scans of the control are counted.
+        world.run(Duration::from_secs(2));
+        world
+    }
+
+    fn of(limits: &Limits, read_back: ReadBack, barrier: Option<Barrier>) -> Self {
+        let now = Duration::from_secs(1);
+        let mut world = Self {
             guard: Guard::new(*limits).expect("the limits of the tests are good"),
-            now: Duration::from_secs(1),
+            read_back,
+            interlocks: Interlocks::default(),
+            now,
             applied: PerChannel::ZERO,
+            barrier,
+            mailbox: Vec::new(),
+            scanned: now,
             target: Some(axes(0.040, -0.020)),
             positions: PerChannel::ZERO,
             referenced: true,
             alarm: false,
             emergency_stop: false,
             answers: true,
-            tells_applied: true,
+            lie: None,
+            hides_applied: false,
             sticks: true,
+            write_fails: false,
             frozen_at: None,
             really_includes: false,
             forbids: Reasons::NONE,
+            largest_step: 0.0,
+        };
+        world.run(5 * PERIOD);
+        world
+    }
+
+    pub(crate) fn known(&self) -> &Known {
+        self.read_back.known()
+    }
+
+    fn is_stopped(&self) -> bool {
+        !self.referenced || self.alarm || self.emergency_stop
+    }
+
+    /// The scans of the control that are due.
+    fn scan(&mut self) {
+        while self.scanned + SCAN <= self.now {
+            self.scanned += SCAN;
+            let holds = self.is_stopped();
+            let Some(barrier) = &mut self.barrier else {
+                continue;
+            };
+            barrier.scan(&[&self.mailbox], holds);
+            let counts = barrier.memory().applied;
+            self.apply(PerChannel::from_fn(|i| f64::from(counts[i]) * STEP));
         }
+    }
+
+    /// The axes get this.
+    pub(crate) fn apply(&mut self, values: PerChannel<f64>) {
+        for (new, old) in values.iter().zip(&self.applied) {
+            self.largest_step = self.largest_step.max((new - old).abs());
+        }
+        self.applied = values;
     }
 
     pub(crate) fn reading(&self) -> Option<Reading> {
@@ -87,28 +180,110 @@ impl World {
         self.answers.then_some(Reading {
             taken: self.frozen_at.unwrap_or(self.now),
             positions,
-            applied: self.tells_applied.then_some(self.applied),
-            referenced: self.referenced,
+        })
+    }
+
+    /// What a reading tells of the correction and of the machine.
+    pub(crate) fn hear(&mut self) {
+        let limits = *self.guard.limits();
+        let mut words = [0; REPORT_WORDS];
+        let told = match &self.barrier {
+            _ if !self.answers || self.hides_applied => Told::Nothing,
+            Some(barrier) => {
+                let length = barrier.report().encode(&mut words);
+                Told::Report(&words[..length])
+            }
+            None if self.known().scheme == Scheme::Blind => Told::Nothing,
+            None => Told::Values(self.lie.unwrap_or(self.applied)),
+        };
+        self.read_back.hear(self.now, self.now, &told, &limits);
+        let interlock = Interlock {
+            unreferenced: !self.referenced,
             alarm: self.alarm,
             emergency_stop: self.emergency_stop,
+        };
+        self.interlocks.see(0, self.answers.then_some(interlock));
+    }
+
+    /// What the guard makes of it.
+    pub(crate) fn decide(&mut self, request: Option<Request>) -> Output {
+        if request == Some(Request::Acknowledge) {
+            self.interlocks.acknowledge();
+            self.read_back.acknowledge(self.now);
+        }
+        self.guard.cycle(&Inputs {
+            now: self.now,
+            reading: self.reading(),
+            known: *self.known(),
+            interlocks: self.interlocks.reasons(),
+            wanted: self.target.map(Wanted::linear),
+            request,
+            forbids: self.forbids,
         })
+    }
+
+    /// Sends an output, if it is still young enough at `now`.
+    pub(crate) fn send(&mut self, output: &Output) {
+        if !output.write {
+            return;
+        }
+        if self.guard.time_to_send(self.now).is_none() {
+            self.guard.not_sent();
+            return;
+        }
+        let limits = *self.guard.limits();
+        let ok = !self.write_fails;
+        let lands = self.sticks && ok;
+        if self.barrier.is_some() {
+            let mut words = [0; FRAME_WORDS];
+            let frame = self
+                .read_back
+                .frame(&output.correction, &limits, &mut words);
+            if let (Some(length), true) = (frame, lands) {
+                self.mailbox = words[..length].to_vec();
+            }
+        } else if lands {
+            self.apply(output.correction);
+        }
+        self.read_back.sent(self.now, &output.correction, ok);
+        if !ok {
+            self.guard.not_sent();
+        }
     }
 
     pub(crate) fn cycle_after(&mut self, dt: Duration, request: Option<Request>) -> Output {
         self.now += dt;
-        let inputs = Inputs {
-            now: self.now,
-            reading: self.reading(),
-            target: self.target,
-            request,
-            forbids: self.forbids,
-        };
-        let output = self.guard.cycle(&inputs);
-        // A controller that does not answer may still listen; one that can be asked is then not written to.
-        if output.write && self.sticks {
-            self.applied = output.correction;
-        }
+        self.scan();
+        self.hear();
+        let output = self.decide(request);
+        self.send(&output);
         output
+    }
+
+    /// Somebody else changes what the axes have, on a control that lets them.
+    pub(crate) fn clear(&mut self, values: PerChannel<f64>) {
+        if self.known().scheme == Scheme::Plain {
+            self.applied = values;
+        }
+    }
+
+    /// A cycle in which the program is stopped for `stopped` between reading and writing while the control goes on.
+    /// Whether the guard's output was sent.
+    pub(crate) fn freezes_between(
+        &mut self,
+        dt: Duration,
+        stopped: Duration,
+        request: Option<Request>,
+    ) -> (Output, bool) {
+        self.now += dt;
+        self.scan();
+        self.hear();
+        let output = self.decide(request);
+        self.now += stopped;
+        self.scan();
+        let before = self.applied;
+        self.send(&output);
+        (output, before != self.applied)
     }
 
     pub(crate) fn request(&mut self, request: Request) -> Output {
@@ -125,11 +300,23 @@ impl World {
     }
 
     /// Armed and through with its ramp.
+    pub(crate) fn arm(mut self) -> Self {
+        self.request(Request::Arm);
+        let output = self.run(Duration::from_secs(2));
+        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+        self.largest_step = 0.0;
+        self
+    }
+
+    /// Armed, and its largest step counted from here.
+    pub(crate) fn arm_from_here(mut self) -> Self {
+        self.largest_step = 0.0;
+        self.request(Request::Arm);
+        self
+    }
+
+    /// A control without a barrier that can be asked, armed.
     pub(crate) fn compensating(limits: &Limits) -> Self {
-        let mut world = Self::new(limits);
-        world.request(Request::Arm);
-        let output = world.run(Duration::from_secs(2));
-        assert_eq!(output.state, State::Compensating);
-        world
+        Self::new(limits).arm()
     }
 }

@@ -9,7 +9,7 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Um, Urad};
 
-use crate::rig::{PERIOD, Rig, control, guard, machine};
+use crate::rig::{PERIOD, Rig, alone, control, guard, machine};
 
 fn planned(
     describe: impl FnOnce(&mut Description),
@@ -17,7 +17,7 @@ fn planned(
     set: impl FnOnce(&mut PathSettings),
 ) -> Result<PathPlan, PlanError> {
     let mut description = control([0.0; 5], &Clock::manual()).description().clone();
-    let (mut guard, mut settings) = (guard(), PathSettings::default());
+    let (mut guard, mut settings) = (guard(), alone());
     describe(&mut description);
     limit(&mut guard);
     set(&mut settings);
@@ -186,7 +186,7 @@ fn a_cycle_has_the_period_of_its_plan() {
         };
         let model = Model::new(&machine(), guard.fading).expect("shipped");
         let described = control([0.0; 5], &Clock::manual()).description().clone();
-        let settings = PathSettings::default();
+        let settings = alone();
         let refused = PathPlan::new(described, &model, &guard, &settings, period);
         assert!(
             matches!(

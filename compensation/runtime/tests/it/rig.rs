@@ -6,7 +6,7 @@ use volcomp_model::Machine;
 use volcomp_port::{Axis, Clock, Controller, simulated};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report,
-    Sensors,
+    Sensors, WithoutBarrier,
     guard::{Limits, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel, Um, Urad};
@@ -29,6 +29,11 @@ pub(crate) fn machine() -> Machine {
 pub(crate) fn guard() -> GuardSettings {
     let mut guard = GuardSettings::new(AxisSettings::new(Um(250.0), Um(500.0)));
     guard.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
+    // The simulated control has no barrier.
+    guard.without_barrier = WithoutBarrier {
+        linear: Um(2000.0),
+        rotary: Urad(2000.0),
+    };
     guard
 }
 
@@ -72,6 +77,14 @@ fn control_of(
     machine.start().0
 }
 
+/// Settings for a control that nobody else reaches.
+pub(crate) fn alone() -> PathSettings {
+    PathSettings {
+        watch: Duration::ZERO,
+        ..PathSettings::default()
+    }
+}
+
 /// A cycle at a place, and its time.
 pub(crate) struct Rig {
     pub(crate) cycle: Cycle,
@@ -109,7 +122,7 @@ impl Rig {
             fixed: others
                 .map(|(&name, at)| (name, Displacement::from_coordinate(name.kind(), at)))
                 .collect(),
-            ..PathSettings::default()
+            ..alone()
         };
         let plan = PathPlan::new(described, &model, guard, &settings, PERIOD);
         let plan = plan.expect("fits");

@@ -10,15 +10,14 @@ use std::{
 
 use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
 use volcomp_runtime::{
-    ControlPath, Cycle, Handle, LimitsRefusal, Model, Order, PathPlan, PathSettings, Pulse,
-    Realtime, Sensors,
+    ControlPath, Cycle, Handle, LimitsRefusal, Model, Order, PathPlan, Pulse, Realtime, Sensors,
     guard::{Limits, Request},
     start,
 };
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::rig::{PERIOD, control, guard, machine};
+use crate::rig::{PERIOD, alone, control, guard, machine};
 
 /// A controller whose exchange does not come back while it hangs, whatever deadline it was given.
 struct Hanging<C> {
@@ -53,7 +52,7 @@ fn running() -> (Handle, Limits, Arc<AtomicBool>) {
         hangs: Arc::clone(&hangs),
     };
     let described = control.description().clone();
-    let plan = PathPlan::new(described, &model, &guard, &PathSettings::default(), PERIOD);
+    let plan = PathPlan::new(described, &model, &guard, &alone(), PERIOD);
     let plan = plan.expect("fits");
     let limits = plan.limits;
     let path = ControlPath::new(Box::new(control), &plan).expect("fits");

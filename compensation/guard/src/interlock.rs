@@ -1,0 +1,64 @@
+//! Interlocks: what forbids moving a correction, seen on any path.
+
+use crate::{MAX_PATHS, Reasons};
+
+/// What one path says of the machine, each in the sense that forbids.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Interlock {
+    /// An axis was not sent to its reference.
+    pub unreferenced: bool,
+    /// An alarm is on.
+    pub alarm: bool,
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+}
+
+impl Interlock {
+    /// Whether something forbids.
+    #[must_use]
+    pub fn is_set(self) -> bool {
+        self.unreferenced || self.alarm || self.emergency_stop
+    }
+
+    fn reasons(self) -> Reasons {
+        Reasons::NOT_REFERENCED.when(self.unreferenced)
+            | Reasons::CONTROLLER_ALARM.when(self.alarm)
+            | Reasons::EMERGENCY_STOP.when(self.emergency_stop)
+    }
+}
+
+/// The interlocks of a machine. State: what each path said last. An interlock that was seen on one path holds all of
+/// them; that it is no longer seen does not lift it: only the same path saying "clear" does, or a person.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Interlocks {
+    said: [Interlock; MAX_PATHS],
+    silent: [bool; MAX_PATHS],
+}
+
+impl Interlocks {
+    /// What the path at this place said in this cycle; `None`: it said nothing.
+    pub fn see(&mut self, path: usize, interlock: Option<Interlock>) {
+        if let (Some(said), Some(silent)) = (self.said.get_mut(path), self.silent.get_mut(path)) {
+            *silent = interlock.is_none();
+            *said = interlock.unwrap_or(*said);
+        }
+    }
+
+    /// A person has made sure that what paths which are silent now said last is no longer so.
+    pub fn acknowledge(&mut self) {
+        for (said, silent) in self.said.iter_mut().zip(self.silent) {
+            if silent {
+                *said = Interlock::default();
+            }
+        }
+    }
+
+    /// Why the correction must stand, empty where it may move.
+    #[must_use]
+    pub fn reasons(&self) -> Reasons {
+        let paths = self.said.iter().zip(self.silent);
+        paths.fold(Reasons::NONE, |all, (said, silent)| {
+            all | said.reasons() | Reasons::INTERLOCK_UNSEEN.when(said.is_set() && silent)
+        })
+    }
+}

@@ -1,0 +1,205 @@
+//! A control with a barrier: one whole reading that moved on is confirmed, and a frame has landed when its sequence is
+//! echoed.
+
+use core::time::Duration;
+
+use volcomp_vocabulary::PerChannel;
+
+use super::{Confirmed, Known};
+use crate::{
+    Limits, Reasons,
+    barrier::{Counts, FRAME_WORDS, Report, Seen, Session, Settings},
+};
+
+/// The stretch over which the control's scans are counted against the clock.
+const COUNTED: Duration = Duration::from_secs(1);
+/// A gap between two reports over which scans are not counted: the 16 bits of the tick may have gone round.
+const GAP: Duration = Duration::from_secs(5);
+/// How far the time of a scan may be from the configured one.
+const SCAN_WITHIN: core::ops::RangeInclusive<f64> = 0.8..=1.25;
+/// The barrier moves at least so many times as fast as the guard, so that it follows.
+const RATE_OVER_SLEW: f64 = 2.0;
+
+/// The way to a barrier. State: the session, and how fast the control scans.
+#[derive(Clone, Debug)]
+pub struct BarrierLink {
+    session: Session,
+    machine: u16,
+    scan: Duration,
+    settings: Option<Settings>,
+    /// The last report, and the scans since `counted_from`.
+    last: Option<(Duration, u16)>,
+    counted_from: Option<Duration>,
+    counted: u32,
+    /// Whether the time of a scan is as configured; `None`: not counted for long enough.
+    scans_fit: Option<bool>,
+    held_by_other: bool,
+    can_send: bool,
+}
+
+impl BarrierLink {
+    /// A way to the barrier of the machine with this number, whose control scans once in `scan`. `owner` is drawn anew at
+    /// each start of the gateway; all ways of one gateway to one barrier have the same.
+    #[must_use]
+    pub fn new(owner: u16, machine: u16, scan: Duration) -> Self {
+        Self {
+            session: Session::new(owner),
+            machine,
+            scan,
+            settings: None,
+            last: None,
+            counted_from: None,
+            counted: 0,
+            scans_fit: None,
+            held_by_other: false,
+            can_send: false,
+        }
+    }
+
+    pub(super) fn hear(
+        &mut self,
+        taken: Duration,
+        words: &[u16],
+        limits: &Limits,
+        known: &mut Known,
+    ) {
+        let Some(report) = Report::decode(self.machine, limits.count, words) else {
+            // Torn, or of another machine: it says nothing.
+            return;
+        };
+        let seen = self.session.read(&report);
+        if seen == Seen::Old {
+            return;
+        }
+        self.count(taken, report.tick);
+        self.settings = Some(report.settings);
+        known.confirmed = Some(Confirmed {
+            values: values_of(&report.applied, limits),
+            at: taken,
+        });
+        match seen {
+            Seen::Old => {}
+            Seen::Held { .. } => {
+                (self.held_by_other, self.can_send) = (true, false);
+                known.changed = true;
+            }
+            Seen::Confirmed {
+                landed,
+                epoch_began,
+            } => {
+                // The first report after another's is a new beginning, too.
+                known.changed = epoch_began;
+                (self.held_by_other, self.can_send) = (false, true);
+                if landed || epoch_began {
+                    known.unlanded_since = None;
+                }
+            }
+        }
+    }
+
+    /// Counts the control's scans.
+    fn count(&mut self, taken: Duration, tick: u16) {
+        let before = self.last.replace((taken, tick));
+        let Some((then, before)) = before.filter(|(then, _)| taken.saturating_sub(*then) < GAP)
+        else {
+            (self.counted_from, self.counted) = (Some(taken), 0);
+            return;
+        };
+        self.counted += u32::from(tick.wrapping_sub(before));
+        let from = *self.counted_from.get_or_insert(then);
+        let passed = taken.saturating_sub(from);
+        if passed >= COUNTED {
+            let scans = self.scan.as_secs_f64() * f64::from(self.counted);
+            self.scans_fit = Some(SCAN_WITHIN.contains(&(scans / passed.as_secs_f64())));
+            (self.counted_from, self.counted) = (Some(taken), 0);
+        }
+    }
+
+    pub(super) fn judge(&self, now: Duration, limits: &Limits, known: &mut Known) {
+        let hold = self
+            .settings
+            .map(|settings| self.time_of(settings.hold_scans));
+        let age = known
+            .confirmed
+            .map(|confirmed| now.saturating_sub(confirmed.at));
+        // A frame that answers an older report is refused.
+        known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
+        let fits = self
+            .settings
+            .is_some_and(|settings| self.fits(&settings, limits));
+        known.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
+            | Reasons::BARRIER_UNFIT
+                .when(self.settings.is_some() && !fits || self.scans_fit == Some(false))
+            | Reasons::WATCHING.when(self.settings.is_some() && self.scans_fit.is_none());
+    }
+
+    /// Whether the barrier lets through what the guard may send, and lets go in time.
+    fn fits(&self, settings: &Settings, limits: &Limits) -> bool {
+        let step_s = self.time_of(settings.step_scans).as_secs_f64();
+        let axes = limits.axes.iter().take(limits.count).enumerate();
+        let axis_fits = |(i, axis): (usize, &crate::AxisLimits)| {
+            let largest = f64::from(settings.limit[i]) * axis.resolution;
+            let rate = f64::from(settings.rate[i]) * axis.resolution / step_s;
+            axis.reachable() <= largest * (1.0 + 1e-9)
+                && rate * (1.0 + 1e-9) >= RATE_OVER_SLEW * axis.slew_per_s
+        };
+        let times_fit = self.time_of(settings.time_out_scans) <= limits.zero_after;
+        times_fit && axes.map(axis_fits).all(|fits| fits)
+    }
+
+    fn time_of(&self, scans: u16) -> Duration {
+        self.scan * u32::from(scans)
+    }
+
+    pub(super) fn frame(
+        &mut self,
+        values: &PerChannel<f64>,
+        limits: &Limits,
+        words: &mut [u16; FRAME_WORDS],
+    ) -> Option<usize> {
+        let settings = self.settings.filter(|_| self.can_send)?;
+        let counts = counts_of(values, limits)?;
+        let frame = self.session.frame(&counts)?;
+        Some(frame.encode(&settings, words))
+    }
+
+    pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
+        let settings = self.settings?;
+        let step_s = self.time_of(settings.step_scans);
+        let steps = |i: usize| {
+            let (limit, rate) = (settings.limit[i], settings.rate[i].max(1));
+            limit.unsigned_abs().div_ceil(rate.unsigned_abs())
+        };
+        let most = (0..limits.count).map(steps).max().unwrap_or(0);
+        let waits = self.time_of(settings.hold_scans) + self.time_of(settings.time_out_scans);
+        Some(waits + step_s * u32::from(most) + limits.period)
+    }
+}
+
+/// Counts of each axis as mm and rad.
+fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
+    PerChannel::from_fn(|i| {
+        if i < limits.count {
+            f64::from(counts[i]) * limits.axes[i].resolution
+        } else {
+            0.0
+        }
+    })
+}
+
+/// mm and rad as counts of each axis; `None` where a count does not fit into a word.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the range of a word was looked at before"
+)]
+fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
+    let mut counts = Counts::default();
+    for i in 0..limits.count {
+        let count = libm::round(values[i] / limits.axes[i].resolution);
+        if !(f64::from(-i16::MAX)..=f64::from(i16::MAX)).contains(&count) {
+            return None;
+        }
+        counts[i] = count as i16;
+    }
+    Some(counts)
+}

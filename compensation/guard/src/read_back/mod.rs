@@ -1,0 +1,231 @@
+//! What is known of the correction that a control applies.
+//!
+//! Nothing that comes over a wire is true until it has been confirmed, and nothing that was sent has landed until it has
+//! been seen. How a value is confirmed depends on what the control has: a [`barrier`](crate::barrier), words that can be
+//! read back, or neither.
+
+mod barrier;
+mod blind;
+mod echo;
+
+use core::time::Duration;
+
+use volcomp_vocabulary::PerChannel;
+
+use crate::{Limits, Reasons, barrier::FRAME_WORDS};
+
+pub use barrier::BarrierLink;
+pub use blind::ControlTimeOut;
+
+use blind::Blind;
+use echo::Echo;
+
+/// A correction that the control is known to apply.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Confirmed {
+    /// The correction of each axis, mm or rad.
+    pub values: PerChannel<f64>,
+    /// When it was confirmed last, on the clock of the cycle.
+    pub at: Duration,
+}
+
+/// What a control told of the correction that it applies, in one reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Told<'a> {
+    /// It did not answer, or says nothing of corrections.
+    Nothing,
+    /// The plain values of each axis, mm or rad.
+    Values(PerChannel<f64>),
+    /// The words of its barrier's report.
+    Report(&'a [u16]),
+}
+
+/// How the correction of a path is confirmed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scheme {
+    /// A barrier in the control takes frames and tells what it applies.
+    Barrier,
+    /// Plain values that can be read back.
+    #[default]
+    Plain,
+    /// Plain values that cannot be read back, such as lines.
+    Blind,
+}
+
+/// What is known of the correction that a control applies.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Known {
+    /// How it is confirmed.
+    pub scheme: Scheme,
+    /// The correction that was confirmed last; `None`: none yet.
+    pub confirmed: Option<Confirmed>,
+    /// Whether the next correction may be written on it: nothing contradicts what was confirmed.
+    pub writable: bool,
+    /// Whether the confirmed correction is not one that was sent: the control began anew, or something else writes.
+    pub changed: bool,
+    /// Since when something that was sent has not landed; `None`: all of it has.
+    pub unlanded_since: Option<Duration>,
+    /// Why this path may not be armed, and what else is to be known of it.
+    pub reasons: Reasons,
+}
+
+/// The read-back of one path. State: what was sent, what was heard, what follows from both.
+#[derive(Clone, Debug)]
+pub struct ReadBack {
+    kind: Kind,
+    known: Known,
+    /// When it was asked last.
+    heard: Option<Duration>,
+}
+
+#[derive(Clone, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one for each path, and nothing in a cycle may allocate"
+)]
+enum Kind {
+    Barrier(BarrierLink),
+    Echo(Echo),
+    Blind(Blind),
+}
+
+impl ReadBack {
+    /// A control with a barrier.
+    #[must_use]
+    pub fn barrier(link: BarrierLink) -> Self {
+        Self::of(Kind::Barrier(link), Scheme::Barrier)
+    }
+
+    /// A control without a barrier whose correction can be read back. For `watch` nothing but this gateway may have moved
+    /// anything before the first write: another gateway, or a control that is still on its way to zero, would show.
+    #[must_use]
+    pub fn plain(watch: Duration) -> Self {
+        Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
+    }
+
+    /// A control whose correction cannot be read back. `control` says after what time without a write it goes to zero
+    /// by itself; `None`: it keeps what it has.
+    #[must_use]
+    pub fn blind(control: Option<ControlTimeOut>) -> Self {
+        Self::of(Kind::Blind(Blind::new(control)), Scheme::Blind)
+    }
+
+    fn of(kind: Kind, scheme: Scheme) -> Self {
+        Self {
+            kind,
+            known: Known {
+                scheme,
+                ..Known::default()
+            },
+            heard: None,
+        }
+    }
+
+    /// What is known after the last call.
+    #[must_use]
+    pub fn known(&self) -> &Known {
+        &self.known
+    }
+
+    /// Takes what the control told in this cycle. `taken` is when that held.
+    pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
+        self.known.changed = false;
+        let before = self.heard.replace(now).unwrap_or(now);
+        if let (Told::Nothing, Some(since)) = (told, &mut self.known.unlanded_since) {
+            // Whether it has landed nobody could see meanwhile.
+            *since += now.saturating_sub(before);
+        }
+        match (&mut self.kind, told) {
+            (Kind::Barrier(link), Told::Report(words)) => {
+                link.hear(taken, words, limits, &mut self.known);
+            }
+            (Kind::Barrier(_), _) => {}
+            (Kind::Echo(echo), Told::Values(values)) => {
+                echo.hear(now, taken, values, limits, &mut self.known);
+            }
+            (Kind::Echo(_), _) => self.known.writable = false,
+            (Kind::Blind(blind), _) => blind.hear(now, &mut self.known),
+        }
+        match &self.kind {
+            Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
+            Kind::Echo(echo) => echo.judge(now, limits, &mut self.known),
+            Kind::Blind(_) => {}
+        }
+    }
+
+    /// Another gateway was seen on this path.
+    pub fn see_other(&mut self, now: Duration) {
+        if let Kind::Echo(echo) = &mut self.kind {
+            echo.see_other(now);
+        }
+    }
+
+    /// The frame that asks for a correction (mm, rad), for a control with a barrier: writes its words and gives their
+    /// number. `None` where nothing may be sent now. To be sent at once.
+    pub fn frame(
+        &mut self,
+        values: &PerChannel<f64>,
+        limits: &Limits,
+        words: &mut [u16; FRAME_WORDS],
+    ) -> Option<usize> {
+        match &mut self.kind {
+            Kind::Barrier(link) => link.frame(values, limits, words),
+            Kind::Echo(_) | Kind::Blind(_) => None,
+        }
+    }
+
+    /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may have landed all the same, except on
+    /// lines, where a write that failed does not count.
+    pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
+        match &mut self.kind {
+            Kind::Echo(echo) => echo.sent(now, values),
+            Kind::Blind(blind) if ok => blind.sent(now, values, &mut self.known),
+            Kind::Barrier(_) | Kind::Blind(_) => {}
+        }
+        let landed_at_once = ok && matches!(self.kind, Kind::Blind(_));
+        if !landed_at_once {
+            self.known.unlanded_since.get_or_insert(now);
+        }
+    }
+
+    /// The output of the last run, for controls that cannot be asked: it was written `age` ago.
+    pub fn restore(
+        &mut self,
+        now: Duration,
+        values: &PerChannel<f64>,
+        age: Duration,
+        limits: &Limits,
+    ) {
+        if let Kind::Blind(blind) = &mut self.kind {
+            blind.restore(now, values, age, limits, &mut self.known);
+        }
+    }
+
+    /// A person has made sure that a control which cannot be asked applies nothing.
+    pub fn acknowledge(&mut self, now: Duration) {
+        if let Kind::Blind(blind) = &mut self.kind {
+            blind.acknowledge(now, &mut self.known);
+        }
+    }
+
+    /// How long after the last write the control is at zero by itself, whatever it applied; `None`: it never goes there
+    /// by itself, or that is not known.
+    #[must_use]
+    pub fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
+        match &self.kind {
+            Kind::Barrier(link) => link.zero_by_itself(limits),
+            Kind::Blind(blind) => blind.zero_by_itself(limits),
+            Kind::Echo(_) => None,
+        }
+    }
+}
+
+/// Whether two corrections are the same on every axis, to half a step.
+pub(crate) fn are_equal(a: &PerChannel<f64>, b: &PerChannel<f64>, limits: &Limits) -> bool {
+    (0..limits.count).all(|i| is_step_equal(a[i], b[i], limits.axes[i].resolution))
+}
+
+/// Whether two values of an axis are the same step: no further apart than half of one, and a rounding.
+pub(crate) fn is_step_equal(a: f64, b: f64, step: f64) -> bool {
+    (a - b).abs() <= 0.51 * step
+}
