@@ -12,7 +12,7 @@ use volcomp_devices::{
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{BarrierArea, FocasConfig, FocasController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
-use volcomp_runtime::PathSettings;
+use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
@@ -106,6 +106,10 @@ impl ControllerDevice {
             Kind::Can(_) => CAN_READ_BACK,
             Kind::Focas(_) | Kind::Lines(_) => period,
         };
+        // A frame waits for the control's scan, and is seen in the report after another one.
+        let behind = config
+            .barrier
+            .map_or(behind, |barrier| behind.max(2 * (barrier.scan + period)));
         let cycles = behind.as_nanos().div_ceil(period.as_nanos().max(1));
         PathSettings {
             fixed: config
@@ -122,6 +126,10 @@ impl ControllerDevice {
             read_back_cycles: usize::try_from(cycles)
                 .unwrap_or(usize::MAX)
                 .clamp(1, volcomp_runtime::guard::MOST_READ_BACK_CYCLES),
+            barrier: config.barrier.map(|barrier| BarrierSettings {
+                machine: barrier.machine,
+                scan: barrier.scan,
+            }),
             ..PathSettings::default()
         }
     }

@@ -333,7 +333,11 @@ impl Guard {
             ramped: self.vector.is_ramped(),
             zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
             proves: (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0),
-            proven: self.prove(inputs, reading, changed || age > self.limits.hold || unconfirmed),
+            proven: self.prove(
+                inputs,
+                reading,
+                changed || age > self.limits.hold || unconfirmed,
+            ),
             does_not_stick: self.adopted.iter().any(|times| *times >= MOST_ADOPTED),
         }
     }

@@ -341,7 +341,10 @@ impl Cycle {
             request: asked.request.or(takes_over),
             forbids: asked.forbids,
         });
-        output.reasons |= notes | path.notes;
+        let unproven =
+            |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
+        let unproven = (0..path.count()).any(unproven);
+        output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
         output
     }
 

@@ -106,16 +106,6 @@ pub enum PlanError {
         /// Whether the driver says that it has one.
         has: bool,
     },
-    /// The control does not show a state that would forbid correcting.
-    #[error(
-        "{device}: the control does not show the state {state:?}: expected it, or that this is accepted (`unseen`)"
-    )]
-    Unseen {
-        /// The device as the driver names it.
-        device: String,
-        /// The state that is not shown.
-        state: &'static str,
-    },
     /// Two controllers whose corrections would add up.
     #[error(
         "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"

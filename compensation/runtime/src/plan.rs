@@ -126,7 +126,6 @@ impl PathPlan {
             });
         }
         let barrier = barrier(&description, settings)?;
-        unseen(&description, settings)?;
         notes |= Reasons::NO_BARRIER.when(barrier.is_none());
         Ok(Self {
             barrier,
@@ -173,29 +172,6 @@ fn barrier(
             has,
         }),
     }
-}
-
-/// Refuses a control that does not show a state, unless that is accepted.
-fn unseen(description: &Description, settings: &PathSettings) -> Result<(), PlanError> {
-    let (shown, accepted) = (description.shown, settings.unseen);
-    let states = [
-        ("referenced", shown.referenced, accepted.referenced),
-        ("alarm", shown.alarm, accepted.alarm),
-        (
-            "emergency_stop",
-            shown.emergency_stop,
-            accepted.emergency_stop,
-        ),
-    ];
-    for (state, shown, accepted) in states {
-        if !shown && !accepted {
-            return Err(PlanError::Unseen {
-                device: description.device.clone(),
-                state,
-            });
-        }
-    }
-    Ok(())
 }
 
 /// A limit of so many steps is no exact number.

@@ -172,19 +172,6 @@ pub struct PathSettings {
     pub watch: Duration,
     /// What a control that cannot be asked does by itself when nothing is written any more; `None`: it keeps what it has.
     pub time_out: Option<ControlTimeOut>,
-    /// The states that the control does not show and that it is accepted not to know.
-    pub unseen: UnseenStates,
-}
-
-/// States of a control that may stay unknown, since a person has accepted that.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct UnseenStates {
-    /// Whether its axes were sent to their reference.
-    pub referenced: bool,
-    /// Whether it has an alarm.
-    pub alarm: bool,
-    /// Whether its emergency stop is pressed.
-    pub emergency_stop: bool,
 }
 
 impl Default for PathSettings {
@@ -200,7 +187,6 @@ impl Default for PathSettings {
             barrier: None,
             watch: Duration::from_secs(2),
             time_out: None,
-            unseen: UnseenStates::default(),
         }
     }
 }

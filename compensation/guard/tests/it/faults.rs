@@ -227,13 +227,13 @@ fn a_test_shift_proves_what_positions_contain() {
             world.run(Duration::ZERO);
             most = most.max(world.applied[0]);
         }
-        assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+        assert_eq!(world.run(4 * SECOND).state, State::Compensating);
         let mut world = proving(includes, !includes);
         world.run(Duration::ZERO);
         world.positions = axes(1.0, -1.0);
         world.run(Duration::ZERO);
         world.request(Request::Arm);
-        let output = world.run(2 * SECOND);
+        let output = world.run(4 * SECOND);
         assert_eq!(output.state.name(), "faulted");
         assert!(output.reasons.contains(Reasons::CONTRADICTION));
         assert_eq!(world.applied, PerChannel::ZERO);
@@ -250,7 +250,7 @@ fn the_proof_waits_for_standstill() {
         assert!(output.reasons.contains(Reasons::WAITING_FOR_STANDSTILL));
         assert_eq!(world.applied, PerChannel::ZERO);
     }
-    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    assert_eq!(world.run(4 * SECOND).state, State::Compensating);
 }
 
 /// Positions that do not get younger stand still and prove nothing; what interrupts the proof ends arming.
@@ -274,7 +274,7 @@ fn an_interrupted_proof_is_no_proof() {
         assert_eq!(world.run(SECOND).state, State::Disarmed);
         assert_eq!(world.applied, PerChannel::ZERO);
         world.request(Request::Arm);
-        let last = world.run(2 * SECOND).state.name();
+        let last = world.run(4 * SECOND).state.name();
         assert_eq!(last, if really { "faulted" } else { "compensating" });
     }
 }
