@@ -131,7 +131,10 @@ impl ReadBack {
     pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
         self.known.changed = false;
         let before = self.heard.replace(now).unwrap_or(now);
-        if let (Told::Nothing, Some(since)) = (told, &mut self.known.unlanded_since) {
+        let is_asked = self.known.scheme != Scheme::Blind;
+        if let (Told::Nothing, true, Some(since)) =
+            (told, is_asked, &mut self.known.unlanded_since)
+        {
             // Whether it has landed nobody could see meanwhile.
             *since += now.saturating_sub(before);
         }

@@ -225,7 +225,7 @@ proptest! {
 fn random_faults_visit_every_state() {
     for way in [Way::Plain, Way::Blind, Way::Barrier] {
         let mut seen = std::collections::BTreeSet::new();
-        for seed in 0..80 {
+        for seed in 0..30 {
             seen.extend(
                 trace(seed, false, way)
                     .iter()
