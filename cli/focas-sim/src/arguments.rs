@@ -6,7 +6,7 @@ use clap::Parser;
 use volcomp_focas::simulator::Options;
 use volcomp_vocabulary::AxisName;
 
-use crate::error::SimError;
+use crate::{barrier::BarrierArguments, error::SimError};
 
 const EXAMPLES: &str = "\
 Typed commands, one a line on standard input, while it runs:
@@ -16,18 +16,26 @@ Typed commands, one a line on standard input, while it runs:
   pause SECONDS         the control answers nothing for this time
   disconnect            cut all connections
   clear                 set all shifts to zero, as a control does that is switched off and on
+  power                 the control is switched off and on: connections end, R memory is cleared
+  freeze on|off         the control tells the positions of this moment, or the true ones again
+  steps                 print the largest step of each axis in one scan so far
+  steps reset           forget these steps
   report                print the state now
   help                  print these commands
   quit                  end the simulator
 
 Examples:
-  focas-sim --axes X,Y,Z --at X=100,Y=50
-      A control whose axes stand still, on 127.0.0.1:8193.
+  focas-sim --axes X,Y,Z --at X=100,Y=50 --machine-number 4711
+      A control whose axes stand still, on 127.0.0.1:8193, with the barrier of machine 4711.
   focas-sim --truth examples/table-tilting.toml --program examples/table-tilting-moves.csv
       Five axes that move, on a machine that has the errors of the machine file. Each second a line tells where they
       are (mm, deg) and how far the tool misses without → with the correction: its tip (µm) and its axis (µrad).";
 
 /// A simulated FANUC control: axes that move, PMC memory, and machine zero point shifts that move the axes
+///
+/// The shifts stand from R100 on. A barrier in the control takes frames from R200 on, publishes its report from R240 on, and
+/// alone writes the shifts; with --no-barrier they are written over the network, as they come. At its end it prints the
+/// largest step that each axis made in one scan.
 ///
 /// It prints `listening on ADDRESS` when it is ready and runs until SIGINT (Ctrl-C), SIGTERM or the typed command
 /// `quit`. Exit status: 0 it was ended, 1 the work failed, 2 the call or a file is wrong.
@@ -100,6 +108,8 @@ pub(crate) struct Arguments {
     /// Time until what is written to PMC memory can be read back, ms
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     readback_ms: f64,
+    #[command(flatten)]
+    pub(crate) barrier: BarrierArguments,
 }
 
 impl Arguments {
@@ -188,7 +198,7 @@ impl Arguments {
 }
 
 /// A time from a number of units of `unit_s` seconds.
-fn duration(place: &str, found: f64, unit_s: f64) -> Result<Duration, SimError> {
+pub(crate) fn duration(place: &str, found: f64, unit_s: f64) -> Result<Duration, SimError> {
     Duration::try_from_secs_f64(found * unit_s)
         .map_err(|_| SimError::input(place, found.to_string(), "a time that is not negative"))
 }

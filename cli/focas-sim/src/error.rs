@@ -1,6 +1,7 @@
 //! Why the simulator does not start, or refuses a typed command.
 
 use volcomp_document::InputError;
+use volcomp_guard::barrier::SettingsError;
 use volcomp_model::ModelError;
 
 /// Why the simulator does not start.
@@ -30,6 +31,9 @@ pub(crate) enum SimError {
     /// The machine file of `--truth` is wrong.
     #[error("--truth: {0}")]
     Model(#[from] ModelError),
+    /// The barrier cannot be set as the options say.
+    #[error("the barrier: {0}")]
+    Barrier(#[from] SettingsError),
     /// The simulator cannot listen on the address.
     #[error("--listen {address}: {source}")]
     Listen {

@@ -1,6 +1,7 @@
 //! A simulated FANUC control on the wire, to rehearse a gateway or a program of one's own with.
 
 mod arguments;
+mod barrier;
 mod error;
 mod motion;
 mod operator;
@@ -23,7 +24,11 @@ use volcomp_focas::simulator::{Simulator, World};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    arguments::Arguments, error::SimError, operator::Command, report::Reporter, truth::Truth,
+    arguments::Arguments,
+    error::SimError,
+    operator::Command,
+    report::{Reporter, Steps},
+    truth::Truth,
 };
 
 /// How often it is looked in which direction the axes move.
@@ -77,15 +82,21 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let (now, asked) = channel();
     start("focas-sim typed", {
         let (simulator, now) = (Arc::clone(&simulator), now.clone());
-        move || typed(&simulator, &now, &end)
+        let (axes, json) = (axes.clone(), arguments.json);
+        move || {
+            typed(&simulator, &now, &end, || {
+                print_steps(&axes, &simulator, json);
+            });
+        }
     })?;
     start("focas-sim report", {
         let simulator = Arc::clone(&simulator);
-        let reporter = Reporter::new(axes, truth);
+        let reporter = Reporter::new(axes.clone(), truth);
         let json = arguments.json;
         move || report(&simulator, reporter, period, &asked, json)
     })?;
     if let Some((pause, every)) = pauses {
+        let simulator = Arc::clone(&simulator);
         start("focas-sim pause", move || {
             loop {
                 thread::sleep(every.saturating_sub(pause));
@@ -98,7 +109,16 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let _now = now;
     // An error says that nobody is left who could end it: then it is the end, too.
     let _ = ended.recv();
+    print_steps(&axes, &simulator, arguments.json);
     Ok(())
+}
+
+/// Prints the largest steps of the axes; a reader that has gone away is no reason to fail.
+fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
+    let steps = Steps::of(axes, simulator);
+    let line = if json { steps.json() } else { steps.text() };
+    let mut output = std::io::stdout();
+    let _ = writeln!(output, "{line}").and_then(|()| output.flush());
 }
 
 /// The machine and the memory of the control as they are at the start.
@@ -108,6 +128,8 @@ fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<World, SimError> {
     world.readback_delay = arguments.read_back_delay()?;
     world.shift.in_positions = true;
     world.motion = motion::motion(arguments, axes)?;
+    world.scan = arguments.barrier.scan()?;
+    world.ladder = arguments.barrier.ladder(axes)?;
     Command::Alarm(arguments.alarm).change(&mut world);
     Command::EmergencyStop(arguments.estop).change(&mut world);
     Command::Unreferenced(arguments.unreferenced).change(&mut world);
@@ -122,8 +144,8 @@ fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimErro
     })
 }
 
-/// Does what is typed; `now` asks for a line of the report, `end` ends the program.
-fn typed(simulator: &Simulator, now: &Sender<()>, end: &Sender<()>) {
+/// Does what is typed; `now` asks for a line of the report, `steps` prints the largest steps, `end` ends the program.
+fn typed(simulator: &Simulator, now: &Sender<()>, end: &Sender<()>, steps: impl Fn()) {
     standard_input::lines(|line| {
         match line.parse::<Command>() {
             Err(message) => eprintln!("error: {message}"),
@@ -132,6 +154,7 @@ fn typed(simulator: &Simulator, now: &Sender<()>, end: &Sender<()>) {
                 // Whoever listens is there until the end.
                 let _ = now.send(());
             }
+            Ok(Command::Steps) => steps(),
             Ok(Command::Quit) => {
                 let _ = end.send(());
                 return false;

@@ -16,6 +16,10 @@ pub(crate) enum Command {
     Pause(Duration),
     Disconnect,
     Clear,
+    Power,
+    Freeze(bool),
+    Steps,
+    ResetSteps,
     Report,
     Help,
     Quit,
@@ -43,11 +47,15 @@ impl FromStr for Command {
                 .ok_or_else(|| format!("found `{seconds}`, expected a number of seconds")),
             ["disconnect"] => Ok(Self::Disconnect),
             ["clear"] => Ok(Self::Clear),
+            ["power"] => Ok(Self::Power),
+            ["freeze", word] => Ok(Self::Freeze(switch(word)?)),
+            ["steps"] => Ok(Self::Steps),
+            ["steps", "reset"] => Ok(Self::ResetSteps),
             ["report"] => Ok(Self::Report),
             ["help"] => Ok(Self::Help),
             ["quit"] => Ok(Self::Quit),
             _ => Err(format!(
-                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, report, help, quit",
+                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, freeze, steps, report, help, quit",
                 line.trim()
             )),
         }
@@ -59,7 +67,8 @@ impl Command {
     pub(crate) fn act(self, simulator: &Simulator) {
         match self {
             Self::Disconnect => simulator.disconnect_all(),
-            Self::Report | Self::Help | Self::Quit => {}
+            Self::Power => simulator.power_up(),
+            Self::Steps | Self::Report | Self::Help | Self::Quit => {}
             other => other.change(&mut simulator.world()),
         }
     }
@@ -75,7 +84,10 @@ impl Command {
             Self::Unreferenced(on) => world.set_referenced(!on),
             Self::Pause(time) => world.pause(time),
             Self::Clear => world.clear_shifts(),
-            Self::Disconnect | Self::Report | Self::Help | Self::Quit => {}
+            Self::Freeze(on) => world.freeze_positions(on),
+            Self::ResetSteps => world.reset_largest_steps(),
+            Self::Power => world.power_up(),
+            Self::Disconnect | Self::Steps | Self::Report | Self::Help | Self::Quit => {}
         }
     }
 }
@@ -91,11 +103,17 @@ mod tests {
         assert_eq!(parsed("estop off"), Ok(Command::EmergencyStop(false)));
         let pause = Command::Pause(Duration::from_millis(1500));
         assert_eq!(parsed("pause 1.5"), Ok(pause));
+        assert_eq!(parsed("steps reset"), Ok(Command::ResetSteps));
         for (line, expected) in [
             ("alarm maybe", "found `maybe`, expected on or off"),
             ("pause -1", "found `-1`, expected a number of seconds"),
             ("pause 1e300", "found `1e300`"),
             ("stop", "found `stop`, expected one of alarm"),
+            (
+                "steps forget",
+                "found `steps forget`, expected one of alarm",
+            ),
+            ("freeze", "found `freeze`, expected one of alarm"),
         ] {
             let refused = parsed(line).err().unwrap_or_default();
             assert!(refused.contains(expected), "{line}: {refused}");

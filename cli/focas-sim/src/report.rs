@@ -4,9 +4,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use volcomp_focas::simulator::Simulator;
-use volcomp_vocabulary::{AxisName, Direction, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
 
-use crate::truth::{Miss, Place, Truth};
+use crate::{
+    barrier::count,
+    truth::{Miss, Place, Truth},
+};
 
 /// Values of linear axes under one key, values of rotary axes under another.
 type ByLetter = BTreeMap<AxisName, f64>;
@@ -32,6 +35,51 @@ pub(crate) struct Report {
     /// How far the tool misses with the shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
     residual: Option<Miss>,
+}
+
+/// The largest step of the shift of each axis from one scan of the control to the next.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Steps {
+    /// Of linear axes, µm.
+    largest_step_um: ByLetter,
+    /// Of rotary axes, µrad.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    largest_step_urad: ByLetter,
+}
+
+impl Steps {
+    /// The largest steps so far.
+    pub(crate) fn of(axes: &[AxisName], simulator: &Simulator) -> Self {
+        let counts = simulator.world().largest_steps().to_vec();
+        let of_kind = |kind: AxisKind| {
+            let steps = axes.iter().zip(&counts);
+            steps
+                .filter(|(axis, _)| axis.kind() == kind)
+                .map(|(axis, step)| (*axis, rounded(*step as f64 * count(kind).um_or_urad())))
+                .collect()
+        };
+        Self {
+            largest_step_um: of_kind(AxisKind::Linear),
+            largest_step_urad: of_kind(AxisKind::Rotary),
+        }
+    }
+
+    /// The line for people.
+    pub(crate) fn text(&self) -> String {
+        let of = |steps: &ByLetter, unit: &str| {
+            let of = |(axis, step): (&AxisName, &f64)| format!("{axis} {step:.1} {unit}");
+            steps.iter().map(of).collect::<Vec<_>>()
+        };
+        let mut items = of(&self.largest_step_um, "µm");
+        items.extend(of(&self.largest_step_urad, "µrad"));
+        wrapped("largest step of an axis in one scan:", &items)
+    }
+
+    /// The line for programs.
+    pub(crate) fn json(&self) -> String {
+        // Keys are letters and names, numbers are numbers: this cannot fail.
+        serde_json::to_string(self).unwrap_or_default()
+    }
 }
 
 /// The maker of the report lines; it is called often enough to know in which direction each axis moved last.

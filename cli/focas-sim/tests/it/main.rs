@@ -11,7 +11,9 @@ use std::{
 
 use serde_json::Value;
 use volcomp_focas::{Client, PmcArea, PositionKind};
+use volcomp_guard::barrier::{FRAME_WORDS, Report, Session};
 use volcomp_test_support::{Running, machines::gantry};
+use volcomp_vocabulary::PerChannel;
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -202,6 +204,7 @@ fn it_tells_what_the_tool_misses() {
     let mut simulator = Simulator::start(&[
         truth[0],
         truth[1],
+        "--no-barrier",
         "--at",
         "X=100",
         "--json",
@@ -239,7 +242,7 @@ fn it_tells_what_the_tool_misses() {
         line.contains("X 0.0 Y 0.0 Z 0.0  tool misses 5.0 → 5.0 µm, 0.0 → 0.0 µrad"),
         "{line}"
     );
-    let mut simulator = Simulator::start(&["--at", "Y=7.25"]);
+    let mut simulator = Simulator::start(&["--at", "Y=7.25", "--no-barrier"]);
     simulator
         .client()
         .write_pmc(PmcArea::R, 102, &[3, 0])
@@ -247,6 +250,80 @@ fn it_tells_what_the_tool_misses() {
     simulator.type_line("report");
     let line = simulator.line();
     assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
+}
+
+/// As it starts, the axes take what a barrier lets through, at its rate, and the words that anybody else writes are gone
+/// in the next scan.
+#[test]
+fn a_barrier_stands_before_the_axes() {
+    let mut simulator = Simulator::start(&[
+        "--axes",
+        "Y,X,C",
+        "--barrier-axes",
+        "X,C",
+        "--machine-number",
+        "4711",
+        "--json",
+    ]);
+    let mut client = simulator.client();
+    client
+        .write_pmc(PmcArea::R, 102, &[0x88, 0x13, 0x88, 0x13])
+        .unwrap();
+    let mut words = |at: u16, count: u16| -> Vec<u16> {
+        let bytes = client.read_pmc(PmcArea::R, at, 2 * count).unwrap();
+        let words = bytes.chunks_exact(2);
+        words.map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
+    };
+    until("the words are overwritten", || words(100, 3) == [0; 3]);
+    simulator.type_line("steps");
+    // Axes take their words after the program of a scan.
+    let steps = simulator.json();
+    assert_eq!(
+        steps["largest_step_um"],
+        serde_json::json!({"X": 0.0, "Y": 0.0})
+    );
+    simulator.type_line("steps reset");
+    // 30 µm and -10 counts of 0.001 deg, until they are applied.
+    let mut session = Session::new(7);
+    let mut client = simulator.client();
+    let mut settings = None;
+    until("applied", || {
+        let bytes = client
+            .read_pmc(PmcArea::R, 240, 2 * (8 + 3 * 2 + 2))
+            .unwrap();
+        let words: Vec<u16> = bytes
+            .chunks_exact(2)
+            .map(|b| u16::from_le_bytes([b[0], b[1]]))
+            .collect();
+        let report = Report::decode(4711, 2, &words).expect("read whole");
+        session.read(&report);
+        let frame = session.frame(&PerChannel::leading([30, -10]));
+        let mut words = [0; FRAME_WORDS];
+        if let Some(frame) = frame {
+            let length = frame.encode(&report.settings, &mut words);
+            let bytes: Vec<u8> = words[..length]
+                .iter()
+                .flat_map(|w| w.to_le_bytes())
+                .collect();
+            client.write_pmc(PmcArea::R, 200, &bytes).unwrap();
+        }
+        settings = Some(report.settings);
+        report.applied == PerChannel::leading([30, -10])
+    });
+    let settings = settings.unwrap();
+    assert_eq!((settings.limit[0], settings.rate[0]), (150, 2));
+    assert_eq!((settings.hold_scans, settings.time_out_scans), (100, 225));
+    let bytes = client.read_pmc(PmcArea::R, 100, 6).unwrap();
+    assert_eq!(bytes, [0, 0, 30, 0, 0xf6, 0xff]);
+    simulator.type_line("quit");
+    assert_eq!(simulator.end(), Some(0));
+    let steps = simulator.json();
+    assert_eq!(
+        steps["largest_step_um"],
+        serde_json::json!({"X": 2.0, "Y": 0.0})
+    );
+    let rotary = steps["largest_step_urad"]["C"].as_f64().unwrap();
+    assert!((rotary - 17.453).abs() < 1e-3, "{rotary}");
 }
 
 #[test]
@@ -318,6 +395,22 @@ fn wrong_calls_are_refused() {
         (&["--program", &feed], "feed.csv:2: feed: found 0"),
         (&["--program", &dwell], "dwell.csv:2: dwell_s: found -1"),
         (&["--program", &short], "short.csv:2: "),
+        (
+            &["--scan-ms", "0"],
+            "--scan-ms: found 0, expected 0.1 to 1000",
+        ),
+        (
+            &["--time-out-ms", "398"],
+            "the barrier: time-out: found 199 scans",
+        ),
+        (&["--limit-um", "0"], "the barrier: axis 0"),
+        (&["--limit-um", "nan"], "the barrier: axis 0"),
+        (&["--no-barrier", "--limit-um", "10"], "cannot be used with"),
+        (
+            &["--barrier-axes", "X,C"],
+            "--barrier-axes: found X,C, expected axes of X,Y,Z",
+        ),
+        (&["--barrier-axes", "X,X"], "every one once"),
         (&["--truth", "none.toml"], "none.toml"),
         (&["--truth", truth, "--axes", "X,Y,Z"], "the axis A too"),
     ] {

@@ -1,0 +1,157 @@
+//! The barrier in the simulated control: its options, and the ladder that they make.
+
+use std::time::Duration;
+
+use volcomp_focas::simulator::{BarrierLadder, Ladder};
+use volcomp_guard::barrier::{Program, Protection};
+use volcomp_port::Axis;
+use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Um, Urad};
+
+use crate::{arguments::duration, error::SimError, motion::letters};
+
+/// The barrier in the control: it decides which frames it takes and moves the shifts at its own rate.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Barrier")]
+pub(crate) struct BarrierArguments {
+    /// Run no barrier: the axes take the shifts that are written from R100 on as they come
+    #[arg(long)]
+    no_barrier: bool,
+    /// Letters of the axes that the barrier corrects, in the order of its frames [default: all axes of the control]
+    #[arg(
+        long,
+        value_name = "LETTERS",
+        value_delimiter = ',',
+        conflicts_with = "no_barrier"
+    )]
+    barrier_axes: Vec<AxisName>,
+    /// Number of the machine: frames for another one are refused
+    #[arg(
+        long,
+        value_name = "NUMBER",
+        default_value_t = 1,
+        conflicts_with = "no_barrier"
+    )]
+    machine_number: u16,
+    /// Largest correction of a linear axis in either direction, µm
+    #[arg(
+        long,
+        value_name = "UM",
+        default_value_t = 150.0,
+        conflicts_with = "no_barrier"
+    )]
+    limit_um: f64,
+    /// Largest correction of a rotary axis in either direction, µrad
+    #[arg(
+        long,
+        value_name = "URAD",
+        default_value_t = 2000.0,
+        conflicts_with = "no_barrier"
+    )]
+    limit_urad: f64,
+    /// Fastest change of the correction of a linear axis, µm/s
+    #[arg(
+        long,
+        value_name = "UM_PER_S",
+        default_value_t = 1000.0,
+        conflicts_with = "no_barrier"
+    )]
+    rate_um_per_s: f64,
+    /// Fastest change of the correction of a rotary axis, µrad/s
+    #[arg(
+        long,
+        value_name = "URAD_PER_S",
+        default_value_t = 10_000.0,
+        conflicts_with = "no_barrier"
+    )]
+    rate_urad_per_s: f64,
+    /// Largest age of the report that a frame answers, ms
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 200.0,
+        conflicts_with = "no_barrier"
+    )]
+    hold_ms: f64,
+    /// Time without a frame after which the correction goes to zero, ms: at least twice --hold-ms
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 450.0,
+        conflicts_with = "no_barrier"
+    )]
+    time_out_ms: f64,
+    /// Time from one scan of the control's program to the next, ms
+    #[arg(long, value_name = "MS", default_value_t = 2.0)]
+    scan_ms: f64,
+}
+
+impl BarrierArguments {
+    /// The time from one scan to the next.
+    pub(crate) fn scan(&self) -> Result<Duration, SimError> {
+        let scan = duration("--scan-ms", self.scan_ms, 1e-3)?;
+        if (Duration::from_micros(100)..=Duration::from_secs(1)).contains(&scan) {
+            Ok(scan)
+        } else {
+            let found = self.scan_ms.to_string();
+            Err(SimError::input("--scan-ms", found, "0.1 to 1000"))
+        }
+    }
+
+    /// The ladder with the barrier for a control with these axes; `None` with `--no-barrier`.
+    pub(crate) fn ladder(&self, axes: &[AxisName]) -> Result<Option<Ladder>, SimError> {
+        if self.no_barrier {
+            return Ok(None);
+        }
+        let corrected = if self.barrier_axes.is_empty() {
+            axes
+        } else {
+            &self.barrier_axes
+        };
+        let mut slots = Vec::new();
+        for name in corrected {
+            let slot = axes.iter().position(|axis| axis == name);
+            match slot.filter(|slot| !slots.contains(slot)) {
+                Some(slot) => slots.push(slot),
+                None => {
+                    return Err(SimError::input(
+                        "--barrier-axes",
+                        letters(corrected),
+                        format!("axes of {}, every one once", letters(axes)),
+                    ));
+                }
+            }
+        }
+        let protection = Protection {
+            machine: self.machine_number,
+            limit: Um(self.limit_um).to_mm(),
+            limit_rotary: Urad(self.limit_urad).to_rad(),
+            rate_per_s: Um(self.rate_um_per_s).to_mm(),
+            rate_rotary_per_s: Urad(self.rate_urad_per_s).to_rad(),
+            hold: duration("--hold-ms", self.hold_ms, 1e-3)?,
+            time_out: duration("--time-out-ms", self.time_out_ms, 1e-3)?,
+            scan: self.scan()?,
+        };
+        let of: Vec<Axis> = corrected.iter().map(|name| axis(*name)).collect();
+        let program = Program::new(protection.settings(&of)?)?;
+        let mut ladder = BarrierLadder::new(Box::new(program), slots.len());
+        ladder.slots = slots;
+        Ok(Some(Ladder::Barrier(ladder)))
+    }
+}
+
+/// One count of an axis, as the words of the simulated control have it: 1 µm and 0.001 deg.
+pub(crate) fn count(kind: AxisKind) -> Displacement {
+    match kind {
+        AxisKind::Linear => Displacement::Length(Mm(0.001)),
+        AxisKind::Rotary => Displacement::Angle(Deg(0.001).to_rad()),
+    }
+}
+
+fn axis(name: AxisName) -> Axis {
+    Axis {
+        name,
+        includes_correction: true,
+        resolution: count(name.kind()),
+        largest: None,
+    }
+}
