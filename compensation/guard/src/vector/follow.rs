@@ -69,12 +69,12 @@ impl Vector {
         let (behind, part) = self.slide(wanted, &cycle);
         self.write(&cycle);
 
-        let held_back = turning < ramp || factor.is_none_or(|factor| factor < 1.0 - 1e-9);
+        let waits = factor.is_none_or(|factor| factor < 1.0 - 1e-9);
         let far = cycle
             .of_kind(AxisKind::Rotary)
             .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
         Followed {
-            slewing: behind || held_back && far,
+            slewing: behind || waits && (far || left > 0.0) || turning < ramp && far,
             behind,
             ..wanted.judged(part, limits)
         }

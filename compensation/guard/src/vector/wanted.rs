@@ -28,8 +28,8 @@ pub struct Wanted {
     reason = "four answers that do not exclude one another"
 )]
 pub struct Followed {
-    /// Slew or acceleration hold the correction back: the rotary axes on the way to their goal, or the linear axes,
-    /// which `behind` tells.
+    /// Slew or acceleration hold the correction back: the ramp, the rotary axes on the way to their goal, or the linear
+    /// axes, which `behind` tells.
     pub slewing: bool,
     /// A linear axis is not where it belongs for the rotary shares as they are: only then, and where limits leave no
     /// place for it at all, may the tool be further off than without correction or than where the ramp began, but

@@ -423,6 +423,23 @@ fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
     }
 }
 
+/// A ramp that the slew of one axis allows in two seconds only takes two seconds for all axes, and it is said.
+#[test]
+fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
+    let mut limits = three();
+    limits.axes[1].slew_per_s = 0.010;
+    let mut vector = Vector::default();
+    let mut cycles = 0;
+    while !vector.is_ramped() {
+        let followed = vector.follow(&Wanted::linear(of([0.1, 0.02, -0.05])), &limits, 0.004);
+        let [x, y, z, ..] = vector.smooth().0;
+        assert!((x - 5.0 * y).abs() < 1e-9 && (z + 2.5 * y).abs() < 1e-9);
+        assert!(!followed.behind && (followed.slewing || vector.is_ramped()));
+        cycles += 1;
+    }
+    assert!((499..=502).contains(&cycles), "{cycles}");
+}
+
 /// What no machine sends moves nothing, and no call panics.
 #[test]
 fn what_is_no_number_moves_nothing() {
