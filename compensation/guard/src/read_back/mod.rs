@@ -132,8 +132,7 @@ impl ReadBack {
         self.known.changed = false;
         let before = self.heard.replace(now).unwrap_or(now);
         let is_asked = self.known.scheme != Scheme::Blind;
-        if let (Told::Nothing, true, Some(since)) =
-            (told, is_asked, &mut self.known.unlanded_since)
+        if let (Told::Nothing, true, Some(since)) = (told, is_asked, &mut self.known.unlanded_since)
         {
             // Whether it has landed nobody could see meanwhile.
             *since += now.saturating_sub(before);

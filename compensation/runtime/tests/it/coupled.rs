@@ -276,6 +276,8 @@ struct Scene<'a> {
     /// How far the tool was off when the ramp or line began, mm.
     began: f64,
     differed: f64,
+    /// The next cycle begins a ramp.
+    ramp_begins: bool,
     followed: Followed,
     /// The change of the smooth values in a second in the cycle before.
     rate: PerChannel<f64>,
@@ -295,7 +297,7 @@ impl<'a> Scene<'a> {
             let word = rng.random_range(-1.0..=1.0) * axis.reachable();
             (word / axis.resolution).round() * axis.resolution
         });
-        let mut scene = Self {
+        Self {
             cell,
             limits,
             path,
@@ -303,15 +305,14 @@ impl<'a> Scene<'a> {
             time_s: 0.0,
             began: 0.0,
             differed: 0.0,
+            ramp_begins: true,
             followed: Followed::default(),
             rate: PerChannel::ZERO,
             trace: vec![(0.0, applied)],
-        };
-        scene.begins();
-        scene
+        }
     }
 
-    /// The tool is where it is when a ramp begins.
+    /// How far the tool is off where a ramp or a line begins, at the position of the cycle that begins it.
     fn begins(&mut self) {
         self.began = self
             .cell
@@ -330,6 +331,9 @@ impl<'a> Scene<'a> {
     fn follow(&mut self, rng: &mut ChaCha8Rng, seen: &mut Seen) {
         let dt_s = self.tick(rng);
         self.time_s += dt_s;
+        if core::mem::take(&mut self.ramp_begins) {
+            self.begins();
+        }
         let state = self.path.at(self.time_s);
         let wanted = self.cell.wanted(&state);
         let before = self.vector;
@@ -535,7 +539,7 @@ fn held_and_begun_again() {
             // Nothing is written while the machine moves on.
             scene.stands(rng.random_range(0.0..1.0));
             scene.vector.begin_ramp();
-            scene.begins();
+            scene.ramp_begins = true;
             for _ in 0..60 {
                 scene.follow(rng, seen);
             }
@@ -753,7 +757,6 @@ fn near_the_singular_pose_the_tool_is_no_further_off() {
             limits,
             ..Scene::new(&cell, &mut rng, false, false)
         };
-        scene.begins();
         for _ in 0..300 {
             scene.follow(&mut rng, &mut seen);
         }
