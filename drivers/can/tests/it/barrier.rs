@@ -234,7 +234,10 @@ fn cantools_understands_the_words() {
         .post(&Words::new(&frame).unwrap(), soon())
         .unwrap();
     let sent = bus.sent();
-    let hex = |data: &[u8]| data.iter().map(|b| format!("{b:02x}")).collect::<String>();
+    let hex = |data: &[u8]| {
+        let bytes: Vec<String> = data.iter().map(|b| format!("{b:02x}")).collect();
+        bytes.concat()
+    };
     let data: Vec<String> = sent
         .iter()
         .map(|f| format!("{}:{}", f.id, hex(f.data())))
