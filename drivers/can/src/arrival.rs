@@ -6,6 +6,22 @@ use std::time::{Duration, Instant, SystemTime};
 /// emptied. Where it is more, somebody set the clock, and the stamps say nothing.
 const CLOCK_WAS_SET: Duration = Duration::from_millis(1);
 
+/// How long reading both clocks may take: so far apart they are at the most.
+const BOTH_WITHIN: Duration = Duration::from_micros(100);
+
+/// Both clocks at one instant. A thread that is interrupted between the two reads them again, twice at the most.
+pub(crate) fn both_clocks() -> (Instant, SystemTime) {
+    let read = || (Instant::now(), SystemTime::now());
+    let mut both = read();
+    for _ in 0..2 {
+        if both.0.elapsed() <= BOTH_WITHIN {
+            break;
+        }
+        both = read();
+    }
+    both
+}
+
 /// The last instant at which no frame waited, by both clocks. What waits later arrived after it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrivals {

@@ -1,12 +1,13 @@
 //! The words that go to and come from a barrier in the control: `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, …
 //! Words are carried as they are; their meaning is that of the barrier. Only the size of a count is taken from here: the
-//! value words have the unit and the factor of what they count.
+//! value words have the unit and the factor of what they count. Words in several messages belong together when these have
+//! the same counter.
 
 use volcomp_port::{Fault, MOST_WORDS, Words};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    ears::{Ears, Heard, Place, hear},
+    ears::{Heard, Place, hear},
     frame::{CanPort, Frame},
     quantity::Quantity,
     signals::{Message, Signal, SignalTable},
@@ -38,6 +39,7 @@ pub(crate) struct Barrier {
     frame: Vec<Word>,
     sent: Vec<Sent>,
     report: Vec<Place>,
+    last: Option<Words>,
     counter: u64,
 }
 
@@ -90,6 +92,8 @@ impl Barrier {
         for (index, at) in report.iter().enumerate() {
             check(signal(at), counted(index))?;
         }
+        counted_together(table, &frame)?;
+        counted_together(table, &report)?;
         let mut sent: Vec<Sent> = Vec::new();
         let mut parts = Vec::new();
         // The message with the last word is the last one: when it has come, the frame is whole.
@@ -122,6 +126,7 @@ impl Barrier {
             frame: parts,
             sent,
             report: report.collect::<Result<_, _>>()?,
+            last: None,
             counter: 0,
         };
         Ok(Some((barrier, counts)))
@@ -150,17 +155,29 @@ impl Barrier {
         Ok(())
     }
 
-    /// The words of the last report, from the last whole messages; `None` before each of them came. Whether they belong
-    /// together, the checksum in the words tells.
-    pub(crate) fn report<P: CanPort>(&self, ears: &Ears<P>) -> Option<Words> {
+    /// Takes note of a message that was whole and new: when it is the last part of a report whose parts have the same
+    /// counter, this is the last report.
+    pub(crate) fn hear(&mut self, heard: &[Heard], index: usize) {
+        if !self.report.iter().any(|place| place.heard == index) {
+            return;
+        }
+        let counter = heard[index].counter();
         let mut words = [0; MOST_WORDS];
         for (word, place) in words.iter_mut().zip(&self.report) {
-            let heard = ears.heard(place);
-            heard.taken?;
+            let part = &heard[place.heard];
+            if part.taken.is_none() || part.counter() != counter {
+                return;
+            }
             // The signal has 16 bits.
-            *word = u16::try_from(place.signal.raw(heard.data())).ok()?;
+            *word = u16::try_from(place.signal.raw(part.data())).unwrap_or(0);
         }
-        Words::new(words.get(..self.report.len())?)
+        let words = words.get(..self.report.len()).and_then(Words::new);
+        self.last = words.or(self.last);
+    }
+
+    /// The words of the last report whose messages came whole and belong together.
+    pub(crate) fn report(&self) -> Option<Words> {
+        self.last
     }
 }
 
@@ -212,6 +229,22 @@ fn expect(
         "found {} words {prefix}_0, {prefix}_1, …, expected {expected} for a barrier of {axes} axes",
         found.len()
     ))
+}
+
+/// Checks that words which come in several messages can be told from those of another time: by a counter in each. The
+/// checksum in the words alone does not tell all mixtures of three and more frames apart.
+fn counted_together(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
+    let messages = || words.iter().map(|(message, _)| *message);
+    let is_one = messages().all(|message| Some(message) == messages().next());
+    for message in messages().map(|index| &table.messages[index]) {
+        if !is_one && message.counter.is_none() {
+            let name = &message.name;
+            return Err(format!(
+                "message {name}: found no signal {name}_CNT, expected one, since the words come in several messages"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// The size of a count of an axis, by unit and factor of its value word.

@@ -154,6 +154,15 @@ impl<P: CanPort> CanController<P> {
         }
     }
 
+    fn listen(&mut self, deadline: Instant, wait: bool) -> Result<bool, Fault> {
+        let way = &mut self.way;
+        self.ears.listen(deadline, wait, |heard, index| {
+            if let Way::Barrier(barrier) = way {
+                barrier.hear(heard, index);
+            }
+        })
+    }
+
     fn value(&self, place: &Place) -> f64 {
         let heard = self.ears.heard(place);
         place.signal.value(heard.data()) * place.to_internal
@@ -190,12 +199,12 @@ impl<P: CanPort> Controller for CanController<P> {
     /// the next ones. `taken` is when the oldest of the positions arrived, `uncertainty` how far the others, and what is
     /// applied, are from it. What is applied is left out when it is older than the configuration allows.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        self.ears.listen(deadline, false)?;
+        self.listen(deadline, false)?;
         while !self.are_fresh(&self.positions, self.stale_after) {
             if self.ears.health.bus_off {
                 return Err(Fault::Disconnected);
             }
-            if Instant::now() >= deadline || !self.ears.listen(deadline, true)? {
+            if Instant::now() >= deadline || !self.listen(deadline, true)? {
                 return Err(Fault::TimedOut);
             }
         }
@@ -236,7 +245,7 @@ impl<P: CanPort> Controller for CanController<P> {
             },
             applied,
             report: match &self.way {
-                Way::Barrier(barrier) => barrier.report(&self.ears),
+                Way::Barrier(barrier) => barrier.report(),
                 Way::Plain(_) => None,
             },
         })

@@ -55,17 +55,22 @@ impl Heard {
             .is_some_and(|taken| taken.elapsed() <= stale_after)
     }
 
-    /// Takes a frame of this message.
-    fn hear(&mut self, frame: &Frame, taken: Instant, health: &mut Health) {
+    /// The counter of the last whole frame, where the message has one.
+    pub(crate) fn counter(&self) -> Option<u64> {
+        self.counter
+    }
+
+    /// Takes a frame of this message. Whether it was whole and new.
+    fn hear(&mut self, frame: &Frame, taken: Instant, health: &mut Health) -> bool {
         if !self.message.is_whole(frame.data()) {
             health.broken += 1;
-            return;
+            return false;
         }
         if let (Some(before), Some(now)) = (self.counter, self.message.counter(frame.data())) {
             match (now + 16 - before % 16) % 16 {
                 0 => {
                     health.repeated += 1;
-                    return;
+                    return false;
                 }
                 ahead => health.lost += ahead - 1,
             }
@@ -73,6 +78,7 @@ impl Heard {
         self.counter = self.message.counter(frame.data());
         self.data[..self.message.length].copy_from_slice(frame.data());
         self.taken = Some(taken);
+        true
     }
 }
 
@@ -98,8 +104,14 @@ impl<P: CanPort> Ears<P> {
         &self.heard[place.heard]
     }
 
-    /// Takes what there is; waits for one frame until the deadline where `wait`. Whether one came.
-    pub(crate) fn listen(&mut self, deadline: Instant, wait: bool) -> Result<bool, Fault> {
+    /// Takes what there is; waits for one frame until the deadline where `wait`. Whether one came. `whole` is called with
+    /// each message that was whole and new, among all of them.
+    pub(crate) fn listen(
+        &mut self,
+        deadline: Instant,
+        wait: bool,
+        mut whole: impl FnMut(&[Heard], usize),
+    ) -> Result<bool, Fault> {
         let mut came = false;
         let until = if wait { deadline } else { Instant::now() };
         for _ in 0..AT_ONCE {
@@ -113,12 +125,14 @@ impl<P: CanPort> Ears<P> {
                 }
                 Some(Received::Frame(frame, taken)) => {
                     self.health.bus_off = false;
-                    let same = |heard: &&mut Heard| {
+                    let same = |heard: &Heard| {
                         let message = &heard.message;
                         (message.id, message.extended) == (frame.id, frame.extended)
                     };
-                    if let Some(heard) = self.heard.iter_mut().find(same) {
-                        heard.hear(&frame, taken, &mut self.health);
+                    if let Some(index) = self.heard.iter().position(same) {
+                        if self.heard[index].hear(&frame, taken, &mut self.health) {
+                            whole(&self.heard, index);
+                        }
                         came = true;
                     }
                 }
@@ -131,7 +145,7 @@ impl<P: CanPort> Ears<P> {
 /// Where a signal is: which message that is heard, and it itself.
 #[derive(Clone)]
 pub(crate) struct Place {
-    heard: usize,
+    pub(crate) heard: usize,
     pub(crate) signal: Signal,
     /// The factor from the unit of the signal to mm, rad or °C.
     pub(crate) to_internal: f64,

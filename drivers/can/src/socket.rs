@@ -2,7 +2,7 @@
 
 use std::{
     io::{Error, ErrorKind},
-    time::{Instant, SystemTime},
+    time::Instant,
 };
 
 use rustix::{
@@ -16,7 +16,7 @@ use socketcan::{
 use volcomp_port::{DeviceError, Fault};
 
 use crate::{
-    arrival::Arrivals,
+    arrival::{Arrivals, both_clocks},
     frame::{CanPort, Frame, Received},
 };
 
@@ -51,7 +51,8 @@ impl CanSocket {
                 remedy,
             )
         };
-        let arrivals = Arrivals::empty_at(Instant::now(), SystemTime::now());
+        let (now, wall) = both_clocks();
+        let arrivals = Arrivals::empty_at(now, wall);
         let socket = CanFdSocket::open(interface).map_err(failed)?;
         socket.set_nonblocking(true).map_err(failed)?;
         socket.set_error_filter_accept_all().map_err(failed)?;
@@ -82,7 +83,7 @@ impl CanPort for CanSocket {
 
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault> {
         loop {
-            let (now, wall) = (Instant::now(), SystemTime::now());
+            let (now, wall) = both_clocks();
             match self.socket.read_frame_with_timestamps() {
                 Ok((frame, stamps)) => {
                     let arrived = self.arrivals.of(stamps.socket, now, wall);

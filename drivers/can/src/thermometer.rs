@@ -96,7 +96,7 @@ impl<P: CanPort> Thermometer for CanThermometer<P> {
     }
 
     fn latest(&mut self) -> &[Temperature] {
-        let listened = self.ears.listen(Instant::now(), false);
+        let listened = self.ears.listen(Instant::now(), false, |_, _| ());
         for (latest, place) in self.latest.iter_mut().zip(&self.places) {
             let heard = self.ears.heard(place);
             let Some(taken) = heard.taken else { continue };

@@ -27,6 +27,25 @@ pub(super) fn notes(
             controller.url
         ));
     }
+    for controller in &plan.config.controllers {
+        let unseen = controller.unseen;
+        let states = [
+            ("referenced", unseen.referenced),
+            ("alarm", unseen.alarm),
+            ("emergency_stop", unseen.emergency_stop),
+        ];
+        let names: Vec<&str> = states
+            .into_iter()
+            .filter_map(|(name, is_unseen)| is_unseen.then_some(name))
+            .collect();
+        if !names.is_empty() {
+            notes.push(format!(
+                "{}: it does not show {}: nothing holds the correction by that",
+                controller.url,
+                names.join(", ")
+            ));
+        }
+    }
     for sensor in sensors.iter().filter(|sensor| sensor.thermometer.is_none()) {
         notes.push(format!(
             "no thermometer has the sensor {}: its thermal terms ({}) are left out",

@@ -27,16 +27,18 @@ fn words(from: u16, count: u16) -> Words {
 }
 
 /// The frames of a report with these words, in order.
-fn report_of(table: &SignalTable, words: &Words) -> Vec<Frame> {
+pub(crate) fn report_of(table: &SignalTable, words: &[u16], counter: u64) -> Vec<Frame> {
     let of_report = |m: &&volcomp_can::Message| m.name.starts_with("BARRIER_REPORT");
     let mut frames = Vec::new();
     for message in table.messages.iter().filter(of_report) {
         let mut frame = message.frame().unwrap();
         for signal in &message.signals {
-            let number = signal.name.strip_prefix("REPORT_").unwrap();
-            let word = words.as_slice()[number.parse::<usize>().unwrap()];
-            signal.put_raw(frame.data_mut(), word.into());
+            if let Some(number) = signal.name.strip_prefix("REPORT_") {
+                let word = words[number.parse::<usize>().unwrap()];
+                signal.put_raw(frame.data_mut(), word.into());
+            }
         }
+        message.seal(frame.data_mut(), counter);
         frames.push(frame);
     }
     frames
@@ -66,31 +68,36 @@ fn frames_go_and_reports_come() {
         }
         controller.read(soon()).unwrap()
     };
-    let first = report_of(table, &words(0x1357, 19));
-    assert_eq!(first.len(), 5);
-    let snapshot = read(&first[..4]);
+    let first = report_of(table, words(0x1357, 19).as_slice(), 4);
+    assert_eq!(first.len(), 7);
+    let snapshot = read(&first[..6]);
     assert_eq!(snapshot.report, None, "a part is missing");
     assert_eq!(snapshot.applied, None);
     assert_eq!(snapshot.positions[..3], [1.0, 2.0, 3.0]);
-    assert_eq!(read(&first[4..]).report, Some(words(0x1357, 19)));
-    // The last whole messages: a report that is on its way is torn, which its checksum tells.
-    let second = report_of(table, &words(0xfedc, 19));
-    let torn = read(&second[..2]).report.unwrap();
-    assert_eq!(torn.as_slice()[..8], words(0xfedc, 19).as_slice()[..8]);
-    assert_eq!(torn.as_slice()[8..], words(0x1357, 19).as_slice()[8..]);
+    assert_eq!(read(&first[6..]).report, Some(words(0x1357, 19)));
+    // A report that is on its way is no report yet: the last whole one stays.
+    let second = report_of(table, words(0xfedc, 19).as_slice(), 5);
+    assert_eq!(read(&second[..2]).report, Some(words(0x1357, 19)));
     assert_eq!(read(&second[2..]).report, Some(words(0xfedc, 19)));
+    // Two whole reports and a part of the next one in one reading.
+    let third = report_of(table, words(0x0a0b, 19).as_slice(), 6);
+    let fourth = report_of(table, words(0x0c0d, 19).as_slice(), 7);
+    let all = [&third[..], &fourth[..], &first[..3]].concat();
+    assert_eq!(read(&all).report, Some(words(0x0c0d, 19)));
 
     let frame = words(0x8001, 9);
     controller.post(&frame, soon()).unwrap();
     let sent = bus.sent();
     let ids: Vec<u32> = sent.iter().map(|frame| frame.id).collect();
     assert_eq!(ids, [272, 273, 274]);
-    let bytes: Vec<u8> = sent
-        .iter()
-        .flat_map(|frame| frame.data().to_vec())
-        .collect();
-    let expected = frame.as_slice().iter().flat_map(|word| word.to_le_bytes());
-    assert_eq!(bytes, expected.collect::<Vec<u8>>());
+    for (place, sent) in sent.iter().enumerate() {
+        let message = &table.messages[table.message_of(sent).unwrap()];
+        assert!(message.is_whole(sent.data()));
+        assert_eq!(message.counter(sent.data()), Some(1), "all have the same");
+        let words = &frame.as_slice()[3 * place..][..3];
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        assert_eq!(sent.data()[..6], bytes);
+    }
     // Too late, too few, and plain values: nothing is sent.
     let late = controller.post(&frame, std::time::Instant::now());
     assert_eq!(late, Err(Fault::TimedOut));
@@ -174,26 +181,32 @@ fn words_that_do_not_fit_are_named() {
             "found 8 words FRAME_0, FRAME_1, …, expected 9 for a barrier of 3 axes",
         ),
         (
+            "SG_ BARRIER_REPORT_C_CNT",
+            "SG_ SPARE",
+            &XYZ,
+            "message BARRIER_REPORT_C: found no signal BARRIER_REPORT_C_CNT, expected one, since the words come in several messages",
+        ),
+        (
             "SG_ REPORT_18",
             "SG_ REPORT_19",
             &XYZ,
             "found the signal REPORT_19, expected REPORT_18: each word once, counted from 0",
         ),
         (
-            "SG_ FRAME_3 : 48|16",
-            "SG_ FRAME_3 : 48|15",
+            "SG_ FRAME_2 : 32|16",
+            "SG_ FRAME_2 : 32|15",
             &XYZ,
-            "signal FRAME_3: found 15 bits, expected 16",
+            "signal FRAME_2: found 15 bits, expected 16",
         ),
         (
-            "SG_ FRAME_4 : 0|16@1- (1,0) [-32768|32767] \"um\"",
-            "SG_ FRAME_4 : 0|16@1- (1,0) [-32768|32767] \"\"",
+            "SG_ FRAME_4 : 16|16@1- (1,0) [-32768|32767] \"um\"",
+            "SG_ FRAME_4 : 16|16@1- (1,0) [-32768|32767] \"\"",
             &XYZ,
             "signal FRAME_4: found no unit, expected mm or um, since the axis is linear; unit and factor say what a count of X is",
         ),
         (
-            "SG_ REPORT_8 : 0|16@1- (1,0)",
-            "SG_ REPORT_8 : 0|16@1- (0.1,0)",
+            "SG_ REPORT_8 : 32|16@1- (1,0)",
+            "SG_ REPORT_8 : 32|16@1- (0.1,0)",
             &XYZ,
             "signal REPORT_8: found a count of 0.1 um, expected 1 um as in FRAME_4",
         ),
@@ -250,9 +263,11 @@ fn cantools_understands_the_words() {
         \x20   found.update(db.decode_message(int(id), bytes.fromhex(data)))\n\
         assert found['FRAME_4'] == -20, found\n\
         print(*[int(found['FRAME_%d' % k]) & 0xffff for k in range(9)])\n\
-        for name in 'ABCDE':\n\
+        for name in 'ABCDEFG':\n\
         \x20   message = db.get_message_by_name('BARRIER_REPORT_' + name)\n\
-        \x20   words = {s.name: (1000 * (int(s.name[7:]) + 1)) for s in message.signals}\n\
+        \x20   own = {message.name + '_CNT': 9, message.name + '_CRC': 0}\n\
+        \x20   words = {s.name: 1000 * (int(s.name[7:]) + 1) for s in message.signals if s.name not in own}\n\
+        \x20   words.update(own)\n\
         \x20   print(message.frame_id, message.encode(words).hex())\n";
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/barrier.dbc");
     let output = Command::new(&python)
@@ -277,7 +292,12 @@ fn cantools_understands_the_words() {
             .step_by(2)
             .map(|k| u8::from_str_radix(&data[k..k + 2], 16));
         let bytes: Vec<u8> = bytes.map(Result::unwrap).collect();
-        bus.comes(Frame::new(id.parse().unwrap(), false, false, &bytes).unwrap());
+        let mut frame = Frame::new(id.parse().unwrap(), false, false, &bytes).unwrap();
+        let message = &config.table.messages[config.table.message_of(&frame).unwrap()];
+        assert_eq!(message.counter(frame.data()), Some(9));
+        // cantools does not compute checksums.
+        message.seal(frame.data_mut(), 9);
+        bus.comes(frame);
     }
     bus.comes(frame_of(&config.table, "POSITION_XY", &[], 1));
     bus.comes(frame_of(&config.table, "POSITION_Z", &[], 1));

@@ -8,6 +8,7 @@ mod canopen;
 mod contracts;
 mod fuzz_corpus;
 mod peer;
+mod reference;
 mod serialised;
 mod signals;
 
