@@ -13,6 +13,7 @@ mod frames;
 mod fuzz_corpus;
 mod outage;
 mod peer;
+mod quiet;
 mod shift_source;
 
 use std::time::Duration;
@@ -23,6 +24,9 @@ use volcomp_focas::{
 };
 use volcomp_port::Backoff;
 use volcomp_vocabulary::AxisName;
+
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
 const PATIENCE: Duration = Duration::from_secs(5);
 
