@@ -58,8 +58,8 @@ impl Judge {
     ) -> Option<Question> {
         let degc = |name: &str| self.degc.get(name).copied();
         let written = || self.written.iter().map(Vec::as_slice);
-        let cold = old.worst_corner(new, written());
-        let warm = old.warmed(degc).worst_corner(&new.warmed(degc), written());
+        let cold = old.largest_move(new, written());
+        let warm = old.warmed(degc).largest_move(&new.warmed(degc), written());
         let worst = cold.max(warm);
         let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let moves =

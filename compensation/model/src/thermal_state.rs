@@ -124,6 +124,29 @@ impl ThermalState {
         }
     }
 
+    /// Goes on with the lags of another state, such as that of the machine file of before: a term takes the lagged
+    /// temperature of a term there that has the same sensors, weights and lag, whatever error either of them moves.
+    /// Terms that have none there begin with their first temperature. Allocates nothing.
+    pub fn carry_over(&mut self, from: &Self) {
+        let shift_k = from.reference_degc - self.reference_degc;
+        for term in &mut self.terms {
+            let is_same = |other: &&Term| {
+                let pairs = term.weights.iter().zip(&other.weights);
+                term.lag_s.to_bits() == other.lag_s.to_bits()
+                    && term.weights.len() == other.weights.len()
+                    && pairs.into_iter().all(|(own, others)| {
+                        own.1.to_bits() == others.1.to_bits()
+                            && self.sensors.get(own.0) == from.sensors.get(others.0)
+                    })
+            };
+            if let Some(other) = from.terms.iter().find(is_same) {
+                let weight: f64 = term.weights.iter().map(|(_, weight)| weight).sum();
+                term.lagged_k = other.lagged_k.map(|lagged| lagged + shift_k * weight);
+                term.missing_s = other.missing_s;
+            }
+        }
+    }
+
     /// Whether a term holds, fades or has not started because one of its sensors is missing.
     pub fn is_degraded(&self) -> bool {
         let missing = |term: &Term| term.missing_s > 0.0 || term.lagged_k.is_none();

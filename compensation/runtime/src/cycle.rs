@@ -180,6 +180,7 @@ impl Cycle {
 
     /// Takes another model from the next cycle on; `replacement` holds the old one afterwards, to be freed elsewhere.
     pub fn swap_model(&mut self, replacement: &mut Replacement) {
+        replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         for path in &mut self.paths {
             path.fit_to(&self.model);

@@ -19,7 +19,7 @@ pub use asked::Asked;
 pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, Spent};
 pub use error::{LimitsRefusal, PlanError, StartError};
-pub use model::{Model, ModelCorrection, ModelWanted, WorstCorner, rotary_step_error};
+pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_error};
 pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS};
 pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};

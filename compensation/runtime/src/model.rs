@@ -2,9 +2,13 @@
 
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
 use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
-use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, Mm, PerAxis, Rad, is_within};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, Rad, is_within};
 
 use crate::report::ToolError;
+
+mod largest_move;
+
+pub use largest_move::LargestMove;
 
 /// The correction that a model asks for at a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,27 +51,6 @@ impl ModelWanted {
     }
 }
 
-/// How far the correction at the worst corner of the work space moves when another model takes over. Infinite where
-/// the axes of the machines differ.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WorstCorner {
-    /// Of a linear axis.
-    pub linear: Mm,
-    /// Of a rotary axis.
-    pub rotary: Rad,
-}
-
-impl WorstCorner {
-    /// The larger of each.
-    #[must_use]
-    pub fn max(self, other: Self) -> Self {
-        Self {
-            linear: Mm(self.linear.0.max(other.linear.0)),
-            rotary: Rad(self.rotary.0.max(other.rotary.0)),
-        }
-    }
-}
-
 /// A compiled machine with its thermal terms. Boxed, and handed to the cycle as a whole.
 #[derive(Clone)]
 pub struct Model {
@@ -83,6 +66,11 @@ pub struct Model {
     pub travel: Vec<[Displacement; 2]>,
     /// Whether a coordinate of the axis is brought into its travel by whole periods.
     goes_round: Vec<bool>,
+    /// Where something of the model may change abruptly or turn back: the nodes of its curves along each axis, mm and
+    /// rad.
+    nodes: Vec<Vec<f64>>,
+    /// Whether an error depends on the direction from which the axis came.
+    reverses: Vec<bool>,
     compiled: CompiledMachine,
     thermal: ThermalState,
 }
@@ -113,6 +101,8 @@ impl Model {
                 .iter()
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
+            nodes: largest_move::nodes(machine),
+            reverses: largest_move::reverses(machine),
             axes,
             compiled: machine.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
@@ -150,6 +140,13 @@ impl Model {
         self.thermal.step(dt_s, degc);
         self.thermal.apply(&mut self.compiled);
         self.thermal.is_degraded()
+    }
+
+    /// Goes on with the lags of the thermal terms of another model where the terms are driven by the same temperatures.
+    /// Allocates nothing.
+    pub fn carry_over(&mut self, from: &Self) {
+        self.thermal.carry_over(&from.thermal);
+        self.thermal.apply(&mut self.compiled);
     }
 
     /// Whether a curve is evaluated outside its range at a state.
@@ -258,18 +255,6 @@ impl Model {
         }
     }
 
-    /// The corners of the work space, mm and rad.
-    pub fn corners(&self) -> impl Iterator<Item = State> + '_ {
-        let count = self.axes.len().min(MAX_AXES);
-        (0..1_usize << count).map(move |corner| {
-            let mut state = State::default();
-            for (q, (axis, travel)) in state.q.iter_mut().zip(self.travel.iter().enumerate()) {
-                *q = travel[corner >> axis & 1].mm_or_rad();
-            }
-            state
-        })
-    }
-
     /// The machine as it is when temperatures (°C, by the name of the sensor) have been steady for long.
     #[must_use]
     pub fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
@@ -277,41 +262,6 @@ impl Model {
         let degc: Vec<Option<f64>> = self.sensors().iter().map(|name| degc(name)).collect();
         warm.step(0.0, &degc);
         warm
-    }
-
-    /// How far the correction at the worst corner moves when `other` takes the place of this model. `written` names the axes that each controller writes: which axes a correction
-    /// moves depends on them, so the correction of all axes and that of each controller are compared. Infinite where
-    /// the axes of the machines differ.
-    pub fn worst_corner<'a>(
-        &'a self,
-        other: &Self,
-        written: impl IntoIterator<Item = &'a [AxisName]>,
-    ) -> WorstCorner {
-        if self.axes != other.axes {
-            return WorstCorner {
-                linear: Mm(f64::INFINITY),
-                rotary: Rad(f64::INFINITY),
-            };
-        }
-        let mut worst = [0.0_f64; 2];
-        for names in written.into_iter().chain([&self.axes[..]]) {
-            let (before, after) = (self.correctors_among(names), other.correctors_among(names));
-            for state in self.corners().chain(other.corners()) {
-                let before = self.correction_of(&state, &before).delta;
-                let after = other.correction_of(&state, &after).delta;
-                for (index, name) in self.axes.iter().enumerate() {
-                    let moved = (after[index] - before[index]).abs();
-                    let kind = usize::from(name.is_rotary());
-                    worst[kind] =
-                        worst[kind].max(if moved.is_nan() { f64::INFINITY } else { moved });
-                }
-            }
-        }
-        let [linear, rotary] = worst;
-        WorstCorner {
-            linear: Mm(linear),
-            rotary: Rad(rotary),
-        }
     }
 }
 
@@ -345,13 +295,13 @@ mod tests {
             Model::new(&machine, Fading::default()).expect("compiles")
         };
         let (old, new) = (model(10.0), model(20.0));
-        let none = WorstCorner {
+        let none = LargestMove {
             linear: Mm(0.0),
             rotary: Rad(0.0),
         };
-        assert_eq!(old.worst_corner(&new, []), none);
+        assert_eq!(old.largest_move(&new, []), none);
         let warm = |model: &Model| model.warmed(|_| Some(25.0));
-        let WorstCorner { linear, rotary } = warm(&old).worst_corner(&warm(&new), []);
+        let LargestMove { linear, rotary } = warm(&old).largest_move(&warm(&new), []);
         assert!(
             (linear.0 - 0.05).abs() < 1e-5 && rotary == Rad(0.0),
             "{linear}"
@@ -369,9 +319,9 @@ mod tests {
             Model::new(&machine, Fading::default()).expect("compiles")
         };
         let (old, new) = (model(0.0), model(400.0));
-        assert!(old.worst_corner(&new, []).linear < Mm(0.02));
+        assert!(old.largest_move(&new, []).linear < Mm(0.02));
         let written = [AxisName::X, AxisName::Y, AxisName::Z];
-        let moved = old.worst_corner(&new, [&written[..]]).linear;
+        let moved = old.largest_move(&new, [&written[..]]).linear;
         assert!((moved - Mm(0.08)).abs() < Mm(1e-3), "{moved}");
     }
 }

@@ -28,6 +28,11 @@ impl Replacement {
         }
     }
 
+    /// Goes on with the lags of the model that it replaces. Allocates nothing.
+    pub(crate) fn carry_over(&mut self, from: &Self) {
+        self.model.carry_over(&from.model);
+    }
+
     /// Lets the thermal terms go on by `dt` with the temperatures of a cycle. Whether a term has to do without its
     /// sensor. Allocates nothing.
     pub(crate) fn warm(&mut self, dt: Duration, sensors: &[SensorReport; MAX_SENSORS]) -> bool {

@@ -275,3 +275,22 @@ fn every_axis_gets_its_own_correction() {
         assert!(largest > 0.005, "there is something to correct");
     }
 }
+
+/// The same machine file read again while the machine warms up. Before, the lags began anew: the correction of Z jumped by
+/// what had still to come.
+#[test]
+fn a_reload_keeps_the_lags() {
+    let mut bench = Bench::compensating();
+    let before = bench.run(Duration::from_secs(240)).wanted;
+    let fading = simulate::guard().fading;
+    let simulation = simulate::Simulation::new(volcomp_port::Clock::manual()).expect("built in");
+    let names = volcomp_port::Thermometer::names(&simulation.thermometer).to_vec();
+    let model = volcomp_runtime::Model::new(&simulation.model, fading).expect("built in");
+    let mut replacement = volcomp_runtime::Replacement::new(Box::new(model), &names);
+    assert_no_alloc::assert_no_alloc(|| bench.cycle.swap_model(&mut replacement));
+    let after = bench.step(PERIOD, None).wanted;
+    for (before, after) in before.iter().zip(&after) {
+        // The machine moves on by 4 mm.
+        assert!((after - before).abs() < 0.0015, "{before} to {after} mm");
+    }
+}

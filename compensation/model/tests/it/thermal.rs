@@ -158,3 +158,44 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     thermal.step(1.0, &warm);
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "back");
 }
+
+/// The machine file is read again in the middle of warming up. Before, every lag began anew, and the correction jumped
+/// to its final value.
+#[test]
+fn lags_are_carried_over_to_the_same_terms() {
+    let text = |um_per_k: f64, lag_s: f64, reference: f64| {
+        format!(
+            "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n[thermal]\nreference = {reference}\n[[thermal.drift]]\nerror = \"EZZ\"\nsensors = {{ bed = -1.0, spindle = 1.0 }}\num_per_k = {um_per_k}\nlag_s = {lag_s}\n"
+        )
+    };
+    let z_um = |text: &str, before: Option<&ThermalState>| {
+        let (machine, mut thermal) = state_of(text);
+        if let Some(before) = before {
+            thermal.carry_over(before);
+        } else {
+            thermal.step(1.0, &[Some(20.0), Some(20.0)]);
+            thermal.step(300.0, &[Some(20.0), Some(30.0)]);
+        }
+        let mut compiled = machine.compile(Tolerance::default()).expect("compiles");
+        thermal.apply(&mut compiled);
+        let z_mm = compiled.evaluate(&State::default()).position_mm[2];
+        (z_mm * 1e3, thermal)
+    };
+    let (warm, before) = z_um(&text(3.0, 600.0, 20.0), None);
+    // 30 µm at last; e^(-1/2) of it is still to come.
+    assert!(
+        (warm - 30.0 * (1.0 - (-0.5_f64).exp())).abs() < 0.01,
+        "{warm}"
+    );
+    let (same, _) = z_um(&text(3.0, 600.0, 20.0), Some(&before));
+    assert!((same - warm).abs() < 1e-9, "{same}");
+    // The lagged temperature is the same, whatever it moves and by how much.
+    let (twice, _) = z_um(&text(6.0, 600.0, 20.0), Some(&before));
+    assert!((twice - 2.0 * warm).abs() < 1e-9, "{twice}");
+    // A difference of two sensors does not know the reference.
+    let (other, _) = z_um(&text(3.0, 600.0, 22.0), Some(&before));
+    assert!((other - warm).abs() < 1e-9, "{other}");
+    // Another lag is another quantity: it begins anew.
+    let (anew, _) = z_um(&text(3.0, 60.0, 20.0), Some(&before));
+    assert!(anew.abs() < 1e-9, "{anew}");
+}

@@ -1,0 +1,410 @@
+//! How far the correction moves when another model takes over: over the corners, the middles and the nodes of the
+//! curves of the work space, from either direction of approach.
+
+use volcomp_kinematics::{Correctors, State};
+use volcomp_model::{
+    Machine,
+    curve::{ErrorCurve, Field},
+};
+use volcomp_vocabulary::{AxisName, Direction, Displacement, Mm, PerAxis, Rad};
+
+use super::Model;
+
+/// The largest number of states, each evaluated with both models, over which two models are compared.
+const STATES: usize = 5000;
+/// Places along each axis that are looked at besides the nodes of curves: a polynomial or a harmonic has none.
+const PLACES: usize = 25;
+/// The nodes of an axis at which the models differ most are looked at with the other axes at their ends, too.
+const BEST: usize = 20;
+
+/// How far the correction at the worst point of the work space moves when another model takes over. Infinite where the
+/// axes of the machines differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LargestMove {
+    /// Of a linear axis.
+    pub linear: Mm,
+    /// Of a rotary axis.
+    pub rotary: Rad,
+}
+
+impl LargestMove {
+    const NONE: Self = Self {
+        linear: Mm(0.0),
+        rotary: Rad(0.0),
+    };
+
+    /// The larger of each.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            linear: Mm(self.linear.0.max(other.linear.0)),
+            rotary: Rad(self.rotary.0.max(other.rotary.0)),
+        }
+    }
+}
+
+/// The places along each axis, mm and rad, at which a curve of a machine has a node.
+pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
+    let mut nodes = vec![Vec::new(); machine.axes().len()];
+    let mut add = |axis: usize, places: &[f64]| {
+        if let (Some(nodes), Some(joint)) = (nodes.get_mut(axis), machine.axes().get(axis)) {
+            let kind = joint.name.kind();
+            let place = |q: &f64| Displacement::from_coordinate(kind, *q).mm_or_rad();
+            nodes.extend(places.iter().map(place));
+        }
+    };
+    for (name, curve) in machine.errors() {
+        for field in curve.fields() {
+            match field {
+                Field::Curve(curve) => {
+                    if let Ok(axis) = machine.index_of(name.axis) {
+                        add(axis, &curve.breakpoints());
+                    }
+                }
+                Field::Grid(grid) => {
+                    for (axis, nodes) in grid.axes().into_iter().zip(grid.nodes()) {
+                        add(axis, nodes);
+                    }
+                }
+            }
+        }
+    }
+    nodes
+}
+
+/// Whether an error of each axis depends on the direction from which the axis came.
+pub(super) fn reverses(machine: &Machine) -> Vec<bool> {
+    let mut reverses = vec![false; machine.axes().len()];
+    for (name, curve) in machine.errors() {
+        if let Ok(axis) = machine.index_of(name.axis) {
+            reverses[axis] |= !matches!(curve, ErrorCurve::Single(_));
+        }
+    }
+    reverses
+}
+
+/// Two models, and the axes that correct with each.
+struct Pair<'a> {
+    models: [&'a Model; 2],
+    correctors: [Correctors; 2],
+    worst: LargestMove,
+    /// States that may still be looked at.
+    left: usize,
+}
+
+impl Pair<'_> {
+    /// The move at a state, mm and rad; the worst is kept.
+    fn look(&mut self, state: &State) -> LargestMove {
+        if self.left == 0 {
+            return LargestMove::NONE;
+        }
+        self.left -= 1;
+        let of = |place: usize| self.models[place].correction_of(state, &self.correctors[place]);
+        let [before, after] = [of(0).delta, of(1).delta];
+        let mut worst = [0.0_f64; 2];
+        for (index, name) in self.models[0].axes.iter().enumerate() {
+            let moved = (after[index] - before[index]).abs();
+            let worst = &mut worst[usize::from(name.is_rotary())];
+            *worst = worst.max(if moved.is_nan() { f64::INFINITY } else { moved });
+        }
+        let moved = LargestMove {
+            linear: Mm(worst[0]),
+            rotary: Rad(worst[1]),
+        };
+        self.worst = self.worst.max(moved);
+        moved
+    }
+
+    /// The move at a place from every direction of `directions`.
+    fn look_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
+        let moves = directions.iter().map(|approach| {
+            let state = State {
+                q: *q,
+                approach: *approach,
+            };
+            let moved = self.look(&state);
+            // One number to rank places by: a milliradian counts as much as a millimetre.
+            moved.linear.0 + moved.rotary.0
+        });
+        moves.fold(0.0, f64::max)
+    }
+}
+
+impl Model {
+    /// How far the correction moves at the worst point of the work space when `other` takes the place of this model:
+    /// at corners, middles, and along every axis at the nodes of the curves of both, from either direction of approach.
+    /// `written` names the axes that each controller writes: which axes a correction moves depends on them, so the
+    /// correction of all axes and that of each controller are compared. Infinite where the axes of the machines differ.
+    pub fn largest_move<'a>(
+        &'a self,
+        other: &Self,
+        written: impl IntoIterator<Item = &'a [AxisName]>,
+    ) -> LargestMove {
+        if self.axes != other.axes {
+            return LargestMove {
+                linear: Mm(f64::INFINITY),
+                rotary: Rad(f64::INFINITY),
+            };
+        }
+        let mut sets: Vec<&[AxisName]> = Vec::new();
+        for names in written.into_iter().chain([&self.axes[..]]) {
+            if !sets.contains(&names) {
+                sets.push(names);
+            }
+        }
+        let space = Space::of(self, other);
+        sets.iter().fold(LargestMove::NONE, |worst, names| {
+            let mut pair = Pair {
+                models: [self, other],
+                correctors: [self.correctors_among(names), other.correctors_among(names)],
+                worst,
+                left: STATES / sets.len(),
+            };
+            space.look(&mut pair);
+            pair.worst
+        })
+    }
+}
+
+/// The places of the work space of two models, mm and rad.
+struct Space {
+    /// Ends of travel and places between, of each axis.
+    ends: Vec<Vec<f64>>,
+    /// The middle of the travel of each axis.
+    middle: PerAxis<f64>,
+    /// Nodes of curves, and places at equal distances, of each axis.
+    places: Vec<Vec<f64>>,
+    /// The directions of approach that matter: of all axes the same, and of each axis that reverses the other one.
+    directions: Vec<PerAxis<Option<Direction>>>,
+}
+
+impl Space {
+    fn of(old: &Model, new: &Model) -> Self {
+        let mut space = Self {
+            ends: Vec::new(),
+            middle: PerAxis::default(),
+            places: Vec::new(),
+            directions: Vec::new(),
+        };
+        for axis in 0..old.axes.len() {
+            let mut ends = Vec::new();
+            let mut places = Vec::new();
+            for model in [old, new] {
+                let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
+                space.middle[axis] = f64::midpoint(low, high);
+                ends.extend([low, high]);
+                // The ends of ±360° are one pose, and so is the middle: an axis that turns is looked at in between.
+                let whole = if old.axes[axis].is_rotary() {
+                    (high - low).min(std::f64::consts::TAU)
+                } else {
+                    high - low
+                };
+                let at = |part: usize, of: usize| low + whole * part as f64 / of as f64;
+                places.extend((0..=PLACES).map(|part| at(part, PLACES)));
+                places.push(high);
+                places.extend(&model.nodes[axis]);
+            }
+            for list in [&mut ends, &mut places] {
+                list.sort_by(f64::total_cmp);
+                list.dedup();
+            }
+            space.ends.push(ends);
+            space.places.push(places);
+        }
+        space.directions = directions(old, new);
+        space
+    }
+
+    fn look(&self, pair: &mut Pair<'_>) {
+        let whole = pair.left;
+        // A third for the corners, a third for the lines, the rest for what the lines have found.
+        self.corners(pair, whole / 3);
+        let axes = self.places.len().max(1);
+        let both = &self.directions[..self.directions.len().min(2)];
+        let along = (whole / 3 / axes / both.len().max(1)).max(2);
+        for (axis, places) in self.places.iter().enumerate() {
+            let mut found: Vec<(f64, f64)> = thinned(places, along)
+                .map(|place| {
+                    let mut q = self.middle;
+                    q[axis] = place;
+                    (pair.look_from(&q, both), place)
+                })
+                .collect();
+            found.sort_by(|a, b| b.0.total_cmp(&a.0));
+            for (_, place) in found.into_iter().take(BEST) {
+                for mut q in self.diagonals() {
+                    q[axis] = place;
+                    pair.look_from(&q, both);
+                }
+            }
+        }
+    }
+
+    /// The corners of the work space and the middle, and where there is room the middles between corners, from every
+    /// direction.
+    fn corners(&self, pair: &mut Pair<'_>, at_most: usize) {
+        let with_middles: Vec<Vec<f64>> = (self.ends.iter().enumerate())
+            .map(|(axis, ends)| {
+                let mut all = ends.clone();
+                all.push(self.middle[axis]);
+                all
+            })
+            .collect();
+        let count = |grid: &[Vec<f64>]| {
+            let sizes = grid.iter().map(Vec::len);
+            sizes.fold(self.directions.len(), usize::saturating_mul)
+        };
+        let grid = if count(&with_middles) <= at_most {
+            &with_middles
+        } else {
+            &self.ends
+        };
+        pair.look_from(&self.middle, &self.directions);
+        let all = grid.iter().map(Vec::len).product::<usize>();
+        // Where even the corners are too many, as many of them as there is room for, evenly spread.
+        let step = (count(grid).div_ceil(at_most.max(1))).max(1) | 1;
+        for number in (0..all).step_by(step) {
+            let mut q = PerAxis::default();
+            let mut rest = number;
+            for (axis, places) in grid.iter().enumerate() {
+                q[axis] = places[rest % places.len()];
+                rest /= places.len();
+            }
+            pair.look_from(&q, &self.directions);
+        }
+    }
+
+    /// Four corners far from one another.
+    fn diagonals(&self) -> impl Iterator<Item = PerAxis<f64>> + '_ {
+        (0..4_usize).map(|number| {
+            let mut q = PerAxis::default();
+            for (axis, ends) in self.ends.iter().enumerate() {
+                let is_high = (number & 1 == 1) ^ (number & 2 == 2 && axis % 2 == 1);
+                q[axis] = if is_high {
+                    ends[ends.len() - 1]
+                } else {
+                    ends[0]
+                };
+            }
+            q
+        })
+    }
+}
+
+/// The directions of approach in which the two models may differ.
+fn directions(old: &Model, new: &Model) -> Vec<PerAxis<Option<Direction>>> {
+    let all = |direction| PerAxis::from_fn(|_| Some(direction));
+    let mut directions = vec![all(Direction::Positive)];
+    let reversing = (0..old.axes.len()).filter(|axis| old.reverses[*axis] || new.reverses[*axis]);
+    let reversing: Vec<usize> = reversing.collect();
+    if reversing.is_empty() {
+        return directions;
+    }
+    directions.push(all(Direction::Negative));
+    if reversing.len() > 1 {
+        for axis in reversing {
+            let mut one = all(Direction::Positive);
+            one[axis] = Some(Direction::Negative);
+            directions.push(one);
+        }
+    }
+    directions
+}
+
+/// At most so many of the places, evenly spread.
+fn thinned(places: &[f64], at_most: usize) -> impl Iterator<Item = f64> + '_ {
+    let step = places.len().div_ceil(at_most.max(1)).max(1);
+    places.iter().copied().step_by(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_model::Fading;
+
+    const SMALL: &str = "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n[errors]\n";
+    const TURNING: &str = "structure = \"w X' b Y Z C t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n[axes.C]\ntravel = [-360.0, 360.0]\n[errors]\n";
+
+    fn model(machine: &str, errors: &str) -> Model {
+        let machine = Machine::parse(&format!("{machine}{errors}"), "m");
+        let machine = machine.unwrap_or_else(|e| panic!("{e}"));
+        Model::new(&machine, Fading::default()).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// What moves between the corners, or from one direction only: before, all of it was 0 µm.
+    #[test]
+    fn what_corners_do_not_show_is_seen() {
+        let flat = model(SMALL, "EYX = 0.0\n");
+        for (errors, least_um) in [
+            (
+                "EYX = { table = [[0.0, 0.0], [400.0, 300.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
+                299.0,
+            ),
+            // A narrow belly at a node that no even division meets.
+            (
+                "EYX = { table = [[0.0, 0.0], [36.0, 0.0], [37.0, 300.0], [38.0, 0.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
+                299.0,
+            ),
+            // The lever of Z: 200 µrad at 100 mm over 250 mm of Z.
+            (
+                "EAX = { table = [[0.0, 0.0], [100.0, 200.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
+                25.0,
+            ),
+            (
+                "EXX = { mean = { poly = [0.0] }, reversal = 300.0 }\n",
+                149.0,
+            ),
+            (
+                "EYY = { forward = { poly = [0.0] }, backward = { poly = [80.0] } }\n",
+                79.0,
+            ),
+            (
+                "EYX = { fourier = [0.0, 0.0, 90.0], period = 800.0 }\n",
+                89.0,
+            ),
+            (
+                "EZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 200, 400], [0, 100, 250]], values = [[0, 0, 0], [0, 70, 0], [0, 0, 0]] } }\n",
+                35.0,
+            ),
+        ] {
+            let moved = flat.largest_move(&model(SMALL, errors), []);
+            let um = moved.linear.to_um().0;
+            assert!(um >= least_um, "{errors}: {um} µm");
+        }
+    }
+
+    /// ±360° and 0° are one pose.
+    #[test]
+    fn a_whole_turn_is_looked_at() {
+        let flat = model(TURNING, "EXC = 0.0\n");
+        let wobbles = model(
+            TURNING,
+            "EXC = { fourier = [-80.0, 80.0, 0.0], period = 360.0 }\n",
+        );
+        let um = flat.largest_move(&wobbles, []).linear.to_um().0;
+        assert!(um > 150.0, "{um} µm at 180 deg");
+    }
+
+    /// The work is bounded, however many nodes there are.
+    #[test]
+    fn the_number_of_states_is_bounded() {
+        let nodes: Vec<String> = (0..=800).map(|k| format!("[{}, {}]", k, k % 7)).collect();
+        let table = format!(
+            "EYX = {{ table = [{}], interpolation = \"linear\" }}\n",
+            nodes.join(", ")
+        );
+        let (old, new) = (model(SMALL, "EYX = 0.0\n"), model(SMALL, &table));
+        let mut pair = Pair {
+            models: [&old, &new],
+            correctors: [
+                old.correctors_among(&old.axes),
+                new.correctors_among(&new.axes),
+            ],
+            worst: LargestMove::NONE,
+            left: STATES,
+        };
+        Space::of(&old, &new).look(&mut pair);
+        assert!(pair.left > 0, "every part had room");
+        assert!(pair.worst.linear.0 > 0.005);
+    }
+}
