@@ -1,17 +1,19 @@
 //! Every world within bounds: two senders that may die and start again at any scan, read and send at any scan (also long
 //! after they read), frames that are lost, late, doubled and reordered, power-ups at any scan. The barrier and the senders are
-//! the real ones. What is equal up to the numbers that counters happen to have is visited once.
+//! the real ones. What is equal up to the numbers that counters happen to have is visited once. One or two ways lead to the
+//! control, and any frame may come on any of them.
 //!
 //! Taking away one of the three things that make a frame belong to now (owner, age, epoch kept over power-off) has to be found.
 
-use std::collections::{HashSet, VecDeque};
+use std::{
+    collections::{HashSet, VecDeque},
+    hash::{Hash, Hasher},
+};
 
 use volcomp_guard::barrier::{
-    Answered, Barrier, Counts, Frame, Memory, Refusal, Report, Seen, Session, Settings,
+    Answered, Barrier, Counts, FRAME_WORDS, Frame, Memory, Refusal, Report, Seen, Session, Settings,
 };
 use volcomp_guard::vocabulary::PerChannel;
-
-use super::words;
 
 /// What the channel holds of a frame, and what only an observer knows of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -37,7 +39,8 @@ struct World {
     first: u16,
     senders: [Option<Sender>; 2],
     air: Vec<Flying>,
-    mailbox: Option<Flying>,
+    /// What lies in each mailbox; only the first of them where there is one way.
+    mailboxes: [Option<Flying>; 2],
 }
 
 /// What is left out of the protocol.
@@ -65,6 +68,8 @@ struct Bounds {
     settings: Settings,
     /// Frames in the channel at once.
     air: usize,
+    /// Ways to the control, each with a mailbox of its own: any frame may come on any of them.
+    ways: usize,
     without: Without,
     most_worlds: usize,
 }
@@ -92,23 +97,28 @@ fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
         first: 0,
         senders: [None; 2],
         air: Vec::new(),
-        mailbox: None,
+        mailboxes: [None; 2],
     };
     let begin = canonical(begin, &settings);
-    let mut seen = HashSet::from([begin.clone()]);
-    let mut queue = VecDeque::from([begin]);
+    let mut seen = HashSet::from([print_of(Turn::Control, &begin)]);
+    let mut queue = VecDeque::from([(Turn::Control, begin)]);
     let mut found = HashSet::new();
-    let mut complete = true;
-    while let Some(world) = queue.pop_front() {
-        successors(&world, bounds, &mut |next, violation| {
+    let (mut complete, mut worlds) = (true, 1);
+    while let Some((turn, world)) = queue.pop_front() {
+        let then = turn.next();
+        successors(turn, &world, bounds, &mut |next, violation| {
             found.extend(violation);
-            let next = canonical(next, &settings);
-            if !seen.contains(&next) {
-                seen.insert(next.clone());
-                queue.push_back(next);
+            let next = if then == Turn::Control {
+                canonical(next, &settings)
+            } else {
+                next
+            };
+            if seen.insert(print_of(then, &next)) {
+                worlds += usize::from(then == Turn::Control);
+                queue.push_back((then, next));
             }
         });
-        if seen.len() > bounds.most_worlds {
+        if worlds > bounds.most_worlds {
             complete = false;
             break;
         }
@@ -118,32 +128,113 @@ fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
     }
     let mut found: Vec<_> = found.into_iter().collect();
     found.sort_unstable();
-    (seen.len(), complete, found)
+    (worlds, complete, found)
 }
 
-fn successors(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
+/// Whose turn it is. One after the other, so that what one does is not looked at again for each thing that another does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Turn {
+    Control,
+    One,
+    Other,
+    /// The channel delivers, and the control scans.
+    Channel,
+}
+
+impl Turn {
+    fn next(self) -> Self {
+        match self {
+            Self::Control => Self::One,
+            Self::One => Self::Other,
+            Self::Other => Self::Channel,
+            Self::Channel => Self::Control,
+        }
+    }
+}
+
+/// 128 bits that stand for a world, so that millions of them find room. Were they drawn at random, two of ten million worlds
+/// would have the same with a chance of 1e-25.
+struct Print(u128);
+
+impl Hasher for Print {
+    fn write(&mut self, bytes: &[u8]) {
+        for eight in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..eight.len()].copy_from_slice(eight);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u8(&mut self, number: u8) {
+        self.write_u64(number.into());
+    }
+
+    fn write_u16(&mut self, number: u16) {
+        self.write_u64(number.into());
+    }
+
+    fn write_u32(&mut self, number: u32) {
+        self.write_u64(number.into());
+    }
+
+    fn write_u64(&mut self, number: u64) {
+        let mixed =
+            (self.0 ^ u128::from(number)).wrapping_mul(0x2d35_8dcc_aa6c_78a5_8bb8_4b93_962e_acc9);
+        self.0 = mixed ^ (mixed >> 71) ^ 0x9e37_79b9_7f4a_7c15;
+    }
+
+    fn finish(&self) -> u64 {
+        let low = self.0 & u128::from(u64::MAX);
+        u64::try_from(low ^ (self.0 >> 64)).expect("the upper half is gone")
+    }
+}
+
+fn print_of(turn: Turn, world: &World) -> u128 {
+    let mut print = Print(0x1234_5678_9abc_def1);
+    (turn, world).hash(&mut print);
+    print.0
+}
+
+fn successors(
+    turn: Turn,
+    world: &World,
+    bounds: &Bounds,
+    tell: &mut impl FnMut(World, Option<Violation>),
+) {
+    match turn {
+        Turn::Control => {
+            tell(world.clone(), None);
+            for tick in [0, -1, 9] {
+                let mut next = world.clone();
+                start_anew(&mut next, tick, bounds);
+                tell(next, None);
+            }
+        }
+        Turn::One => acts(0, world, bounds, tell),
+        Turn::Other => acts(1, world, bounds, tell),
+        Turn::Channel => deliver(world, bounds, tell),
+    }
+}
+
+fn acts(
+    place: usize,
+    world: &World,
+    bounds: &Bounds,
+    tell: &mut impl FnMut(World, Option<Violation>),
+) {
     use Does::{Dies, Nothing, Reads, ReadsAndSends, Sends, Starts};
-    let choices = |place: usize| match &world.senders[place] {
+    let choices = match &world.senders[place] {
         None => &[Nothing, Starts][..],
         Some(Sender { knows: None, .. }) => &[Nothing, Dies, Reads, ReadsAndSends][..],
         Some(_) => &[Nothing, Dies, Reads, Sends, ReadsAndSends][..],
     };
-    for one in choices(0) {
-        for two in choices(1) {
-            for power_up in [None, Some(0), Some(-1_i16), Some(9)] {
-                let mut next = world.clone();
-                if let Some(tick) = power_up {
-                    start_anew(&mut next, tick, bounds);
-                }
-                act(&mut next, 0, *one, bounds);
-                act(&mut next, 1, *two, bounds);
-                next.air.sort_unstable();
-                next.air.dedup();
-                if next.air.len() > bounds.air {
-                    continue;
-                }
-                deliver(&next, bounds, tell);
-            }
+    for does in choices {
+        let mut next = world.clone();
+        act(&mut next, place, *does, bounds);
+        next.air.sort_unstable();
+        next.air.dedup();
+        if next.air.len() <= bounds.air {
+            tell(next, None);
         }
     }
 }
@@ -164,7 +255,11 @@ fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
 
 fn epoch_began(world: &mut World) {
     world.first = 0;
-    for flying in world.air.iter_mut().chain(&mut world.mailbox) {
+    for flying in world
+        .air
+        .iter_mut()
+        .chain(world.mailboxes.iter_mut().flatten())
+    {
         flying.stale = true;
     }
     for (_, stale) in world
@@ -228,7 +323,7 @@ fn owners(world: &World) -> HashSet<u16> {
     let flying = world
         .air
         .iter()
-        .chain(&world.mailbox)
+        .chain(world.mailboxes.iter().flatten())
         .map(|f| f.frame.owner);
     let senders = world.senders.iter().flatten().map(|s| s.session.owner);
     flying
@@ -241,13 +336,17 @@ fn owners(world: &World) -> HashSet<u16> {
 fn deliver(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
     scan(world.clone(), bounds, tell);
     for at in 0..world.air.len() {
-        let mut next = world.clone();
-        next.mailbox = Some(next.air[at]);
-        scan(next.clone(), bounds, tell);
-        next.air.remove(at);
-        scan(next.clone(), bounds, tell);
-        next.mailbox = world.mailbox;
-        scan(next, bounds, tell);
+        let mut without = world.clone();
+        let arrives = without.air.remove(at);
+        for way in 0..bounds.ways {
+            let mut next = world.clone();
+            next.mailboxes[way] = Some(arrives);
+            scan(next, bounds, tell);
+            let mut next = without.clone();
+            next.mailboxes[way] = Some(arrives);
+            scan(next, bounds, tell);
+        }
+        scan(without, bounds, tell);
     }
 }
 
@@ -257,23 +356,36 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     if bounds.without == Without::Owner {
         before.owner = 0;
     }
-    let mut barrier = Barrier::resume(*settings, before).expect("settings that make sense");
-    let held = world.mailbox.map(|flying| {
-        let tick = before.tick.wrapping_add(1);
-        let frame = match bounds.without {
-            Without::Age => Frame {
-                tick,
-                ..flying.frame
-            },
-            _ => flying.frame,
-        };
-        words(settings, &frame)
+    let start = || Barrier::resume(*settings, before).expect("settings that make sense");
+    let held = world.mailboxes.map(|place| {
+        place.map(|flying| {
+            let tick = before.tick.wrapping_add(1);
+            let frame = match bounds.without {
+                Without::Age => Frame {
+                    tick,
+                    ..flying.frame
+                },
+                _ => flying.frame,
+            };
+            let mut words = [0; FRAME_WORDS];
+            let count = frame.encode(settings, &mut words);
+            (words, count)
+        })
     });
-    match &held {
-        Some(words) => barrier.scan(&[words], false),
-        None => barrier.scan(&[], false),
-    };
+    let mailboxes = held.each_ref().map(|held| {
+        held.as_ref()
+            .map_or(&[][..], |(words, count)| &words[..*count])
+    });
+    let mut barrier = start();
+    barrier.scan(&mailboxes[..bounds.ways], false);
     let after = barrier.memory();
+    // Which of them were taken: the second one may be besides the first.
+    let mut first_alone = start();
+    first_alone.scan(&mailboxes[..1], false);
+    let first_alone = first_alone.memory();
+    let one = first_alone.silent == 0;
+    let again = one && (after.owner, after.sequence) == (first_alone.owner, first_alone.sequence);
+    let two = after.silent == 0 && !again;
     let mut violation = None;
     for (axis, limit) in settings.limit.iter().enumerate().take(settings.axes) {
         let moved = (after.applied[axis] - before.applied[axis]).abs();
@@ -281,9 +393,10 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
             violation = Some(Violation::Step);
         }
     }
-    if after.silent == 0
-        && let Some(taken) = world.mailbox
-    {
+    for (taken, is_taken) in world.mailboxes.iter().zip([one, two]) {
+        let Some(taken) = taken.filter(|_| is_taken) else {
+            continue;
+        };
         let owner = taken.frame.owner;
         if taken.stale {
             violation = Some(Violation::Stale);
@@ -298,7 +411,11 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     if after.epoch != before.epoch {
         epoch_began(&mut world);
     }
-    for flying in world.air.iter_mut().chain(&mut world.mailbox) {
+    for flying in world
+        .air
+        .iter_mut()
+        .chain(world.mailboxes.iter_mut().flatten())
+    {
         flying.age = flying.age.saturating_add(1);
     }
     for (age, _) in world
@@ -331,7 +448,11 @@ fn canonical(mut world: World, settings: &Settings) -> World {
         1000_u16.wrapping_add_signed(ahead.clamp(-3, 3))
     };
     let bound = u8::try_from(oldest).expect("small bounds");
-    for flying in world.air.iter_mut().chain(&mut world.mailbox) {
+    for flying in world
+        .air
+        .iter_mut()
+        .chain(world.mailboxes.iter_mut().flatten())
+    {
         let frame = &mut flying.frame;
         frame.epoch = epochs(frame.epoch);
         frame.tick = ticks(frame.tick);
@@ -376,7 +497,7 @@ fn renumber_owners(world: &mut World) {
     for sender in world.senders.iter_mut().flatten() {
         rename(&mut sender.session.owner);
     }
-    if let Some(flying) = &mut world.mailbox {
+    for flying in world.mailboxes.iter_mut().flatten() {
         rename(&mut flying.frame.owner);
     }
     // Sorted by what is no name, so that the names do not depend on the names before.
@@ -407,18 +528,31 @@ fn small(hold_scans: u16, time_out_scans: u16) -> Settings {
     }
 }
 
+/// Hold and time-out in scans, frames in the channel, ways to the control.
+type Size = (u16, u16, usize, usize);
+
+/// In every run of the tests.
+const SMALL: [Size; 2] = [(1, 2, 1, 1), (2, 4, 1, 1)];
+/// With the variable `VOLCOMP_EXPLORE` set, some minutes each.
+const LARGE: [Size; 4] = [(1, 2, 2, 1), (1, 2, 1, 2), (2, 4, 2, 1), (2, 4, 1, 2)];
+
 #[test]
 fn no_world_within_bounds_takes_a_stale_or_foreign_frame() {
-    let bounds = Bounds {
-        settings: small(1, 2),
-        air: 1,
-        without: Without::Nothing,
-        most_worlds: 3_000_000,
-    };
-    let (worlds, complete, found) = explore(&bounds);
-    eprintln!("{worlds} worlds");
-    assert_eq!(found, []);
-    assert!(complete, "bound of worlds reached");
+    let large = std::env::var_os("VOLCOMP_EXPLORE").is_some();
+    let sizes = SMALL.iter().chain(LARGE.iter().filter(|_| large));
+    for size @ (hold, time_out, air, ways) in sizes.copied() {
+        let bounds = Bounds {
+            settings: small(hold, time_out),
+            air,
+            ways,
+            without: Without::Nothing,
+            most_worlds: 20_000_000,
+        };
+        let (worlds, complete, found) = explore(&bounds);
+        eprintln!("{size:?}: {worlds} worlds");
+        assert_eq!(found, []);
+        assert!(complete, "bound of worlds reached");
+    }
 }
 
 #[test]
@@ -431,6 +565,7 @@ fn each_part_of_the_protocol_is_needed() {
         let bounds = Bounds {
             settings: small(1, 2),
             air: 1,
+            ways: 1,
             without,
             most_worlds: 1_000_000,
         };
