@@ -10,12 +10,13 @@ use volcomp_devices::{
     thermometer, thermometer_names,
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
-use volcomp_focas::{BarrierArea, FocasConfig, FocasController};
+use volcomp_focas::{BarrierArea, FocasConfig, FocasController, ShiftSource, inspect};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
+use crate::documents::OnlinePlan;
 
 /// A bridge on CAN tells what is applied in messages of its own. One that is older than this is not believed …
 const CAN_READ_BACK_WITHIN: Duration = Duration::from_millis(60);
@@ -97,6 +98,29 @@ impl ControllerDevice {
             }
             Kind::Lines(lines) => Box::new(lines.on(digital_modules(&self.address)?)?),
         })
+    }
+
+    /// Asks a control what it tells about itself, and compares that with the configuration; `None` where its bus has
+    /// nothing to compare. Nothing is written.
+    ///
+    /// # Errors
+    /// A control that cannot be reached, or that contradicts the configuration.
+    pub fn online(&self) -> Result<Option<OnlinePlan>, DeviceError> {
+        let Kind::Focas(config) = &self.kind else {
+            return Ok(None);
+        };
+        let found = inspect(config).map_err(|error| error.of(config.device()))?;
+        let (shift_in_use, shift_words) = match found.shift_source {
+            ShiftSource::Told { in_use, first } => (Some(in_use), Some(first)),
+            ShiftSource::Untold { .. } => (None, None),
+        };
+        Ok(Some(OnlinePlan {
+            url: self.address.text.clone(),
+            axes: found.axes.iter().map(char::to_string).collect(),
+            shift_in_use,
+            shift_words,
+            notes: found.notes,
+        }))
     }
 
     /// The settings of the path besides those of its driver, for cycles of this length.

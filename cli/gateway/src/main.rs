@@ -19,7 +19,8 @@ const EXAMPLES: &str = "Examples:
   volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration";
 const CHECK_EXAMPLES: &str = "Examples:
   volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
-  volcomp-gateway check gateway.toml --json | jq .notes";
+  volcomp-gateway check gateway.toml --json | jq .notes
+  volcomp-gateway check gateway.toml --online         compares with what the controls tell, too";
 const STATUS_EXAMPLES: &str = "Examples:
   volcomp-gateway status                              the gateway on http://127.0.0.1:8080
   volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json";
@@ -86,6 +87,9 @@ enum Command {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
+        /// Connect to the FANUC controls, too, and compare their axes and parameters; nothing is written to them
+        #[arg(long)]
+        online: bool,
     },
     /// Print the state of a running gateway
     #[command(after_help = STATUS_EXAMPLES)]
@@ -162,12 +166,21 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                 simulated_cycle: options.cycle_ms,
             })
         }
-        Some(Command::Check { config, json }) => {
+        Some(Command::Check {
+            config,
+            json,
+            online,
+        }) => {
             let plan = Plan::new(Config::read(&config)?)?;
-            print(&if json {
-                document(&plan.document())?
+            let found = if online {
+                plan.online()?
             } else {
-                plan.text()
+                plan.document()
+            };
+            print(&if json {
+                document(&found)?
+            } else {
+                plan.text_of(&found)
             })
         }
         Some(Command::Status {

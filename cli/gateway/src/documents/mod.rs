@@ -16,7 +16,7 @@ pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use plan::{
     AuditPlan, AxisPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
-    PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+    OnlinePlan, PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,

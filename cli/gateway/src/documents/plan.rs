@@ -75,6 +75,27 @@ pub struct PlanDocument {
     pub dashboard: DashboardPlan,
     /// Where the audit log is kept.
     pub audit: AuditPlan,
+    /// What the controls told when they were asked (`--online`), in the order of the configuration; only those are listed
+    /// whose bus has something to compare. Missing where nobody asked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub online: Option<Vec<OnlinePlan>>,
+}
+
+/// What a control told about itself when it was asked.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct OnlinePlan {
+    /// The URL of the control.
+    pub url: String,
+    /// The letters of the control's axes.
+    pub axes: Vec<String>,
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: the control does not
+    /// tell.
+    pub shift_in_use: Option<bool>,
+    /// The first R address of the words from which the control takes the shifts of its axes (parameter 1280); null: the
+    /// control does not tell.
+    pub shift_words: Option<u32>,
+    /// What deserves to be known and forbids nothing, in words.
+    pub notes: Vec<String>,
 }
 
 /// The machine of a plan.

@@ -62,6 +62,7 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
         audit: AuditPlan {
             dir: stated(config, "audit.dir", config.audit_dir.display().to_string()),
         },
+        online: None,
     }
 }
 

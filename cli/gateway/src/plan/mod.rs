@@ -164,9 +164,32 @@ impl Plan {
         describe::document(self)
     }
 
+    /// The plan with what the controls tell about themselves when they are asked. Nothing is written to them.
+    ///
+    /// # Errors
+    /// A control that cannot be reached, or that contradicts the configuration.
+    pub fn online(&self) -> Result<PlanDocument, GatewayError> {
+        let controllers = match &self.devices {
+            Devices::Configured { controllers, .. } => &controllers[..],
+            Devices::Simulated(_) => &[],
+        };
+        let told = controllers.iter().map(ControllerDevice::online);
+        let told = told.collect::<Result<Vec<_>, _>>();
+        let told = told.map_err(GatewayError::Device)?;
+        Ok(PlanDocument {
+            online: Some(told.into_iter().flatten().collect()),
+            ..self.document()
+        })
+    }
+
     /// The plan as `check` prints it.
     pub fn text(&self) -> String {
-        text::text(&self.document(), &self.config)
+        self.text_of(&self.document())
+    }
+
+    /// A document of this plan as `check` prints it.
+    pub fn text_of(&self, document: &PlanDocument) -> String {
+        text::text(document, &self.config)
     }
 }
 

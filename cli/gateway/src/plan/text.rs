@@ -58,6 +58,19 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
         lines.plain(&format!("  token {}", token.name), &token.role);
     }
     lines.stated("audit log", &plan.audit.dir, Clone::clone);
+    for control in plan.online.iter().flatten() {
+        lines.plain("control", &control.url);
+        lines.plain("  axes", &control.axes.join(" "));
+        let words = match (control.shift_in_use, control.shift_words) {
+            (Some(true), Some(first)) => format!("from R{first} on (parameter 1280)"),
+            (Some(false), _) => "not in use (parameter 1203#0)".to_owned(),
+            _ => "not told".to_owned(),
+        };
+        lines.plain("  shift words", &words);
+        for note in &control.notes {
+            lines.note(note);
+        }
+    }
     for note in &plan.notes {
         lines.note(note);
     }

@@ -32,7 +32,7 @@ fn shipped_schemas_are_those_of_the_structs() {
     }
 }
 
-fn validate(name: &str, document: &Value) {
+pub(crate) fn validate(name: &str, document: &Value) {
     let text = std::fs::read_to_string(folder().join(name)).expect("shipped");
     let schema: Value = serde_json::from_str(&text).expect("JSON");
     let validator = jsonschema::validator_for(&schema).unwrap_or_else(|e| panic!("{name}: {e}"));

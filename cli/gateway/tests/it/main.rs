@@ -17,6 +17,7 @@ mod fuzz_corpus;
 mod http;
 mod hung_disk;
 mod keys;
+mod online;
 mod process;
 mod program;
 mod records;
