@@ -108,6 +108,43 @@ fn frames_go_and_reports_come() {
     assert_eq!(bus.sent(), []);
 }
 
+/// Reading, posting and applying allocate nothing.
+#[test]
+fn a_cycle_allocates_nothing() {
+    let (bus, plain_bus) = (Bus::default(), Bus::default());
+    let barrier = config(BARRIER_DBC, &XYZ);
+    let plain = config(volcomp_can::SHIPPED_DBC, &XYZ);
+    let mut posting = CanController::new(bus.clone(), &barrier).unwrap();
+    let mut applying = CanController::new(plain_bus.clone(), &plain).unwrap();
+    for counter in 0..16 {
+        let z = |table: &SignalTable, name| frame_of(table, name, &[], counter);
+        for name in ["POSITION_XY", "POSITION_Z", "STATE"] {
+            bus.comes(z(&barrier.table, name));
+        }
+        for frame in report_of(&barrier.table, words(7, 19).as_slice(), counter) {
+            bus.comes(frame);
+        }
+        for name in ["POSITION_XY", "POSITION_ZC", "STATE"] {
+            plain_bus.comes(z(&plain.table, name));
+        }
+    }
+    for bus in [&bus, &plain_bus] {
+        bus.inside().sent.reserve(100);
+    }
+    let frame = words(3, 9);
+    assert_no_alloc::assert_no_alloc(|| {
+        for _ in 0..10 {
+            let snapshot = posting.read(soon()).unwrap();
+            assert!(snapshot.report.is_some());
+            posting.post(&frame, soon()).unwrap();
+            let snapshot = applying.read(soon()).unwrap();
+            assert!(snapshot.applied.is_some());
+            applying.apply(&PerChannel([0.01; 9]), soon()).unwrap();
+        }
+    });
+    assert_eq!((bus.sent().len(), plain_bus.sent().len()), (30, 10));
+}
+
 /// Two axes in FD frames, high byte first, with counters and checksums, the words of a frame in two messages of which the
 /// second has the lower identifier: the one with the last word goes last.
 #[test]

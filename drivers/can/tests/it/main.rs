@@ -21,6 +21,10 @@ use std::{
 use volcomp_can::{CanPort, Frame, Received, SHIPPED_DBC, SignalTable};
 use volcomp_port::Fault;
 
+/// Allocating or freeing where a cycle calls ends the test.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
+
 /// A bus in memory: what will be received, what was sent, and whether it is there.
 #[derive(Clone, Default)]
 pub(crate) struct Bus(Arc<Mutex<Inside>>);
