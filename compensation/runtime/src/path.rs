@@ -221,6 +221,7 @@ impl ControlPath {
         now: Duration,
     ) -> bool {
         let limits = self.limits();
+        let begun = Instant::now();
         let sent = if self.read_back.known().scheme == volcomp_guard::Scheme::Barrier {
             let mut words = [0; FRAME_WORDS];
             let frame = self
@@ -234,6 +235,8 @@ impl ControlPath {
         } else {
             self.controller.apply(correction, deadline)
         };
+        // A slow control has it only when it has answered.
+        let now = now + begun.elapsed();
         self.sent = Some(now);
         self.read_back.sent(now, correction, sent.is_ok());
         sent.is_ok()
