@@ -455,6 +455,11 @@ impl Guard {
                     self.shift = goal;
                     self.vector.begin_line(&goal);
                 }
+                // A shift of some steps is no ramp of a correction: it takes the fewest cycles.
+                let limits = Limits {
+                    ramp: Duration::ZERO,
+                    ..limits
+                };
                 self.vector.advance_line(&limits, dt_s);
                 Reasons::NONE
             }
