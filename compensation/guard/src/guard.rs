@@ -188,7 +188,11 @@ impl Guard {
         }
         self.allow(&inputs, before);
         let resumes = self.stood && !facts.interlocked;
-        if self.state != before || changed || resumes || facts.begins_anew() {
+        // What has been ramped to is followed without another ramp.
+        let arrived = (before, self.state)
+            == (State::Arming(Phase::Ramping), State::Compensating);
+        let enters = self.state != before && !arrived;
+        if enters || changed || resumes || facts.begins_anew() {
             self.begin();
             self.stood = false;
         }

@@ -93,9 +93,17 @@ fn by_axes(
     })
 }
 
-/// A limit that is no whole number of steps.
+/// A limit that is lowered since there is no barrier, or is no whole number of steps.
 fn limit(axis: &AxisPlan) -> Option<String> {
     let asked = axis.limit.asked?;
+    if asked - axis.limit.value >= axis.resolution.value {
+        return Some(format!(
+            "without a barrier in the control corrections go up to {} {unit}, not {asked} {unit}: a late write or a wrong reading may make a step as large as that (limit_without_barrier_{})",
+            axis.limit.value,
+            if axis.unit == "µm" { "um" } else { "urad" },
+            unit = axis.unit
+        ));
+    }
     Some(format!(
         "the limit {asked} {unit} is no whole number of steps of {} {unit}: corrections go up to {} {unit}",
         axis.resolution.value,

@@ -27,6 +27,7 @@ cycle_ms = 4.0
 {more}
 [guard]
 limit_um = 150.0
+limit_without_barrier_um = 150.0
 slew_um_per_s = 500.0
 hold_ms = 200
 zero_after_ms = 3000

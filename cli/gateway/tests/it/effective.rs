@@ -15,6 +15,7 @@ const TEXT: &str = r#"machine = "machine.toml"
 cycle_ms = 40.0
 [guard]
 limit_um = 100.5
+limit_without_barrier_um = 150.0
 slew_um_per_s = 500.0
 hold_ms = 50
 zero_after_ms = 500
@@ -139,4 +140,17 @@ fn what_holds_as_it_is_asked_is_not_told_twice() {
         ["no token: nobody can arm over HTTP"]
     );
     assert!(!plan.text().contains("asked"), "{}", plan.text());
+}
+
+/// A path without a barrier is limited to 30 µm unless the configuration says otherwise in so many words.
+#[test]
+fn without_a_barrier_a_smaller_limit_holds() {
+    let plan = plan(&TEXT.replace("limit_without_barrier_um = 150.0\n", ""));
+    assert!((plan.limits()[0].axes[0].limit - 0.030).abs() < 1e-12);
+    let document = plan.document();
+    let told = |note: &String| {
+        note.contains("corrections go up to 30 µm, not 100.5 µm")
+            && note.contains("limit_without_barrier_um")
+    };
+    assert!(document.notes.iter().any(told), "{:?}", document.notes);
 }

@@ -36,6 +36,8 @@ machine = "machine.toml"
 cycle_ms = 4.0
 [guard]
 limit_um = 150.0
+limit_without_barrier_um = 150.0
+limit_without_barrier_urad = 2000.0
 slew_um_per_s = 500.0
 limit_urad = 200.0
 slew_urad_per_s = 500.0
@@ -76,7 +78,7 @@ token_file = "tokens"
         state["machine"]["axes"],
         serde_json::json!(["X", "Y", "Z", "B", "C"])
     );
-    assert_eq!(program.post("/api/arm", "").status, 200);
+    assert_eq!(program.arm().status, 200);
     let armed = program.wait_for("compensating");
     assert!(
         length(&armed["residual_um"]) < 0.2 * length(&armed["error_um"]),

@@ -165,6 +165,13 @@ impl Program {
         self.request("POST", path, Some(OPERATE), body)
     }
 
+    /// Arms it, once it has watched the control for long enough.
+    pub(crate) fn arm(&self) -> Answer {
+        self.wait(|state| !state["reasons"].to_string().contains("watching"))
+            .unwrap_or_else(|state| panic!("it watches for ever: {state}"));
+        self.post("/api/arm", "")
+    }
+
     pub(crate) fn state(&self) -> Value {
         self.get("/api/state").json()
     }

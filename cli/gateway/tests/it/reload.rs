@@ -26,8 +26,10 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let config = configuration(dir.path(), &control, "auto_arm = true");
     let machine = dir.path().join("machine.toml");
     let program = Program::start(dir.path(), &["--config", path(&config)]);
-    let before = program.wait_for("compensating");
-    assert_eq!(before["correction_um"]["Y"], -20.0);
+    program.wait_for("compensating");
+    program
+        .wait(|state| state["correction_um"]["Y"] == -20.0)
+        .expect("what is applied follows");
     // 5 um at every corner: nobody is asked.
     change(&machine, "EYX = 20.0", "EYX = 25.0");
     program.signal("HUP");
@@ -104,7 +106,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let says = |answer: &serde_json::Value| says(answer, told);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
-    let armed = program.post("/api/arm", "");
+    let armed = program.arm();
     assert!(armed.status == 200 && says(&armed.json()), "{}", armed.body);
     assert!(says(&program.wait_for("compensating")));
     change(&machine, "travel = [250.0, 0.0]", "travel = [0.0, 250.0]");
@@ -137,7 +139,7 @@ fn another_machines_file_is_not_armed_unasked() {
         program
             .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
             .expect("it runs");
-        assert_eq!(program.post("/api/arm", "").status, 200);
+        assert_eq!(program.arm().status, 200);
         program.signal("TERM");
         assert_eq!(program.end(), Some(0));
     }

@@ -43,7 +43,7 @@ fn a_persons_disarming_outlives_a_restart() {
     assert_eq!(program.state()["state"], "disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
     // Armed by a person again it arms by itself after the next restart.
-    assert_eq!(program.post("/api/arm", "").status, 200);
+    assert_eq!(program.arm().status, 200);
     program.wait_for("compensating");
     program
         .wait(|state| !says(state, "disarmed by a person"))
@@ -71,7 +71,7 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     program
         .wait(|state| state["positions_mm"]["X"].as_f64() > begun)
         .expect("X moves");
-    assert_eq!(program.post("/api/arm", "").status, 200);
+    assert_eq!(program.arm().status, 200);
     program.wait_for("faulted");
     std::thread::sleep(Duration::from_millis(300));
     program.running.kill();
@@ -96,6 +96,6 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     program
         .wait(|state| state["state"] != "faulted")
         .expect("past");
-    assert_eq!(program.post("/api/arm", "").status, 200);
+    assert_eq!(program.arm().status, 200);
     program.wait_for("compensating");
 }

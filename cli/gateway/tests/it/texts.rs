@@ -56,6 +56,7 @@ fn check_says_what_would_be_corrected() {
     let text = r#"machine = "machine.toml"
 [guard]
 limit_um = 150.0
+limit_without_barrier_um = 150.0
 slew_um_per_s = 500.0
 hold_ms = 50
 zero_after_ms = 500

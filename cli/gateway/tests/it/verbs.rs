@@ -82,7 +82,7 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
     if setting == Disarmed {
         return (control, program);
     }
-    let armed = program.post("/api/arm", "");
+    let armed = program.arm();
     assert_eq!(armed.status, 200, "{setting:?}: {}", armed.body);
     match setting {
         Disarmed | Arming => {}
