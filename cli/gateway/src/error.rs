@@ -229,6 +229,12 @@ pub enum GatewayError {
         /// The reason why the answer cannot be used.
         what: String,
     },
+    /// The settings of the barrier in the control of the built-in machine.
+    #[error("built-in barrier: {source}")]
+    BuiltInBarrier {
+        /// The setting that makes no sense.
+        source: volcomp_guard::barrier::SettingsError,
+    },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
@@ -373,7 +379,8 @@ impl GatewayError {
             | Self::AuditAccess { .. }
             | Self::PositionUnknown { .. }
             | Self::Reload(_)
-            | Self::Read { .. } => 2,
+            | Self::Read { .. }
+            | Self::BuiltInBarrier { .. } => 2,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
+use volcomp_guard::barrier::{Program, Protection, SettingsError};
 use volcomp_kinematics::{
     Form, State,
     nalgebra::{Matrix6, Vector3, Vector6},
@@ -124,12 +125,41 @@ fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
     })
 }
 
+/// A machine that was started, and what a test may do to it.
+type Started = (SimulatedController, SimulatedThermometer, Arc<Controls>);
+
+/// The settings of the barrier in the control of the built-in machine: a scan takes 2 ms, rates and limits fit those of
+/// [`guard`].
+pub fn protection() -> Protection {
+    Protection::default()
+}
+
 impl Simulation {
-    /// A machine whose time is `clock`.
+    /// A machine whose time is `clock`, and whose control has no barrier: corrections are plain values, as published.
     ///
     /// # Errors
     /// None: the files are built in.
     pub fn new(clock: Clock) -> Result<Self, GatewayError> {
+        Self::started(clock, |machine| Ok(machine.start()))
+    }
+
+    /// A machine whose time is `clock`, and whose control runs the reference barrier with the settings of
+    /// [`protection`].
+    ///
+    /// # Errors
+    /// None: files and settings are built in.
+    pub fn with_barrier(clock: Clock) -> Result<Self, GatewayError> {
+        let protection = protection();
+        Self::started(clock, |machine| {
+            let program = Program::new(protection.settings(&machine.axes)?)?;
+            Ok(machine.start_with(Box::new(program), protection.scan))
+        })
+    }
+
+    fn started(
+        clock: Clock,
+        start: impl FnOnce(simulated::Machine) -> Result<Started, SettingsError>,
+    ) -> Result<Self, GatewayError> {
         let model = Machine::parse(MODEL, "built-in machine.toml")?;
         let truth_machine = Machine::parse(TRUTH, "built-in truth.toml")?;
         let sensors = warming();
@@ -156,7 +186,8 @@ impl Simulation {
             }),
             clock,
         };
-        let (controller, thermometer, controls) = machine.start();
+        let (controller, thermometer, controls) =
+            start(machine).map_err(|source| GatewayError::BuiltInBarrier { source })?;
         Ok(Self {
             controller,
             thermometer,
@@ -197,16 +228,17 @@ fn program() -> Vec<Move> {
         [0.0, 4000.0, 0.0],
         [0.0, 0.0, 0.0],
     ];
-    let to = |corner: [f64; 3]| {
+    let to = |(index, corner): (usize, [f64; 3])| {
         let mut to = PerChannel::ZERO;
         to[..3].copy_from_slice(&corner);
         Move {
             to,
             feed_per_s: 1000.0,
-            dwell: Duration::from_millis(1500),
+            // At first as long as arming takes, with its test shift.
+            dwell: Duration::from_millis(if index == 0 { 4500 } else { 1500 }),
         }
     };
-    corners.map(to).to_vec()
+    corners.into_iter().enumerate().map(to).collect()
 }
 
 /// The built-in configuration, limits included.

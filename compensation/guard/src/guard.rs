@@ -189,8 +189,7 @@ impl Guard {
         self.allow(&inputs, before);
         let resumes = self.stood && !facts.interlocked;
         // What has been ramped to is followed without another ramp.
-        let arrived = (before, self.state)
-            == (State::Arming(Phase::Ramping), State::Compensating);
+        let arrived = (before, self.state) == (State::Arming(Phase::Ramping), State::Compensating);
         let enters = self.state != before && !arrived;
         if enters || changed || resumes || facts.begins_anew() {
             self.begin();

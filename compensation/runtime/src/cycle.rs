@@ -13,7 +13,7 @@ use volcomp_guard::{
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
-use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
+use volcomp_vocabulary::{PerAxis, PerChannel};
 
 use crate::{
     asked::Asked,
@@ -26,10 +26,6 @@ use crate::{
     sensors::Sensors,
 };
 
-/// Travel after which a direction counts as turned: of linear axes 5 µm.
-const REVERSAL_MM: f64 = 0.005;
-/// Travel after which a direction counts as turned: of rotary axes 5e-4 deg.
-const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
 /// How often a path that stands by is asked.
 const STANDBY_EVERY: Duration = Duration::from_millis(100);
 /// A path that stands by and has not answered for so long is reported.
@@ -383,16 +379,16 @@ impl Cycle {
 
     /// From which direction each axis came, from positions without correction.
     fn approach(&mut self, state: &mut State, known: u16) {
-        let axes = self.directions.iter_mut().zip(&self.model.axes);
-        for (index, (memory, name)) in axes.enumerate() {
+        let axes = self.model.axes.len();
+        for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
             if known >> index & 1 == 0 {
                 continue;
             }
-            let threshold = match name.kind() {
-                AxisKind::Linear => REVERSAL_MM,
-                AxisKind::Rotary => REVERSAL_RAD,
-            };
-            state.approach[index] = memory.at(state.q[index], threshold, None);
+            // The coarsest path that shows it; an axis that stands at a stated position does not turn.
+            let paths = self.paths.iter();
+            let threshold = paths.filter_map(|path| path.reversal_of(index));
+            let threshold = threshold.fold(0.0, f64::max);
+            state.approach[index] = memory.at(state.q[index], threshold, self.model.turn_of(index));
         }
     }
 

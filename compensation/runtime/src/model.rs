@@ -124,6 +124,11 @@ impl Model {
             })
     }
 
+    /// After how much travel (rad) the coordinates of the axis at a place in machine order begin anew; `None`: never.
+    pub fn turn_of(&self, index: usize) -> Option<f64> {
+        (self.goes_round.get(index) == Some(&true)).then_some(core::f64::consts::TAU)
+    }
+
     /// Whether an axis turns.
     pub fn has_rotary_axes(&self) -> bool {
         self.axes.iter().any(|name| name.is_rotary())

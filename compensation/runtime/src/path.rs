@@ -11,6 +11,7 @@ use volcomp_port::{Controller, Fault, Snapshot, Words};
 use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
 
 use crate::{
+    clock::monotonic,
     error::PlanError,
     model::Model,
     plan::{PathPlan, names},
@@ -24,6 +25,8 @@ pub struct ControlPath {
     pub(crate) read_back: ReadBack,
     /// The place in the machine of each axis of the controller.
     pub(crate) machine_axis: PerChannel<usize>,
+    /// Travel after which a direction counts as turned, mm or rad.
+    reversal: PerChannel<f64>,
     /// The letters of its axes, and those of them that correct with the model of now.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
@@ -64,6 +67,7 @@ impl ControlPath {
                 None => ReadBack::plain(plan.watch),
             },
             machine_axis: plan.machine_axis,
+            reversal: plan.reversal,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
             fixed: plan.fixed,
@@ -128,6 +132,12 @@ impl ControlPath {
     pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
         let place = self.place_of(machine_axis)?;
         Some((self.positions[place], self.taken?))
+    }
+
+    /// The travel after which a machine axis that it shows counts as turned, mm or rad.
+    pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
+        self.place_of(machine_axis)
+            .map(|place| self.reversal[place])
     }
 
     /// When its positions held.
@@ -270,7 +280,7 @@ fn owner() -> u16 {
         let mut bytes = [0; 2];
         // Where the system gives no random bytes the clock does.
         let drawn = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty());
-        let by_clock = || crate::clock::monotonic().subsec_nanos() as u16;
+        let by_clock = || u16::try_from(monotonic().subsec_micros() % 65_521).unwrap_or(1);
         drawn
             .map_or_else(|_| by_clock(), |_| u16::from_ne_bytes(bytes))
             .max(1)

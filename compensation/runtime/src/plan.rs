@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, ControlTimeOut, Limits, Reasons};
+use volcomp_guard::{AxisLimits, ControlTimeOut, Limits, Reasons, reversal_threshold};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description, Heartbeat};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerAxis, PerChannel, Urad};
@@ -25,6 +25,8 @@ pub struct PathPlan {
     pub limits: Limits,
     /// The place in the machine of each axis of the controller.
     pub machine_axis: PerChannel<usize>,
+    /// Travel after which a direction counts as turned, of each axis of the controller, mm or rad.
+    pub reversal: PerChannel<f64>,
     /// The axes of the controller that correct; the machine's others are held where they are.
     pub correctors: Correctors,
     /// Machine axes that stand at a stated position, mm and rad.
@@ -127,19 +129,26 @@ impl PathPlan {
         }
         let barrier = barrier(&description, settings)?;
         notes |= Reasons::NO_BARRIER.when(barrier.is_none());
+        let limits = limits(
+            &description,
+            &machine_axis,
+            &correctors,
+            guard,
+            settings,
+            period,
+        )?;
+        let mut reversal = PerChannel::ZERO;
+        for (place, axis) in description.axes.iter().enumerate() {
+            let step = position_step(&description, settings, axis)?;
+            reversal[place] = reversal_threshold(&limits.axes[place], step, limits.delay());
+        }
         Ok(Self {
+            reversal,
             barrier,
             is_blind: barrier.is_none() && !description.tells_applied,
             watch: settings.watch,
             time_out: settings.time_out,
-            limits: limits(
-                &description,
-                &machine_axis,
-                &correctors,
-                guard,
-                settings,
-                period,
-            )?,
+            limits,
             machine_axis,
             fixed,
             notes,

@@ -76,18 +76,7 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
     Ok(GuardSettings {
         linear,
         rotary: rotary(section)?,
-        without_barrier: WithoutBarrier {
-            linear: Um(section.number_or(
-                "limit_without_barrier_um",
-                1e-3..=LINEAR.most,
-                default.without_barrier.linear.0,
-            )?),
-            rotary: Urad(section.number_or(
-                "limit_without_barrier_urad",
-                1e-3..=ROTARY.most,
-                default.without_barrier.rotary.0,
-            )?),
-        },
+        without_barrier: without_barrier(section, default.without_barrier)?,
         hold: Duration::from_secs_f64(hold_ms * 1e-3),
         zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
         ramp: seconds("ramp_s", 0.0..=600.0, default.ramp)?,
@@ -111,6 +100,19 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
             hold_s: number("temperature_hold_s", 0.0..=1e6, default.fading.hold_s)?,
             fade_s: number("temperature_fade_s", 1.0..=1e6, default.fading.fade_s)?,
         },
+    })
+}
+
+/// The largest corrections on a path without a barrier.
+fn without_barrier(
+    section: &Section<'_>,
+    default: WithoutBarrier,
+) -> Result<WithoutBarrier, InputError> {
+    let linear = ("limit_without_barrier_um", 1e-3..=LINEAR.most);
+    let rotary = ("limit_without_barrier_urad", 1e-3..=ROTARY.most);
+    Ok(WithoutBarrier {
+        linear: Um(section.number_or(linear.0, linear.1, default.linear.0)?),
+        rotary: Urad(section.number_or(rotary.0, rotary.1, default.rotary.0)?),
     })
 }
 

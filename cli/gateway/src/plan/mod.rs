@@ -6,8 +6,8 @@ use std::{sync::Arc, time::Duration};
 use volcomp_model::{Machine, Thermal};
 use volcomp_port::{Clock, Controller, Description};
 use volcomp_runtime::{
-    ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings, PlanError,
-    Sensors, guard::Limits,
+    BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
+    PlanError, Sensors, guard::Limits,
 };
 
 use crate::{
@@ -81,7 +81,7 @@ impl Plan {
     pub fn new(config: Config) -> Result<Self, GatewayError> {
         let guard = config.guard.clone().unwrap_or_else(simulate::guard);
         let (devices, machine) = if config.controllers.is_empty() {
-            let simulation = Simulation::new(Clock::system())?;
+            let simulation = Simulation::with_barrier(Clock::system())?;
             let machine = simulation.model.clone();
             (Devices::Simulated(Box::new(simulation)), machine)
         } else {
@@ -332,6 +332,10 @@ fn paths(
             // Nobody else can reach it.
             &PathSettings {
                 watch: Duration::ZERO,
+                barrier: Some(BarrierSettings {
+                    machine: simulate::protection().machine,
+                    scan: simulate::protection().scan,
+                }),
                 ..PathSettings::default()
             },
         )?]),

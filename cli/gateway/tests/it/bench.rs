@@ -192,8 +192,8 @@ impl Bench {
         let mut bench = Self::new();
         bench.run(Duration::from_millis(100));
         bench.request(Request::Arm);
-        // It stands for 1.5 s at the first corner: the test shift takes less.
-        let report = bench.run(Duration::from_millis(1390));
+        // It stands for 1.5 s at the first corner: the test shift takes less. Then it ramps in.
+        let report = bench.run(Duration::from_secs(2));
         assert_eq!(report.state.name(), "compensating");
         bench
     }

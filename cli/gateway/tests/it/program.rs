@@ -167,9 +167,14 @@ impl Program {
 
     /// Arms it, once it has watched the control for long enough.
     pub(crate) fn arm(&self) -> Answer {
+        self.watch();
+        self.post("/api/arm", "")
+    }
+
+    /// Waits until it has watched the control for long enough.
+    pub(crate) fn watch(&self) {
         self.wait(|state| !state["reasons"].to_string().contains("watching"))
             .unwrap_or_else(|state| panic!("it watches for ever: {state}"));
-        self.post("/api/arm", "")
     }
 
     pub(crate) fn state(&self) -> Value {

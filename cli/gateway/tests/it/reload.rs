@@ -149,7 +149,7 @@ fn another_machines_file_is_not_armed_unasked() {
         program
             .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
             .expect("it runs");
-        let asked = program.post("/api/arm", "");
+        let asked = program.arm();
         assert_eq!(asked.status, 409, "{}", asked.body);
         let hash = asked.json()["model"].clone();
         assert_eq!(

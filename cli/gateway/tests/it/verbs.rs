@@ -80,6 +80,7 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
             .expect("X moves");
     }
     if setting == Disarmed {
+        program.watch();
         return (control, program);
     }
     let armed = program.arm();

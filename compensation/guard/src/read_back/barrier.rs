@@ -136,7 +136,7 @@ impl BarrierLink {
     /// Whether the barrier lets through what the guard may send, and lets go in time.
     fn fits(&self, settings: &Settings, limits: &Limits) -> bool {
         let step_s = self.time_of(settings.step_scans).as_secs_f64();
-        let axes = limits.axes.iter().take(limits.count).enumerate();
+        let mut axes = limits.axes.iter().take(limits.count).enumerate();
         let axis_fits = |(i, axis): (usize, &crate::AxisLimits)| {
             let largest = f64::from(settings.limit[i]) * axis.resolution;
             let rate = f64::from(settings.rate[i]) * axis.resolution / step_s;
@@ -144,7 +144,7 @@ impl BarrierLink {
                 && rate * (1.0 + 1e-9) >= RATE_OVER_SLEW * axis.slew_per_s
         };
         let times_fit = self.time_of(settings.time_out_scans) <= limits.zero_after;
-        times_fit && axes.map(axis_fits).all(|fits| fits)
+        times_fit && axes.all(axis_fits)
     }
 
     fn time_of(&self, scans: u16) -> Duration {

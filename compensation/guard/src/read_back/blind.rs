@@ -49,7 +49,7 @@ impl Blind {
             | Reasons::LEFT_UNKNOWN.when(self.unknown);
     }
 
-    pub(super) fn sent(&mut self, now: Duration, values: &PerChannel<f64>, known: &mut Known) {
+    pub(super) fn sent(now: Duration, values: &PerChannel<f64>, known: &mut Known) {
         known.confirmed = Some(Confirmed {
             values: *values,
             at: now,

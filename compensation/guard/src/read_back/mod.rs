@@ -74,8 +74,9 @@ pub struct Known {
 pub struct ReadBack {
     kind: Kind,
     known: Known,
-    /// When it was asked last.
+    /// When it was asked last, and when something was sent last.
     heard: Option<Duration>,
+    sent: Option<Duration>,
 }
 
 #[derive(Clone, Debug)]
@@ -118,6 +119,7 @@ impl ReadBack {
                 ..Known::default()
             },
             heard: None,
+            sent: None,
         }
     }
 
@@ -147,6 +149,14 @@ impl ReadBack {
             }
             (Kind::Echo(_), _) => self.known.writable = false,
             (Kind::Blind(blind), _) => blind.hear(now, &mut self.known),
+        }
+        let answered = *told != Told::Nothing;
+        let ended = self
+            .sent
+            .is_none_or(|sent| now.saturating_sub(sent) > limits.delay() + limits.period * 2);
+        if answered && ended {
+            // Nothing was sent for so long that what has not landed will not be waited for.
+            self.known.unlanded_since = None;
         }
         match &self.kind {
             Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
@@ -179,9 +189,10 @@ impl ReadBack {
     /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may have landed all the same, except on
     /// lines, where a write that failed does not count.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
+        self.sent = Some(now);
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
-            Kind::Blind(blind) if ok => blind.sent(now, values, &mut self.known),
+            Kind::Blind(_) if ok => Blind::sent(now, values, &mut self.known),
             Kind::Barrier(_) | Kind::Blind(_) => {}
         }
         let landed_at_once = ok && matches!(self.kind, Kind::Blind(_));
