@@ -162,6 +162,8 @@ impl Service {
                     }
                     Progress::Done(reply) => {
                         self.told(&underway.who, &reply);
+                        // Whoever reads the state after the answer reads what the answer says.
+                        self.look();
                         finish(&underway.who, underway.answer, reply);
                         break;
                     }
