@@ -175,6 +175,8 @@ impl Service {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let _ = self.log("gateway", "started", Event::Start(start));
+        // Nothing is armed yet, so that there is time for it; a disk that hangs delays the start no longer than this.
+        self.clerk.settle(END);
         self.ask_whether_confirmed();
         // From now on what the run before has written down may no longer be so.
         let report = *self.parts.handle.report();
