@@ -30,6 +30,8 @@ pub struct Guard {
     before: Vector,
     /// The correction where the last ramp or line began.
     from: PerChannel<f64>,
+    /// What was confirmed last.
+    confirmed: PerChannel<f64>,
     /// The largest correction of each axis that is no surprise: its limit, or more where that was lowered.
     allowed: PerChannel<f64>,
     /// Where the line of the proof leads.
@@ -73,6 +75,7 @@ impl Guard {
             vector: Vector::default(),
             before: Vector::default(),
             from: PerChannel::ZERO,
+            confirmed: PerChannel::ZERO,
             allowed: limits.of_axes(|axis| axis.limit),
             shift: PerChannel::ZERO,
             stood: true,
@@ -110,7 +113,8 @@ impl Guard {
         }
         let output = self.output();
         for i in 0..limits.count {
-            self.allowed[i] = limits.axes[i].limit.max(output[i].abs());
+            let stands = output[i].abs().max(self.confirmed[i].abs());
+            self.allowed[i] = limits.axes[i].limit.max(stands);
         }
         self.limits = limits;
         Ok(())
@@ -257,6 +261,7 @@ impl Guard {
         if !self.all(|i| values[i].is_finite()) {
             return false;
         }
+        self.confirmed = values;
         let output = self.output();
         let differs =
             |i: usize| !is_step_equal(values[i], output[i], self.limits.axes[i].resolution);
@@ -370,14 +375,15 @@ impl Guard {
         let leads_out = matches!(self.state, State::RampingOut(_))
             && !matches!(before, State::RampingOut(_))
             && inputs.request.is_some();
-        let values = inputs.known.confirmed.map(|confirmed| confirmed.values);
+        let output = self.output();
         for i in 0..self.limits.count {
-            let (limits, output) = (&self.limits.axes[i], self.vector.output()[i].abs());
-            if leads_out && let Some(values) = values {
-                self.allowed[i] = limits.limit.max(values[i].abs());
+            let stands = output[i].abs().max(self.confirmed[i].abs());
+            let most = if leads_out {
+                stands
             } else {
-                self.allowed[i] = limits.limit.max(self.allowed[i].min(output));
-            }
+                self.allowed[i].min(stands)
+            };
+            self.allowed[i] = self.limits.axes[i].limit.max(most);
         }
     }
 

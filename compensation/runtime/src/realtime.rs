@@ -404,9 +404,11 @@ impl Control {
                     let _ = self.retired.push(Retired::Model(replacement));
                 }
                 Order::Limits(path, limits) => {
-                    if let Err(refusal) = self.cycle.set_limits(path, &limits) {
+                    match self.cycle.set_limits(path, &limits) {
+                        // Other limits are reached by a ramp, as another model is.
+                        Ok(()) => asked.request = Some(Request::Switched),
                         // Where the ring is full, sixty-three others tell the same.
-                        let _ = self.refusals.push(refusal);
+                        Err(refusal) => drop(self.refusals.push(refusal)),
                     }
                     let _ = self.retired.push(Retired::Limits(limits));
                 }

@@ -81,6 +81,16 @@ impl Blind {
         known.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
+    /// Nothing is left of what another path has written, nor of what this one wrote before it.
+    pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
+        self.unknown = false;
+        known.confirmed = Some(Confirmed {
+            values: PerChannel::ZERO,
+            at: now,
+        });
+        known.unlanded_since = None;
+    }
+
     pub(super) fn acknowledge(&mut self, now: Duration, known: &mut Known) {
         if self.unknown {
             self.unknown = false;

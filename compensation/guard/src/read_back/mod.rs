@@ -214,6 +214,14 @@ impl ReadBack {
         }
     }
 
+    /// This path writes from now on in place of another one. What the control applied by way of the other one is gone
+    /// where this one cannot be asked: it takes over only once nothing of it is left.
+    pub fn take_over(&mut self, now: Duration) {
+        if let Kind::Blind(blind) = &mut self.kind {
+            blind.take_over(now, &mut self.known);
+        }
+    }
+
     /// A person has made sure that a control which cannot be asked applies nothing.
     pub fn acknowledge(&mut self, now: Duration) {
         if let Kind::Blind(blind) = &mut self.kind {

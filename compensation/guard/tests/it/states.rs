@@ -239,3 +239,45 @@ fn what_is_remembered_is_where_it_begins() {
     assert!((world.applied[0] - 0.040).abs() < 1e-9);
     assert!(world.largest_step < 0.003, "{}", world.largest_step);
 }
+
+/// Limits that are lowered while a barrier follows some steps behind: what it still applies is no surprise.
+#[test]
+fn limits_lowered_before_a_barrier_are_no_fault() {
+    let mut world = World::guarded(&limits()).arm();
+    let mut lower = limits();
+    for axis in &mut lower.axes {
+        (axis.limit, axis.warn) = (0.010, 0.010);
+    }
+    world.guard.set_limits(lower).expect("good limits");
+    world.request(Request::Switched);
+    world.run(SECOND);
+    assert_eq!(world.guard.state(), State::Compensating);
+    assert!(
+        (world.applied[0] - 0.010).abs() < 1e-9,
+        "{}",
+        world.applied[0]
+    );
+    assert!(world.largest_step <= 0.002 + 1e-9);
+}
+
+/// A correction beyond the limit that was found: nothing is sent until a person has looked, then it ramps out.
+#[test]
+fn a_correction_beyond_the_limit_is_led_out_by_a_person() {
+    let mut world = World::new(&limits());
+    world.clear(axes(4.998, 0.0));
+    world.run(SECOND);
+    let told = world.request(Request::Arm);
+    assert_eq!(told.state.name(), "faulted");
+    assert!(told.reasons.contains(Reasons::BEYOND_LIMIT));
+    assert!(!world.run(SECOND).write);
+    assert_eq!(world.applied[0], 4.998);
+    world.largest_step = 0.0;
+    assert_eq!(
+        world.request(Request::Acknowledge).state.name(),
+        "ramping-out"
+    );
+    world.run(15 * SECOND);
+    assert_eq!(world.guard.state(), State::Disarmed);
+    assert_eq!(world.applied, PerChannel::ZERO);
+    assert!(world.largest_step <= 0.002 + 1e-9, "{}", world.largest_step);
+}

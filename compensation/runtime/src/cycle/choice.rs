@@ -66,6 +66,7 @@ impl Cycle {
         }
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
         if choice.switched {
+            self.paths[choice.active].read_back.take_over(now);
             let limits = self.paths[choice.active].limits();
             // The plan has checked them.
             let _ = self.guard.take_path(limits);
