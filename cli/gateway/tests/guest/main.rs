@@ -203,7 +203,7 @@ fn over_digital_lines() {
     };
     // 32 counts a mm.
     shows(200 * 32);
-    let controller = "url = \"gpio://?position=panel-out:0-14&correction=panel-in:0-7\"\naxes = [\"X\"]\nfixed = { Y = 50.0, Z = 0.0 }\nunwatched = true";
+    let controller = "url = \"gpio://?position=panel-out:0-14&correction=panel-in:0-7\"\naxes = [\"X\"]\nfixed = { Y = 50.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]";
     let config = configuration(dir.path(), controller);
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     let state = program.wait_for("compensating");
