@@ -11,6 +11,7 @@ use std::{
 };
 
 use volcomp_gateway::config::Config;
+use volcomp_guard::Reasons;
 use volcomp_test_support::{
     Running,
     book::{
@@ -147,4 +148,67 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
         .collect();
     assert!(missing.is_empty(), "gateway.md does not say {missing:?}");
     assert!(fs::read_dir(folder.path()).expect("the folder").count() > 0);
+}
+
+#[test]
+fn every_reason_is_in_the_chapter() {
+    let text = fs::read_to_string(chapter("gateway.md")).expect("a page");
+    let heads = text.lines().filter_map(|line| line.strip_prefix("| "));
+    let told: BTreeSet<&str> = heads
+        .filter_map(|row| row.split(" |").next())
+        .flat_map(|cell| cell.split(", "))
+        .collect();
+    let reasons = Reasons::from_bits(u64::MAX);
+    let missing: Vec<_> = reasons
+        .texts()
+        .filter(|text| !told.contains(text))
+        .collect();
+    assert!(missing.is_empty(), "gateway.md does not say {missing:?}");
+}
+
+/// The names of the tests in the table of hazards.
+fn tests_of_hazards() -> BTreeSet<String> {
+    let text = fs::read_to_string(chapter("guard.md")).expect("a page");
+    let rows = text
+        .lines()
+        .map(|line| line.split(" | ").collect::<Vec<_>>());
+    let mut rows = rows.skip_while(|row| row[0] != "| hazard");
+    let place = rows.next().expect("the table");
+    let place = place.iter().position(|head| *head == "test").expect("it");
+    let cells = rows.map_while(|row| row.get(place).map(ToString::to_string));
+    let names = cells.flat_map(|cell| {
+        let names = cell.split('`').skip(1).step_by(2);
+        names.map(str::to_owned).collect::<Vec<_>>()
+    });
+    names.collect()
+}
+
+/// The names of all functions in the sources below a folder.
+fn functions(folder: &Path, names: &mut BTreeSet<String>) {
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
+            functions(&path, names);
+        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            let text = fs::read_to_string(&path).expect("a source");
+            let named = text.lines().filter_map(|line| {
+                let (name, _) = line.trim_start().strip_prefix("fn ")?.split_once('(')?;
+                Some(name.to_owned())
+            });
+            names.extend(named);
+        }
+    }
+}
+
+#[test]
+fn every_test_in_the_table_of_hazards_exists() {
+    let named = tests_of_hazards();
+    assert!(named.len() > 50, "only {} tests are named", named.len());
+    let mut there = BTreeSet::new();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    for folder in ["cli", "compensation", "drivers"] {
+        functions(&root.join(folder), &mut there);
+    }
+    let missing: Vec<_> = named.difference(&there).collect();
+    assert!(missing.is_empty(), "guard.md names {missing:?}");
 }

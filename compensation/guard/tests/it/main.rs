@@ -4,6 +4,7 @@ mod barrier;
 mod direction;
 mod faults;
 mod follower;
+mod interlocks;
 mod proof;
 mod properties;
 mod selector;
