@@ -77,6 +77,8 @@ pub struct ReadBack {
     /// When it was asked last, and when something was sent last.
     heard: Option<Duration>,
     sent: Option<Duration>,
+    /// Since when every write failed; `None`: the last one did not.
+    failing_since: Option<Duration>,
 }
 
 #[derive(Clone, Debug)]
@@ -120,6 +122,7 @@ impl ReadBack {
             },
             heard: None,
             sent: None,
+            failing_since: None,
         }
     }
 
@@ -134,10 +137,12 @@ impl ReadBack {
         self.known.changed = false;
         let before = self.heard.replace(now).unwrap_or(now);
         let is_asked = self.known.scheme != Scheme::Blind;
-        if let (Told::Nothing, true, Some(since)) = (told, is_asked, &mut self.known.unlanded_since)
-        {
+        if *told == Told::Nothing && is_asked {
             // Whether it has landed nobody could see meanwhile.
-            *since += now.saturating_sub(before);
+            let times = [&mut self.known.unlanded_since, &mut self.failing_since];
+            for since in times.into_iter().flatten() {
+                *since += now.saturating_sub(before);
+            }
         }
         match (&mut self.kind, told) {
             (Kind::Barrier(link), Told::Report(words)) => {
@@ -156,7 +161,12 @@ impl ReadBack {
             .is_none_or(|sent| now.saturating_sub(sent) > limits.delay() + limits.period * 2);
         if answered && ended {
             // Nothing was sent for so long that what has not landed will not be waited for.
-            self.known.unlanded_since = None;
+            (self.known.unlanded_since, self.failing_since) = (None, None);
+        }
+        if let Some(since) = self.failing_since {
+            // A write that failed has not landed, also where it asked for what the control applies anyway.
+            let unlanded = self.known.unlanded_since.get_or_insert(since);
+            *unlanded = since.min(*unlanded);
         }
         match &self.kind {
             Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
@@ -190,6 +200,7 @@ impl ReadBack {
     /// lines, where a write that failed does not count.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         self.sent = Some(now);
+        self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
             Kind::Blind(_) if ok => Blind::sent(now, values, &mut self.known),

@@ -2,6 +2,7 @@
 
 mod barrier;
 mod direction;
+mod edges;
 mod faults;
 mod follower;
 mod interlocks;

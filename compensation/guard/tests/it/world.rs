@@ -1,6 +1,6 @@
 //! A control as a guard sees it, with all that may go wrong: what its axes get is what counts.
 
-use std::time::Duration;
+use std::{collections::VecDeque, time::Duration};
 
 use volcomp_guard::{
     AxisLimits, BarrierLink, Guard, Inputs, Interlock, Interlocks, Known, Limits, Output, ReadBack,
@@ -70,6 +70,11 @@ pub(crate) struct World {
     pub(crate) answers: bool,
     /// What is told of the correction this time, instead of what is so.
     pub(crate) lie: Option<PerChannel<f64>>,
+    /// A word of the barrier's report, and what is wrong with its bits.
+    pub(crate) spoils_word: Option<(usize, u16)>,
+    /// What is told of the correction is so many cycles old, but has a fresh time.
+    pub(crate) told_late: usize,
+    told: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize)>,
     /// The reading says nothing of the correction.
     pub(crate) hides_applied: bool,
     /// Writes are taken.
@@ -128,6 +133,9 @@ impl World {
             emergency_stop: false,
             answers: true,
             lie: None,
+            spoils_word: None,
+            told_late: 0,
+            told: VecDeque::new(),
             hides_applied: false,
             sticks: true,
             write_fails: false,
@@ -187,14 +195,21 @@ impl World {
     pub(crate) fn hear(&mut self) {
         let limits = *self.guard.limits();
         let mut words = [0; REPORT_WORDS];
+        let barrier = self.barrier.as_ref();
+        let length = barrier.map_or(0, |barrier| barrier.report().encode(&mut words));
+        self.told.push_back((self.applied, words, length));
+        while self.told.len() > self.told_late + 1 {
+            self.told.pop_front();
+        }
+        let (applied, mut words, length) = self.told[0];
+        if let Some((word, bits)) = self.spoils_word {
+            words[word % length.max(1)] ^= bits;
+        }
         let told = match &self.barrier {
             _ if !self.answers || self.hides_applied => Told::Nothing,
-            Some(barrier) => {
-                let length = barrier.report().encode(&mut words);
-                Told::Report(&words[..length])
-            }
+            Some(_) => Told::Report(&words[..length]),
             None if self.known().scheme == Scheme::Blind => Told::Nothing,
-            None => Told::Values(self.lie.unwrap_or(self.applied)),
+            None => Told::Values(self.lie.unwrap_or(applied)),
         };
         self.read_back.hear(self.now, self.now, &told, &limits);
         let interlock = Interlock {

@@ -1,0 +1,245 @@
+//! The program and a control with a barrier, from end to end: whatever happens to the program, to the wire and to the
+//! control, an axis never moves by more than the barrier's rate in one scan. Without a barrier these were full steps.
+//!
+//! Each is done a few times; `VOLCOMP_REPEATS` says how often instead.
+
+use std::{path::Path, sync::Arc, thread::sleep, time::Duration};
+
+use volcomp_focas::{
+    PmcArea,
+    simulator::{Options, Simulator, World},
+};
+use volcomp_guard::barrier::{Program as Barrier, Protection};
+use volcomp_port::Axis;
+use volcomp_vocabulary::{AxisName, Displacement, Mm, Rad};
+
+use crate::{
+    controlled::configuration,
+    held_back::Wire,
+    program::{Program, change, path},
+};
+
+/// Counts of 1 µm that the barrier moves an axis in one scan of 2 ms.
+const RATE: i64 = 2;
+/// The longest time after which an axis is at zero when nobody sends: 200 ms + 450 ms + 150 µm at 1 mm/s, and some more
+/// for a loaded computer.
+const LETS_GO: Duration = Duration::from_millis(1200);
+
+fn repeats() -> u64 {
+    let asked = std::env::var("VOLCOMP_REPEATS");
+    asked.ok().and_then(|asked| asked.parse().ok()).unwrap_or(3)
+}
+
+/// A time below `most_ms`, another one for each number.
+fn some(number: u64, most_ms: u64) -> Duration {
+    let mixed = number
+        .wrapping_add(1)
+        .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        .rotate_left(31)
+        .wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    Duration::from_millis((mixed >> 33) % most_ms)
+}
+
+/// A control whose X goes to and fro, before it starts: 150 counts, 2 counts in a scan of 2 ms.
+fn world() -> World {
+    let protection = Protection {
+        machine: 4711,
+        limit: Mm(0.150),
+        limit_rotary: Rad(0.01),
+        rate_per_s: Mm(1.0),
+        rate_rotary_per_s: Rad(0.1),
+        hold: Duration::from_millis(200),
+        time_out: Duration::from_millis(450),
+        scan: Duration::from_millis(2),
+    };
+    let axes = [AxisName::X, AxisName::Y, AxisName::Z].map(|name| Axis {
+        name,
+        includes_correction: false,
+        resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
+    });
+    let settings = protection.settings(&axes).expect("sensible");
+    let barrier = Barrier::new(settings).expect("sensible");
+    let mut world = World::new(&['X', 'Y', 'Z']).with_barrier(Box::new(barrier));
+    world.motion = Arc::new(|elapsed| {
+        let x = 400.0 + 300.0 * (elapsed.as_secs_f64() * 0.5).sin();
+        vec![x, 150.0, 50.0]
+    });
+    world
+}
+
+fn start(world: World) -> Simulator {
+    Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
+}
+
+/// A configuration that arms by itself and knows the barrier.
+fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
+    let config = configuration(dir, control, "auto_arm = true");
+    change(
+        &config,
+        "heartbeat = { pmc = \"R\", at = 120 }",
+        "barrier = { machine = 4711, scan_ms = 2.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
+    );
+    config
+}
+
+/// Armed, and really on the axes: Y gets −20 µm.
+fn corrects(program: &Program, control: &Simulator) {
+    program.wait_for("compensating");
+    for _ in 0..2000 {
+        if control.world().shift_counts()[1] == -20 {
+            return;
+        }
+        sleep(Duration::from_millis(5));
+    }
+    panic!("{:?}: {}", control.world().shift_counts(), program.state());
+}
+
+fn no_step(control: &Simulator, of: &str) {
+    let world = control.world();
+    let steps = world.largest_steps();
+    assert!(steps.iter().all(|step| *step <= RATE), "{of}: {steps:?}");
+}
+
+/// Killed at any moment and started again while the control still has the correction, ramps it out, or has let it go: the
+/// first write of the new one put the remembered correction on the axis at once, from 0 to 40 µm.
+#[test]
+fn killed_and_started_again() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = start(world());
+    let config = guarded(dir.path(), &control);
+    let arguments = ["--config", path(&config)];
+    for number in 0..repeats() {
+        let mut program = Program::start(dir.path(), &arguments);
+        corrects(&program, &control);
+        sleep(some(number, 700));
+        program.running.kill();
+        drop(program);
+        sleep(some(number + 1000, 1500));
+        no_step(&control, &format!("killed, {number}"));
+    }
+    let mut program = Program::start(dir.path(), &arguments);
+    corrects(&program, &control);
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    assert_eq!(control.world().shifts(), [0.0; 3], "ramped out");
+    no_step(&control, "ended");
+}
+
+/// Stopped for two seconds at any moment, also between reading and writing. The write that was decided before went out two
+/// seconds later: the axis, which the control had taken to zero meanwhile, stepped back to its correction.
+#[test]
+fn stopped_for_two_seconds() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = start(world());
+    let config = guarded(dir.path(), &control);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    for number in 0..repeats() {
+        corrects(&program, &control);
+        sleep(some(number, 300));
+        program.signal("STOP");
+        sleep(Duration::from_secs(2));
+        let held = control.world().shifts();
+        program.signal("CONT");
+        assert_eq!(held, [0.0; 3], "the control lets go by itself");
+        corrects(&program, &control);
+        no_step(&control, &format!("stopped, {number}"));
+    }
+}
+
+/// The control begins anew: a reset keeps the words of the axes, switching off and on clears them, and what the gateway
+/// remembered was written over both.
+#[test]
+fn a_control_that_begins_anew() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = start(world());
+    let config = guarded(dir.path(), &control);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    for number in 0..2 * repeats() {
+        corrects(&program, &control);
+        sleep(some(number, 300));
+        if number % 2 == 0 {
+            control.world().reset();
+        } else {
+            control.power_up();
+        }
+        sleep(some(number + 1000, 200));
+        corrects(&program, &control);
+        no_step(&control, &format!("begun anew, {number}"));
+    }
+}
+
+/// Other numbers in the words of the frame and of the report, again and again: garbage in the words was taken for the
+/// correction, and written back.
+#[test]
+fn garbage_in_the_words() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = start(world());
+    let config = guarded(dir.path(), &control);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    corrects(&program, &control);
+    for number in 0..40 * repeats() {
+        let bytes: Vec<u8> = (0..40)
+            .map(|place| {
+                let value = some(number * 64 + place, 256).as_millis();
+                u8::try_from(value).expect("below 256")
+            })
+            .collect();
+        let at = if number % 2 == 0 { 200 } else { 240 };
+        control.world().set(PmcArea::R, at, &bytes);
+        sleep(some(number, 30));
+        no_step(&control, &format!("garbage, {number}"));
+    }
+    corrects(&program, &control);
+}
+
+/// 5 mm in the words of an axis at the start, and a gateway that arms by itself: it took them for its own output, far
+/// beyond the limit. The barrier leads them to zero at its rate, and the gateway corrects only after that.
+#[test]
+fn a_correction_beyond_the_limit_is_found_at_the_start() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut world = world();
+    world.set(PmcArea::R, 100, &[0x88, 0x13]);
+    let control = start(world);
+    control.world().reset_largest_steps();
+    let config = guarded(dir.path(), &control);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let mut before = control.world().shift_counts()[0];
+    assert!(before > 1000, "{before}");
+    for _ in 0..1000 {
+        let now = control.world().shift_counts()[0];
+        assert!(now.abs() <= before.abs().max(150), "{before} to {now}");
+        before = now;
+        if now.abs() <= 150 {
+            break;
+        }
+        sleep(Duration::from_millis(10));
+    }
+    assert!(before.abs() <= 150, "{before}: {}", program.state());
+    no_step(&control, "found at the start");
+}
+
+/// Writes that were on their way when the connection was given up came through half a second to two seconds later: the
+/// axis stepped to a correction of long ago.
+#[test]
+fn what_was_kept_back_comes_later() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = start(world());
+    let wire = Wire::to(control.address());
+    let config = guarded(dir.path(), &control);
+    let (direct, kept) = (control.address().to_string(), wire.address.to_string());
+    change(&config, &direct, &kept);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    for number in 0..repeats() {
+        corrects(&program, &control);
+        let before = wire.connections();
+        wire.keep();
+        sleep(Duration::from_millis(500) + some(number, 1500));
+        // By then another connection carries the correction, or waits until the barrier has let go.
+        wire.deliver();
+        sleep(LETS_GO);
+        no_step(&control, &format!("kept back, {number}"));
+        corrects(&program, &control);
+        assert!(wire.connections() > before, "it connected anew");
+    }
+}

@@ -1,0 +1,353 @@
+//! What made an axis step at the edges of an earlier guard: what is read back, when a write lands, what is remembered.
+//! Frozen positions and axes that are not proven are looked at in `proof`, rolling over in `direction`, sensors that jump in
+//! `temperature`. Each case is looked at on the axis, with a barrier in the control and without one where that makes a difference.
+
+use std::{f64::consts::TAU, time::Duration};
+
+use volcomp_guard::{Limits, Reasons, Request, State};
+use volcomp_vocabulary::PerChannel;
+
+use crate::world::{PERIOD, World, axes, limits};
+
+const SECOND: Duration = Duration::from_secs(1);
+/// What the guard slews in a cycle, and the barrier in a scan, with a rounding, mm.
+const MOST: f64 = 0.002 + 1e-9;
+
+/// Read back as closely as a control can be.
+fn close() -> Limits {
+    Limits {
+        read_back_cycles: 1,
+        ..limits()
+    }
+}
+
+/// A control without a barrier that can be asked, and one with a barrier.
+fn asked(limits: &Limits) -> Vec<World> {
+    vec![World::new(limits), World::guarded(limits)]
+}
+
+/// The same two and lines, which cannot be asked.
+fn all(limits: &Limits) -> Vec<World> {
+    vec![
+        World::new(limits),
+        World::guarded(limits),
+        World::blind(limits),
+    ]
+}
+
+fn scheme(world: &World) -> volcomp_guard::Scheme {
+    world.known().scheme
+}
+
+/// 40 µm were remembered from the run before; the control had gone to zero meanwhile, and said so. The axis went from 0
+/// to 40 µm with the first write, and 40 µm were shown as applied before.
+#[test]
+fn what_is_remembered_is_not_believed_against_what_the_control_tells() {
+    for mut world in asked(&close()) {
+        let remembered = axes(0.040, 0.0);
+        let limits = *world.guard.limits();
+        let (now, age) = (world.now, Duration::ZERO);
+        world.read_back.restore(now, &remembered, age, &limits);
+        let shown = world.run(SECOND);
+        assert_eq!(shown.correction, PerChannel::ZERO, "{:?}", scheme(&world));
+        let mut world = world.arm_from_here();
+        assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+    }
+}
+
+/// One reading told 256 µm more than the axis had: the next write moved it by 256 µm. One that told −65.536 mm was
+/// written back as it was, far beyond the limit of 150 µm. What is wrong may also be another axis or no number.
+#[test]
+fn one_wrong_reading_moves_nothing() {
+    for lie in [
+        axes(0.040 + 0.256, -0.020),
+        axes(-65.536, -0.020),
+        axes(-0.020, 0.040),
+        axes(f64::NAN, -0.020),
+        axes(0.0, 0.0),
+    ] {
+        let mut world = World::compensating(&close());
+        for _ in 0..20 {
+            world.lie = Some(lie);
+            world.run(Duration::ZERO);
+            world.lie = None;
+            let output = world.run(Duration::ZERO);
+            assert!(!output.reasons.contains(Reasons::READ_BACK), "{lie:?}");
+            world.run(SECOND / 10);
+        }
+        assert_eq!(world.applied, axes(0.040, -0.020), "{lie:?}");
+        assert!(world.largest_step <= 1e-12, "{lie:?}");
+        assert_eq!(world.guard.state(), State::Compensating);
+    }
+}
+
+/// The same with a barrier: whichever word of its report is wrong, by one bit or by many, its checksum tells.
+#[test]
+fn one_wrong_word_of_a_report_moves_nothing() {
+    let mut world = World::guarded(&close()).arm();
+    for word in 0..volcomp_guard::barrier::REPORT_WORDS {
+        for bits in [1, 0x0100, 0x8000, 0xffff] {
+            world.spoils_word = Some((word, bits));
+            world.run(Duration::ZERO);
+            world.spoils_word = None;
+            let output = world.run(Duration::ZERO);
+            assert_eq!(output.state, State::Compensating, "word {word}, {bits:x}");
+        }
+    }
+    assert!(world.largest_step <= 1e-12, "{}", world.largest_step);
+    assert_eq!(world.applied, axes(0.040, -0.020));
+}
+
+/// What was read back was 96 ms old where 60 ms were allowed: it was taken for a correction that another had changed, and
+/// the axis stepped back to it again and again while it was ramped in. With a barrier a report that is late by any time moves
+/// nothing: the tick in the frame that answers it is too old.
+#[test]
+fn a_read_back_older_than_allowed_makes_no_step() {
+    for late in [24, 40, 100] {
+        for mut world in asked(&Limits {
+            read_back_cycles: 15,
+            ..limits()
+        }) {
+            if late > 24 && world.barrier.is_none() {
+                // Nothing without a barrier tells so late a reading from a fresh one.
+                continue;
+            }
+            world.told_late = late;
+            world.run(SECOND);
+            world.target = Some(axes(0.150, 0.0));
+            let mut world = world.arm_from_here();
+            for cycle in 0..2000_u32 {
+                let wanted = 0.1 * (TAU * f64::from(cycle) * 0.001).sin();
+                world.target = Some(axes(0.050 + wanted, 0.0));
+                world.run(Duration::ZERO);
+                assert!(world.applied[0].abs() <= 0.150 + 1e-9);
+            }
+            let kind = scheme(&world);
+            assert!(
+                world.largest_step <= MOST,
+                "{kind:?}, {late} cycles late: {} mm",
+                world.largest_step
+            );
+        }
+    }
+}
+
+/// The acceleration was lowered while the axis slewed towards its limit of 150 µm: it went 125 µm beyond it before it came
+/// to rest.
+#[test]
+fn a_lowered_acceleration_does_not_overshoot_the_limit() {
+    for world in asked(&limits()) {
+        let mut world = world.arm();
+        let mut before = limits();
+        for axis in &mut before.axes {
+            axis.accel_per_s2 = f64::INFINITY;
+        }
+        world.guard.set_limits(before).expect("good limits");
+        world.target = Some(axes(0.150, 0.0));
+        world.run(Duration::from_millis(180));
+        assert!(world.applied[0] > 0.100 && world.applied[0] < 0.149);
+        let mut after = before;
+        for axis in &mut after.axes {
+            axis.accel_per_s2 = 1.0;
+        }
+        world.guard.set_limits(after).expect("good limits");
+        let mut most = 0.0_f64;
+        for _ in 0..1000 {
+            world.run(Duration::ZERO);
+            most = most.max(world.applied[0]);
+        }
+        assert!((0.149..=0.150 + 1e-9).contains(&most), "{most}");
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+    }
+}
+
+/// The control refused every write for ten seconds. The state stayed `arming`, 40 µm were shown as applied, and nobody was
+/// told; the axis had nothing of it.
+#[test]
+fn writes_that_are_all_refused_are_a_fault_and_nothing_is_shown_as_applied() {
+    for mut world in all(&close()) {
+        (world.sticks, world.write_fails) = (false, true);
+        world.request(Request::Arm);
+        let mut faulted = None;
+        for cycle in 0..2500 {
+            let output = world.run(Duration::ZERO);
+            if output.state.name() == "faulted" {
+                faulted.get_or_insert(cycle);
+            }
+        }
+        let kind = scheme(&world);
+        // After `zero_after_ms`, 500 ms.
+        assert!(
+            faulted.is_some_and(|cycle| cycle < 300),
+            "{kind:?}: {faulted:?}"
+        );
+        assert_eq!(world.guard.output(), PerChannel::ZERO, "{kind:?}");
+        assert_eq!(world.applied, PerChannel::ZERO, "{kind:?}");
+    }
+}
+
+/// An axis whose words the control does not take, beside one that follows a moving machine: for a minute nobody was told
+/// that Y was not corrected. Each pair is what Y wants and what X does.
+#[test]
+fn one_axis_that_takes_nothing_is_a_fault() {
+    for (y, x_um, hz) in [
+        (0.005, 50.0, 0.1),
+        (0.010, 50.0, 0.2),
+        (0.020, 100.0, 0.2),
+        (0.040, 100.0, 0.4),
+        (0.040, 100.0, 0.5),
+        (0.002, 20.0, 0.05),
+    ] {
+        let mut world = World::new(&close());
+        world.request(Request::Arm);
+        let mut faulted = None;
+        for cycle in 0..15_000_u32 {
+            let at_s = f64::from(cycle) * 0.004;
+            world.target = Some(axes(x_um * 1e-3 * (TAU * hz * at_s).sin(), y));
+            let output = world.run(Duration::ZERO);
+            // Y is deaf.
+            world.applied[1] = 0.0;
+            assert!(world.largest_step <= MOST, "{}", world.largest_step);
+            if output.state.name() == "faulted" {
+                faulted = Some(at_s);
+                break;
+            }
+        }
+        // It is faulted as soon as Y has been asked for a step three times.
+        assert!(
+            faulted.is_some_and(|after| after < 5.0),
+            "Y wants {y} mm, X ±{x_um} µm at {hz} Hz: {faulted:?}"
+        );
+    }
+}
+
+/// Lines that could not be written any more kept what they carried, while the guard went on to zero without them: when
+/// they were back the axis went from 40 µm to 0 in one write.
+#[test]
+fn lines_that_come_back_make_no_step() {
+    for arms_again in [false, true] {
+        let mut world = World::blind(&limits()).arm();
+        let held = world.applied;
+        (world.answers, world.sticks, world.write_fails) = (false, false, true);
+        world.run(Duration::from_millis(1200));
+        assert_eq!(world.guard.output(), held, "what the lines carry is known");
+        (world.answers, world.sticks, world.write_fails) = (true, true, false);
+        if arms_again {
+            world.run(2 * SECOND);
+            world.request(Request::Acknowledge);
+            world.request(Request::Arm);
+        }
+        world.run(3 * SECOND);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+        let (x, state) = (world.applied[0], world.guard.state());
+        assert!(x.abs() < 1e-9 || (x - held[0]).abs() < 1e-9, "{x}");
+        assert!(!arms_again || state == State::Compensating, "{state:?}");
+    }
+}
+
+/// An emergency stop while it was ramped out, and one reading lost meanwhile: the lost reading lifted the stop, and lines
+/// were written during it.
+#[test]
+fn a_lost_reading_does_not_lift_an_emergency_stop() {
+    for world in all(&limits()) {
+        let mut world = world.arm();
+        world.request(Request::Disarm);
+        world.run(Duration::from_millis(100));
+        world.emergency_stop = true;
+        world.run(Duration::from_millis(20));
+        let held = world.applied;
+        assert!(held[0].abs() > 0.010, "it is on its way: {held:?}");
+        for lost in [PERIOD, Duration::from_millis(200), 5 * SECOND] {
+            world.answers = false;
+            world.run(lost);
+            world.answers = true;
+            world.run(SECOND / 10);
+            let kind = scheme(&world);
+            assert_eq!(world.applied, held, "{kind:?}: moved in the stop");
+        }
+        world.emergency_stop = false;
+        world.largest_step = 0.0;
+        world.run(2 * SECOND);
+        assert_eq!(world.applied, PerChannel::ZERO);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+    }
+}
+
+/// A read-back that is no number for five seconds: nothing was written, and the state went on as `compensating`.
+#[test]
+fn a_read_back_that_is_no_number_is_not_called_compensating() {
+    for world in asked(&limits()) {
+        let mut world = world.arm();
+        world.target = Some(axes(-0.080, 0.0));
+        for _ in 0..1250 {
+            world.lie = Some(axes(f64::NAN, f64::NAN));
+            world.spoils_word = Some((3, 0xffff));
+            let output = world.run(Duration::ZERO);
+            assert!(world.barrier.is_some() || !output.write);
+        }
+        let state = world.guard.state();
+        assert_ne!(state, State::Compensating, "{:?}", scheme(&world));
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+        (world.lie, world.spoils_word) = (None, None);
+        world.run(3 * SECOND);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+    }
+}
+
+/// The control was cleared, and the message that would have told it was late in this very cycle: the guard wrote the
+/// correction from before, and the axis went from 0 to 40 µm at once.
+#[test]
+fn a_correction_cleared_while_nothing_is_told_comes_back_by_a_ramp() {
+    for silent in [1, 3, 12, 100] {
+        let mut world = World::compensating(&limits());
+        let wanted = world.applied;
+        world.hides_applied = true;
+        world.clear(PerChannel::ZERO);
+        for _ in 0..silent {
+            world.run(Duration::ZERO);
+            assert!(world.applied[0].abs() <= MOST, "{:?}", world.applied);
+        }
+        world.hides_applied = false;
+        world.run(3 * SECOND);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+        assert_eq!(world.applied, wanted, "silent for {silent} cycles");
+    }
+}
+
+/// With a barrier there is nothing to be cleared but by the control's own start. Nothing told of it means that nothing is
+/// sent: it lets go by itself, and takes the correction again by a ramp.
+#[test]
+fn a_barrier_that_is_not_heard_lets_go_by_itself() {
+    for silent in [1, 3, 12, 100, 500] {
+        let mut world = World::guarded(&limits()).arm();
+        let wanted = world.applied;
+        world.hides_applied = true;
+        for _ in 0..silent {
+            world.run(Duration::ZERO);
+        }
+        // Hold, time-out and the way are 50 ms + 200 ms + 20 ms.
+        assert!(silent < 70 || world.applied == PerChannel::ZERO);
+        world.hides_applied = false;
+        world.run(3 * SECOND);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+        assert_eq!(world.applied, wanted, "silent for {silent} cycles");
+    }
+}
+
+/// The program was stopped between reading and writing, and the control was cleared meanwhile: the write was sent two
+/// seconds late, and the axis went from 0 to 40 µm.
+#[test]
+fn what_was_decided_long_ago_is_not_sent() {
+    for world in asked(&limits()) {
+        let mut world = world.arm();
+        world.target = Some(axes(0.100, 0.0));
+        world.largest_step = 0.0;
+        let (_, sent) = world.freezes_between(PERIOD, 2 * SECOND, None);
+        assert!(!sent, "{:?}", scheme(&world));
+        world.clear(PerChannel::ZERO);
+        world.run(3 * SECOND);
+        assert!(world.largest_step <= MOST, "{}", world.largest_step);
+        assert!((world.applied[0] - 0.100).abs() < 1e-9);
+    }
+}
