@@ -9,7 +9,7 @@ use assert_no_alloc::assert_no_alloc;
 use volcomp_gateway::simulate::{self, Simulation, Truth};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
-    Clock, Controller, Description, Fault, Snapshot, Thermometer,
+    Clock, Controller, Description, Fault, Snapshot, Thermometer, Words,
     simulated::{Controls, SimulatedController},
 };
 
@@ -70,6 +70,15 @@ impl<C: Controller> Controller for Watched<C> {
             *position += offset;
         }
         Ok(snapshot)
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        let mut seen = self.seen.lock().expect("no test holds it in a panic");
+        seen.writes += 1;
+        if seen.deaf {
+            return Ok(());
+        }
+        self.inner.post(frame, deadline)
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {

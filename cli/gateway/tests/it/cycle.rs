@@ -124,7 +124,8 @@ fn the_fallback_takes_over_and_hands_back() {
     assert_eq!(second.lock().unwrap().applied, left, "only one path writes");
 }
 
-/// Channels that would add: only one path writes at a time, so they are refused.
+/// Channels that would add: only one path writes at a time, so they are refused. Before, what was remembered of their sum was
+/// believed of each, and at a take-over their sum moved faster than the slew allows.
 #[test]
 fn channels_that_would_add_are_refused() {
     let guard = simulate::guard();

@@ -10,6 +10,7 @@ mod clock;
 mod controlled;
 mod cycle;
 mod documents;
+mod edge_paths;
 mod edges;
 mod effective;
 mod faults;

@@ -96,7 +96,8 @@ EX0B = 6.0
 }
 
 /// A control that writes X, Y and Z of a five-axis machine: the tip goes where it should with the rotary axes held, and
-/// what is left is the direction of the tool.
+/// what is left is the direction of the tool. Each got its share of the correction of all five axes before: an orientation
+/// error about the very tip, which is no error of its place, made one.
 #[test]
 fn the_tip_is_corrected_by_the_axes_that_are_written() {
     for place in [

@@ -1,0 +1,213 @@
+//! Two ways to one machine, and what was remembered of the run before: what an axis gets when one of them falls silent,
+//! tells less than the other, or is not as it was left. On the axis, with a barrier in the control and without.
+
+use std::{
+    sync::{Arc, Mutex},
+    time::Duration,
+};
+
+use volcomp_gateway::simulate::{self, Simulation, protection};
+use volcomp_guard::{Reasons, Request};
+use volcomp_port::{
+    Clock, Controller, Fault,
+    inject::{Faults, Faulty, Injection},
+};
+use volcomp_runtime::{BarrierSettings, Model, PathSettings};
+use volcomp_vocabulary::{PerAxis, PerChannel};
+
+use crate::bench::{Bench, Seen, Watched, cycle, path, unproven};
+
+const SECOND: Duration = Duration::from_secs(1);
+/// What the guard slews in a cycle, and the barrier in a scan, with a rounding, mm.
+const MOST: f64 = 0.002 + 1e-9;
+
+/// Two ways to one machine; the second never tells an interlock where it is `blind` to them.
+fn two_ways(barrier: bool, blind: bool) -> Bench {
+    let clock = Clock::manual();
+    let guard = simulate::guard();
+    let simulation = if barrier {
+        Simulation::with_barrier(clock.clone())
+    } else {
+        Simulation::new(clock.clone())
+    };
+    let simulation = simulation.expect("built in");
+    let protection = protection();
+    let settings = PathSettings {
+        barrier: barrier.then_some(BarrierSettings {
+            machine: protection.machine,
+            scan: protection.scan,
+        }),
+        ..unproven()
+    };
+    let model = Model::new(&simulation.model, guard.fading).expect("built in");
+    let another = simulation.controller.another().expect("few ways");
+    let mut another = Faulty::new(another, Faults::default(), 1);
+    if blind {
+        another.inject(Injection::DroppedFlag { readings: u32::MAX });
+    }
+    let seen = Arc::new(Mutex::new(Seen::default()));
+    let first = Watched::new(simulation.controller, &seen);
+    let paths = vec![
+        path(first, &model, &guard, &settings),
+        path(another, &model, &guard, &settings),
+    ];
+    let thermometer = Box::new(simulation.thermometer);
+    let mut bench = Bench {
+        cycle: cycle(model, paths, &guard, thermometer, &clock),
+        clock,
+        controls: simulation.controls,
+        truth: simulation.truth,
+        seen,
+        forbids: Reasons::NONE,
+    };
+    // The scans of a barrier are counted for a second, plain values are confirmed by three readings.
+    bench.run(2 * SECOND);
+    bench
+}
+
+fn armed(mut bench: Bench) -> Bench {
+    bench.request(Request::Arm);
+    let report = bench.run(2 * SECOND);
+    assert_eq!(report.state.name(), "compensating", "{:?}", report.reasons);
+    bench
+}
+
+fn largest_change(bench: &Bench) -> f64 {
+    let changes = bench.controls.axes.largest_change();
+    changes.iter().copied().fold(0.0, f64::max)
+}
+
+fn silence_first(bench: &Bench, fault: Option<Fault>) {
+    bench.seen.lock().expect("no panic").fault = fault;
+}
+
+/// 40 µm were remembered, the control told 0: 40 µm were shown as applied, and the first write put them on the axis at
+/// once.
+#[test]
+fn what_is_remembered_gives_way_to_what_the_control_tells() {
+    for barrier in [false, true] {
+        let mut bench = two_ways(barrier, false);
+        let remembered = PerAxis::from_fn(|axis| if axis == 1 { -0.040 } else { 0.0 });
+        bench.cycle.restore(&remembered, Duration::ZERO);
+        let report = bench.run(SECOND);
+        assert_eq!(report.correction[1].abs(), 0.0, "barrier: {barrier}");
+        let bench = armed(bench);
+        assert!(largest_change(&bench) <= MOST, "{}", largest_change(&bench));
+    }
+}
+
+/// The second of two ways to the same axes began from zero when it took over: the axis went from its correction to nearly
+/// nothing in one write.
+#[test]
+fn a_second_way_takes_over_without_a_step() {
+    for barrier in [false, true] {
+        let mut bench = armed(two_ways(barrier, false));
+        for fault in [Fault::TimedOut, Fault::NotConnected] {
+            let before = bench.controls.axes.applied();
+            assert!(before.iter().any(|value| value.abs() > 0.005), "{before:?}");
+            silence_first(&bench, Some(fault));
+            let report = bench.run(3 * SECOND);
+            let got = (report.state.name(), report.active);
+            assert_eq!(
+                got,
+                ("compensating", 1),
+                "barrier {barrier}: {:?}",
+                report.reasons
+            );
+            silence_first(&bench, None);
+            let report = bench.run(8 * SECOND);
+            assert_eq!((report.state.name(), report.active), ("compensating", 0));
+            assert!(largest_change(&bench) <= MOST, "{}", largest_change(&bench));
+        }
+    }
+}
+
+/// An emergency stop, seen on the first way, and then that way fell silent: the second, which cannot see the stop, took
+/// over and wrote the correction during it.
+#[test]
+fn a_second_way_does_not_flee_from_an_emergency_stop() {
+    use std::sync::atomic::Ordering;
+    for barrier in [false, true] {
+        let mut bench = armed(two_ways(barrier, true));
+        bench.controls.emergency_stop.store(true, Ordering::Relaxed);
+        bench.run(SECOND);
+        silence_first(&bench, Some(Fault::NotConnected));
+        let report = bench.run(3 * SECOND);
+        assert!(
+            report
+                .reasons
+                .contains(Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN),
+            "{:?}",
+            report.reasons
+        );
+        silence_first(&bench, None);
+        bench.run(6 * SECOND);
+        assert_eq!(
+            bench.controls.axes.changes_while_held(),
+            0,
+            "barrier {barrier}"
+        );
+        bench
+            .controls
+            .emergency_stop
+            .store(false, Ordering::Relaxed);
+        let report = bench.run(4 * SECOND);
+        assert_eq!(report.state.name(), "compensating", "{:?}", report.reasons);
+        assert!(largest_change(&bench) <= MOST, "{}", largest_change(&bench));
+    }
+}
+
+/// Writes that went nowhere while every reading came: the correction was shown as applied for as long as it lasted.
+#[test]
+fn writes_that_go_nowhere_are_told() {
+    for barrier in [false, true] {
+        let mut bench = two_ways(barrier, false);
+        bench.seen.lock().expect("no panic").deaf = true;
+        bench.request(Request::Arm);
+        let report = bench.run(5 * SECOND);
+        assert_eq!(report.state.name(), "faulted", "{:?}", report.reasons);
+        assert_eq!(bench.controls.axes.applied(), PerChannel::ZERO);
+    }
+}
+
+/// A second way that holds 77 µm of which nobody knows, while the first corrects: nothing was told of it.
+#[test]
+fn a_correction_left_on_a_way_that_stands_by_is_told() {
+    let clock = Clock::manual();
+    let guard = simulate::guard();
+    let made = [(); 2].map(|()| Simulation::new(clock.clone()).expect("built in"));
+    let model = Model::new(&made[0].model, guard.fading).expect("built in");
+    let seen = Arc::new(Mutex::new(Seen::default()));
+    let [first, mut second] = made;
+    let left = PerChannel::leading([0.0, 0.077]);
+    let soon = std::time::Instant::now() + SECOND;
+    second
+        .controller
+        .apply(&left, soon)
+        .expect("no barrier there");
+    let paths = vec![
+        path(
+            Watched::new(first.controller, &seen),
+            &model,
+            &guard,
+            &unproven(),
+        ),
+        path(second.controller, &model, &guard, &unproven()),
+    ];
+    let mut bench = Bench {
+        cycle: cycle(model, paths, &guard, Box::new(first.thermometer), &clock),
+        clock,
+        controls: first.controls,
+        truth: first.truth,
+        seen,
+        forbids: Reasons::NONE,
+    };
+    bench.run(SECOND / 2);
+    let mut bench = armed(bench);
+    let report = bench.run(2 * SECOND);
+    assert!(
+        report.reasons.contains(Reasons::STANDBY_HOLDS),
+        "{:?}",
+        report.reasons
+    );
+}
