@@ -18,9 +18,14 @@ pub(crate) fn limits(guard: &GuardSettings) -> ConfirmedLimits {
         ]
     };
     let rotary = guard.rotary.map(|rotary| of("urad", rotary.map(|x| x.0)));
+    let without = guard.without_barrier;
     let all = of("um", guard.linear.map(|x| x.0))
         .into_iter()
-        .chain(rotary.into_iter().flatten());
+        .chain(rotary.into_iter().flatten())
+        .chain([
+            ("limit_without_barrier_um".to_owned(), without.linear.0),
+            ("limit_without_barrier_urad".to_owned(), without.rotary.0),
+        ]);
     all.filter(|(_, value)| value.is_finite()).collect()
 }
 

@@ -40,7 +40,7 @@ pub struct Report {
     pub cycle: u64,
     /// When the cycle began, since the clock of the cycle began.
     pub now: Duration,
-    /// The state of the guard of the active path.
+    /// The state of the guard.
     pub state: State,
     /// Why the state is what it is, and what else is to be known.
     pub reasons: Reasons,

@@ -76,7 +76,8 @@ impl ShownStates {
 pub struct Description {
     /// The device as the configuration names it.
     pub device: String,
-    /// Paths with the same channel name replace one another, those with different names add.
+    /// The name of the way by which corrections reach the axes. Controllers with the same name replace one another; those
+    /// with different names would add up, and are not used together.
     pub channel: String,
     /// The axes in channel order, at most [`MAX_AXES`].
     pub axes: Vec<Axis>,

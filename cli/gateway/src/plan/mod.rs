@@ -90,6 +90,7 @@ impl Plan {
         };
         let model = Model::new(&machine, guard.fading)?;
         let paths = paths(&config, &devices, &model, &guard)?;
+        one_channel(&config, &paths)?;
         positions_known(&config, &model, &paths)?;
         seen::check(&config, &model, &devices, &paths)?;
         let sensors = devices.sensors();
@@ -353,6 +354,28 @@ fn paths(
                 path(description, &device.settings(controller, period))
             })
             .collect(),
+    }
+}
+
+/// Refuses controllers whose corrections would add up: only one writes at a time.
+fn one_channel(config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
+    let Some((first, others)) = paths.split_first() else {
+        return Ok(());
+    };
+    let expected = &first.description.channel;
+    match others
+        .iter()
+        .find(|path| path.description.channel != *expected)
+    {
+        None => Ok(()),
+        Some(path) => Err(GatewayError::Plan {
+            file: config.file.clone(),
+            source: PlanError::Channels {
+                device: path.description.device.clone(),
+                found: path.description.channel.clone(),
+                expected: expected.clone(),
+            },
+        }),
     }
 }
 

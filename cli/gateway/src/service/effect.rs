@@ -15,7 +15,7 @@ pub(super) fn has_taken(request: Request, state: State) -> bool {
 pub(super) fn refusal(request: Request, state: State) -> &'static str {
     match (request, state) {
         (Request::Acknowledge, _) => {
-            "still faulted: a fault ends when the correction is zero and the control has taken what was written"
+            "still faulted: a fault ends when no interlock stands against it and it is known what the control applies"
         }
         (Request::Disarm, _) => "not disarmed yet",
         (_, State::Faulted(_)) => "not armed: acknowledge the fault first",
@@ -44,11 +44,13 @@ mod tests {
             (State::Holding(Hold::Stale), [true, false, true]),
             (State::Holding(Hold::Lost), [true, false, true]),
             (State::Holding(Hold::Interlocked), [true, false, true]),
+            (State::Holding(Hold::Unconfirmed), [true, false, true]),
             (State::RampingOut(End::Disarmed), [false, true, true]),
             // It corrects again by itself when positions come back.
             (State::RampingOut(End::Lost), [true, false, true]),
             (State::Faulted(Cause::DoesNotStick), [false, true, false]),
             (State::Faulted(Cause::Contradiction), [false, true, false]),
+            (State::Faulted(Cause::BeyondLimit), [false, true, false]),
         ];
         for (state, expected) in table {
             let found = [arm, disarm, acknowledge].map(|request| has_taken(request, state));

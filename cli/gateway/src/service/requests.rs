@@ -263,16 +263,17 @@ const AUTO_ARM: &str = "auto_arm";
 /// Whether anything waits for a person to acknowledge it.
 fn has_to_be_acknowledged(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
-    let interlocks = [
+    let waiting = [
         Reasons::NOT_REFERENCED,
         Reasons::CONTROLLER_ALARM,
         Reasons::EMERGENCY_STOP,
+        Reasons::LEFT_UNKNOWN,
     ];
     let state = report.state;
     matches!(state, State::Faulted(_) | State::Holding(Hold::Interlocked))
-        || interlocks
+        || waiting
             .into_iter()
-            .any(|interlock| report.reasons.contains(interlock))
+            .any(|reason| report.reasons.contains(reason))
         || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
 }
 
