@@ -281,8 +281,11 @@ impl Guard {
                 self.adopted[i] = self.adopted[i].saturating_add(1);
             }
         }
+        // What is confirmed anew and is what was sent goes on as it went.
         let is_event = !self.all(|i| !differs(i));
-        self.vector = Vector::at(&values);
+        if is_event {
+            self.vector = Vector::at(&values);
+        }
         is_event
     }
 
@@ -437,9 +440,9 @@ impl Guard {
                 return true;
             }
         }
-        // What was sent last is too far from what is confirmed to be sent again.
-        self.vector = self.before;
-        self.vector.stop();
+        // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
+        self.vector = Vector::at(&values);
+        self.stood = true;
         false
     }
 

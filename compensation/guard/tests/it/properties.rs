@@ -279,3 +279,40 @@ fn cases() -> u32 {
         .and_then(|asked| asked.parse().ok())
         .unwrap_or(96)
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(cases()))]
+
+    /// Whatever happened: once all is well and a person disarms, the correction comes to zero.
+    #[test]
+    fn it_always_comes_to_rest(seed: u64, way in way()) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let limits = Limits { read_back_cycles: random.random_range(1..6), ..limits() };
+        let mut world = match way {
+            Way::Plain => World::new(&limits),
+            Way::Blind => World::blind(&limits),
+            Way::Barrier => World::guarded(&limits),
+        };
+        for cycle in 0..1500 {
+            let request = if cycle % 20 == 0 { happens(&mut world, &mut random).0 } else { None };
+            let dt = Duration::from_micros(
+                random.random_range(3000..5000) + 40_000 * u64::from(random.random_range(0..30) == 0),
+            );
+            world.cycle_after(dt, request);
+        }
+        (world.answers, world.emergency_stop, world.alarm, world.referenced) = (true, false, false, true);
+        (world.frozen_at, world.positions[0], world.sticks) = (None, 0.0, true);
+        (world.write_fails, world.hides_applied) = (false, false);
+        world.run(Duration::from_secs(1));
+        world.request(Request::Acknowledge);
+        world.request(Request::Disarm);
+        for _ in 0..1500 {
+            let dt = Duration::from_micros(
+                random.random_range(3000..5000) + 10_000 * u64::from(random.random_range(0..10) == 0),
+            );
+            world.cycle_after(dt, None);
+        }
+        prop_assert_eq!(world.guard.state(), State::Disarmed);
+        prop_assert!(world.applied[0].abs() < 0.5 * STEP && world.applied[1].abs() < 0.5 * STEP);
+    }
+}
