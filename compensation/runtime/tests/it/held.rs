@@ -1,7 +1,10 @@
 //! Axes of a control that may not correct: nothing is ever written to them but zero.
 
 use volcomp_model::{Fading, Machine};
-use volcomp_runtime::{AxisSettings, GuardSettings, Model, Replacement, guard::Request};
+use volcomp_runtime::{
+    AxisSettings, GuardSettings, Model, Replacement,
+    guard::{Reasons, Request},
+};
 use volcomp_vocabulary::{AxisName, Um, Urad};
 
 use crate::rig::{NAMES, Rig, guard, machine};
@@ -112,5 +115,21 @@ fn another_model_takes_the_test_shift_of_the_axes_that_no_longer_correct() {
     rig.cycle.set_limits(0, &limits).expect("as before");
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
+    }
+}
+
+/// Rotary axes without a test shift beside linear ones that have one: nobody was told that they are not proven.
+#[test]
+fn axes_without_a_test_shift_are_told_as_not_proven() {
+    let rotary = shifting();
+    let mut linear = shifting();
+    if let Some(rotary) = &mut linear.rotary {
+        rotary.test_shift = Urad(0.0);
+    }
+    for (guard, told) in [(rotary, false), (linear, true)] {
+        let mut rig = Rig::of(&machine(), &guard, PLACE, &NAMES);
+        let report = rig.run(5);
+        let reasons = report.reasons;
+        assert_eq!(reasons.contains(Reasons::NOT_PROVEN), told, "{reasons:?}");
     }
 }
