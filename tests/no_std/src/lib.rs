@@ -15,7 +15,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
-use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, Reading};
+use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, ReadBack, Reading, Told, Wanted};
 use volcomp_guard::vocabulary::{AxisKind, MAX_AXES, PerChannel};
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error};
 
@@ -236,7 +236,7 @@ pub unsafe extern "C" fn volcomp_guard_cycle(
         resolution: 0.001,
         includes_correction: false,
     };
-    let guard = Guard::new(Limits {
+    let limits = Limits {
         axes: [axis; MAX_AXES],
         count: 3,
         period: Duration::from_millis(4),
@@ -245,19 +245,19 @@ pub unsafe extern "C" fn volcomp_guard_cycle(
         ramp: Duration::from_millis(500),
         test_shift: PerChannel::ZERO,
         read_back_cycles: 2,
-    });
-    let Ok(mut guard) = guard else { return -1 };
+    };
+    let Ok(mut guard) = Guard::new(limits) else { return -1 };
+    let mut read_back = ReadBack::plain(Duration::ZERO);
+    let told = Told::Values(PerChannel::from_fn(|i| applied[i]));
+    read_back.hear(Duration::ZERO, Duration::ZERO, &told, &limits);
     let reading = Reading {
         taken: Duration::ZERO,
         positions: PerChannel::ZERO,
-        applied: Some(PerChannel::from_fn(|i| applied[i])),
-        referenced: true,
-        alarm: false,
-        emergency_stop: false,
     };
     let found = guard.cycle(&Inputs {
         reading: Some(reading),
-        target: Some(PerChannel::from_fn(|i| wanted[i])),
+        known: *read_back.known(),
+        wanted: Some(Wanted::linear(PerChannel::from_fn(|i| wanted[i]))),
         ..Inputs::default()
     });
     output.copy_from_slice(&found.correction[..]);
