@@ -1,7 +1,6 @@
 #![no_std]
 #![doc = include_str!("../README.md")]
 
-mod axis;
 pub mod barrier;
 pub mod ceiling;
 mod direction;
@@ -17,7 +16,6 @@ mod state;
 mod temperature;
 mod vector;
 
-pub use axis::Follower;
 pub use direction::{DirectionMemory, reversal_threshold};
 pub use exchange::{Inputs, Output, Reading};
 pub use fallback::{Choice, MAX_PATHS, PathHealth, Selector};

@@ -4,7 +4,6 @@ mod barrier;
 mod direction;
 mod edges;
 mod faults;
-mod follower;
 mod interlocks;
 mod proof;
 mod properties;
