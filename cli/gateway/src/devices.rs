@@ -10,13 +10,13 @@ use volcomp_devices::{
     thermometer, thermometer_names,
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
-use volcomp_focas::{BarrierArea, FocasConfig, FocasController, ShiftSource, inspect};
+use volcomp_focas::{BarrierArea, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
-use crate::documents::OnlinePlan;
+use crate::documents::{OnlinePlan, PmcPlan};
 
 /// A bridge on CAN tells what is applied in messages of its own. One that is older than this is not believed …
 const CAN_READ_BACK_WITHIN: Duration = Duration::from_millis(60);
@@ -121,6 +121,24 @@ impl ControllerDevice {
             shift_words,
             notes: found.notes,
         }))
+    }
+
+    /// The addresses in the PMC that are written and read; `None`: no FANUC control.
+    pub fn pmc(&self) -> Option<PmcPlan> {
+        let Kind::Focas(config) = &self.kind else {
+            return None;
+        };
+        let plain = config.barrier.is_none();
+        let text = |address: PmcAddress| address.to_string();
+        Some(PmcPlan {
+            shift_words: plain.then(|| text(config.shift.first)),
+            shift_bytes: plain.then(|| config.shift.width.bytes()),
+            copied: plain && config.copied,
+            frame: config.barrier.map(|barrier| text(barrier.frame)),
+            report: config.barrier.map(|barrier| text(barrier.report)),
+            heartbeat: config.heartbeat.filter(|_| plain).map(text),
+            referenced: config.referenced.map(text),
+        })
     }
 
     /// The settings of the path besides those of its driver, for cycles of this length.

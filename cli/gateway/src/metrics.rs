@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::documents::{ByAxis, StateName, Status, StretchTimes};
+use crate::documents::{
+    ByAxis, PathState, ProvenName, SchemeName, StateName, Status, StretchTimes,
+};
 
 /// The lines of one metric: labels and value.
 type Lines = Vec<(String, f64)>;
@@ -28,7 +30,10 @@ pub(crate) fn text(status: &Status, controllers: usize) -> String {
     ] {
         metric(&mut out, name, "counter", help, &one(value as f64));
     }
-    for (name, help, lines) in gauges(status, controllers) {
+    for (name, help, lines) in gauges(status, controllers)
+        .into_iter()
+        .chain(of_paths(status))
+    {
         metric(&mut out, name, "gauge", help, &lines);
     }
     for (name, help, times) in [
@@ -65,6 +70,13 @@ pub(crate) fn text(status: &Status, controllers: usize) -> String {
 /// Name, help and lines of what has a value of its own at each state.
 fn gauges(status: &Status, controllers: usize) -> Vec<(&'static str, &'static str, Lines)> {
     let one = |value: f64| vec![(String::new(), value)];
+    let known = |values: &ByAxis| {
+        if status.correction_known {
+            axes(values)
+        } else {
+            Lines::new()
+        }
+    };
     let active = status.controller.as_ref();
     let active = active.map_or(f64::NAN, |controller| controller.number as f64);
     vec![
@@ -101,13 +113,23 @@ fn gauges(status: &Status, controllers: usize) -> Vec<(&'static str, &'static st
         ),
         (
             "correction_um",
-            "Correction of a linear axis, µm",
-            axes(&status.correction_um),
+            "Correction of a linear axis, µm; missing while it is not known",
+            known(&status.correction_um),
         ),
         (
             "correction_urad",
-            "Correction of a rotary axis, µrad",
-            axes(&status.correction_urad),
+            "Correction of a rotary axis, µrad; missing while it is not known",
+            known(&status.correction_urad),
+        ),
+        (
+            "sent_um",
+            "Correction of a linear axis that was sent last, µm",
+            axes(&status.sent_um),
+        ),
+        (
+            "sent_urad",
+            "Correction of a rotary axis that was sent last, µrad",
+            axes(&status.sent_urad),
         ),
         (
             "error_um",
@@ -127,6 +149,49 @@ fn gauges(status: &Status, controllers: usize) -> Vec<(&'static str, &'static st
     ]
 }
 
+/// Name, help and lines of what is known of the ways to the control.
+fn of_paths(status: &Status) -> Vec<(&'static str, &'static str, Lines)> {
+    vec![
+        (
+            "path_answered_seconds",
+            "Time since a controller answered last; +Inf: never",
+            ages(status, |path| path.answered_ms),
+        ),
+        (
+            "path_positions_seconds",
+            "Age of the positions of a controller; +Inf: it told none",
+            ages(status, |path| path.positions_ms),
+        ),
+        (
+            "path_confirmed_seconds",
+            "Time since the correction of a controller was confirmed last; +Inf: never",
+            ages(status, |path| path.confirmed_ms),
+        ),
+        (
+            "path_holds_correction",
+            "1 where a controller applies a correction other than zero, 0 where none; NaN: not known",
+            paths(status, |path| {
+                path.holds_correction.map_or(f64::NAN, number)
+            }),
+        ),
+        (
+            "no_barrier",
+            "1 where a late or foreign write is not told from one that is meant now, for want of a barrier",
+            paths(status, |path| number(path.scheme != SchemeName::Barrier)),
+        ),
+        (
+            "proven",
+            "1 where a test shift showed whether the position of an axis contains the correction",
+            proven(status),
+        ),
+        (
+            "correction_known",
+            "1 where the correction that is applied was confirmed in time",
+            vec![(String::new(), number(status.correction_known))],
+        ),
+    ]
+}
+
 fn metric(out: &mut String, name: &str, kind: &str, help: &str, lines: &[(String, f64)]) {
     // Writing to a string never fails.
     let _ = writeln!(
@@ -134,8 +199,40 @@ fn metric(out: &mut String, name: &str, kind: &str, help: &str, lines: &[(String
         "# HELP volcomp_{name} {help}\n# TYPE volcomp_{name} {kind}"
     );
     for (labels, value) in lines {
-        let _ = writeln!(out, "volcomp_{name}{labels} {value}");
+        let _ = if value.is_infinite() {
+            writeln!(out, "volcomp_{name}{labels} +Inf")
+        } else {
+            writeln!(out, "volcomp_{name}{labels} {value}")
+        };
     }
+}
+
+fn number(yes: bool) -> f64 {
+    f64::from(u8::from(yes))
+}
+
+/// A value of every controller, by its place.
+fn paths(status: &Status, value: impl Fn(&PathState) -> f64) -> Lines {
+    let paths = status.controllers.iter();
+    paths
+        .map(|path| (labels(&[("path", &path.number.to_string())]), value(path)))
+        .collect()
+}
+
+/// An age of every controller, s.
+fn ages(status: &Status, ms: impl Fn(&PathState) -> Option<f64>) -> Lines {
+    paths(status, |path| {
+        ms(path).map_or(f64::INFINITY, |ms| ms * 1e-3)
+    })
+}
+
+fn proven(status: &Status) -> Lines {
+    let axes = status.proven.iter();
+    axes.map(|(name, proven)| {
+        let label = labels(&[("axis", &name.to_string())]);
+        (label, number(*proven != ProvenName::NotProven))
+    })
+    .collect()
 }
 
 fn states(status: &Status) -> Lines {

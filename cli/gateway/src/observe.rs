@@ -1,16 +1,16 @@
 //! From the report of a cycle to the state that others see.
 
-use std::time::Duration;
+use std::{collections::BTreeMap, time::Duration};
 
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::Description;
 use volcomp_runtime::{Model, Report, ToolError};
-use volcomp_vocabulary::{AxisKind, Displacement, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
 use crate::{
     documents::{
-        ByAxis, ControllerState, CycleTimes, MachineState, SensorState, StateName, Status,
-        StretchTimes, round,
+        ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SensorState,
+        StateName, Status, StretchTimes, round,
     },
     simulate::Truth,
     times::{Stretch, Times},
@@ -48,6 +48,8 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
             hash: model.hash.clone(),
             axes,
         },
+        // Whoever serves the state knows the tokens.
+        operable: false,
         controller: facts
             .controllers
             .get(report.active)
@@ -56,10 +58,15 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
                 channel: controller.channel.clone(),
                 number: report.active,
             }),
+        controllers: paths(facts, report),
         positions_mm: ByAxis::new(),
         positions_deg: ByAxis::new(),
+        correction_known: report.correction_known,
         correction_um: ByAxis::new(),
         correction_urad: ByAxis::new(),
+        sent_um: ByAxis::new(),
+        sent_urad: ByAxis::new(),
+        proven: proven(model, report),
         wanted_um: ByAxis::new(),
         wanted_urad: ByAxis::new(),
         error_um: None,
@@ -78,10 +85,14 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     };
     let known = |index: usize| report.known >> index & 1 == 1;
     let all = |_: usize| true;
+    let active = report.paths.get(report.active);
+    let is_confirmed = active.is_some_and(|path| path.confirmed.is_some());
     let micro = Displacement::um_or_urad;
     [status.positions_mm, status.positions_deg] =
         by_kind(model, &report.positions, known, Displacement::mm_or_deg);
-    [status.correction_um, status.correction_urad] = by_kind(model, &report.correction, all, micro);
+    [status.correction_um, status.correction_urad] =
+        by_kind(model, &report.correction, |_| is_confirmed, micro);
+    [status.sent_um, status.sent_urad] = by_kind(model, &report.sent, all, micro);
     [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, known, micro);
     errors(&mut status, facts, report);
     status
@@ -95,11 +106,19 @@ pub(crate) fn silence(status: &mut Status, silence: Duration) {
         "no cycle for {:.0} ms",
         silence.as_secs_f64() * 1e3
     )];
+    status.correction_known = false;
+    status.proven.clear();
+    for path in &mut status.controllers {
+        path.holds_correction = None;
+        path.reasons.clear();
+    }
     for values in [
         &mut status.positions_mm,
         &mut status.positions_deg,
         &mut status.correction_um,
         &mut status.correction_urad,
+        &mut status.sent_um,
+        &mut status.sent_urad,
         &mut status.wanted_um,
         &mut status.wanted_urad,
     ] {
@@ -121,6 +140,48 @@ pub(crate) fn silence(status: &mut Status, silence: Duration) {
         "bad".clone_into(&mut sensor.quality);
         sensor.reason = Some("no cycle".to_owned());
     }
+}
+
+/// Lets the ages of a state grow by the time since its cycle.
+pub(crate) fn age(status: &mut Status, age: Duration) {
+    let age_ms = age.as_secs_f64() * 1e3;
+    status.age_ms = round(age_ms);
+    for path in &mut status.controllers {
+        let ages = [
+            &mut path.answered_ms,
+            &mut path.positions_ms,
+            &mut path.confirmed_ms,
+        ];
+        for ms in ages.into_iter().flatten() {
+            *ms = round(*ms + age_ms);
+        }
+    }
+}
+
+/// How every path is.
+fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
+    let ms = |age: Option<Duration>| age.map(|age| round(age.as_secs_f64() * 1e3));
+    let pairs = facts.controllers.iter().zip(&report.paths).enumerate();
+    pairs
+        .map(|(number, (controller, path))| PathState {
+            device: controller.device.clone(),
+            number,
+            active: number == report.active,
+            scheme: path.scheme.into(),
+            answered_ms: ms(path.answered),
+            positions_ms: ms(path.positions),
+            confirmed_ms: ms(path.confirmed),
+            holds_correction: path.confirmed.map(|_| path.holds),
+            reasons: path.reasons.texts().map(str::to_owned).collect(),
+        })
+        .collect()
+}
+
+/// What the test shift showed of the axes that are corrected.
+fn proven(model: &Model, report: &Report) -> BTreeMap<AxisName, ProvenName> {
+    let axes = model.axes.iter().zip(&report.proven);
+    axes.filter_map(|(name, proven)| Some((*name, (*proven)?.into())))
+        .collect()
 }
 
 /// The correction that is applied, µm of linear and µrad of rotary axes.
@@ -156,15 +217,17 @@ fn errors(status: &mut Status, facts: &Facts<'_>, report: &Report) {
     status.error_um = report.error.map(|error| um(error.position_mm));
     status.error_urad = report.error.map(|error| urad(error.rotation_rad));
     status.error_axis_urad = report.error.and_then(axis);
-    status.residual_um = report.residual.map(|error| um(error.position_mm));
-    status.residual_axis_urad = report.residual.and_then(axis);
+    // What is left is known where the correction is.
+    let residual = report.residual.filter(|_| report.correction_known);
+    status.residual_um = residual.map(|error| um(error.position_mm));
+    status.residual_axis_urad = residual.and_then(axis);
     if let Some(truth) = facts.truth.filter(|_| report.error.is_some()) {
         let sensors = report.sensors.iter().take(facts.sensors.len());
         let degc: Vec<f64> = sensors.map(|sensor| sensor.degc.unwrap_or(20.0)).collect();
         let um = |v: Vector3<f64>| um(v.into());
         status.true_error_um = Some(um(truth.error(&report.positions, &degc)));
         let residual = truth.residual(&report.positions, &report.correction, &degc);
-        status.true_residual_um = Some(um(residual));
+        status.true_residual_um = report.correction_known.then_some(um(residual));
     }
 }
 

@@ -8,7 +8,7 @@ use std::{
 use volcomp_runtime::{Model, Pulse};
 
 use crate::{
-    documents::{History, Status, round},
+    documents::{History, Status},
     history::Trend,
     observe,
 };
@@ -75,7 +75,7 @@ impl Published {
         };
         let mut status = Status::clone(&status);
         let age = cycle_at.elapsed();
-        status.age_ms = round(age.as_secs_f64() * 1e3);
+        observe::age(&mut status, age);
         let stale = Some(age).filter(|age| *age > self.pulse.patience() + PUBLISHED_EVERY);
         if let Some(silence) = self.pulse.silence().or(stale) {
             observe::silence(&mut status, silence);

@@ -1,6 +1,6 @@
 //! The state of a gateway for a terminal of 80 columns.
 
-use crate::documents::{ByAxis, Status};
+use crate::documents::{ByAxis, PathState, ProvenName, SchemeName, Status};
 
 /// The state in lines.
 pub fn text(status: &Status) -> String {
@@ -18,10 +18,36 @@ pub fn text(status: &Status) -> String {
         "controller",
         controller.map_or(String::new(), |controller| controller.device.clone()),
     );
+    for path in &status.controllers {
+        let mut title = format!("path {}", path.number + 1);
+        for line in health(path) {
+            add(&std::mem::take(&mut title), line);
+        }
+    }
     add("position, mm", by_axis(&status.positions_mm, 3));
     add("position, deg", by_axis(&status.positions_deg, 4));
-    add("correction, µm", by_axis(&status.correction_um, 1));
-    add("correction, µrad", by_axis(&status.correction_urad, 1));
+    if status.correction_known {
+        add("correction, µm", by_axis(&status.correction_um, 1));
+        add("correction, µrad", by_axis(&status.correction_urad, 1));
+    } else {
+        add(
+            "correction",
+            "unknown: not confirmed by the control".to_owned(),
+        );
+        add("confirmed last, µm", by_axis(&status.correction_um, 1));
+        add("                µrad", by_axis(&status.correction_urad, 1));
+    }
+    for (what, title) in [
+        (ProvenName::Contained, "positions contain the correction"),
+        (ProvenName::NotContained, "positions do not contain it"),
+        (ProvenName::NotProven, "not proven"),
+    ] {
+        let axes = status.proven.iter().filter(|(_, proven)| **proven == what);
+        let names: Vec<String> = axes.map(|(name, _)| name.to_string()).collect();
+        if !names.is_empty() {
+            add("test shift", format!("{title}: {}", names.join(" ")));
+        }
+    }
     add("tip error, µm", pair(status.error_um, status.residual_um));
     add(
         "axis error, µrad",
@@ -46,6 +72,37 @@ pub fn text(status: &Status) -> String {
         ),
     );
     lines.join("\n") + "\n"
+}
+
+/// How a controller is, in lines.
+fn health(path: &PathState) -> Vec<String> {
+    let barrier = match path.scheme {
+        SchemeName::Barrier => "barrier",
+        SchemeName::Plain => "no barrier",
+        SchemeName::Blind => "no barrier, cannot be read back",
+    };
+    let holds = match path.holds_correction {
+        Some(true) => "holds a correction",
+        Some(false) => "holds no correction",
+        None => "whether it holds a correction is unknown",
+    };
+    let ages = [
+        ("answered", path.answered_ms),
+        ("positions", path.positions_ms),
+        ("confirmed", path.confirmed_ms),
+    ];
+    let ages = ages.map(|(what, ms)| {
+        ms.map_or(format!("{what} never"), |ms| match ms {
+            ms if ms < 1e4 => format!("{what} {ms:.0} ms ago"),
+            ms => format!("{what} {:.0} s ago", ms * 1e-3),
+        })
+    });
+    let role = if path.active { "corrects" } else { "stands by" };
+    vec![
+        format!("{role}, {}", path.device),
+        format!("{barrier}; {holds}"),
+        ages.join(", "),
+    ]
 }
 
 fn by_axis(values: &ByAxis, digits: usize) -> String {

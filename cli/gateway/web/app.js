@@ -1,7 +1,7 @@
 "use strict";
 /* global drawLines, drawBars, drawMap */
 
-const HOLD_MS = 1000, LOST_AFTER_MS = 2000;
+const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000;
 // A reduction in % of an error below this says nothing: µm.
 const LEAST_FOR_PERCENT_UM = 1;
 const LETTERS = "XYZABCUVW";
@@ -36,9 +36,17 @@ const KINDS = [
   { unit: "deg", small: "urad", digits: 4 },
 ];
 
+/** What the last test shift showed of the position of an axis. */
+const SHOWN = {
+  contained: "position contains the correction: proven",
+  "not-contained": "position without the correction: proven",
+  "not-proven": "not proven what the position contains",
+};
+
 function showAxes(state) {
   const list = element("axes");
   const names = inOrder(state.machine.axes);
+  const isStale = state.reasons.some((reason) => reason === "positions stale" || reason === "positions lost");
   for (const card of [...list.children]) if (!names.includes(card.dataset.axis)) card.remove();
   for (const name of names) {
     const { unit, small, digits } = KINDS["ABC".includes(name) ? 1 : 0];
@@ -52,12 +60,56 @@ function showAxes(state) {
         make("span", "value", cell);
         make("small", "", cell).textContent = ` ${shown}`;
       }
+      make("div", "shown", card);
     }
     const position = (state[`positions_${unit}`] || {})[name];
     const correction = (state[`correction_${small}`] || {})[name];
-    card.querySelector(".position .value").textContent = fixed(position, digits);
-    card.querySelector(".correction .value").textContent = signed(correction, 1);
+    put(card.querySelector(".position"), position === undefined || isStale ? null : fixed(position, digits));
+    put(card.querySelector(".correction"), state.correction_known && correction !== undefined ? signed(correction, 1) : null);
+    const proven = state.proven[name];
+    const shown = card.querySelector(".shown");
+    shown.textContent = SHOWN[proven] || "";
+    shown.classList.toggle("not-proven", proven === "not-proven");
   }
+}
+
+/** A value with its unit, or the word that it is not known. */
+function put(cell, value) {
+  cell.querySelector(".value").textContent = value === null ? "unknown" : value;
+  cell.classList.toggle("unknown", value === null);
+}
+
+/** "12 ms", "3 s". */
+const ago = (ms) => (ms < 10000 ? `${fixed(ms, 0)} ms` : `${fixed(ms / 1000, 0)} s`);
+
+/** How each controller is: text and whether it deserves attention. */
+function healthOf(path) {
+  const { answered_ms: answered, positions_ms: positions, confirmed_ms: confirmed, holds_correction: holds } = path;
+  const never = answered === null;
+  const long = confirmed > SILENT_MS;
+  const held = long ? "when that was confirmed last, it held" : "holds";
+  return [
+    ["device", `${path.number + 1} ${path.active ? "corrects" : "stands by"}: ${path.device}`],
+    [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier" : path.scheme === "blind" ? "no barrier, its correction cannot be read back" : "no barrier"],
+    [never || answered > SILENT_MS ? "bad" : "ages", never ? "has never answered" : `answered ${ago(answered)} ago`],
+    ["ages", `positions ${positions === null ? "unknown" : `${ago(positions)} old`}, correction ${confirmed === null ? "never confirmed" : `confirmed ${ago(confirmed)} ago`}`],
+    [holds === null || (holds && !path.active) ? "bad" : "ages", holds === null ? "whether it holds a correction is unknown" : `${held} ${holds ? "a" : "no"} correction`],
+    ["ages", path.reasons.filter((reason) => reason !== "no barrier").join(", ")],
+  ];
+}
+
+function showPaths(paths) {
+  const list = element("paths");
+  while (list.children.length > paths.length) list.lastChild.remove();
+  paths.forEach((path, index) => {
+    const item = list.children[index] || make("li", "", list);
+    healthOf(path).forEach(([kind, said], line) => {
+      const row = item.children[line] || make("div", "", item);
+      row.className = kind;
+      row.textContent = said;
+    });
+  });
+  element("no-barrier").hidden = !paths.some((path) => path.active && path.scheme !== "barrier");
 }
 
 function showTemperatures(list) {
@@ -109,6 +161,7 @@ function showTrend(canvas, without, with_) {
 /** "now 12.3 → 0.8 µm; mean 10.1 → 0.9 µm, −91 %": no percentage of what is hardly an error. */
 function inWords(now, without, with_, unit, least) {
   if (!Number.isFinite(now[without])) return "unknown: a position is missing";
+  if (!Number.isFinite(now[with_])) return `now ${fixed(now[without], 1)} ${unit} without correction; what is left is unknown, since the correction is not confirmed`;
   const [b, a] = [mean(without), mean(with_)];
   const percent = b > least ? `, ${signed(100 * (a / b - 1), 0)} %` : "";
   return `now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
@@ -124,7 +177,7 @@ function showError(state) {
   const hasAxis = Number.isFinite(now.error_axis_urad);
   element("axis-panel").hidden = !hasAxis;
   showTrend("trend", "error_um", "residual_um");
-  const what = state.true_residual_um ? " (of the simulated machine)" : " (by the model; what is really left needs a measurement)";
+  const what = state.simulated ? " (of the simulated machine)" : " (by the model; what is really left needs a measurement)";
   text("reduction", inWords(now, "error_um", "residual_um", "µm", LEAST_FOR_PERCENT_UM) + what);
   if (hasAxis) {
     showTrend("axis-trend", "error_axis_urad", "residual_axis_urad");
@@ -151,6 +204,8 @@ function showMap() {
 }
 
 function showButtons(state) {
+  for (const part of document.querySelectorAll("#operate > button, #token-form")) part.hidden = !state.operable;
+  element("not-operable").hidden = state.operable;
   const may = token() !== "";
   const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
   element("arm").disabled = !may || state.armed || state.state === "faulted";
@@ -170,6 +225,7 @@ function show(state) {
   element("simulated").hidden = !state.simulated;
   document.title = `${state.state} – ${state.machine.name}`;
   showAxes(state);
+  showPaths(state.controllers);
   showTemperatures(state.temperatures);
   showError(state);
   showCycle(state.cycle);
@@ -182,7 +238,10 @@ function lost(why) {
   element("banner").dataset.state = "lost";
   text("state", "no connection");
   text("reasons", why);
-  for (const value of document.querySelectorAll("#axes .value")) value.textContent = "–";
+  for (const cell of document.querySelectorAll("#axes .position, #axes .correction")) put(cell, null);
+  for (const shown of document.querySelectorAll("#axes .shown")) shown.textContent = "";
+  for (const row of document.querySelectorAll("#paths li :not(.device)")) row.textContent = "";
+  for (const device of document.querySelectorAll("#paths .device")) device.nextSibling.textContent = "unknown";
   for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
   for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
   for (const button of document.querySelectorAll("#operate > button")) button.disabled = true;
@@ -261,9 +320,22 @@ async function operate(what, body) {
   }
 }
 
+/** What a change does, in lines: how far it moves the correction, and the limits that change. */
+function changesOf(answer) {
+  const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
+  const unknown = moved.every(([worst]) => worst === null);
+  const lines = unknown ? ["The machine has other axes than before: how far the correction moves is unknown."] : moved
+    .filter(([worst]) => worst !== null)
+    .map(([worst, least, unit]) => `At the worst place of the work space the correction moves by ${fixed(worst, 1)} ${unit}` + (least === null ? "." : ` (allowed without asking: ${least} ${unit}).`));
+  const value = (number) => (number === null ? "none" : number);
+  for (const [key, [from, to]] of Object.entries(answer.limits || {})) lines.push(`${key}: ${value(from)} → ${value(to)}`);
+  return lines;
+}
+
 function confirmModel(what, answer) {
-  text("answer", `${what} refused: the machine file moves a corner by ${answer.worst_corner_um === null ? "an unknown distance" : `${fixed(answer.worst_corner_um, 1)} µm`}`);
-  const question = `The new machine file moves a corner of the work space by ${fixed(answer.worst_corner_um, 1)} µm (allowed without asking: ${answer.confirm_um} µm).\n\nUse it?\n${answer.model}`;
+  const changes = changesOf(answer);
+  text("answer", `${what} must be confirmed. ${changes.join(" ")}`);
+  const question = `${changes.join("\n")}\n\nUse it?\n${answer.model}`;
   if (window.confirm(question)) operate(what, JSON.stringify({ confirm: answer.model }));
 }
 

@@ -131,6 +131,8 @@ impl Guard {
         self.allowed = limits.of_axes(|axis| axis.limit);
         self.adopted = PerChannel::default();
         self.took_over = true;
+        // What was shown, was shown of the positions of the other path.
+        self.verdict = Verdict::default();
         Ok(())
     }
 

@@ -4,6 +4,7 @@
 //! the thermal lags of the model.
 
 mod choice;
+mod standby;
 
 use std::time::{Duration, Instant};
 
@@ -15,6 +16,7 @@ use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
 use volcomp_vocabulary::{PerAxis, PerChannel};
 
+use self::standby::Standby;
 use crate::{
     asked::Asked,
     error::{LimitsRefusal, PlanError},
@@ -50,6 +52,7 @@ pub struct Cycle {
     directions: PerAxis<DirectionMemory>,
     sensors: Sensors,
     degraded: bool,
+    standby: Standby,
     /// Where the machine was commanded in this cycle; `None` while a position is not known.
     commanded: Option<State>,
     last: Option<Duration>,
@@ -115,6 +118,7 @@ impl Cycle {
             directions: PerAxis::default(),
             sensors,
             degraded: false,
+            standby: Standby::default(),
             commanded: None,
             last: None,
             start: Instant::now(),
@@ -345,38 +349,6 @@ impl Cycle {
         output
     }
 
-    /// What is to be known of the paths that stand by.
-    fn standby_notes(&self, now: Duration) -> Reasons {
-        let active = self.selector.active();
-        let mut notes = Reasons::NONE;
-        for (index, path) in self.paths.iter().enumerate() {
-            if index != active && path.asked_at().is_some() {
-                let report = path.report(now);
-                let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
-                notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)
-                    | Reasons::STANDBY_HOLDS.when(report.holds && self.holds_another(active, path));
-            }
-        }
-        notes
-    }
-
-    /// Whether a path tells another correction than the one that writes: both lead to the same axes.
-    fn holds_another(&self, active: usize, path: &ControlPath) -> bool {
-        let told = path.known().confirmed.map(|confirmed| confirmed.values);
-        let limits = path.limits();
-        let own = &self.paths[active];
-        let differs = |i: usize| {
-            let of_active = own
-                .place_of(path.machine_axis[i])
-                .map_or(0.0, |place| self.guard.output()[place]);
-            let reach = limits.axes[i].slew_per_s * STANDBY_EVERY.as_secs_f64() * 2.0;
-            told.is_some_and(|told| {
-                (told[i] - of_active).abs() > reach + 1.01 * limits.axes[i].resolution
-            })
-        };
-        (0..limits.count).any(differs)
-    }
-
     /// From which direction each axis came, from positions without correction.
     fn approach(&mut self, state: &mut State, known: u16) {
         let axes = self.model.axes.len();
@@ -424,7 +396,10 @@ impl Cycle {
             .map_or(PerChannel::ZERO, |confirmed| confirmed.values);
         report.correction = PerAxis::ZERO;
         report.sent = PerAxis::ZERO;
+        report.proven = PerAxis::default();
+        let shown = &self.guard.verdict().axes;
         for i in 0..path.count() {
+            report.proven[path.machine_axis[i]] = path.corrects(i).then_some(shown[i]);
             report.correction[path.machine_axis[i]] = applied[i];
             report.sent[path.machine_axis[i]] = output.correction[i];
         }

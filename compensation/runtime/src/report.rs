@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{MAX_PATHS, MAX_SENSORS, Reasons, Scheme, SensorReport, State};
+use volcomp_guard::{MAX_PATHS, MAX_SENSORS, Proven, Reasons, Scheme, SensorReport, State};
 use volcomp_vocabulary::PerAxis;
 
 /// The error of the tool at one position, in workpiece axes.
@@ -59,6 +59,8 @@ pub struct Report {
     pub correction_known: bool,
     /// The correction that was sent last, mm and rad.
     pub sent: PerAxis<f64>,
+    /// What the last test shift showed of each axis that the active path corrects; `None`: the axis is not corrected.
+    pub proven: PerAxis<Option<Proven>>,
     /// The paths in the order of preference; places beyond their number are not used.
     pub paths: [PathReport; MAX_PATHS],
     /// The error of the model without correction; `None` while a position is not known.
@@ -89,6 +91,7 @@ impl Default for Report {
             correction: PerAxis::ZERO,
             correction_known: false,
             sent: PerAxis::ZERO,
+            proven: PerAxis::default(),
             paths: [PathReport::default(); MAX_PATHS],
             error: None,
             residual: None,

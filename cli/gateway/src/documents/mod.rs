@@ -16,15 +16,15 @@ pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use plan::{
     AuditPlan, AxisPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
-    OnlinePlan, PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+    OnlinePlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
     StateChange, Stop,
 };
 pub use state::{
-    ByAxis, ControllerState, CycleTimes, MachineState, SensorState, StateName, Status,
-    StretchTimes, round,
+    ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SchemeName,
+    SensorState, StateName, Status, StretchTimes, round,
 };
 
 use schemars::{Schema, schema_for};

@@ -156,6 +156,9 @@ pub struct ControllerPlan {
     pub sees_other_gateways: bool,
     /// The shortest cycle that it keeps up with, ms.
     pub shortest_cycle_ms: f64,
+    /// FANUC controls: the addresses in the PMC that are written and read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pmc: Option<PmcPlan>,
     /// Its axes that correct, in the order X Y Z A B C U V W.
     pub axes: Vec<AxisPlan>,
     /// Its axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
@@ -164,6 +167,25 @@ pub struct ControllerPlan {
     /// Machine axes that it does not show and that stand at this position: mm, deg.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub fixed: ByAxis,
+}
+
+/// The addresses in the PMC of a FANUC control, as ladders name them, such as `R100`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct PmcPlan {
+    /// The first byte of the words into which shifts are written; null with a barrier, where the ladder writes them.
+    pub shift_words: Option<String>,
+    /// How many bytes the shift of an axis has; null with a barrier.
+    pub shift_bytes: Option<u16>,
+    /// Whether a ladder copies the shifts on to the words from which the control takes them.
+    pub copied: bool,
+    /// The first byte of the frame that goes to the barrier; null without a barrier.
+    pub frame: Option<String>,
+    /// The first byte of the report of the barrier; null without a barrier.
+    pub report: Option<String>,
+    /// The byte that every correction moves on, for the ladder to watch; null: none, or a barrier watches.
+    pub heartbeat: Option<String>,
+    /// The byte whose bits say which axes are referenced; null: not asked, the axes are taken to be referenced.
+    pub referenced: Option<String>,
 }
 
 /// The limits and properties of one axis of a controller, in µm for linear and µrad for rotary axes.

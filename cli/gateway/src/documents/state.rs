@@ -71,6 +71,10 @@ impl From<volcomp_guard::State> for StateName {
 
 /// The state of the gateway at one cycle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a key of the document"
+)]
 pub struct Status {
     /// The state of the guard; `unknown` when the control thread has reported nothing for some time.
     pub state: StateName,
@@ -84,8 +88,14 @@ pub struct Status {
     pub simulated: bool,
     /// The machine whose model corrects.
     pub machine: MachineState,
+    /// Whether a token that may operate is configured: without one nothing can be operated over HTTP.
+    #[serde(default)]
+    pub operable: bool,
     /// The controller that corrects.
     pub controller: Option<ControllerState>,
+    /// Every configured controller in the order of preference: how it is, the one that corrects and those that stand by.
+    #[serde(default)]
+    pub controllers: Vec<PathState>,
     /// Positions of the linear axes without the correction, mm. An axis whose position is not known is left out.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub positions_mm: ByAxis,
@@ -93,13 +103,30 @@ pub struct Status {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub positions_deg: ByAxis,
-    /// The correction that is applied to each linear axis, µm.
+    /// Whether the correction that the control applies was confirmed within `hold_ms`. Otherwise `correction_um` and
+    /// `correction_urad` are what was confirmed last, and what is applied now is not known.
+    #[serde(default)]
+    pub correction_known: bool,
+    /// The correction that the control was last confirmed to apply to each linear axis, µm; empty where none was ever
+    /// confirmed.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub correction_um: ByAxis,
-    /// The correction that is applied to each rotary axis, µrad.
+    /// The correction that the control was last confirmed to apply to each rotary axis, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub correction_urad: ByAxis,
+    /// The correction of each linear axis that was sent last, µm.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub sent_um: ByAxis,
+    /// The correction of each rotary axis that was sent last, µrad.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub sent_urad: ByAxis,
+    /// What the last test shift showed of the reported position of each axis that is corrected.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, ProvenName>")]
+    pub proven: BTreeMap<AxisName, ProvenName>,
     /// The correction of each linear axis that the model asks for, before limits and ramps, µm.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub wanted_um: ByAxis,
@@ -116,7 +143,8 @@ pub struct Status {
     /// machines with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error_axis_urad: Option<[f64; 3]>,
-    /// The position error that the model leaves with the applied correction, µm in workpiece axes.
+    /// The position error that the model leaves with the applied correction, µm in workpiece axes; null while the
+    /// applied correction is not known.
     pub residual_um: Option<[f64; 3]>,
     /// The direction error of the tool axis that the model leaves with the applied correction, µrad in workpiece
     /// axes; only on machines with rotary axes.
@@ -163,6 +191,75 @@ pub struct ControllerState {
     pub channel: String,
     /// Its place among the configured controllers, from 0.
     pub number: usize,
+}
+
+/// How one of the configured controllers is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PathState {
+    /// The URL of the device.
+    pub device: String,
+    /// Its place among the configured controllers, from 0.
+    pub number: usize,
+    /// Whether it is the one that corrects.
+    pub active: bool,
+    /// How its correction is confirmed.
+    pub scheme: SchemeName,
+    /// How long ago it answered last, ms; null: never.
+    pub answered_ms: Option<f64>,
+    /// How old its positions are, ms; null: it has told none.
+    pub positions_ms: Option<f64>,
+    /// How long ago the correction that it applies was confirmed last, ms; null: never.
+    pub confirmed_ms: Option<f64>,
+    /// Whether the correction that was confirmed last is other than zero; null: not known.
+    pub holds_correction: Option<bool>,
+    /// What else is to be known of it.
+    pub reasons: Vec<String>,
+}
+
+/// How the correction of a controller is confirmed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SchemeName {
+    /// A barrier in the control takes frames and tells what it applies.
+    Barrier,
+    /// Plain values that can be read back: no barrier.
+    Plain,
+    /// Plain values that cannot be read back: no barrier.
+    Blind,
+}
+
+impl From<volcomp_guard::Scheme> for SchemeName {
+    fn from(scheme: volcomp_guard::Scheme) -> Self {
+        use volcomp_guard::Scheme;
+        match scheme {
+            Scheme::Barrier => Self::Barrier,
+            Scheme::Plain => Self::Plain,
+            Scheme::Blind => Self::Blind,
+        }
+    }
+}
+
+/// What the test shift showed of the reported position of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProvenName {
+    /// It contains the correction.
+    Contained,
+    /// It does not contain the correction.
+    NotContained,
+    /// Neither was shown.
+    NotProven,
+}
+
+impl From<volcomp_guard::Proven> for ProvenName {
+    fn from(proven: volcomp_guard::Proven) -> Self {
+        use volcomp_guard::Proven;
+        match proven {
+            Proven::Contained => Self::Contained,
+            Proven::NotContained => Self::NotContained,
+            Proven::NotProven => Self::NotProven,
+        }
+    }
 }
 
 /// One temperature as it is used.

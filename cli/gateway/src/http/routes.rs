@@ -28,7 +28,7 @@ use super::{
     tokens::{Denied, Role},
 };
 use crate::{
-    documents::{Confirmation, Refusal},
+    documents::{Confirmation, Refusal, Status},
     metrics,
     request::{Ask, Asked},
 };
@@ -188,7 +188,15 @@ async fn page(kind: &'static str, text: &'static str) -> Response {
 }
 
 async fn state(State(dashboard): State<Shared>) -> Response {
-    Json(dashboard.published.latest()).into_response()
+    Json(latest(&dashboard)).into_response()
+}
+
+/// The state of now, with what the dashboard knows of its tokens.
+fn latest(dashboard: &Dashboard) -> Status {
+    let mut status = dashboard.published.latest();
+    let mut holders = dashboard.tokens.holders();
+    status.operable = holders.any(|holder| holder.role == Role::Operate);
+    status
 }
 
 async fn history(State(dashboard): State<Shared>) -> Response {
@@ -219,7 +227,7 @@ async fn events(State(dashboard): State<Shared>) -> Response {
     let stream = IntervalStream::new(ticks).filter_map(move |_| {
         // Held as long as the stream lives.
         let _ = &slot;
-        let state = dashboard.published.latest();
+        let state = latest(&dashboard);
         let event = Event::default().event("state").json_data(state).ok()?;
         Some(Ok::<_, Infallible>(event))
     });

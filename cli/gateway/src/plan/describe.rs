@@ -140,7 +140,10 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
             let channel = stated(config, &key("channel"), path.description.channel.clone());
             let source =
                 |name: AxisName, what: &str| source_of(config, device, &key(&of_kind(name, what)));
-            of_controller(plan, path, channel, controller.fixed.clone(), source)
+            ControllerPlan {
+                pmc: device.pmc(),
+                ..of_controller(plan, path, channel, controller.fixed.clone(), source)
+            }
         })
         .collect()
 }
@@ -213,6 +216,7 @@ fn of_controller(
         watched: !path.notes.contains(Reasons::UNWATCHED),
         sees_other_gateways: description.sees_other_gateways,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
+        pmc: None,
         axes,
         held,
         fixed,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::{
     config::Config,
-    documents::{AxisPlan, ControllerPlan, GuardPlan, PlanDocument, Source, Stated},
+    documents::{AxisPlan, ControllerPlan, GuardPlan, PlanDocument, PmcPlan, Source, Stated},
 };
 
 /// Lines of a label, a value, and where the value comes from.
@@ -170,6 +170,9 @@ impl Lines {
             "  shortest cycle",
             &format!("{} ms", controller.shortest_cycle_ms),
         );
+        if let Some(pmc) = &controller.pmc {
+            self.pmc(pmc);
+        }
         // Axes for which the same holds stand together.
         let mut groups: Vec<(String, &AxisPlan)> = Vec::new();
         for axis in &controller.axes {
@@ -208,6 +211,31 @@ impl Lines {
             let unit = if name.is_rotary() { "deg" } else { "mm" };
             self.plain(&format!("  axis {name}"), &format!("stands at {at} {unit}"));
         }
+    }
+
+    fn pmc(&mut self, pmc: &PmcPlan) {
+        if let Some((first, bytes)) = pmc.shift_words.as_ref().zip(pmc.shift_bytes) {
+            let each = if bytes == 1 { "byte" } else { "bytes" };
+            let copied = if pmc.copied {
+                ", copied on by the ladder"
+            } else {
+                ""
+            };
+            let text = format!("from {first} on, {bytes} {each} an axis{copied}");
+            self.plain("  shift words", &text);
+        }
+        let bytes = [("frame from", &pmc.frame), ("report from", &pmc.report)];
+        for (label, at) in bytes {
+            if let Some(at) = at {
+                self.plain(&format!("  {label}"), at);
+            }
+        }
+        if pmc.frame.is_none() {
+            let heartbeat = pmc.heartbeat.as_deref().unwrap_or("none");
+            self.plain("  heartbeat byte", heartbeat);
+        }
+        let referenced = pmc.referenced.as_deref();
+        self.plain("  referenced axes", referenced.unwrap_or("not asked"));
     }
 
     fn axis(&mut self, axis: &AxisPlan, has_limits: bool) {

@@ -44,6 +44,12 @@ with sync_playwright() as playwright:
         raise AssertionError("the position stands still")
     assert page.locator("#temperatures tr").count() == 5
     assert "%" in page.inner_text("#reduction")
+    # The way to the control: it has a barrier, and answers.
+    assert page.locator("#paths li").count() == 1
+    path = page.inner_text("#paths li")
+    assert "barrier" in path and "no barrier" not in path and "answered" in path, path
+    assert page.is_hidden("#no-barrier")
+    assert all("proven" in shown for shown in page.locator(".axis .shown").all_inner_texts())
     # Nothing can be pressed without a token.
     for button in ("arm", "disarm", "acknowledge", "reload"):
         assert page.is_disabled(f"#{button}"), button
@@ -64,9 +70,14 @@ with sync_playwright() as playwright:
     touches(page, "#arm", 1400)
     state(page, "compensating")
     # Every button is a target for a glove: 48 px of CSS or more.
-    for size in ({"width": 768, "height": 1024}, {"width": 360, "height": 740}):
+    for size in ({"width": 1280, "height": 800}, {"width": 768, "height": 1024}, {"width": 390, "height": 844}, {"width": 360, "height": 740}):
         page.set_viewport_size(size)
         page.wait_for_timeout(300)
+        page.screenshot(path=screenshot.replace(".png", f"-{size['width']}.png"), full_page=True)
+        # What is written beside a heading stays in its panel.
+        for key in page.locator(".key:visible").all():
+            box, panel = key.bounding_box(), key.locator("xpath=ancestor::section").bounding_box()
+            assert box["x"] + box["width"] <= panel["x"] + panel["width"], f"{size}: {key.inner_text()}"
         wide = page.evaluate("() => document.documentElement.scrollWidth")
         assert wide <= size["width"], f"{wide} px do not fit {size['width']}"
         for button in page.locator("#operate button").all():

@@ -8,10 +8,14 @@ use std::{
 
 use volcomp_test_support::peers;
 
-use crate::program::{OPERATE, Program};
+use crate::{
+    controlled::control,
+    paths::{nobody, two_ways},
+    program::{OPERATE, Program, change, path},
+};
 
-#[test]
-fn a_person_sees_and_operates_it() {
+/// Runs a script of this folder in the browser; `then` is called when it says that it is ready.
+fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) {
     if !Path::new("/usr/bin/chromium").exists() {
         peers::not_run("Chromium");
         return;
@@ -19,14 +23,11 @@ fn a_person_sees_and_operates_it() {
     let Some(python) = peers::python() else {
         return;
     };
-    let dir = tempfile::tempdir().expect("writable");
-    let mut program = Program::simulated(dir.path());
-    let screenshot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/gateway.png");
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut browser = Command::new(python)
-        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/browser.py"))
-        .arg(format!("http://{}/", program.address))
-        .arg(OPERATE)
-        .arg(&screenshot)
+        .arg(here.join("tests/it").join(script))
+        .args(arguments)
+        .arg(here.join("../../target").join(screenshot))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -35,12 +36,34 @@ fn a_person_sees_and_operates_it() {
     let mut lines = BufReader::new(browser.stdout.take().expect("piped")).lines();
     let said = lines.next().and_then(Result::ok);
     if said.as_deref() == Some("ready") {
-        program.signal("TERM");
-        assert_eq!(program.end(), Some(0));
+        then();
         writeln!(browser.stdin.take().expect("piped"), "gone").expect("it listens");
     }
     let output = browser.wait_with_output().expect("ours");
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{message}\n{}", program.log());
-    assert!(screenshot.exists());
+    assert!(output.status.success(), "{message}");
+}
+
+#[test]
+fn a_person_sees_and_operates_it() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut program = Program::simulated(dir.path());
+    let url = format!("http://{}/", program.address);
+    run("browser.py", &[&url, OPERATE], "gateway.png", || {
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0), "{}", program.log());
+    });
+}
+
+#[test]
+fn a_person_sees_what_is_missing_and_what_is_not_known() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = two_ways(dir.path(), &control, &nobody());
+    change(&config, "token_file = \"tokens\"\n", "");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let url = format!("http://{}/", program.address);
+    run("browser_paths.py", &[&url], "gateway-paths.png", || {
+        drop(control);
+    });
 }

@@ -21,6 +21,7 @@ mod http;
 mod hung_disk;
 mod keys;
 mod online;
+mod paths;
 mod process;
 mod program;
 mod records;

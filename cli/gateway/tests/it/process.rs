@@ -206,7 +206,11 @@ fn a_second_signal_leaves_at_once() {
     );
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     program
-        .wait(|state| state["correction_um"]["X"].as_f64() < Some(-1.0))
+        .wait(|state| {
+            state["correction_um"]["X"]
+                .as_f64()
+                .is_some_and(|um| um < -1.0)
+        })
         .expect("it ramps in");
     program.signal("TERM");
     std::thread::sleep(Duration::from_millis(300));

@@ -248,6 +248,11 @@ fn a_silent_control_thread_is_told_and_what_was_asked_meanwhile_expires() {
         assert_eq!(state[key], json!({}), "nothing is known: {state}");
     }
     assert_eq!(state["error_um"], Value::Null);
+    assert_eq!(state["correction_known"], false);
+    assert_eq!(state["proven"], json!({}));
+    let path = &state["controllers"][0];
+    assert_eq!(path["holds_correction"], Value::Null, "nothing is known");
+    assert!(path["answered_ms"].as_f64() > Some(12.0), "it ages: {path}");
     let metrics = gateway.request("GET", "/metrics").body;
     assert!(
         metrics.contains("volcomp_state{state=\"unknown\"} 1"),

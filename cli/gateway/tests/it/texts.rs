@@ -12,6 +12,18 @@ fn status_fits_a_small_terminal() {
         "simulated": false,
         "machine": { "name": "five-axis", "hash": "sha256:00", "axes": ["X", "Y", "Z", "B", "C"] },
         "controller": { "device": "focas://192.0.2.10:8193", "channel": "emzps", "number": 0 },
+        "controllers": [
+            {
+                "device": "focas://192.0.2.10:8193", "number": 0, "active": true, "scheme": "barrier",
+                "answered_ms": 1.2, "positions_ms": 3.4, "confirmed_ms": 3.4, "holds_correction": true, "reasons": [],
+            },
+            {
+                "device": "can://can0", "number": 1, "active": false, "scheme": "plain", "answered_ms": null,
+                "positions_ms": null, "confirmed_ms": null, "holds_correction": null, "reasons": ["no barrier"],
+            },
+        ],
+        "correction_known": true,
+        "proven": { "X": "contained", "Y": "contained", "Z": "not-contained", "B": "not-proven", "C": "not-proven" },
         "positions_mm": { "X": 123.456, "Y": -4.5, "Z": 0.0 },
         "positions_deg": { "B": 30.0, "C": -45.25 },
         "correction_um": { "X": -12.0, "Y": 3.0, "Z": 0.0 },

@@ -95,7 +95,11 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
         }
         RampingOut | RampingOutInAnAlarm => {
             program
-                .wait(|state| state["correction_um"]["X"].as_f64() < Some(-1.0))
+                .wait(|state| {
+                    state["correction_um"]["X"]
+                        .as_f64()
+                        .is_some_and(|um| um < -1.0)
+                })
                 .expect("it ramps in");
             assert_eq!(program.post("/api/disarm", "").status, 200);
             if setting == RampingOutInAnAlarm {

@@ -1,0 +1,42 @@
+"""The dashboard of a control without a barrier, with a path that never answers and no token: `browser_paths.py URL SCREENSHOT`.
+
+Every assertion is about what a person sees.
+"""
+import sys
+
+from playwright.sync_api import sync_playwright
+
+url, screenshot = sys.argv[1:3]
+
+with sync_playwright() as playwright:
+    browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    errors = []
+    page.on("pageerror", lambda e: errors.append(str(e)))
+    page.goto(url)
+    page.wait_for_selector("#reasons:has-text('a standby path does not answer')", timeout=15000)
+    assert page.is_visible("#no-barrier")
+    first, second = page.locator("#paths li").all_inner_texts()
+    assert "1 corrects" in first and "no barrier" in first and "holds no correction" in first, first
+    assert "2 stands by" in second and "has never answered" in second, second
+    assert "whether it holds a correction is unknown" in second, second
+    for axis in "XY":
+        assert page.inner_text(f".axis[data-axis={axis}] .shown").startswith("not proven"), axis
+    # Without a token there is nothing to press, and it is said why.
+    assert page.locator("#operate button:visible").count() == 0
+    assert page.is_visible("#not-operable")
+    print("ready", flush=True)
+    # The control is gone now: what it applies is not known.
+    sys.stdin.readline()
+    page.wait_for_selector(".axis[data-axis=Y] .correction.unknown", timeout=10000)
+    page.wait_for_selector(".axis[data-axis=Y] .position.unknown", timeout=10000)
+    assert page.inner_text(".axis[data-axis=Y] .correction .value") == "unknown"
+    for width in (1280, 390):
+        page.set_viewport_size({"width": width, "height": 844})
+        page.wait_for_timeout(300)
+        page.screenshot(path=screenshot.replace(".png", f"-{width}.png"), full_page=True)
+        wide = page.evaluate("() => document.documentElement.scrollWidth")
+        assert wide <= width, f"{wide} px do not fit {width}"
+    assert not errors, errors
+    browser.close()
+print("done", flush=True)

@@ -1,0 +1,172 @@
+//! What is told of every way to the control: the one that corrects and those that stand by, and what is not known.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use volcomp_focas::{PmcAddress, PmcArea, simulator::Simulator};
+use volcomp_gateway::{config::Config, plan::Plan};
+
+use crate::{
+    controlled::{configuration, control},
+    program::{Program, change, path},
+};
+
+/// A configuration with a second way to the machine, at this address.
+pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
+    let config = configuration(dir, first, "");
+    let more = format!(
+        "[[controller]]\nurl = \"focas://{second}\"\naxes = [\"X\", \"Y\", \"Z\"]\n[dashboard]"
+    );
+    change(&config, "[dashboard]", &more);
+    change(
+        &config,
+        "axes = [\"X\", \"Y\", \"Z\"]\n[dash",
+        "axes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[dash",
+    );
+    config
+}
+
+/// An address at which nobody listens.
+pub(crate) fn nobody() -> String {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
+    listener.local_addr().expect("bound").to_string()
+}
+
+fn started(config: &Path) -> Program {
+    let dir = config.parent().expect("a folder");
+    Program::start(dir, &["--config", path(config)])
+}
+
+fn says(state: &Value, words: &str) -> bool {
+    state["reasons"].to_string().contains(words)
+}
+
+/// Before, nothing told that the path on which a machine would fall back had never been there.
+#[test]
+fn a_standby_path_that_never_answers_is_told() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let program = started(&two_ways(dir.path(), &control, &nobody()));
+    let state = program
+        .wait(|state| says(state, "a standby path does not answer"))
+        .expect("it says so");
+    let [first, second] = [0, 1].map(|index| &state["controllers"][index]);
+    assert_eq!(first["active"], true);
+    assert_eq!(first["scheme"], "plain");
+    assert!(first["answered_ms"].as_f64() < Some(1000.0), "{state}");
+    assert_eq!(second["active"], false);
+    assert_eq!(second["number"], 1);
+    for key in ["answered_ms", "positions_ms", "confirmed_ms"] {
+        assert_eq!(second[key], Value::Null, "{key} of {second}");
+    }
+    assert_eq!(second["holds_correction"], Value::Null, "not known");
+    let metrics = program.get("/metrics").body;
+    for line in [
+        "volcomp_path_answered_seconds{path=\"1\"} +Inf",
+        "volcomp_path_holds_correction{path=\"1\"} NaN",
+        "volcomp_path_holds_correction{path=\"0\"} 0",
+        "volcomp_no_barrier{path=\"0\"} 1",
+        "volcomp_correction_known 1",
+    ] {
+        assert!(metrics.contains(line), "{line}: {metrics}");
+    }
+}
+
+/// Before, 77 µm on a path that stood by were not told: less than the output may move between two looks at it.
+#[test]
+fn a_standby_path_that_holds_a_correction_is_told() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (active, standby) = (control(), control());
+    let y = PmcAddress {
+        area: PmcArea::R,
+        at: 102,
+    };
+    standby.world().set_words(y, &[77]);
+    let config = two_ways(dir.path(), &active, &standby.address().to_string());
+    let program = started(&config);
+    let state = program
+        .wait(|state| says(state, "a standby path holds a correction"))
+        .expect("it says so");
+    let [first, second] = [0, 1].map(|index| &state["controllers"][index]);
+    assert_eq!(first["holds_correction"], false, "{state}");
+    assert_eq!(second["holds_correction"], true, "{state}");
+    let metrics = program.get("/metrics").body;
+    let line = "volcomp_path_holds_correction{path=\"1\"} 1";
+    assert!(metrics.contains(line), "{metrics}");
+}
+
+/// The control does not answer any more: what it applies is not known, and nothing says otherwise.
+#[test]
+fn an_unknown_correction_is_shown_as_unknown() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let program = started(&config);
+    program
+        .wait(|state| state["error_um"].is_array())
+        .expect("it sees the machine");
+    assert_eq!(program.arm().status, 200);
+    let state = program.wait_for("compensating");
+    assert_eq!(state["correction_known"], true);
+    assert_eq!(
+        state["proven"],
+        json!({ "X": "not-proven", "Y": "not-proven", "Z": "not-proven" }),
+        "no test shift is made"
+    );
+    drop(control);
+    let state = program
+        .wait(|state| state["correction_known"] == false)
+        .expect("it is not known any more");
+    assert_eq!(state["residual_um"], Value::Null, "{state}");
+    let metrics = program.get("/metrics").body;
+    assert!(metrics.contains("volcomp_correction_known 0"), "{metrics}");
+    assert!(!metrics.contains("volcomp_correction_um{"), "{metrics}");
+    let text = volcomp_gateway::text::text(&serde_json::from_value(state).expect("a state"));
+    assert!(
+        text.contains("unknown: not confirmed by the control"),
+        "{text}"
+    );
+}
+
+#[test]
+fn check_shows_the_addresses_in_the_pmc() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), &control(), "");
+    change(
+        &config,
+        "axes =",
+        "area = { pmc = \"D\", first = 200, width = 4, copied = true }\nreferenced = { pmc = \"F\", at = 94 }\naxes =",
+    );
+    let planned = || Plan::new(Config::read(&config).expect("right")).expect("right");
+    let plan = planned();
+    let text = plan.text();
+    for line in [
+        "  shift words         from D200 on, 4 bytes an axis, copied on by the ladder",
+        "  heartbeat byte      R120",
+        "  referenced axes     F94",
+    ] {
+        assert!(text.contains(line), "{text}");
+    }
+    let document = serde_json::to_value(plan.document()).expect("plain data");
+    assert_eq!(
+        document["controllers"][0]["pmc"],
+        json!({
+            "shift_words": "D200", "shift_bytes": 4, "copied": true, "frame": null, "report": null,
+            "heartbeat": "R120", "referenced": "F94",
+        })
+    );
+    // With a barrier the ladder alone writes the shifts.
+    change(
+        &config,
+        "area = { pmc = \"D\", first = 200, width = 4, copied = true }\n",
+        "barrier = { machine = 7, scan_ms = 8.0, frame = { pmc = \"R\", at = 300 }, report = { pmc = \"R\", at = 400 } }\n",
+    );
+    change(&config, "heartbeat = { pmc = \"R\", at = 120 }\n", "");
+    change(&config, "referenced = { pmc = \"F\", at = 94 }\n", "");
+    let plan = planned();
+    let text = plan.text();
+    for line in ["  frame from          R300", "  report from         R400"] {
+        assert!(text.contains(line), "{text}");
+    }
+    assert!(!text.contains("shift words"), "{text}");
+}
