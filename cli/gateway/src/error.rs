@@ -235,6 +235,36 @@ pub enum GatewayError {
         /// The setting that makes no sense.
         source: volcomp_guard::barrier::SettingsError,
     },
+    /// A fault that is not in the catalogue of a rehearsal.
+    #[error("--fault: found {found:?}, expected one of {expected}")]
+    NoSuchFault {
+        /// The name that was found.
+        found: String,
+        /// The names that there are.
+        expected: String,
+    },
+    /// A rehearsal of a configuration without limits.
+    #[error("{file}: [guard] is missing, expected it: without limits nothing is corrected")]
+    NoLimits {
+        /// The path of the configuration file.
+        file: String,
+    },
+    /// A barrier that cannot be set to the configured limits.
+    #[error("{device}: a barrier cannot be set to these limits: {source}")]
+    Barrier {
+        /// The URL of the controller.
+        device: String,
+        /// The setting that makes no sense.
+        source: volcomp_guard::barrier::SettingsError,
+    },
+    /// A rehearsal in which a rule was broken.
+    #[error("rehearsal: {broken} of {count} faults broke a rule")]
+    Rehearsal {
+        /// How many broke a rule, each phase counted.
+        broken: usize,
+        /// How many were rehearsed.
+        count: usize,
+    },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
@@ -357,6 +387,7 @@ impl GatewayError {
             | Self::Locked { .. }
             | Self::Start(_)
             | Self::Answer { .. }
+            | Self::Rehearsal { .. }
             | Self::System { .. } => 1,
             Self::Place(_)
             | Self::Model(_)
@@ -380,6 +411,9 @@ impl GatewayError {
             | Self::PositionUnknown { .. }
             | Self::Reload(_)
             | Self::Read { .. }
+            | Self::NoSuchFault { .. }
+            | Self::NoLimits { .. }
+            | Self::Barrier { .. }
             | Self::BuiltInBarrier { .. } => 2,
         }
     }

@@ -17,6 +17,7 @@ pub mod plan;
 mod plan_keys;
 pub mod process;
 pub mod published;
+pub mod rehearse;
 pub mod request;
 pub mod run;
 pub mod service;

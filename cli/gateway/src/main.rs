@@ -11,6 +11,7 @@ use volcomp_gateway::{
     http::tls,
     options::Options,
     plan::Plan,
+    rehearse::{self, Rehearsal},
     run, text,
 };
 
@@ -21,6 +22,10 @@ const CHECK_EXAMPLES: &str = "Examples:
   volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
   volcomp-gateway check gateway.toml --json | jq .notes
   volcomp-gateway check gateway.toml --online         compares with what the controls tell, too";
+const REHEARSE_EXAMPLES: &str = "Examples:
+  volcomp-gateway rehearse gateway.toml > rehearsal.txt       every fault, to be filed
+  volcomp-gateway rehearse gateway.toml --fault late_write    one fault alone
+  volcomp-gateway rehearse gateway.toml --json | jq .passed";
 const STATUS_EXAMPLES: &str = "Examples:
   volcomp-gateway status                              the gateway on http://127.0.0.1:8080
   volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json";
@@ -91,6 +96,28 @@ enum Command {
         #[arg(long)]
         online: bool,
     },
+    /// Rehearse every fault on a simulated machine, and print what its axes did
+    ///
+    /// No device is opened and nothing is sent: a simulated machine takes the place of the configured controllers and
+    /// thermometers. It has the axes, steps and limits of the configuration, and the reference barrier in its control where
+    /// the configuration has one. Each controller is rehearsed alone. Each fault begins once while compensating and once
+    /// while ramping, and is taken away again.
+    ///
+    /// Exit status: 0 no rule was broken, 1 a rule was broken, 2 the configuration or the call is wrong.
+    #[command(after_help = REHEARSE_EXAMPLES)]
+    Rehearse {
+        /// The TOML file of the configuration
+        config: PathBuf,
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
+        /// The seed of all that happens by chance; the same seed gives the same faults
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Only this fault, as the table names it; may be given several times
+        #[arg(long, value_name = "NAME")]
+        fault: Vec<String>,
+    },
     /// Print the state of a running gateway
     #[command(after_help = STATUS_EXAMPLES)]
     Status {
@@ -134,7 +161,11 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let json = matches!(
         arguments.command,
-        Some(Command::Check { json: true, .. } | Command::Status { json: true, .. })
+        Some(
+            Command::Check { json: true, .. }
+                | Command::Rehearse { json: true, .. }
+                | Command::Status { json: true, .. }
+        )
     );
     match act(arguments) {
         Ok(()) => ExitCode::SUCCESS,
@@ -182,6 +213,21 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             } else {
                 plan.text_of(&found)
             })
+        }
+        Some(Command::Rehearse {
+            config,
+            json,
+            seed,
+            fault,
+        }) => {
+            let rehearsal = Rehearsal::of(seed, &fault)?;
+            let found = rehearsal.run(&Plan::new(Config::read(&config)?)?)?;
+            print(&if json {
+                document(&found)?
+            } else {
+                rehearse::text(&found)
+            })?;
+            found.verdict()
         }
         Some(Command::Status {
             config,

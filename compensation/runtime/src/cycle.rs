@@ -268,7 +268,8 @@ impl Cycle {
         let is_due =
             asked_at(&next).is_none_or(|at| since_start.saturating_sub(at) >= STANDBY_EVERY);
         if is_due {
-            let deadline = Instant::now() + self.period.mul_f64(0.5);
+            let at = self.clock.as_ref().map_or_else(Instant::now, Clock::now);
+            let deadline = at + self.period.mul_f64(0.5);
             self.read(next, deadline, since_start);
         }
     }
@@ -377,7 +378,9 @@ impl Cycle {
         let path = &mut self.paths[self.selector.active()];
         let left = self.guard.time_to_send(now);
         let sent = left.is_some_and(|left| {
-            let deadline = Instant::now() + left.min(patience);
+            // By the same clock as the age: a test's clock may be far from the system's.
+            let at = self.clock.as_ref().map_or_else(Instant::now, Clock::now);
+            let deadline = at + left.min(patience);
             path.send(&output.correction, deadline, now)
         });
         if !sent {

@@ -81,6 +81,17 @@ impl ControlPath {
         })
     }
 
+    /// The path of a plan with a barrier as another run of the program has it, under this owner number instead of the one
+    /// that this run drew: for rehearsals of a restart. Without a barrier nothing changes.
+    #[must_use]
+    pub fn with_owner(mut self, plan: &PathPlan, owner: u16) -> Self {
+        if let Some(barrier) = plan.barrier {
+            let link = BarrierLink::new(owner.max(1), barrier.machine, barrier.scan);
+            self.read_back = ReadBack::barrier(link);
+        }
+        self
+    }
+
     /// Chooses the axes that correct anew, for another model. Allocates nothing.
     pub(crate) fn fit_to(&mut self, model: &Model) {
         self.correctors = model.correctors_among(&self.names);

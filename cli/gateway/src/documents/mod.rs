@@ -9,6 +9,7 @@ mod history;
 mod map;
 mod plan;
 mod record;
+mod rehearsal;
 mod state;
 
 pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
@@ -22,6 +23,7 @@ pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
     StateChange, Stop,
 };
+pub use rehearsal::{Excursion, RehearsalDocument, RehearsedAxis, RehearsedFault, RehearsedPath};
 pub use state::{
     ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SchemeName,
     SensorState, StateName, Status, StretchTimes, round,
@@ -40,6 +42,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-history.json", schema_for!(History)),
         ("gateway-last-output.json", schema_for!(LastOutput)),
         ("gateway-map.json", schema_for!(ErrorMap)),
+        ("gateway-rehearsal.json", schema_for!(RehearsalDocument)),
         ("gateway-standing.json", schema_for!(Standing)),
         ("gateway-state.json", schema_for!(Status)),
     ]

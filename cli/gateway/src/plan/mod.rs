@@ -123,6 +123,16 @@ impl Plan {
         self.paths.iter().map(|path| path.limits).collect()
     }
 
+    /// The planned controllers, in the order of preference.
+    pub(crate) fn paths(&self) -> &[PathPlan] {
+        &self.paths
+    }
+
+    /// The limits and times that hold for every controller.
+    pub(crate) fn guard(&self) -> &GuardSettings {
+        &self.guard
+    }
+
     /// Opens the devices and puts the cycle together.
     ///
     /// # Errors

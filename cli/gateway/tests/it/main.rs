@@ -25,6 +25,7 @@ mod paths;
 mod process;
 mod program;
 mod records;
+mod rehearse;
 mod reload;
 mod shipped;
 mod silent;

@@ -1,0 +1,102 @@
+//! The document of a rehearsal, as `rehearse --json` prints it.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use volcomp_vocabulary::AxisName;
+
+/// What the axes of a simulated machine did under each fault. No device was opened.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RehearsalDocument {
+    /// Whether no rule was broken.
+    pub passed: bool,
+    /// The name of the machine as its file states it.
+    pub machine: String,
+    /// The checksum of the machine file's content.
+    pub hash: String,
+    /// The path of the configuration file.
+    pub config: String,
+    /// The seed of all that happened by chance.
+    pub seed: u64,
+    /// The time of a cycle, ms.
+    pub cycle_ms: f64,
+    /// How much time passed on the simulated machines, s.
+    pub simulated_s: f64,
+    /// The controllers in the order of preference; each was rehearsed alone, on a simulated machine of its own.
+    pub controllers: Vec<RehearsedPath>,
+}
+
+/// One controller of a rehearsal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RehearsedPath {
+    /// The URL of the controller whose place the simulated machine took.
+    pub url: String,
+    /// What the simulated control was: `barrier`, `plain` (values that can be read back) or `blind` (values that cannot).
+    pub scheme: String,
+    /// What was done to it, and what came of it.
+    pub faults: Vec<RehearsedFault>,
+    /// Faults of sensors that were left out, since no thermometer is configured.
+    pub left_out: Vec<String>,
+}
+
+/// One fault in one phase of the correction.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RehearsedFault {
+    /// The name of the fault, as `--fault` takes it.
+    pub fault: String,
+    /// What it stands for.
+    pub meaning: String,
+    /// When it began: `compensating` or `ramping`.
+    pub phase: String,
+    /// Whether it broke no rule.
+    pub passed: bool,
+    /// The rules that were broken, in words.
+    pub broken: Vec<String>,
+    /// Whether this fault can make a step that nobody can notice without a barrier, so that only the limit bounds it.
+    pub bounded_by_limit: bool,
+    /// Whether this fault hides an interlock from the gateway, so that without a barrier the axes may move in it.
+    pub interlock_hidden: bool,
+    /// The worst state that was reached from the fault until it compensated again.
+    pub state: String,
+    /// How long after the fault was taken away it compensated again, s; null: not within the time of the rehearsal.
+    pub compensating_after_s: Option<f64>,
+    /// What a person had to do for that, in order: `acknowledge`, `arm`.
+    pub needed: Vec<String>,
+    /// How many scans (without a barrier: writes) moved an axis in emergency stop, alarm or without reference.
+    pub moved_while_held: u64,
+    /// What each axis did.
+    pub axes: Vec<RehearsedAxis>,
+}
+
+/// What one axis did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RehearsedAxis {
+    /// The letter of the axis.
+    #[schemars(with = "String")]
+    pub axis: AxisName,
+    /// Of a linear axis, µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub um: Option<Excursion>,
+    /// Of a rotary axis, µrad.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub urad: Option<Excursion>,
+}
+
+impl RehearsedAxis {
+    /// What the axis did, in the unit of its kind.
+    pub fn excursion(&self) -> Option<&Excursion> {
+        self.um.as_ref().or(self.urad.as_ref())
+    }
+}
+
+/// How an axis moved, in µm or µrad.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Excursion {
+    /// The largest change of the correction from one scan (without a barrier: write) to the next.
+    pub largest_change: f64,
+    /// The largest change that is allowed.
+    pub allowed_change: f64,
+    /// The largest correction, in either direction.
+    pub furthest: f64,
+    /// The largest correction that is allowed.
+    pub limit: f64,
+}

@@ -1,0 +1,412 @@
+//! The catalogue of faults: what is done to the simulated machine, to the way to it, and to the gateway.
+
+use std::time::Duration;
+
+use volcomp_port::inject::{Faults, Injection, Lie};
+
+/// One fault of the catalogue.
+#[derive(Clone, Copy, Debug)]
+pub struct Fault {
+    /// The name, as `--fault` takes it.
+    pub name: &'static str,
+    /// What it stands for.
+    pub meaning: &'static str,
+    /// What is done.
+    pub(super) act: Act,
+    /// A step that nobody can notice without a barrier: it is bounded by the limit only.
+    pub(super) is_unseen_without_barrier: bool,
+    /// It tells the gateway that the machine may move while it may not; only a barrier can hold then.
+    pub(super) hides_interlock: bool,
+}
+
+/// What is done for the time of a fault.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Act {
+    /// Nothing: the machine is corrected.
+    Nothing,
+    /// Faults by chance.
+    Chance(Faults),
+    /// One fault, asked for again and again.
+    Directed(Injection),
+    /// Writes are held back, and all of them delivered at the end.
+    HeldBack,
+    EmergencyStop,
+    Alarm,
+    Unreferenced,
+    /// The emergency stop is pressed while readings say that it is not.
+    HiddenStop,
+    /// The same, by chance.
+    HiddenStopByChance,
+    /// The control starts anew; its words keep their values.
+    Reset,
+    /// The control is switched off and on; its words are cleared.
+    PowerUp,
+    /// The program in the control stops.
+    ProgramStopped,
+    /// Somebody else writes random words.
+    Garbage,
+    /// The gateway is ended without ramping out and started anew.
+    Restart,
+    /// The connection is gone for longer than positions may be missing.
+    PositionsLost,
+    /// A temperature jumps by 15 K.
+    SensorJump,
+    /// A temperature is no number or wrong, by chance.
+    SensorCorrupt,
+}
+
+const NONE: Faults = Faults {
+    delay: Duration::ZERO,
+    jitter: false,
+    drop: 0.0,
+    corrupt: 0.0,
+    freeze: 0.0,
+    disconnect: 0.0,
+    calls: 20,
+    lie: 0.0,
+    constant: 0.0,
+    late_write: 0.0,
+    double_write: 0.0,
+    torn_write: 0.0,
+    reordered_write: 0.0,
+    late_answer: 0.0,
+    frozen_positions: 0.0,
+    stop_after_read: 0.0,
+    stop_before_write: 0.0,
+    stop: Duration::from_millis(800),
+    dropped_flag: 0.0,
+    flicker: 0.0,
+    lag: 0,
+};
+
+/// The chance of a call, where a fault comes by chance.
+const CHANCE: f64 = 0.1;
+/// The chance of what lasts or stops everything.
+const SELDOM: f64 = 0.02;
+
+const fn fault(name: &'static str, meaning: &'static str, act: Act) -> Fault {
+    Fault {
+        name,
+        meaning,
+        act,
+        is_unseen_without_barrier: false,
+        hides_interlock: false,
+    }
+}
+
+const fn unseen(name: &'static str, meaning: &'static str, act: Act) -> Fault {
+    Fault {
+        is_unseen_without_barrier: true,
+        ..fault(name, meaning, act)
+    }
+}
+
+const fn hiding(name: &'static str, meaning: &'static str, act: Act) -> Fault {
+    Fault {
+        hides_interlock: true,
+        ..fault(name, meaning, act)
+    }
+}
+
+const fn lie(lie: Lie) -> Act {
+    Act::Directed(Injection::Lie { lie, readings: 5 })
+}
+
+/// Every fault, in the order in which they are rehearsed.
+pub const CATALOGUE: &[Fault] = &[
+    fault("none", "no fault: start, ramp, correction", Act::Nothing),
+    // By chance.
+    fault(
+        "delay",
+        "a busy network",
+        Act::Chance(Faults {
+            delay: Duration::from_millis(1),
+            jitter: true,
+            ..NONE
+        }),
+    ),
+    fault(
+        "drop",
+        "answers that are lost",
+        Act::Chance(Faults {
+            drop: CHANCE,
+            ..NONE
+        }),
+    ),
+    fault(
+        "corrupt",
+        "positions that are wrong or no number",
+        Act::Chance(Faults {
+            corrupt: CHANCE,
+            ..NONE
+        }),
+    ),
+    unseen(
+        "freeze",
+        "a module that answers from its memory",
+        Act::Chance(Faults {
+            freeze: SELDOM,
+            ..NONE
+        }),
+    ),
+    fault(
+        "disconnect",
+        "a cable that is pulled and plugged in",
+        Act::Chance(Faults {
+            disconnect: SELDOM,
+            ..NONE
+        }),
+    ),
+    unseen(
+        "lie",
+        "read-backs that are wrong",
+        Act::Chance(Faults {
+            lie: CHANCE,
+            ..NONE
+        }),
+    ),
+    unseen(
+        "constant",
+        "read-backs that stay as they are",
+        Act::Chance(Faults {
+            constant: SELDOM,
+            ..NONE
+        }),
+    ),
+    unseen(
+        "late_write",
+        "writes that arrive late",
+        Act::Chance(Faults {
+            late_write: CHANCE,
+            ..NONE
+        }),
+    ),
+    unseen(
+        "double_write",
+        "writes that arrive twice",
+        Act::Chance(Faults {
+            double_write: CHANCE,
+            ..NONE
+        }),
+    ),
+    fault(
+        "torn_write",
+        "words read while they are written",
+        Act::Chance(Faults {
+            torn_write: CHANCE,
+            ..NONE
+        }),
+    ),
+    unseen(
+        "reordered_write",
+        "writes that overtake one another",
+        Act::Chance(Faults {
+            reordered_write: CHANCE,
+            ..NONE
+        }),
+    ),
+    fault(
+        "late_answer",
+        "answers just within the deadline",
+        Act::Chance(Faults {
+            late_answer: CHANCE,
+            ..NONE
+        }),
+    ),
+    fault(
+        "frozen_positions",
+        "positions that stay as they are",
+        Act::Chance(Faults {
+            frozen_positions: SELDOM,
+            ..NONE
+        }),
+    ),
+    fault(
+        "stop_after_read",
+        "the program stands after a reading",
+        Act::Chance(Faults {
+            stop_after_read: SELDOM,
+            ..NONE
+        }),
+    ),
+    fault(
+        "stop_before_write",
+        "the program stands before a write",
+        Act::Chance(Faults {
+            stop_before_write: SELDOM,
+            ..NONE
+        }),
+    ),
+    hiding(
+        "dropped_flag",
+        "an emergency stop that is seen at times",
+        Act::HiddenStopByChance,
+    ),
+    fault(
+        "flicker",
+        "a count that flickers",
+        Act::Chance(Faults {
+            flicker: CHANCE,
+            ..NONE
+        }),
+    ),
+    fault(
+        "lag",
+        "positions five readings late",
+        Act::Chance(Faults { lag: 5, ..NONE }),
+    ),
+    unseen(
+        "all",
+        "all of these at once",
+        Act::Chance(Faults {
+            drop: SELDOM,
+            corrupt: SELDOM,
+            freeze: SELDOM,
+            disconnect: 0.005,
+            lie: SELDOM,
+            constant: SELDOM,
+            late_write: SELDOM,
+            double_write: SELDOM,
+            torn_write: SELDOM,
+            reordered_write: SELDOM,
+            late_answer: SELDOM,
+            frozen_positions: SELDOM,
+            stop_after_read: 0.002,
+            stop_before_write: 0.002,
+            flicker: SELDOM,
+            ..NONE
+        }),
+    ),
+    // Asked for.
+    fault(
+        "lie_value",
+        "five read-backs with a wrong value",
+        lie(Lie::Value),
+    ),
+    fault(
+        "lie_not_a_number",
+        "five read-backs that are no number",
+        lie(Lie::NotANumber),
+    ),
+    unseen(
+        "lie_other_axis",
+        "five read-backs of another axis",
+        lie(Lie::OtherAxis),
+    ),
+    fault("lie_torn", "five read-backs that are torn", lie(Lie::Torn)),
+    unseen("lie_zero", "five read-backs of zero", lie(Lie::Zero)),
+    unseen(
+        "constant_100",
+        "100 read-backs that stay as they are",
+        Act::Directed(Injection::Constant { readings: 100 }),
+    ),
+    unseen(
+        "late_write_50",
+        "a write that arrives 50 calls late",
+        Act::Directed(Injection::LateWrite { calls: 50 }),
+    ),
+    unseen(
+        "double_write_50",
+        "a write that arrives again after 50 calls",
+        Act::Directed(Injection::DoubleWrite { calls: 50 }),
+    ),
+    fault(
+        "torn_write_one",
+        "single writes that are torn",
+        Act::Directed(Injection::TornWrite),
+    ),
+    unseen(
+        "reordered_one",
+        "single writes that are overtaken",
+        Act::Directed(Injection::ReorderedWrite),
+    ),
+    unseen(
+        "held_back",
+        "writes that arrive after seconds",
+        Act::HeldBack,
+    ),
+    fault(
+        "late_answer_one",
+        "single answers that are late",
+        Act::Directed(Injection::LateAnswer(Duration::from_millis(100))),
+    ),
+    fault(
+        "frozen_100",
+        "100 readings of the same position",
+        Act::Directed(Injection::FrozenPositions { readings: 100 }),
+    ),
+    fault(
+        "stop_read_2s",
+        "the program stands for 2 s after a reading",
+        Act::Directed(Injection::StopAfterRead(Duration::from_secs(2))),
+    ),
+    fault(
+        "stop_write_2s",
+        "the program stands for 2 s before a write",
+        Act::Directed(Injection::StopBeforeWrite(Duration::from_secs(2))),
+    ),
+    hiding(
+        "hidden_stop",
+        "an emergency stop that is not seen",
+        Act::HiddenStop,
+    ),
+    fault(
+        "flicker_one",
+        "single counts that flicker",
+        Act::Directed(Injection::Flicker { axis: 0 }),
+    ),
+    fault(
+        "lag_20",
+        "positions 20 readings late",
+        Act::Directed(Injection::Lag(20)),
+    ),
+    fault(
+        "disconnect_50",
+        "50 calls without a connection",
+        Act::Directed(Injection::Disconnect { calls: 50 }),
+    ),
+    // Of the control, the gateway and the sensors.
+    fault(
+        "emergency_stop",
+        "the emergency stop is pressed",
+        Act::EmergencyStop,
+    ),
+    fault("alarm", "the control has an alarm", Act::Alarm),
+    fault(
+        "unreferenced",
+        "the axes lose their reference",
+        Act::Unreferenced,
+    ),
+    fault("reset", "the control starts anew", Act::Reset),
+    fault(
+        "power_up",
+        "the control is switched off and on",
+        Act::PowerUp,
+    ),
+    fault(
+        "program_stopped",
+        "the program in the control stops",
+        Act::ProgramStopped,
+    ),
+    fault("garbage", "somebody else writes random words", Act::Garbage),
+    fault(
+        "restart",
+        "the gateway is ended and started anew",
+        Act::Restart,
+    ),
+    fault(
+        "positions_lost",
+        "the connection is gone for long",
+        Act::PositionsLost,
+    ),
+    fault(
+        "sensor_jump",
+        "a temperature jumps by 15 K",
+        Act::SensorJump,
+    ),
+    fault(
+        "sensor_corrupt",
+        "temperatures that are wrong or no number",
+        Act::SensorCorrupt,
+    ),
+];

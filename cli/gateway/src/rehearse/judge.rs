@@ -1,0 +1,182 @@
+//! What the axes did against the rules.
+
+use std::time::Duration;
+
+use volcomp_runtime::{
+    PathPlan,
+    guard::{Reasons, State},
+};
+use volcomp_vocabulary::AxisKind;
+
+use super::{
+    faults::{Act, Fault},
+    machine::Rig,
+    run::GARBAGE,
+};
+use crate::documents::{Excursion, RehearsedAxis, RehearsedFault, round};
+
+/// A sum of steps is no exact number: this much of a step is forgiven.
+const ROUNDING: f64 = 1e-6;
+
+/// When a fault begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// The correction follows the model.
+    Compensating,
+    /// The correction is on its way in.
+    Ramping,
+}
+
+impl Phase {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Compensating => "compensating",
+            Self::Ramping => "ramping",
+        }
+    }
+}
+
+/// What became of the gateway.
+pub(super) struct Findings {
+    /// It was armed before the fault.
+    pub(super) ready: bool,
+    /// How long after the fault it compensated again.
+    pub(super) again: Option<Duration>,
+    /// What a person had to do for that.
+    pub(super) needed: Vec<&'static str>,
+    /// Why the last state was what it was.
+    pub(super) reasons: Reasons,
+    pub(super) worst: State,
+}
+
+/// Whether only the limit bounds what a fault can do: it makes a step that nobody can notice.
+fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
+    // Whoever cannot ask the control cannot know that somebody else changed it.
+    let is_unknown =
+        path.is_blind && matches!(fault.act, Act::PowerUp | Act::ProgramStopped | Act::Garbage);
+    path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
+}
+
+/// Whether the gateway can know that the machine must not be moved. With a barrier the control itself holds.
+fn can_hold(fault: &Fault, path: &PathPlan) -> bool {
+    let shown = path.description.shown;
+    let is_shown = match fault.act {
+        Act::EmergencyStop => shown.emergency_stop,
+        Act::Alarm => shown.alarm,
+        Act::Unreferenced => shown.referenced,
+        _ => !fault.hides_interlock,
+    };
+    path.barrier.is_some() || is_shown
+}
+
+pub(super) fn judge(
+    fault: &Fault,
+    phase: Phase,
+    path: &PathPlan,
+    rig: &Rig,
+    findings: Findings,
+) -> RehearsedFault {
+    let log = &rig.controls.axes;
+    let bounded_by_limit = is_bounded_by_limit(fault, path);
+    let (changes, furthest) = (log.largest_change(), log.furthest());
+    let period_s = path.limits.period.as_secs_f64();
+    let (mut broken, mut axes) = (Vec::new(), Vec::new());
+    for (place, axis) in path.description.axes.iter().enumerate() {
+        let limits = &path.limits.axes[place];
+        let overwritten = matches!(fault.act, Act::Garbage) && rig.barrier.is_none();
+        // What somebody else wrote was there already: it is led in from there.
+        let most = if overwritten {
+            limits.limit * GARBAGE
+        } else {
+            limits.limit
+        };
+        let allowed = match &rig.barrier {
+            Some(barrier) => f64::from(barrier.rate[place]) * limits.resolution,
+            None if bounded_by_limit => most + limits.limit,
+            None => (limits.slew_per_s * period_s).max(limits.resolution),
+        };
+        let forgiven = if overwritten {
+            limits.resolution
+        } else {
+            ROUNDING * limits.resolution
+        };
+        let (is_fast, is_far) = (
+            changes[place] > allowed + ROUNDING * limits.resolution,
+            furthest[place] > most + forgiven,
+        );
+        let (name, unit) = (axis.name, unit(axis.kind()));
+        let shown = |value: f64| round(value * in_shown_unit(axis.kind()));
+        let excursion = Excursion {
+            largest_change: shown(changes[place]),
+            allowed_change: shown(allowed),
+            furthest: shown(furthest[place]),
+            limit: shown(most),
+        };
+        if is_fast {
+            broken.push(format!(
+                "axis {name} moved by {} {unit} at once, allowed are {} {unit}",
+                excursion.largest_change, excursion.allowed_change
+            ));
+        }
+        if is_far {
+            broken.push(format!(
+                "axis {name} was corrected by {} {unit}, the limit is {} {unit}",
+                excursion.furthest, excursion.limit
+            ));
+        }
+        let is_linear = axis.kind() == AxisKind::Linear;
+        axes.push(RehearsedAxis {
+            axis: name,
+            um: is_linear.then_some(excursion),
+            urad: (!is_linear).then_some(excursion),
+        });
+    }
+    let moved_while_held = log.changes_while_held();
+    if moved_while_held > 0 && can_hold(fault, path) {
+        broken.push(format!(
+            "axes moved {moved_while_held} times in emergency stop, alarm or without reference"
+        ));
+    }
+    if findings.again.is_none() {
+        let reasons: Vec<&str> = findings.reasons.texts().collect();
+        let when = if findings.ready {
+            "again"
+        } else {
+            "after the start"
+        };
+        broken.push(format!(
+            "it did not compensate {when} within 30 s: {}",
+            reasons.join(", ")
+        ));
+    }
+    RehearsedFault {
+        fault: fault.name.to_owned(),
+        meaning: fault.meaning.to_owned(),
+        phase: phase.name().to_owned(),
+        passed: broken.is_empty(),
+        broken,
+        bounded_by_limit,
+        interlock_hidden: !can_hold(fault, path),
+        state: findings.worst.name().to_owned(),
+        compensating_after_s: findings.again.map(|time| round(time.as_secs_f64())),
+        needed: findings.needed.into_iter().map(str::to_owned).collect(),
+        moved_while_held,
+        axes,
+    }
+}
+
+/// How many µm are a mm, and how many µrad a rad.
+fn in_shown_unit(kind: AxisKind) -> f64 {
+    match kind {
+        AxisKind::Linear => 1e3,
+        AxisKind::Rotary => 1e6,
+    }
+}
+
+/// The unit in which people read it.
+pub(super) fn unit(kind: AxisKind) -> &'static str {
+    match kind {
+        AxisKind::Linear => "µm",
+        AxisKind::Rotary => "µrad",
+    }
+}

@@ -1,0 +1,204 @@
+//! A commissioning test: the configured machine, limits, cycle and controllers on a simulated machine, under every fault
+//! of a catalogue. No device is opened, and nothing is sent. The time is counted, so minutes of the machine take seconds.
+//!
+//! Each controller is rehearsed alone, on a machine of its own: with the reference barrier in its control where the
+//! configuration has one, set to the configured limits; with plain values, read back or not, where it has none. Each
+//! fault begins on a new machine, so that it can be repeated alone.
+
+mod faults;
+mod judge;
+mod machine;
+mod run;
+mod text;
+mod thermometer;
+
+use std::time::Duration;
+
+pub use faults::{CATALOGUE, Fault};
+pub use text::text;
+use volcomp_runtime::PathPlan;
+
+use crate::{
+    documents::{RehearsalDocument, RehearsedFault, RehearsedPath, round},
+    error::GatewayError,
+    plan::Plan,
+};
+use faults::Act;
+use judge::{Findings, Phase};
+use run::Run;
+
+/// The longest time in which it has to compensate after the start, and again after a fault.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// It compensates for so long before a fault, and is watched for so long after it.
+const CALM: Duration = Duration::from_millis(400);
+
+/// What is to be rehearsed.
+#[derive(Clone, Debug)]
+pub struct Rehearsal {
+    /// The seed of all that happens by chance.
+    pub seed: u64,
+    /// The faults; empty: all of them.
+    pub faults: Vec<&'static Fault>,
+    /// The barrier of the simulated control goes so many times as fast as it is said to: 1, except where a test wants a
+    /// rehearsal that fails.
+    pub barrier_rate: i16,
+}
+
+impl Default for Rehearsal {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            faults: Vec::new(),
+            barrier_rate: 1,
+        }
+    }
+}
+
+impl Rehearsal {
+    /// The faults of these names, or all of them where none is named.
+    ///
+    /// # Errors
+    /// [`GatewayError::NoSuchFault`]: a name that is not in the catalogue.
+    pub fn of(seed: u64, names: &[String]) -> Result<Self, GatewayError> {
+        let find = |name: &String| {
+            let found = CATALOGUE.iter().find(|fault| fault.name == name);
+            found.ok_or_else(|| GatewayError::NoSuchFault {
+                found: name.clone(),
+                expected: CATALOGUE
+                    .iter()
+                    .map(|fault| fault.name)
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })
+        };
+        Ok(Self {
+            seed,
+            faults: names.iter().map(find).collect::<Result<_, _>>()?,
+            ..Self::default()
+        })
+    }
+
+    /// Rehearses the plan. No device is opened.
+    ///
+    /// # Errors
+    /// A configuration without limits, or with limits to which no barrier can be set. A rule that is broken is no error: the document tells it.
+    pub fn run(&self, plan: &Plan) -> Result<RehearsalDocument, GatewayError> {
+        if plan.config.guard.is_none() {
+            return Err(GatewayError::NoLimits {
+                file: plan.config.file.clone(),
+            });
+        }
+        let mut simulated = Duration::ZERO;
+        let paths = plan.paths().iter();
+        let controllers = paths
+            .map(|path| self.path(plan, path, &mut simulated))
+            .collect::<Result<Vec<_>, _>>()?;
+        let passed = controllers
+            .iter()
+            .all(|path| path.faults.iter().all(|fault| fault.passed));
+        Ok(RehearsalDocument {
+            passed,
+            machine: plan.model.name.clone(),
+            hash: plan.model.hash.clone(),
+            config: plan.config.file.clone(),
+            seed: self.seed,
+            cycle_ms: plan.config.cycle.as_secs_f64() * 1e3,
+            simulated_s: round(simulated.as_secs_f64()),
+            controllers,
+        })
+    }
+
+    fn path(
+        &self,
+        plan: &Plan,
+        path: &PathPlan,
+        simulated: &mut Duration,
+    ) -> Result<RehearsedPath, GatewayError> {
+        let asked = self.faults.iter().copied();
+        let all = CATALOGUE.iter().filter(|_| self.faults.is_empty());
+        let (mut found, mut left_out) = (Vec::new(), Vec::new());
+        for fault in asked.chain(all) {
+            // What needs a sensor is left out where there is none.
+            let needs_sensor = matches!(fault.act, Act::SensorJump | Act::SensorCorrupt);
+            if needs_sensor && plan.sensors.is_empty() {
+                left_out.push(fault.name.to_owned());
+                continue;
+            }
+            for phase in [Phase::Compensating, Phase::Ramping] {
+                found.push(self.fault(plan, path, fault, phase, simulated)?);
+            }
+        }
+        let scheme = match (path.barrier.is_some(), path.is_blind) {
+            (true, _) => "barrier",
+            (false, false) => "plain",
+            (false, true) => "blind",
+        };
+        Ok(RehearsedPath {
+            url: path.description.device.clone(),
+            scheme: scheme.to_owned(),
+            faults: found,
+            left_out,
+        })
+    }
+
+    fn fault(
+        &self,
+        plan: &Plan,
+        path: &PathPlan,
+        fault: &Fault,
+        phase: Phase,
+        simulated: &mut Duration,
+    ) -> Result<RehearsedFault, GatewayError> {
+        let mut run = Run::new(plan, path, self.seed, self.barrier_rate)?;
+        // The axes move before they are armed: only then the test shift proves anything.
+        run.run(Duration::from_secs(1));
+        let is_start = matches!(fault.act, Act::Nothing);
+        if is_start {
+            run.look();
+        }
+        let ready = match phase {
+            Phase::Compensating => run.arm(PATIENCE, is_start),
+            Phase::Ramping => run.arm_half(PATIENCE),
+        };
+        if ready && phase == Phase::Compensating {
+            run.run(CALM);
+        }
+        if !is_start {
+            run.look();
+        }
+        run.look_at_state();
+        let (mut again, mut needed) = (None, Vec::new());
+        if ready {
+            run.disturb(fault.act)?;
+            (again, needed) = run.recover(PATIENCE);
+            run.run(CALM);
+        }
+        *simulated += run.elapsed();
+        let findings = Findings {
+            ready,
+            again,
+            needed,
+            reasons: run.reasons(),
+            worst: run.worst(),
+        };
+        Ok(judge::judge(fault, phase, path, &run.rig, findings))
+    }
+}
+
+impl RehearsalDocument {
+    /// Fails where a rule was broken.
+    ///
+    /// # Errors
+    /// [`GatewayError::Rehearsal`], with exit status 1.
+    pub fn verdict(&self) -> Result<(), GatewayError> {
+        let faults = || self.controllers.iter().flat_map(|path| &path.faults);
+        let broken = faults().filter(|fault| !fault.passed).count();
+        if broken == 0 {
+            return Ok(());
+        }
+        Err(GatewayError::Rehearsal {
+            broken,
+            count: faults().count(),
+        })
+    }
+}

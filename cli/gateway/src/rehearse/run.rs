@@ -1,0 +1,417 @@
+//! A gateway on a simulated machine whose time the rehearsal counts: started, armed, disturbed, and looked at.
+
+use std::{
+    sync::{Arc, Mutex, atomic::Ordering},
+    time::Duration,
+};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_port::{
+    Controller, MOST_WORDS, Words,
+    inject::{Faults, Faulty, Injection},
+    simulated::SimulatedController,
+};
+use volcomp_runtime::{
+    Asked, ControlPath, Cycle, PathPlan, Sensors,
+    guard::{Phase, Reasons, Request, State},
+};
+use volcomp_vocabulary::{PerAxis, PerChannel};
+
+use super::{
+    faults::Act,
+    machine::{Held, Rig, lock},
+    thermometer::{HeldThermometer, Shared},
+};
+use crate::{error::GatewayError, plan::Plan};
+
+/// So many cycles pass from one fault that is asked for to the next.
+const CYCLES_BETWEEN: u64 = 100;
+/// The longest time for which a machine is stopped for the test shift; then it moves on, so that it shows signs of life.
+const STANDING: Duration = Duration::from_secs(8);
+/// A correction that somebody else writes is so many times the limit.
+pub(super) const GARBAGE: f64 = 1.5;
+/// A sensor jumps by so much, K.
+const JUMP_K: f64 = 15.0;
+
+/// One gateway and its machine.
+pub(super) struct Run<'a> {
+    plan: &'a Plan,
+    path: PathPlan,
+    pub(super) rig: Rig,
+    thermometer: Option<Shared>,
+    cycle: Cycle,
+    owner: u16,
+    foreign: Option<SimulatedController>,
+    random: ChaCha8Rng,
+    cycles: u64,
+    /// The state after each cycle is told to this: the worst so far.
+    worst: State,
+}
+
+/// How bad a state is, for the worst of several.
+fn rank(state: State) -> u8 {
+    match state {
+        State::Compensating => 0,
+        State::Arming(_) => 1,
+        State::Disarmed => 2,
+        State::Holding(_) => 3,
+        State::RampingOut(_) => 4,
+        State::Faulted(_) => 5,
+    }
+}
+
+impl<'a> Run<'a> {
+    pub(super) fn new(
+        plan: &'a Plan,
+        path: &PathPlan,
+        seed: u64,
+        barrier_rate: i16,
+    ) -> Result<Self, GatewayError> {
+        let mut path = path.clone();
+        // Axes that only another controller shows stand in the middle of their travel.
+        for (index, ends) in plan.model.travel.iter().enumerate() {
+            let shown = path.description.index_of(plan.model.axes[index]).is_some();
+            if !shown && path.fixed[index].is_none() {
+                let [low, high] = ends.map(|end| end.mm_or_rad());
+                path.fixed[index] = Some(0.5 * (low + high));
+            }
+        }
+        let (rig, thermometer) = Rig::new(&plan.model, &path, &plan.sensors, seed, barrier_rate)?;
+        let thermometer = (!plan.sensors.is_empty()).then(|| {
+            let faulty = Faulty::new(thermometer, Faults::default(), seed);
+            Arc::new(Mutex::new(faulty.with_clock(rig.clock.clone())))
+        });
+        let owner = 1;
+        let cycle = cycle(plan, &path, &rig, thermometer.as_ref(), owner)?;
+        Ok(Self {
+            plan,
+            path,
+            rig,
+            thermometer,
+            cycle,
+            owner,
+            foreign: None,
+            random: ChaCha8Rng::seed_from_u64(seed),
+            cycles: 0,
+            worst: State::Compensating,
+        })
+    }
+
+    pub(super) fn state(&self) -> State {
+        self.cycle.report().state
+    }
+
+    pub(super) fn reasons(&self) -> Reasons {
+        self.cycle.report().reasons
+    }
+
+    pub(super) fn elapsed(&self) -> Duration {
+        self.rig.clock.elapsed()
+    }
+
+    pub(super) fn worst(&self) -> State {
+        self.worst
+    }
+
+    /// From now on it is looked at what the axes do.
+    pub(super) fn look(&self) {
+        self.rig.controls.axes.forget();
+    }
+
+    /// From now on it is looked at how bad the state gets.
+    pub(super) fn look_at_state(&mut self) {
+        self.worst = self.state();
+    }
+
+    /// One cycle.
+    pub(super) fn step(&mut self, request: Option<Request>) {
+        self.rig.clock.advance(self.plan.config.cycle);
+        let asked = Asked {
+            request,
+            ..Asked::default()
+        };
+        let now = self.rig.clock.now();
+        self.cycle.run(now, &asked, &mut || Duration::ZERO);
+        self.cycles += 1;
+        if rank(self.state()) > rank(self.worst) {
+            self.worst = self.state();
+        }
+    }
+
+    pub(super) fn run(&mut self, time: Duration) {
+        let end = self.elapsed() + time;
+        while self.elapsed() < end {
+            self.step(None);
+        }
+    }
+
+    /// Asks for a request until the state is left, or the time has passed.
+    fn ask(&mut self, request: Request, most: Duration) {
+        let (before, end) = (self.state(), self.elapsed() + most);
+        while self.state() == before && self.elapsed() < end {
+            self.step(Some(request));
+            for _ in 0..10 {
+                if self.state() == before {
+                    self.step(None);
+                }
+            }
+        }
+    }
+
+    /// Arms with the test shift where it is made, and waits until it compensates. Whether it does.
+    pub(super) fn arm(&mut self, most: Duration, proves: bool) -> bool {
+        let end = self.elapsed() + most;
+        let request = if proves {
+            Request::Arm
+        } else {
+            Request::TakeOver
+        };
+        let mut standing = Duration::ZERO;
+        let hold = Arc::clone(&self.rig.controls);
+        while self.state() != State::Compensating && self.elapsed() < end {
+            let proving = self.state() == State::Arming(Phase::Proving);
+            hold.feed_hold
+                .store(proving && standing < STANDING, Ordering::Relaxed);
+            standing = if proving && standing < STANDING + Duration::from_secs(1) {
+                standing + self.plan.config.cycle
+            } else {
+                Duration::ZERO
+            };
+            let asks = self.state() == State::Disarmed && self.cycles.is_multiple_of(20);
+            self.step(asks.then_some(request));
+        }
+        hold.feed_hold.store(false, Ordering::Relaxed);
+        self.state() == State::Compensating
+    }
+
+    /// Arms, and stops in the middle of the ramp. Whether it got there.
+    pub(super) fn arm_half(&mut self, most: Duration) -> bool {
+        let end = self.elapsed() + most;
+        let ramping = State::Arming(Phase::Ramping);
+        while self.state() != ramping && self.elapsed() < end {
+            let asks = self.cycles.is_multiple_of(20);
+            self.step(asks.then_some(Request::TakeOver));
+        }
+        let half = self.path.limits.ramp_taken() / 2;
+        self.run(half);
+        self.state() == ramping
+    }
+
+    /// Waits until it compensates again, and does what a person has to do for that.
+    pub(super) fn recover(&mut self, most: Duration) -> (Option<Duration>, Vec<&'static str>) {
+        let (begun, mut needed) = (self.elapsed(), Vec::new());
+        let unseen = Reasons::INTERLOCK_UNSEEN;
+        let mut note = |what: &'static str| {
+            if needed.last() != Some(&what) {
+                needed.push(what);
+            }
+        };
+        let patience = Duration::from_secs(3);
+        while self.elapsed() < begun + most {
+            match self.state() {
+                State::Compensating => return (Some(self.elapsed() - begun), needed),
+                State::Faulted(_) => {
+                    note("acknowledge");
+                    self.ask(Request::Acknowledge, Duration::from_secs(5));
+                }
+                State::Disarmed => {
+                    note("arm");
+                    self.ask(Request::TakeOver, Duration::from_secs(5));
+                }
+                State::Holding(_)
+                    if self.reasons().contains(unseen) && self.elapsed() > begun + patience =>
+                {
+                    note("acknowledge");
+                    self.ask(Request::Acknowledge, Duration::from_secs(1));
+                }
+                _ => self.step(None),
+            }
+        }
+        (None, needed)
+    }
+
+    fn inject(&self, injection: Injection) {
+        lock(&self.rig.way).inject(injection);
+    }
+
+    fn inject_sensor(&self, injection: Injection) {
+        if let Some(shared) = &self.thermometer {
+            lock(shared).inject(injection);
+        }
+    }
+
+    /// Sets the switches of the machine, from this moment on.
+    fn switch(&self, act: Act, on: bool) {
+        lock(&self.rig.way).device.control.plant().pass();
+        let controls = &self.rig.controls;
+        let switch = match act {
+            Act::EmergencyStop | Act::HiddenStop | Act::HiddenStopByChance => {
+                &controls.emergency_stop
+            }
+            Act::Alarm => &controls.alarm,
+            Act::Unreferenced => &controls.unreferenced,
+            Act::PositionsLost => &controls.disconnected,
+            Act::ProgramStopped => &self.rig.stopped,
+            Act::Reset if on => &controls.restart,
+            Act::PowerUp if on => &controls.clear_applied,
+            _ => return,
+        };
+        switch.store(on, Ordering::Relaxed);
+    }
+
+    /// Lets a fault happen for a time, and takes it away.
+    pub(super) fn disturb(&mut self, act: Act) -> Result<(), GatewayError> {
+        self.switch(act, true);
+        let mut lasts = Duration::from_secs(2);
+        match act {
+            Act::Chance(faults) => self.inject(Injection::Faults(faults)),
+            Act::HeldBack => {
+                for _ in 0..4 {
+                    self.inject(Injection::LateWrite { calls: u32::MAX });
+                    self.run(Duration::from_millis(200));
+                }
+            }
+            Act::HiddenStop => self.inject(Injection::DroppedFlag { readings: u32::MAX }),
+            Act::HiddenStopByChance => self.inject(Injection::Faults(Faults {
+                dropped_flag: 0.02,
+                calls: 20,
+                ..Faults::default()
+            })),
+            Act::PositionsLost => lasts = self.path.limits.zero_after + Duration::from_secs(1),
+            Act::SensorJump => self.inject_sensor(Injection::Jump {
+                sensor: 0,
+                kelvin: JUMP_K,
+            }),
+            Act::SensorCorrupt => self.inject_sensor(Injection::Faults(Faults {
+                corrupt: 0.1,
+                ..Faults::default()
+            })),
+            Act::Restart => self.restart(Duration::from_millis(20))?,
+            Act::Garbage if self.rig.barrier.is_none() => self.overwrite(),
+            _ => {}
+        }
+        let end = self.elapsed() + lasts;
+        let begun = self.cycles;
+        while self.elapsed() < end {
+            if let Act::Directed(injection) = act
+                && (self.cycles - begun).is_multiple_of(CYCLES_BETWEEN)
+            {
+                self.inject(injection);
+            }
+            if matches!(act, Act::Garbage) && self.rig.barrier.is_some() {
+                self.post_garbage();
+            }
+            self.step(None);
+        }
+        self.mend(act)
+    }
+
+    /// Takes a fault away.
+    fn mend(&mut self, act: Act) -> Result<(), GatewayError> {
+        self.switch(act, false);
+        for injection in [
+            Injection::Faults(Faults::default()),
+            Injection::Lie {
+                lie: volcomp_port::inject::Lie::Zero,
+                readings: 0,
+            },
+            Injection::Constant { readings: 0 },
+            Injection::FrozenPositions { readings: 0 },
+            Injection::DroppedFlag { readings: 0 },
+            Injection::Disconnect { calls: 0 },
+            Injection::Lag(0),
+        ] {
+            self.inject(injection);
+        }
+        if matches!(act, Act::HeldBack) {
+            self.inject(Injection::Release);
+        }
+        self.inject_sensor(Injection::Faults(Faults::default()));
+        if matches!(act, Act::SensorJump) {
+            self.inject_sensor(Injection::Jump {
+                sensor: 0,
+                kelvin: 0.0,
+            });
+        }
+        if matches!(act, Act::Restart) {
+            self.restart(Duration::from_secs(1))?;
+        }
+        Ok(())
+    }
+
+    /// The gateway is gone for a time, without having ramped out, and starts with what it wrote down.
+    fn restart(&mut self, gone: Duration) -> Result<(), GatewayError> {
+        let sent: PerAxis<f64> = self.cycle.report().sent;
+        self.owner = self.owner.wrapping_add(1).max(1);
+        let cycle = cycle(
+            self.plan,
+            &self.path,
+            &self.rig,
+            self.thermometer.as_ref(),
+            self.owner,
+        )?;
+        self.cycle = cycle;
+        self.rig.clock.advance(gone);
+        lock(&self.rig.way).device.control.plant().pass();
+        self.cycle.restore(&sent, gone);
+        Ok(())
+    }
+
+    /// Another sender on a way of its own, with random words.
+    fn post_garbage(&mut self) {
+        let mut words = [0_u16; MOST_WORDS];
+        let length = self.random.random_range(1..=MOST_WORDS);
+        words.fill_with(|| self.random.random());
+        if self.foreign.is_none() {
+            self.foreign = lock(&self.rig.way).device.control.another();
+        }
+        if let (Some(foreign), Some(words)) = (&mut self.foreign, Words::new(&words[..length])) {
+            // A machine that is out of reach is out of reach for everybody.
+            let _ = foreign.post(&words, self.rig.clock.now());
+        }
+    }
+
+    /// Somebody else overwrites the words of the axes. That step is his own: it is looked at from then on.
+    fn overwrite(&mut self) {
+        let limits = &self.path.limits;
+        let signs: [bool; 2] = [self.random.random(), self.random.random()];
+        let values = PerChannel::from_fn(|i| {
+            if i >= limits.count {
+                return 0.0;
+            }
+            let sign = if signs[i % 2] { 1.0 } else { -1.0 };
+            sign * GARBAGE * limits.axes[i].limit
+        });
+        let now = self.rig.clock.now();
+        let _ = lock(&self.rig.way).device.control.apply(&values, now);
+        self.rig.controls.axes.forget();
+    }
+}
+
+fn cycle(
+    plan: &Plan,
+    path: &PathPlan,
+    rig: &Rig,
+    thermometer: Option<&Shared>,
+    owner: u16,
+) -> Result<Cycle, GatewayError> {
+    let wrong = |source| GatewayError::Plan {
+        file: plan.config.file.clone(),
+        source,
+    };
+    let held = Held::new(&rig.way);
+    let control = ControlPath::new(Box::new(held), path).map_err(wrong)?;
+    let thermometers = thermometer
+        .map(|shared| Box::new(HeldThermometer::new(shared)) as Box<dyn volcomp_port::Thermometer>);
+    let guard = plan.guard();
+    let cycle = Cycle::new(
+        Box::new(plan.model.clone()),
+        vec![control.with_owner(path, owner)],
+        guard.hand_back,
+        Sensors::new(thermometers.into_iter().collect(), guard.temperatures),
+        plan.config.cycle,
+    )
+    .map_err(wrong)?;
+    Ok(cycle.with_clock(rig.clock.clone()))
+}
