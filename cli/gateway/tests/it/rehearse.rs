@@ -39,7 +39,7 @@ fn with_barrier(text: &str) -> String {
         "[dashboard]",
         "[controller.barrier]\nmachine = 7\nscan_ms = 2.0\nframe = { pmc = \"R\", at = 300 }\n\
          report = { pmc = \"R\", at = 400 }\n\n\
-         [[thermometer]]\nurl = \"modbus://192.0.2.50:502?profile=WAGO-750-452/453\"\nnames = [\"bed\"]\n\n\
+         [[thermometer]]\nurl = \"modbus://192.0.2.50:502?profile=WAGO-750-461\"\nnames = [\"bed\", \"column\"]\n\n\
          [dashboard]",
     )
 }
@@ -112,8 +112,8 @@ fn with_a_barrier_no_fault_is_excepted() {
 fn a_barrier_that_is_faster_than_stated_fails() {
     let (_dir, file) = changed(|text| with_barrier(&text));
     let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
-    let power_loss = ["positions_lost".to_owned()];
-    let mut rehearsal = Rehearsal::of(1, &power_loss).expect("in the catalogue");
+    let lost = ["positions_lost".to_owned()];
+    let mut rehearsal = Rehearsal::of(1, &lost).expect("in the catalogue");
     rehearsal.barrier_rate = 4;
     let found = rehearsal.run(&plan).expect("it runs");
     assert!(!found.passed);
