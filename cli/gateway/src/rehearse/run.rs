@@ -16,7 +16,7 @@ use volcomp_runtime::{
     Asked, ControlPath, Cycle, PathPlan, Sensors,
     guard::{Phase, Reasons, Request, State},
 };
-use volcomp_vocabulary::{PerAxis, PerChannel};
+use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
 
 use super::{
     faults::Act,
@@ -73,7 +73,7 @@ impl<'a> Run<'a> {
         for (index, ends) in plan.model.travel.iter().enumerate() {
             let shown = path.description.index_of(plan.model.axes[index]).is_some();
             if !shown && path.fixed[index].is_none() {
-                let [low, high] = ends.map(|end| end.mm_or_rad());
+                let [low, high] = ends.map(Displacement::mm_or_rad);
                 path.fixed[index] = Some(0.5 * (low + high));
             }
         }
@@ -210,7 +210,7 @@ impl<'a> Run<'a> {
         let patience = Duration::from_secs(3);
         while self.elapsed() < begun + most {
             match self.state() {
-                State::Compensating => return (Some(self.elapsed() - begun), needed),
+                State::Compensating => return (Some(self.elapsed().saturating_sub(begun)), needed),
                 State::Faulted(_) => {
                     note("acknowledge");
                     self.ask(Request::Acknowledge, Duration::from_secs(5));

@@ -62,7 +62,7 @@ token_file = "tokens"
     std::fs::write(&config, text).expect("writable");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     let state = program
-        .wait(|state| state["error_um"].is_array())
+        .wait(|state| state["error_um"].is_array() && state["residual_um"].is_array())
         .expect("it sees the machine");
     assert_eq!(state["state"], "disarmed");
     assert_eq!(state["error_um"], state["residual_um"]);
