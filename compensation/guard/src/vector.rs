@@ -139,6 +139,9 @@ impl Vector {
             1.0
         };
         let part = cycle.part(&ways, &self.rate, ramp, accel);
+        // What would be left is too little for a cycle of its own.
+        let ends = |i: usize| ((1.0 - part) * ways[i]).abs() <= ARRIVED_STEPS * cycle.step(i);
+        let part = if cycle.places().all(ends) { 1.0 } else { part };
         let mut arrived = true;
         for i in cycle.places() {
             self.advance(i, part * ways[i], &cycle);
@@ -146,6 +149,7 @@ impl Vector {
         }
         if arrived {
             for i in cycle.places() {
+                // But for a rounding it is there; its rate stays, since the next motion begins with it.
                 self.smooth[i] = end[i];
             }
         }
@@ -159,7 +163,6 @@ impl Vector {
         };
         self.write(&cycle);
         if arrived {
-            self.stop();
             for i in cycle
                 .places()
                 .filter(|i| is_on_grid(end[*i], cycle.step(*i)))

@@ -130,8 +130,6 @@ fn run(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
-
     /// Slew, acceleration and limit hold in every cycle and window of time, cycles from a third of a period to five.
     #[test]
     fn slew_acceleration_and_limit_hold(
@@ -483,4 +481,44 @@ fn a_limit_takes_the_same_part_of_every_share() {
     }
     assert_eq!(vector.output(), of([0.150, -0.050, 0.010]));
     assert!(followed.limited && followed.warned && !followed.slewing);
+}
+
+/// A line ended with a last motion that was forgotten: what began in the next cycle accelerated by it more than it may.
+#[test]
+fn what_begins_after_a_line_begins_with_its_last_rate() {
+    let limits = five(0.118);
+    // Back to where it came from.
+    let wanted = Wanted::linear(of([0.260, 0.0, 0.0]));
+    for from_um in 1..150_u32 {
+        for dt in [0.004, 0.0013, 0.020] {
+            let mut vector = Vector::at(&of([f64::from(from_um) * 1e-3, -0.004, 0.0]));
+            vector.begin_line(&PerChannel::ZERO);
+            let mut rates = PerChannel::ZERO;
+            let mut moves = |vector: &mut Vector, on_line: bool| {
+                let before = vector.smooth();
+                let arrived = if on_line {
+                    vector.advance_line(&limits, dt)
+                } else {
+                    vector.follow(&wanted, &limits, dt);
+                    false
+                };
+                for (i, axis) in limits.axes.iter().enumerate().take(3) {
+                    let rate = (vector.smooth()[i] - before[i]) / dt;
+                    let most = axis.accel_per_s2 * dt * (1.0 + 1e-9);
+                    let change = (rate - rates[i]).abs();
+                    assert!(
+                        change <= most,
+                        "{from_um} µm, {dt} s, {i}: {change} of {most}"
+                    );
+                    rates[i] = rate;
+                }
+                arrived
+            };
+            while !moves(&mut vector, true) {}
+            vector.begin_ramp();
+            for _ in 0..20 {
+                moves(&mut vector, false);
+            }
+        }
+    }
 }
