@@ -19,6 +19,8 @@ pub struct PathHealth {
 pub struct Choice {
     /// The place of the path that corrects.
     pub active: usize,
+    /// The place of the path that should correct.
+    pub wanted: usize,
     /// Whether it is another one than in the cycle before.
     pub switched: bool,
     /// The next one may not take over, since nobody knows what the path before has left.
@@ -67,6 +69,7 @@ impl Selector {
         let Some(wanted) = wanted.filter(|&wanted| wanted != self.active) else {
             return Choice {
                 active: self.active,
+                wanted: self.active,
                 switched: false,
                 blocked: false,
             };
@@ -77,6 +80,7 @@ impl Selector {
         }
         Choice {
             active: self.active,
+            wanted,
             switched: !blocked,
             blocked,
         }

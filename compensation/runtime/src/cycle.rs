@@ -19,7 +19,7 @@ use volcomp_vocabulary::{PerAxis, PerChannel};
 use self::standby::Standby;
 use crate::{
     asked::Asked,
-    error::{LimitsRefusal, PlanError},
+    error::{LimitsRefusal, PlanError, StartError},
     model::{Model, ModelWanted},
     path::ControlPath,
     place::Place,
@@ -27,11 +27,6 @@ use crate::{
     report::Report,
     sensors::Sensors,
 };
-
-/// How often a path that stands by is asked.
-const STANDBY_EVERY: Duration = Duration::from_millis(100);
-/// A path that stands by and has not answered for so long is reported.
-const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
 /// How long the parts of a cycle took.
 #[derive(Clone, Copy, Debug, Default)]
@@ -84,9 +79,9 @@ impl Cycle {
         else {
             return Err(PlanError::Paths { found: paths.len() });
         };
-        let channel = &first.controller.description().channel;
+        let channel = &first.description.channel;
         for path in &paths {
-            let description = path.controller.description();
+            let description = &path.description;
             // A plan has checked the period, so none that makes no sense comes through.
             let planned = path.limits().period;
             if planned != period {
@@ -105,7 +100,7 @@ impl Cycle {
             }
         }
         let guard = Guard::new(first.limits()).map_err(|source| PlanError::Limits {
-            device: first.controller.description().device.clone(),
+            device: first.description.device.clone(),
             axis: None,
             source,
         })?;
@@ -158,6 +153,23 @@ impl Cycle {
         }
     }
 
+    /// Lets threads of their own ask the paths that stand by, so that one that answers slowly, or hangs, costs the cycle
+    /// nothing. Without it they are asked in the cycle, after the write and for half a period at the most: for clocks that
+    /// a test counts. [`start`](crate::start) calls it.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub fn attend_standbys(&mut self) -> Result<(), StartError> {
+        if self.paths.len() < 2 {
+            return Ok(());
+        }
+        for path in &mut self.paths {
+            path.device.attend(&path.description.device)?;
+        }
+        self.leave_standbys(Duration::ZERO);
+        Ok(())
+    }
+
     /// The report of the last cycle.
     pub fn report(&self) -> &Report {
         &self.report
@@ -165,7 +177,7 @@ impl Cycle {
 
     /// The descriptions of the controllers by their drivers, in the order of the paths.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
-        self.paths.iter().map(|path| path.controller.description())
+        self.paths.iter().map(|path| &path.description)
     }
 
     /// The time from one cycle to the next.
@@ -235,7 +247,9 @@ impl Cycle {
         let since_start = now.saturating_duration_since(self.start);
         let last = self.last.replace(since_start).unwrap_or(since_start);
         let dt = since_start.saturating_sub(last).min(self.period * 5);
-        self.read(self.selector.active(), now + self.patience(), since_start);
+        let patience = self.paths[self.selector.active()].patience();
+        self.read(self.selector.active(), now + patience, since_start);
+        self.hear_standbys(since_start);
         if asked.request == Some(Request::Acknowledge) {
             self.sensors.acknowledge();
             self.interlocks.acknowledge();
@@ -243,41 +257,34 @@ impl Cycle {
                 path.read_back.acknowledge(since_start);
             }
         }
+        let selects = own_clock();
+        let (notes, switched) = self.select(since_start);
+        let selected = own_clock();
+        if switched {
+            // What it said while it stood by may be some readings old.
+            let active = self.selector.active();
+            let deadline = self.instant() + self.paths[active].patience();
+            self.read(active, deadline, since_start);
+        }
         let (computes, read) = (own_clock(), Instant::now());
         self.thermal(since_start, dt);
-        let output = self.decide(since_start, asked);
+        let output = self.decide(since_start, asked, notes, switched);
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
-        self.read_standby(since_start);
+        self.leave_standbys(since_start);
         let (tells, written) = (own_clock(), Instant::now());
         self.tell(since_start, asked, &output);
         Spent {
             exchange: read.saturating_duration_since(now) + (written - writes),
-            own: computed.saturating_sub(computes) + own_clock().saturating_sub(tells),
+            own: selected.saturating_sub(selects)
+                + computed.saturating_sub(computes)
+                + own_clock().saturating_sub(tells),
         }
     }
 
-    /// Asks one of the paths that stand by, after the one that corrects has been written: they must not hold it up.
-    fn read_standby(&mut self, since_start: Duration) {
-        let active = self.selector.active();
-        let standby = (0..self.paths.len()).filter(|&index| index != active);
-        let asked_at = |index: &usize| self.paths[*index].asked_at();
-        let Some(next) = standby.min_by_key(asked_at) else {
-            return;
-        };
-        let is_due =
-            asked_at(&next).is_none_or(|at| since_start.saturating_sub(at) >= STANDBY_EVERY);
-        if is_due {
-            let at = self.clock.as_ref().map_or_else(Instant::now, Clock::now);
-            let deadline = at + self.period.mul_f64(0.5);
-            self.read(next, deadline, since_start);
-        }
-    }
-
-    /// How long an exchange may take. Longer than a cycle where positions may be held for longer: an answer that
-    /// comes late costs a few cycles, a connection that is given up costs many.
-    fn patience(&self) -> Duration {
-        self.period.mul_f64(0.6).max(self.guard.limits().hold / 3)
+    /// The present moment, by the clock of a test where there is one.
+    fn instant(&self) -> Instant {
+        self.clock.as_ref().map_or_else(Instant::now, Clock::now)
     }
 
     fn read(&mut self, index: usize, deadline: Instant, since_start: Duration) {
@@ -320,9 +327,14 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// Which path corrects, what the model asks for, what the guard makes of it.
-    fn decide(&mut self, now: Duration, asked: &Asked) -> Output {
-        let (mut notes, switched) = self.select(now);
+    /// What the model asks for, what the guard makes of it. `switched`: another path corrects than in the cycle before.
+    fn decide(
+        &mut self,
+        now: Duration,
+        asked: &Asked,
+        mut notes: Reasons,
+        switched: bool,
+    ) -> Output {
         let active = self.selector.active();
         let place = Place::seen_by(&self.paths, active, self.model.axes.len(), now);
         let (wanted, of_model) = self.wanted(&place);
@@ -374,13 +386,12 @@ impl Cycle {
             Some(clock) => clock.elapsed(),
             None => since_start + begun.elapsed(),
         };
-        let patience = self.patience();
+        // By the same clock as the age: a test's clock may be far from the system's.
+        let at = self.instant();
         let path = &mut self.paths[self.selector.active()];
         let left = self.guard.time_to_send(now);
         let sent = left.is_some_and(|left| {
-            // By the same clock as the age: a test's clock may be far from the system's.
-            let at = self.clock.as_ref().map_or_else(Instant::now, Clock::now);
-            let deadline = at + left.min(patience);
+            let deadline = at + left.min(path.patience());
             path.send(&output.correction, deadline, now)
         });
         if !sent {

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod asked;
+mod attendant;
 mod clock;
 mod cycle;
 mod error;

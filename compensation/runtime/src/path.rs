@@ -7,10 +7,11 @@ use volcomp_guard::{
     barrier::FRAME_WORDS,
 };
 use volcomp_kinematics::Correctors;
-use volcomp_port::{Controller, Fault, Snapshot, Words};
+use volcomp_port::{Controller, Description, Fault, Snapshot, Words};
 use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
 
 use crate::{
+    attendant::{Device, Heard, STANDBY_EVERY},
     clock::monotonic,
     error::PlanError,
     model::Model,
@@ -20,7 +21,9 @@ use crate::{
 
 /// One controller and its read-back.
 pub struct ControlPath {
-    pub(crate) controller: Box<dyn Controller>,
+    pub(crate) device: Device,
+    /// What the driver says of the controller, which may be in other hands.
+    pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
     /// The place in the machine of each axis of the controller.
@@ -57,7 +60,8 @@ impl ControlPath {
             source,
         })?;
         Ok(Self {
-            controller,
+            description: controller.description().clone(),
+            device: Device::new(controller),
             limits: plan.limits,
             read_back: match plan.barrier {
                 Some(barrier) => {
@@ -185,10 +189,51 @@ impl ControlPath {
         })
     }
 
+    /// How long an exchange with it may take. Longer than a cycle where positions may be held for longer: an answer that
+    /// comes late costs a few cycles, a connection that is given up costs many.
+    pub(crate) fn patience(&self) -> Duration {
+        self.limits.period.mul_f64(0.6).max(self.limits.hold / 3)
+    }
+
+    /// Whether it answered when it was asked last, not longer ago than a path that stands by may be silent.
+    pub(crate) fn answers(&self, now: Duration) -> bool {
+        let silent = STANDBY_EVERY * 3 + self.patience();
+        let asked = self.asked.filter(|_| self.reading.is_some());
+        asked.is_some_and(|asked| now.saturating_sub(asked) <= silent)
+    }
+
+    /// Forgets the last reading of a path that has not answered for too long: an exchange with it hangs. Whether there
+    /// was one.
+    pub(crate) fn falls_silent(&mut self, now: Duration) -> bool {
+        let is_silent = self.reading.is_some() && !self.answers(now);
+        if is_silent {
+            self.reading = None;
+        }
+        is_silent
+    }
+
     /// Asks the controller. `start` is when the cycle's clock began. Whether it answered.
     pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
+        let read = match self.device.in_hand() {
+            Some(controller) => controller.read(deadline),
+            None => Err(Fault::NotConnected),
+        };
         self.asked = Some(now);
-        let read = self.controller.read(deadline);
+        self.hear(read, start, now)
+    }
+
+    /// Takes an answer that came while the path stood by. Whether it was one: `None` for one that is older than the last.
+    pub(crate) fn listen(&mut self, heard: Heard, start: Instant) -> Option<bool> {
+        let asked = heard.asked.saturating_duration_since(start);
+        if self.asked.is_some_and(|last| asked < last) {
+            return None;
+        }
+        self.asked = Some(asked);
+        let answered = heard.answered.saturating_duration_since(start);
+        Some(self.hear(heard.read, start, answered))
+    }
+
+    fn hear(&mut self, read: Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
         if read == Err(Fault::OtherGateway) {
             self.read_back.see_other(now);
         }
@@ -243,18 +288,20 @@ impl ControlPath {
     ) -> bool {
         let limits = self.limits();
         let begun = Instant::now();
-        let sent = if self.read_back.known().scheme == volcomp_guard::Scheme::Barrier {
-            let mut words = [0; FRAME_WORDS];
-            let frame = self
-                .read_back
-                .frame(correction, &limits, &mut words)
-                .and_then(|length| Words::new(&words[..length]));
-            match frame {
-                Some(frame) => self.controller.post(&frame, deadline),
-                None => Err(Fault::NotConnected),
+        let sent = match self.device.in_hand() {
+            None => Err(Fault::NotConnected),
+            Some(controller) if self.read_back.known().scheme == volcomp_guard::Scheme::Barrier => {
+                let mut words = [0; FRAME_WORDS];
+                let frame = self
+                    .read_back
+                    .frame(correction, &limits, &mut words)
+                    .and_then(|length| Words::new(&words[..length]));
+                match frame {
+                    Some(frame) => controller.post(&frame, deadline),
+                    None => Err(Fault::NotConnected),
+                }
             }
-        } else {
-            self.controller.apply(correction, deadline)
+            Some(controller) => controller.apply(correction, deadline),
         };
         // A slow control has it only when it has answered.
         let now = now + begun.elapsed();

@@ -248,11 +248,13 @@ impl Drop for Handle {
     }
 }
 
-/// Starts the control thread: a cycle every period of the cycle. Gives in words what of the scheduling was refused.
+/// Starts the control thread: a cycle every period of the cycle. Paths that stand by are asked by threads of their own
+/// ([`Cycle::attend_standbys`]). Gives in words what of the scheduling was refused.
 ///
 /// # Errors
 /// The operating system gives no thread.
-pub fn start(cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), StartError> {
+pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), StartError> {
+    cycle.attend_standbys()?;
     let (orders_in, orders) = RingBuffer::new(64);
     let (retired_in, retired) = RingBuffer::new(64);
     let (timings_in, timings) = RingBuffer::new(TIMINGS);

@@ -24,42 +24,21 @@ use volcomp_gateway::{
     simulate::{self, Simulation},
 };
 use volcomp_guard::Reasons;
-use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
+use volcomp_port::{
+    Clock, Controller,
+    inject::{HangSwitch, Hanging},
+};
 use volcomp_runtime::{Model, Realtime, start};
-use volcomp_vocabulary::PerChannel;
 
 use crate::{
     bench,
     program::{Answer, OPERATE, answer},
 };
 
-/// A controller whose exchange does not come back while it hangs, whatever deadline it was given.
-struct Hanging<C> {
-    inner: C,
-    hangs: Arc<AtomicBool>,
-}
-
-impl<C: Controller> Controller for Hanging<C> {
-    fn description(&self) -> &Description {
-        self.inner.description()
-    }
-
-    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        while self.hangs.load(Ordering::Relaxed) {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        self.inner.read(deadline)
-    }
-
-    fn apply(&mut self, correction: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        self.inner.apply(correction, deadline)
-    }
-}
-
 /// A gateway in this process, whose controller hangs at a switch.
 struct Gateway {
     address: SocketAddr,
-    hangs: Arc<AtomicBool>,
+    hangs: HangSwitch,
     ends: Arc<AtomicBool>,
     service: Option<JoinHandle<()>>,
     _runtime: tokio::runtime::Runtime,
@@ -68,7 +47,7 @@ struct Gateway {
 
 impl Drop for Gateway {
     fn drop(&mut self) {
-        self.hangs.store(false, Ordering::Relaxed);
+        self.hangs.set(false);
         self.ends.store(true, Ordering::Relaxed);
         if let Some(service) = self.service.take() {
             let _ = service.join();
@@ -87,11 +66,8 @@ fn gateway() -> Gateway {
     let clock = Clock::system();
     let simulation = Simulation::new(clock.clone()).expect("built in");
     let model = Model::new(&simulation.model, guard.fading).expect("built in");
-    let hangs = Arc::new(AtomicBool::new(false));
-    let controller = Hanging {
-        inner: simulation.controller,
-        hangs: Arc::clone(&hangs),
-    };
+    let hangs = HangSwitch::default();
+    let controller = Hanging::new(simulation.controller, &hangs);
     let controllers = vec![controller.description().clone()];
     let path = bench::path(controller, &model, &guard, &bench::unproven());
     let thermometer = Box::new(simulation.thermometer);
@@ -231,7 +207,7 @@ impl Gateway {
 fn a_silent_control_thread_is_told_and_what_was_asked_meanwhile_expires() {
     let gateway = gateway();
     gateway.wait(|state| state["positions_mm"]["X"].is_number());
-    gateway.hangs.store(true, Ordering::Relaxed);
+    gateway.hangs.set(true);
     let silent = Instant::now();
     let state = gateway.wait_for("unknown");
     println!(
@@ -267,14 +243,14 @@ fn a_silent_control_thread_is_told_and_what_was_asked_meanwhile_expires() {
     let armed = gateway.request("POST", "/api/arm");
     assert_eq!(armed.status, 503, "{}", armed.body);
     assert!(armed.body.contains("expired"), "{}", armed.body);
-    gateway.hangs.store(false, Ordering::Relaxed);
+    gateway.hangs.set(false);
     gateway.wait_for("disarmed");
     std::thread::sleep(Duration::from_millis(500));
     assert_eq!(gateway.state()["state"], "disarmed");
     // Disarming waits for the thread, and is done with its next cycle.
     assert_eq!(gateway.request("POST", "/api/arm").status, 200);
     gateway.wait_for("compensating");
-    gateway.hangs.store(true, Ordering::Relaxed);
+    gateway.hangs.set(true);
     gateway.wait_for("unknown");
     let disarmed = gateway.request("POST", "/api/disarm");
     assert_eq!(disarmed.status, 503, "{}", disarmed.body);
@@ -283,6 +259,6 @@ fn a_silent_control_thread_is_told_and_what_was_asked_meanwhile_expires() {
         "{}",
         disarmed.body
     );
-    gateway.hangs.store(false, Ordering::Relaxed);
+    gateway.hangs.set(false);
     gateway.wait_for("disarmed");
 }

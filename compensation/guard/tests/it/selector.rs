@@ -18,6 +18,7 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
         selector.choose(2 * SECOND, &second),
         Choice {
             active: 1,
+            wanted: 1,
             switched: true,
             blocked: false
         }
@@ -33,6 +34,7 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
         selector.choose(8 * SECOND, &both),
         Choice {
             active: 0,
+            wanted: 0,
             switched: true,
             blocked: false
         }
@@ -47,6 +49,7 @@ fn what_the_path_before_has_left_must_be_known() {
         selector.choose(SECOND, &unknown),
         Choice {
             active: 0,
+            wanted: 1,
             switched: false,
             blocked: true
         }
@@ -56,6 +59,7 @@ fn what_the_path_before_has_left_must_be_known() {
         selector.choose(SECOND, &known),
         Choice {
             active: 1,
+            wanted: 1,
             switched: true,
             blocked: false
         }
@@ -70,6 +74,7 @@ fn without_any_path_the_last_one_stays() {
         selector.choose(SECOND, &none),
         Choice {
             active: 0,
+            wanted: 0,
             switched: false,
             blocked: false
         }

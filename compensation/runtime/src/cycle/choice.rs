@@ -13,16 +13,15 @@ impl Cycle {
         let path = &self.paths[index];
         let place = Place::seen_by(&self.paths, index, self.model.axes.len(), now);
         let complete = place.is_complete(self.model.axes.len());
-        // One that stands by is asked less often than it may be silent.
+        // One that stands by is asked less often than positions grow old.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)
         } else {
-            let seen = path.asked_at().filter(|_| path.reading.is_some());
-            seen.is_some_and(|at| now.saturating_sub(at) <= super::STANDBY_EVERY * 3)
+            path.answers(now)
         };
         PathHealth {
             usable: complete && is_young,
-            ready: self.is_ready(index, now),
+            ready: path.device.is_in_hand() && self.is_ready(index, now),
         }
     }
 
@@ -58,6 +57,7 @@ impl Cycle {
         let stays =
             matches!(state, GuardState::Faulted(_)) || !self.interlocks.reasons().is_empty();
         if self.paths.len() < 2 || stays {
+            self.standby.wanted = None;
             return (Reasons::NONE, false);
         }
         let mut health = [PathHealth::default(); MAX_PATHS];
@@ -65,13 +65,19 @@ impl Cycle {
             *health = self.health(index, now);
         }
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
+        let is_left = choice.blocked && !self.is_ready(choice.wanted, now);
+        if choice.blocked && !is_left {
+            // It takes over once the thread that asks it has given it back.
+            self.paths[choice.wanted].device.recall();
+        }
+        self.standby.wanted = (choice.blocked && !is_left).then_some(choice.wanted);
         if choice.switched {
             self.paths[choice.active].read_back.take_over(now);
             let limits = self.paths[choice.active].limits();
             // The plan has checked them.
             let _ = self.guard.take_path(limits);
         }
-        let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(choice.blocked && state.is_armed());
+        let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(is_left && state.is_armed());
         (blocked, choice.switched)
     }
 }

@@ -1,12 +1,15 @@
-//! What is to be known of the paths that stand by.
+//! The paths that stand by: who asks them, what they said, and what is to be known of them.
 
 use std::time::Duration;
 
 use volcomp_guard::{Confirmed, MAX_PATHS, Reasons};
 use volcomp_vocabulary::PerAxis;
 
-use super::{Cycle, STANDBY_EVERY, STANDBY_SILENT};
-use crate::path::ControlPath;
+use super::Cycle;
+use crate::{attendant::STANDBY_EVERY, path::ControlPath};
+
+/// A path that stands by and has not answered for so long is reported.
+const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
 /// For so long, and up to twice as long, the output is remembered: longer than three readings of a path that stands by
 /// and a write on its way.
@@ -20,6 +23,8 @@ pub(super) struct Standby {
     ranges: [[PerAxis<f64>; 2]; 2],
     /// The paths that told another correction when theirs was confirmed last.
     holds: [bool; MAX_PATHS],
+    /// The path that takes over once the cycle has its controller.
+    pub(super) wanted: Option<usize>,
 }
 
 impl Standby {
@@ -55,6 +60,47 @@ impl Standby {
 }
 
 impl Cycle {
+    /// Takes what the paths that stand by have answered to the threads that ask them.
+    pub(super) fn hear_standbys(&mut self, now: Duration) {
+        let active = self.selector.active();
+        for (index, path) in self.paths.iter_mut().enumerate() {
+            let mut answered = None;
+            while let Some(heard) = path.device.heard() {
+                // What was asked before the path became the active one is heard, and left.
+                let told = (index != active).then(|| path.listen(heard, self.start));
+                if let Some(is_good) = told.flatten() {
+                    self.report.faults += u64::from(!is_good);
+                    answered = Some(is_good);
+                }
+            }
+            path.device.take_back();
+            if index != active && (answered.is_some() || path.falls_silent(now)) {
+                self.interlocks.see(index, path.interlock());
+            }
+        }
+    }
+
+    /// Leaves the paths that stand by to the threads that ask them; where there are none, asks one of them here, after
+    /// the path that corrects has been written: they must not hold it up.
+    pub(super) fn leave_standbys(&mut self, now: Duration) {
+        let (active, wanted) = (self.selector.active(), self.standby.wanted);
+        for (index, path) in self.paths.iter_mut().enumerate() {
+            if index != active && wanted != Some(index) {
+                path.device.hand_over(path.patience());
+            }
+        }
+        let here = self.paths.iter().enumerate();
+        let here = here.filter(|(index, path)| *index != active && !path.device.is_attended());
+        let next = here.min_by_key(|(_, path)| path.asked_at());
+        let Some((next, asked)) = next.map(|(index, path)| (index, path.asked_at())) else {
+            return;
+        };
+        if asked.is_none_or(|at| now.saturating_sub(at) >= STANDBY_EVERY) {
+            let deadline = self.instant() + self.period.mul_f64(0.5);
+            self.read(next, deadline, now);
+        }
+    }
+
     /// What is to be known of the paths that stand by.
     pub(super) fn standby_notes(&mut self, now: Duration) -> Reasons {
         let active = self.selector.active();
@@ -69,7 +115,7 @@ impl Cycle {
         }
         let mut notes = Reasons::NONE;
         for (index, path) in self.paths.iter().enumerate() {
-            if index == active || path.asked_at().is_none() {
+            if index == active {
                 continue;
             }
             // What it told long ago is compared with what the output was then, not with that of now.

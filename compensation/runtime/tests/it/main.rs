@@ -8,6 +8,7 @@ mod held;
 mod plan;
 mod quiet;
 mod rig;
+mod standby;
 mod thread;
 mod written;
 

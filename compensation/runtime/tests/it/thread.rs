@@ -1,56 +1,26 @@
 //! The control thread: it tells, takes orders, and ends.
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
-use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
+use volcomp_port::{
+    Clock, Controller,
+    inject::{HangSwitch, Hanging},
+};
 use volcomp_runtime::{
     ControlPath, Cycle, Handle, LimitsRefusal, Model, Order, PathPlan, Pulse, Realtime, Sensors,
     guard::{Limits, Request},
     start,
 };
 
-use volcomp_vocabulary::PerChannel;
-
 use crate::rig::{PERIOD, alone, control, guard, machine};
 
-/// A controller whose exchange does not come back while it hangs, whatever deadline it was given.
-struct Hanging<C> {
-    inner: C,
-    hangs: Arc<AtomicBool>,
-}
-
-impl<C: Controller> Controller for Hanging<C> {
-    fn description(&self) -> &Description {
-        self.inner.description()
-    }
-
-    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        while self.hangs.load(Ordering::Relaxed) {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        self.inner.read(deadline)
-    }
-
-    fn apply(&mut self, correction: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        self.inner.apply(correction, deadline)
-    }
-}
-
 /// A thread that has run some cycles, the limits of its path, and the switch that lets its controller hang.
-fn running() -> (Handle, Limits, Arc<AtomicBool>) {
+fn running() -> (Handle, Limits, HangSwitch) {
     let guard = guard();
     let model = Model::new(&machine(), guard.fading).expect("shipped");
-    let hangs = Arc::new(AtomicBool::new(false));
-    let control = Hanging {
-        inner: control([-100.0, 40.0, 200.0, 50.0, 300.0], &Clock::system()),
-        hangs: Arc::clone(&hangs),
-    };
+    let hangs = HangSwitch::default();
+    let place = [-100.0, 40.0, 200.0, 50.0, 300.0];
+    let control = Hanging::new(control(place, &Clock::system()), &hangs);
     let described = control.description().clone();
     let plan = PathPlan::new(described, &model, &guard, &alone(), PERIOD);
     let plan = plan.expect("fits");
@@ -72,7 +42,7 @@ fn running() -> (Handle, Limits, Arc<AtomicBool>) {
 }
 
 /// Waits until so many further cycles have run.
-fn after_cycles(handle: &mut Handle, more: u64) {
+pub(crate) fn after_cycles(handle: &mut Handle, more: u64) {
     let until = handle.cycles() + more;
     let end = Instant::now() + Duration::from_secs(20);
     while handle.cycles() < until && Instant::now() < end {
@@ -88,7 +58,7 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     let (mut handle, _, hangs) = running();
     let pulse = handle.pulse();
     assert_eq!(pulse.silence(), None);
-    hangs.store(true, Ordering::Relaxed);
+    hangs.set(true);
     std::thread::sleep(Pulse::JITTER * 2);
     let silence = pulse.silence().expect("no cycle for 200 ms");
     assert!(silence >= Pulse::JITTER);
@@ -96,7 +66,7 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     let disarms = handle.disarm_switch().count();
     assert!(handle.send_by(Order::Request(Request::Arm), until, disarms));
     std::thread::sleep(Duration::from_millis(100));
-    hangs.store(false, Ordering::Relaxed);
+    hangs.set(false);
     after_cycles(&mut handle, 20);
     assert_eq!(handle.report().state.name(), "disarmed");
     assert_eq!(handle.changes(), []);
@@ -111,14 +81,14 @@ fn disarming_overtakes_what_waits() {
     let (mut handle, _, hangs) = running();
     let switch = handle.disarm_switch();
     let before = switch.count();
-    hangs.store(true, Ordering::Relaxed);
+    hangs.set(true);
     std::thread::sleep(PERIOD * 3);
     while handle.room() > 0 {
         assert!(handle.send(Order::Request(Request::Arm)));
     }
     assert!(!handle.send(Order::Request(Request::Disarm)), "no room");
     switch.disarm();
-    hangs.store(false, Ordering::Relaxed);
+    hangs.set(false);
     after_cycles(&mut handle, 100);
     assert_eq!(handle.report().state.name(), "disarmed");
     // One that was made before the disarming and is sent after it: a person who arms, and waits for the disk.
@@ -137,10 +107,10 @@ fn disarming_overtakes_what_waits() {
 #[test]
 fn ending_waits_only_so_long_for_a_thread_that_hangs() {
     let (mut handle, _, hangs) = running();
-    hangs.store(true, Ordering::Relaxed);
+    hangs.set(true);
     std::thread::sleep(PERIOD * 3);
     assert!(!handle.stop_within(Duration::from_millis(50)));
-    hangs.store(false, Ordering::Relaxed);
+    hangs.set(false);
     let (mut handle, _, _) = running();
     assert!(handle.stop_within(Duration::from_secs(20)));
 }

@@ -20,13 +20,17 @@
 //! | `dropped_flag` | an interlock that is not shown any more: a wire that broke, another layout of a status word |
 //! | `flicker` | a position that goes to and fro by one count at standstill |
 //! | `lag` | positions that show a correction later than the read-back does |
+//!
+//! A reading that does not come back at all is that of a [`Hanging`] controller.
 
 mod controller;
 mod digital;
 mod faults;
 mod faulty;
+mod hanging;
 mod held;
 mod thermometer;
 
 pub use faults::{Faults, Injection, Lie};
 pub use faulty::{Faulty, Remote};
+pub use hanging::{HangSwitch, Hanging};

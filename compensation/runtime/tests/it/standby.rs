@@ -1,0 +1,146 @@
+//! A path that stands by is asked by a thread of its own: whatever it does, the cycle goes on.
+
+use std::time::{Duration, Instant};
+
+use assert_no_alloc::assert_no_alloc;
+use volcomp_port::{
+    Clock, Controller,
+    inject::{Faults, Faulty, HangSwitch, Hanging, Injection, Remote},
+};
+use volcomp_runtime::{
+    Asked, ControlPath, Cycle, Handle, Model, Order, PathPlan, Realtime, Report, Sensors,
+    guard::{Reasons, Request},
+    start,
+};
+
+use crate::{
+    rig::{PERIOD, alone, control, guard, machine},
+    thread::after_cycles,
+};
+
+/// Two ways to one machine; the first can be cut, the second can hang.
+struct TwoWays {
+    cycle: Cycle,
+    first: Remote,
+    second: HangSwitch,
+}
+
+fn two_ways() -> TwoWays {
+    let guard = guard();
+    let model = Model::new(&machine(), guard.fading).expect("shipped");
+    let place = [-100.0, 40.0, 200.0, 50.0, 300.0];
+    let first = control(place, &Clock::system());
+    let second = first.another().expect("few ways");
+    let second_hangs = HangSwitch::default();
+    let first = Faulty::new(first, Faults::default(), 1);
+    let remote = first.remote();
+    let path = |controller: Box<dyn Controller>| {
+        let described = controller.description().clone();
+        let plan = PathPlan::new(described, &model, &guard, &alone(), PERIOD).expect("fits");
+        ControlPath::new(controller, &plan).expect("fits")
+    };
+    let paths = vec![
+        path(Box::new(first)),
+        path(Box::new(Hanging::new(second, &second_hangs))),
+    ];
+    let sensors = Sensors::new(Vec::new(), guard.temperatures);
+    let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
+    TwoWays {
+        cycle: cycle.expect("two paths"),
+        first: remote,
+        second: second_hangs,
+    }
+}
+
+fn cut(first: &Remote, calls: u32) {
+    assert!(first.inject(Injection::Disconnect { calls }));
+}
+
+/// Waits for a report.
+fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Report {
+    let end = Instant::now() + Duration::from_secs(30);
+    while Instant::now() < end {
+        let report = *handle.report();
+        if holds(&report) {
+            return report;
+        }
+        std::thread::sleep(PERIOD);
+    }
+    panic!("not {what}: {:?}", handle.report());
+}
+
+/// Before, the exchange with a path that stands by was part of the cycle: while it hung there was no cycle.
+#[test]
+fn a_standby_that_hangs_costs_no_cycle_and_takes_over_when_it_answers_again() {
+    let TwoWays {
+        cycle,
+        first,
+        second,
+    } = two_ways();
+    let (mut handle, _) = start(cycle, Realtime::default()).expect("a thread");
+    let hears = |report: &Report| report.paths[1].answered.is_some();
+    until(&mut handle, "asked", hears);
+    assert!(handle.send(Order::Request(Request::Arm)));
+    let compensates = |report: &Report| report.state.name() == "compensating";
+    until(&mut handle, "compensating", compensates);
+    // All of these cycles run while one exchange with the standby does not come back.
+    second.set(true);
+    let before = handle.cycles();
+    let silent = |report: &Report| report.reasons.contains(Reasons::STANDBY_SILENT);
+    let report = until(&mut handle, "told as silent", silent);
+    assert!(handle.cycles() - before > 100, "{}", handle.cycles());
+    assert_eq!((report.state.name(), report.active), ("compensating", 0));
+    let [corrects, hangs] = [0, 1].map(|path| report.paths[path].answered.expect("it did"));
+    assert!(hangs > Duration::from_secs(1) && corrects < hangs);
+    // A path that does not answer is none to fall back on.
+    cut(&first, u32::MAX);
+    let lost = |report: &Report| !compensates(report);
+    let report = until(&mut handle, "lost", lost);
+    assert_eq!(report.active, 0);
+    let before = handle.cycles();
+    after_cycles(&mut handle, 100);
+    assert!(handle.cycles() - before >= 100);
+    assert_eq!(handle.report().active, 0);
+    // It answers again, and is taken.
+    second.set(false);
+    let taken = |report: &Report| report.active == 1 && compensates(report);
+    let report = until(&mut handle, "taken over", taken);
+    assert!(report.reasons.contains(Reasons::FALLBACK));
+    // The first one answers again, and is taken back.
+    cut(&first, 0);
+    let back = |report: &Report| report.active == 0 && compensates(report);
+    let report = until(&mut handle, "handed back", back);
+    assert!(!report.reasons.contains(Reasons::FALLBACK));
+}
+
+/// Handing a controller over, hearing what it says, and taking it back are done without allocation.
+#[test]
+fn taking_over_allocates_nothing() {
+    let TwoWays {
+        mut cycle, first, ..
+    } = two_ways();
+    cycle.attend_standbys().expect("threads");
+    let mut run = |cycles: u32, request: Option<Request>| {
+        let mut asked = Asked {
+            request,
+            ..Asked::default()
+        };
+        for _ in 0..cycles {
+            assert_no_alloc(|| {
+                cycle.run(Instant::now(), &asked, &mut || Duration::ZERO);
+            });
+            asked.request = None;
+            std::thread::sleep(PERIOD);
+        }
+        *cycle.report()
+    };
+    run(100, None);
+    let report = run(200, Some(Request::Arm));
+    assert_eq!((report.state.name(), report.active), ("compensating", 0));
+    cut(&first, 300);
+    assert_eq!(run(150, None).active, 1);
+    // The cut lasts for some of the readings of the thread that asks it now, every 100 ms.
+    cut(&first, 0);
+    let report = run(1000, None);
+    assert_eq!((report.state.name(), report.active), ("compensating", 0));
+}
