@@ -131,6 +131,10 @@ impl Guard {
         self.allowed = limits.of_axes(|axis| axis.limit);
         self.adopted = PerChannel::default();
         self.took_over = true;
+        // The positions of the path before are no positions of this one: what is sent now has to wait for those.
+        let stale = self.limits.hold + self.limits.period;
+        let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
+        self.good = self.good.map(|good| good.min(stale));
         // What was shown, was shown of the positions of the other path.
         self.verdict = Verdict::default();
         Ok(())

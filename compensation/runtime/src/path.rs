@@ -219,25 +219,25 @@ impl ControlPath {
             None => Err(Fault::NotConnected),
         };
         self.asked = Some(now);
-        self.hear(read, start, now)
+        self.hear(&read, start, now)
     }
 
     /// Takes an answer that came while the path stood by. Whether it was one: `None` for one that is older than the last.
-    pub(crate) fn listen(&mut self, heard: Heard, start: Instant) -> Option<bool> {
+    pub(crate) fn listen(&mut self, heard: &Heard, start: Instant) -> Option<bool> {
         let asked = heard.asked.saturating_duration_since(start);
         if self.asked.is_some_and(|last| asked < last) {
             return None;
         }
         self.asked = Some(asked);
         let answered = heard.answered.saturating_duration_since(start);
-        Some(self.hear(heard.read, start, answered))
+        Some(self.hear(&heard.read, start, answered))
     }
 
-    fn hear(&mut self, read: Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
-        if read == Err(Fault::OtherGateway) {
+    fn hear(&mut self, read: &Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
+        if *read == Err(Fault::OtherGateway) {
             self.read_back.see_other(now);
         }
-        self.reading = read.ok();
+        self.reading = (*read).ok();
         let limits = self.limits();
         let Some(snapshot) = &self.reading else {
             self.read_back.hear(now, now, &Told::Nothing, &limits);

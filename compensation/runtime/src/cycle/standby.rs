@@ -67,7 +67,7 @@ impl Cycle {
             let mut answered = None;
             while let Some(heard) = path.device.heard() {
                 // What was asked before the path became the active one is heard, and left.
-                let told = (index != active).then(|| path.listen(heard, self.start));
+                let told = (index != active).then(|| path.listen(&heard, self.start));
                 if let Some(is_good) = told.flatten() {
                     self.report.faults += u64::from(!is_good);
                     answered = Some(is_good);
