@@ -17,6 +17,8 @@ Typed commands, one a line on standard input, while it runs:
   disconnect            cut all connections
   clear                 set all shifts to zero, as a control does that is switched off and on
   power                 the control is switched off and on: connections end, R memory is cleared
+  reset                 the control's program begins anew; memory and axes stay as they are
+  write R200 BYTE...    other bytes, 0 to 255, in R memory, as a wrong program in the control writes them
   freeze on|off         the control tells the positions of this moment, or the true ones again
   steps                 print the largest step of each axis in one scan so far
   steps reset           forget these steps
@@ -72,6 +74,9 @@ pub(crate) struct Arguments {
     /// Print the lines as JSON documents, one a line
     #[arg(long)]
     pub(crate) json: bool,
+    /// CSV file for what the corrections of the axes did: a line for each scan in which one moved
+    #[arg(long, value_name = "FILE")]
+    pub(crate) axis_log: Option<PathBuf>,
     /// Start with an alarm on
     #[arg(long)]
     pub(crate) alarm: bool,

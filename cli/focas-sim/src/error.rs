@@ -25,6 +25,14 @@ pub(crate) enum SimError {
         /// The error of the operating system.
         source: std::io::Error,
     },
+    /// A file cannot be written.
+    #[error("{file}: cannot be written: {source}")]
+    Write {
+        /// The file as it was named.
+        file: String,
+        /// The error of the operating system.
+        source: std::io::Error,
+    },
     /// A place in the program file is wrong.
     #[error(transparent)]
     Place(#[from] InputError),
@@ -70,7 +78,7 @@ impl SimError {
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Listen { source, .. } if source.kind() != std::io::ErrorKind::InvalidInput => 1,
-            Self::System { .. } => 1,
+            Self::System { .. } | Self::Write { .. } => 1,
             _ => 2,
         }
     }

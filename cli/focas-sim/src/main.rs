@@ -1,6 +1,7 @@
 //! A simulated FANUC control on the wire, to rehearse a gateway or a program of one's own with.
 
 mod arguments;
+mod axis_log;
 mod barrier;
 mod error;
 mod motion;
@@ -25,6 +26,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::{
     arguments::Arguments,
+    axis_log::AxisLog,
     error::SimError,
     operator::Command,
     report::{Reporter, Steps},
@@ -54,7 +56,13 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     if let Some(truth) = &truth {
         truth.check(&axes)?;
     }
-    let world = world(arguments, &axes)?;
+    let mut world = world(arguments, &axes)?;
+    let mut axis_log = None;
+    if let Some(path) = &arguments.axis_log {
+        let (log, writer) = AxisLog::create(path, &axes)?;
+        world.scan_log = Some(log);
+        axis_log = Some(writer);
+    }
     let options = arguments.options()?;
     let (period, pauses) = (arguments.report_period()?, arguments.pauses()?);
     // Before the line that says that it is ready: who reads it may end the program at once.
@@ -110,7 +118,8 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     // An error says that nobody is left who could end it: then it is the end, too.
     let _ = ended.recv();
     print_steps(&axes, &simulator, arguments.json);
-    Ok(())
+    simulator.world().scan_log = None;
+    axis_log.map_or(Ok(()), AxisLog::end)
 }
 
 /// Prints the largest steps of the axes; a reader that has gone away is no reason to fail.

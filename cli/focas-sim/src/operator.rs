@@ -2,13 +2,16 @@
 
 use std::{str::FromStr, time::Duration};
 
-use volcomp_focas::simulator::{Simulator, World};
+use volcomp_focas::{
+    PmcArea,
+    simulator::{Simulator, World},
+};
 
 /// The alarm that `alarm on` and `--alarm` set: number and text.
 const ALARM: (i32, &str) = (1000, "SIMULATED ALARM");
 
 /// A command that the operator can type.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
     Alarm(bool),
     EmergencyStop(bool),
@@ -17,6 +20,9 @@ pub(crate) enum Command {
     Disconnect,
     Clear,
     Power,
+    Reset,
+    /// Bytes of R memory, from a place on.
+    Write(usize, Vec<u8>),
     Freeze(bool),
     Steps,
     ResetSteps,
@@ -48,6 +54,8 @@ impl FromStr for Command {
             ["disconnect"] => Ok(Self::Disconnect),
             ["clear"] => Ok(Self::Clear),
             ["power"] => Ok(Self::Power),
+            ["reset"] => Ok(Self::Reset),
+            ["write", place, ref bytes @ ..] if !bytes.is_empty() => write(place, bytes),
             ["freeze", word] => Ok(Self::Freeze(switch(word)?)),
             ["steps"] => Ok(Self::Steps),
             ["steps", "reset"] => Ok(Self::ResetSteps),
@@ -55,11 +63,23 @@ impl FromStr for Command {
             ["help"] => Ok(Self::Help),
             ["quit"] => Ok(Self::Quit),
             _ => Err(format!(
-                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, freeze, steps, report, help, quit",
+                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, reset, write, freeze, steps, report, help, quit",
                 line.trim()
             )),
         }
     }
+}
+
+/// Bytes for R memory: `R200` and decimal numbers.
+fn write(place: &str, bytes: &[&str]) -> Result<Command, String> {
+    let at = place.strip_prefix('R').and_then(|at| at.parse().ok());
+    let at = at.ok_or_else(|| format!("found `{place}`, expected a place such as R200"))?;
+    let byte = |text: &&str| {
+        text.parse()
+            .map_err(|_| format!("found `{text}`, expected a byte, 0 to 255"))
+    };
+    let bytes = bytes.iter().map(byte).collect::<Result<_, _>>()?;
+    Ok(Command::Write(at, bytes))
 }
 
 impl Command {
@@ -86,6 +106,8 @@ impl Command {
             Self::Clear => world.clear_shifts(),
             Self::Freeze(on) => world.freeze_positions(on),
             Self::ResetSteps => world.reset_largest_steps(),
+            Self::Reset => world.reset(),
+            Self::Write(at, bytes) => world.set(PmcArea::R, at, &bytes),
             Self::Power => world.power_up(),
             Self::Disconnect | Self::Steps | Self::Report | Self::Help | Self::Quit => {}
         }
@@ -104,7 +126,14 @@ mod tests {
         let pause = Command::Pause(Duration::from_millis(1500));
         assert_eq!(parsed("pause 1.5"), Ok(pause));
         assert_eq!(parsed("steps reset"), Ok(Command::ResetSteps));
+        assert_eq!(
+            parsed("write R200 0 255"),
+            Ok(Command::Write(200, vec![0, 255]))
+        );
         for (line, expected) in [
+            ("write R200", "found `write R200`, expected one of alarm"),
+            ("write D1 0", "found `D1`, expected a place such as R200"),
+            ("write R1 256", "found `256`, expected a byte"),
             ("alarm maybe", "found `maybe`, expected on or off"),
             ("pause -1", "found `-1`, expected a number of seconds"),
             ("pause 1e300", "found `1e300`"),

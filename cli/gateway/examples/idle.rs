@@ -24,6 +24,7 @@ fn main() {
     let config = Realtime {
         priority: priority as u8,
         cpu: Some(cpu as usize),
+        reference: false,
     };
     for lacking in schedule(config) {
         eprintln!("{lacking}");

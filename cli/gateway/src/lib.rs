@@ -21,6 +21,7 @@ pub mod rehearse;
 pub mod request;
 pub mod run;
 pub mod service;
+pub mod signals;
 pub mod simulate;
 pub mod text;
 mod times;

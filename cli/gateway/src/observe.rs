@@ -269,6 +269,7 @@ fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
         max_us: whole.max_us,
         overruns: report.overruns,
         own: stretch(&times.own),
+        reference: (!times.reference.is_empty()).then(|| stretch(&times.reference)),
         wake: stretch(&times.wake),
         exchange: stretch(&times.exchange),
         histogram_us: times.whole.bins_us(),

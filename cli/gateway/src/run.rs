@@ -8,10 +8,6 @@ use std::{
     time::Duration,
 };
 
-use signal_hook::{
-    consts::{SIGHUP, SIGINT, SIGTERM},
-    iterator::Signals,
-};
 use volcomp_guard::Reasons;
 use volcomp_runtime::{DisarmSwitch, Report, monotonic, start};
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
@@ -30,6 +26,7 @@ use crate::{
     published::published,
     request::{Ask, Asked},
     service::{Parts, Service, standing},
+    signals::{Heard, Signal},
     times::Times,
 };
 
@@ -69,8 +66,10 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         cycle: config.cycle,
     };
     let first: Status = observe::status(&facts, &Report::default(), &Times::default());
-    let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
     let switch = handle.disarm_switch();
+    let stops = switch.clone();
+    let signals = Heard::new(move || stops.disarm())?;
+    let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
     let (asks, asked) = sync_channel(64);
     let address = listener
         .local_addr()
@@ -103,7 +102,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     // Nobody may be reading.
     let _ = writeln!(std::io::stdout(), "listening on {scheme}://{address}");
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    until_stopped(&mut service, &asks, &switch)?;
+    until_stopped(&mut service, &signals, &asks, &switch);
     runtime.shutdown_background();
     Ok(())
 }
@@ -111,16 +110,15 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
 /// Turns until SIGTERM or SIGINT; SIGHUP reloads. A second signal ends a stop at once.
 fn until_stopped(
     service: &mut Service,
+    signals: &Heard,
     asks: &std::sync::mpsc::SyncSender<Asked>,
     switch: &DisarmSwitch,
-) -> Result<(), GatewayError> {
-    let mut signals =
-        Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|e| GatewayError::system("signals", e))?;
+) {
     loop {
-        for signal in signals.pending() {
-            if signal != SIGHUP {
-                service.stop(&mut || signals.pending().any(|signal| signal != SIGHUP));
-                return Ok(());
+        while let Some(signal) = signals.next() {
+            if signal == Signal::Stop {
+                service.stop(&mut || signals.stops());
+                return;
             }
             let reload = Asked::new(Ask::Reload(None), "signal", None, switch);
             if asks.try_send(reload).is_err() {

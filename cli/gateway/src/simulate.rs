@@ -257,6 +257,7 @@ pub fn config() -> Config {
         realtime: Realtime {
             priority: 60,
             cpu: None,
+            reference: false,
         },
     }
 }

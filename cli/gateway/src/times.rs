@@ -43,6 +43,11 @@ impl Stretch {
         }
     }
 
+    /// Whether nothing was counted.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.latest().is_empty()
+    }
+
     /// A quantile of the last stretch, µs.
     pub(crate) fn quantile_us(&self, quantile: f64) -> f64 {
         self.latest().value_at_quantile(quantile) as f64 * 1e-3
@@ -69,6 +74,8 @@ pub(crate) struct Times {
     pub whole: Stretch,
     /// The gateway's own work by the CPU clock.
     pub own: Stretch,
+    /// The reference computation by the same clock; empty where it is not made.
+    pub reference: Stretch,
     /// From the deadline to waking.
     pub wake: Stretch,
     /// The exchanges with controllers.
@@ -84,6 +91,9 @@ impl Times {
     pub(crate) fn add(&mut self, timing: &Timing) {
         self.whole.add(timing.whole_ns);
         self.own.add(timing.own_ns);
+        if timing.reference_ns > 0 {
+            self.reference.add(timing.reference_ns);
+        }
         self.wake.add(timing.wake_ns);
         self.exchange.add(timing.exchange_ns);
         self.count += 1;
@@ -92,6 +102,7 @@ impl Times {
             for stretch in [
                 &mut self.whole,
                 &mut self.own,
+                &mut self.reference,
                 &mut self.wake,
                 &mut self.exchange,
             ] {

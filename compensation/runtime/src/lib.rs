@@ -10,6 +10,7 @@ mod path;
 mod place;
 mod plan;
 mod realtime;
+mod reference;
 mod replacement;
 mod report;
 mod schedule;
@@ -24,6 +25,7 @@ pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_er
 pub use path::ControlPath;
 pub use plan::{PathPlan, SHIFT_STEPS};
 pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};
+pub use reference::reference_work;
 pub use replacement::Replacement;
 pub use report::{Change, PathReport, Report, Timing, ToolError};
 pub use schedule::schedule;

@@ -17,6 +17,7 @@ use crate::{
     clock::{Deadlines, monotonic, thread_time},
     cycle::Cycle,
     error::{LimitsRefusal, StartError},
+    reference::reference_work,
     replacement::Replacement,
     report::{Change, Report, Timing},
     schedule::{STACK, schedule, touch_stack},
@@ -271,6 +272,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     let (told, lacking) = std::sync::mpsc::channel();
     let control = Control {
         cycle,
+        reference: realtime.reference,
         orders,
         retired: retired_in,
         timings: timings_in,
@@ -309,8 +311,18 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     ))
 }
 
+/// How long the reference computation takes now, by the CPU clock of this thread.
+fn reference_ns() -> u64 {
+    let begun = thread_time();
+    // Something must be done with what comes out of it, or it would not be computed.
+    std::hint::black_box(reference_work(std::hint::black_box(0.5)));
+    nanos(thread_time().saturating_sub(begun))
+}
+
 struct Control {
     cycle: Cycle,
+    /// Whether the reference computation is made after each cycle.
+    reference: bool,
     orders: Consumer<Sent>,
     retired: Producer<Retired>,
     timings: Producer<Timing>,
@@ -354,6 +366,7 @@ impl Control {
                 whole_ns: nanos(done.saturating_sub(woke)),
                 exchange_ns: nanos(spent.exchange),
                 own_ns: nanos(spent.own),
+                reference_ns: if self.reference { reference_ns() } else { 0 },
                 missed,
             };
             // Where the ring is full the times of this cycle are lost.

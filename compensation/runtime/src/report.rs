@@ -127,6 +127,8 @@ pub struct Timing {
     pub exchange_ns: u64,
     /// The cycle's own work by the CPU clock of its thread, without exchanges.
     pub own_ns: u64,
+    /// The reference computation by the same clock, where it is made; else 0.
+    pub reference_ns: u64,
     /// Periods that were missed after this cycle.
     pub missed: u32,
 }

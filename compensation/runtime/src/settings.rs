@@ -198,4 +198,7 @@ pub struct Realtime {
     pub priority: u8,
     /// The processor on which the thread stays; `None`: any.
     pub cpu: Option<usize>,
+    /// Whether the thread makes the computation of [`reference_work`](crate::reference_work) after each cycle and tells how
+    /// long that took: a measure of the computer, to compare times that were taken on different ones.
+    pub reference: bool,
 }

@@ -441,3 +441,29 @@ fn wrong_calls_are_refused() {
 fn every_option_is_in_the_chapter_on_commands() {
     volcomp_test_support::options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
 }
+
+/// Every change of a correction is a line, and what happens while the control is off is marked.
+#[test]
+fn the_axis_log_has_every_change() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = dir.path().join("axes.csv");
+    let arguments = ["--no-barrier", "--axes", "X,C", "--axis-log"];
+    let mut simulator = Simulator::start(&[&arguments[..], &[log.to_str().unwrap()]].concat());
+    let read = || std::fs::read_to_string(&log).unwrap();
+    for (line, rows) in [("write R100 251 255 1 0", 2), ("reset", 2), ("power", 3)] {
+        simulator.type_line(line);
+        until(line, || read().lines().count() > rows);
+    }
+    simulator.type_line("quit");
+    assert_eq!(simulator.end(), Some(0));
+    let text = read();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("monotonic_s,switched_on,X_um,C_urad"));
+    let (times, rest): (Vec<f64>, Vec<&str>) = lines
+        .map(|line| line.split_once(',').unwrap())
+        .map(|(time, rest)| (time.parse::<f64>().unwrap(), rest))
+        .unzip();
+    assert!(times.is_sorted(), "{text}");
+    // 0.001 deg are 17.453 µrad.
+    assert_eq!(rest, ["0,0.000,0.000", "0,-5.000,17.453", "1,0.000,0.000"]);
+}

@@ -53,9 +53,10 @@ pub(super) fn dashboard(
 }
 
 pub(super) fn realtime(section: &Section<'_>) -> Result<Realtime, InputError> {
-    section.allow(&["priority", "cpu"])?;
+    section.allow(&["priority", "cpu", "reference"])?;
     Ok(Realtime {
         priority: section.whole_or("priority", 0..=99, 60)?,
         cpu: section.optional("cpu", |value| value.count(1023))?,
+        reference: section.truth_or("reference", false)?,
     })
 }

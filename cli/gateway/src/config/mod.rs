@@ -272,6 +272,7 @@ impl Config {
                 .unwrap_or(Realtime {
                     priority: 60,
                     cpu: None,
+                    reference: false,
                 }),
         })
     }

@@ -292,6 +292,9 @@ pub struct CycleTimes {
     pub overruns: u64,
     /// The gateway's own work in a cycle by the CPU clock of its thread, without exchanges.
     pub own: StretchTimes,
+    /// A fixed computation by the same clock, the polynomial of degree 511 of `[realtime] reference`; only where it is made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<StretchTimes>,
     /// From the deadline to the first instruction of a cycle.
     pub wake: StretchTimes,
     /// The exchanges with controllers in a cycle.

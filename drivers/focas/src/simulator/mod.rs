@@ -17,7 +17,7 @@ use std::{
 };
 
 pub use ladder::{BarrierLadder, HeartbeatLadder, Ladder};
-pub use world::{Motion, ShiftArea, World};
+pub use world::{Motion, Scan, ScanLog, ShiftArea, World};
 
 use crate::frame::{HEAD, Head, Kind, frame};
 

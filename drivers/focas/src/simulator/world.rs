@@ -33,6 +33,18 @@ pub struct ShiftArea {
 /// Where the axes are after moving for a time, mm or deg.
 pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
+/// What is told of one scan of the control.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scan<'a> {
+    /// The shifts of all axes after the scan, counts.
+    pub shifts: &'a [i64],
+    /// Whether the control was switched off and on since the scan before: what its axes did meanwhile is no step.
+    pub switched_on: bool,
+}
+
+/// What is called with every scan. The world is held meanwhile, so it must not wait.
+pub type ScanLog = Box<dyn FnMut(Scan<'_>) + Send>;
+
 /// The machine and the memory of the control.
 pub struct World {
     /// The letters of the axes, in the control's order.
@@ -53,6 +65,8 @@ pub struct World {
     pub tells_shift_source: bool,
     /// The alarms that are on: number and text.
     pub alarms: Vec<(i32, String)>,
+    /// What hears of every scan.
+    pub scan_log: Option<ScanLog>,
     /// Macro variables by number.
     pub macros: BTreeMap<i32, f64>,
     /// Parameters by number and slot.
@@ -75,6 +89,8 @@ pub struct World {
     scanned: Vec<i64>,
     /// The largest change of each shift from one scan to the next, counts.
     largest_steps: Vec<i64>,
+    /// Whether it was switched off and on since the last scan.
+    switched_on: bool,
 }
 
 impl World {
@@ -97,6 +113,7 @@ impl World {
             latency: Duration::ZERO,
             tells_shift_source: true,
             alarms: Vec::new(),
+            scan_log: None,
             macros: BTreeMap::new(),
             parameters: BTreeMap::new(),
             offsets: BTreeMap::new(),
@@ -110,6 +127,7 @@ impl World {
             frozen: None,
             scanned: Vec::new(),
             largest_steps: vec![0; count],
+            switched_on: false,
         };
         world.set_referenced(true);
         world
@@ -152,6 +170,13 @@ impl World {
         {
             *largest = (*largest).max((now - before).abs());
         }
+        let switched_on = std::mem::take(&mut self.switched_on);
+        if let Some(log) = &mut self.scan_log {
+            log(Scan {
+                shifts: &now,
+                switched_on,
+            });
+        }
         self.scanned = now;
     }
 
@@ -191,6 +216,7 @@ impl World {
         self.set(self.shift.area, self.shift.first, &bytes);
         self.reset();
         self.scanned = self.shift_counts();
+        self.switched_on = true;
     }
 
     /// Lets the control tell the positions of this moment from now on, or the true ones again.

@@ -1,0 +1,112 @@
+//! The log of what the axes did, written by a thread of its own: a scan never waits for a disk.
+
+use std::{
+    fs::File,
+    io::{BufWriter, Write},
+    path::Path,
+    sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel},
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+use rustix::time::{ClockId, clock_gettime};
+use volcomp_focas::simulator::{Scan, ScanLog};
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use crate::{barrier::count, error::SimError};
+
+/// What is written is in the file so much later at the latest.
+const FLUSH: Duration = Duration::from_millis(50);
+
+/// One line: the monotonic time, ns, whether the control was switched on, and the shifts, counts.
+struct Line {
+    time_ns: i128,
+    switched_on: bool,
+    shifts: Vec<i64>,
+}
+
+/// The thread that writes the log.
+pub(crate) struct AxisLog {
+    writer: JoinHandle<std::io::Result<()>>,
+    file: String,
+}
+
+impl AxisLog {
+    /// Makes the file, and what hears of the scans; the log ends when that is dropped.
+    pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<(ScanLog, Self), SimError> {
+        let file = path.display().to_string();
+        let failed = |source| SimError::Write {
+            file: file.clone(),
+            source,
+        };
+        let mut output = BufWriter::new(File::create(path).map_err(failed)?);
+        let heads = axes.iter().map(|axis| match axis.kind() {
+            AxisKind::Linear => format!(",{axis}_um"),
+            AxisKind::Rotary => format!(",{axis}_urad"),
+        });
+        let heads: String = heads.collect();
+        writeln!(output, "monotonic_s,switched_on{heads}").map_err(failed)?;
+        let scales: Vec<f64> = axes
+            .iter()
+            .map(|axis| count(axis.kind()).um_or_urad())
+            .collect();
+        let (told, lines) = channel();
+        let writer = thread::Builder::new()
+            .name("focas-sim axes".to_owned())
+            .spawn(move || write(output, &lines, &scales))
+            .map_err(|source| SimError::System {
+                what: "a thread",
+                source,
+            })?;
+        Ok((hears(told), Self { writer, file }))
+    }
+
+    /// Waits until everything is written.
+    pub(crate) fn end(self) -> Result<(), SimError> {
+        // A panic of a thread has been told by its own message.
+        let written = self.writer.join().unwrap_or(Ok(()));
+        written.map_err(|source| SimError::Write {
+            file: self.file,
+            source,
+        })
+    }
+}
+
+/// Passes on the first scan, and those in which an axis moved or before which the control was switched on.
+fn hears(told: Sender<Line>) -> ScanLog {
+    let mut last: Option<Vec<i64>> = None;
+    Box::new(move |scan: Scan<'_>| {
+        if !scan.switched_on && last.as_deref() == Some(scan.shifts) {
+            return;
+        }
+        let now = clock_gettime(ClockId::Monotonic);
+        // Whoever writes is gone only where writing failed, which is told at the end.
+        let _ = told.send(Line {
+            time_ns: i128::from(now.tv_sec) * 1_000_000_000 + i128::from(now.tv_nsec),
+            switched_on: scan.switched_on,
+            shifts: scan.shifts.to_vec(),
+        });
+        last = Some(scan.shifts.to_vec());
+    })
+}
+
+fn write(
+    mut output: BufWriter<File>,
+    lines: &Receiver<Line>,
+    scales: &[f64],
+) -> std::io::Result<()> {
+    loop {
+        match lines.recv_timeout(FLUSH) {
+            Ok(line) => {
+                let seconds = line.time_ns as f64 * 1e-9;
+                write!(output, "{seconds:.6},{}", u8::from(line.switched_on))?;
+                for (shift, scale) in line.shifts.iter().zip(scales) {
+                    write!(output, ",{:.3}", *shift as f64 * scale)?;
+                }
+                writeln!(output)?;
+            }
+            Err(RecvTimeoutError::Timeout) => output.flush()?,
+            Err(RecvTimeoutError::Disconnected) => return output.flush(),
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The signals to the process, heard by a thread of their own: an order to stop acts at once, whatever the service is
+//! doing or waiting for.
+
+use std::{
+    sync::mpsc::{Receiver, channel},
+    thread,
+};
+
+use signal_hook::{
+    consts::{SIGHUP, SIGINT, SIGTERM},
+    iterator::{Handle, Signals},
+};
+
+use crate::error::GatewayError;
+
+/// What a signal asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signal {
+    /// SIGTERM or SIGINT: the correction is ramped out, and the program ends.
+    Stop,
+    /// SIGHUP: the configuration and the machine file are read again.
+    Reload,
+}
+
+/// The signals that came, in their order.
+pub struct Heard {
+    told: Receiver<Signal>,
+    handle: Handle,
+}
+
+impl Heard {
+    /// Hears signals from now on. With every signal to stop `stop` is called at once, by the thread that hears it.
+    ///
+    /// # Errors
+    /// The operating system gives no signals, or no thread.
+    pub fn new(stop: impl Fn() + Send + 'static) -> Result<Self, GatewayError> {
+        let failed = |e| GatewayError::system("signals", e);
+        let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
+        let handle = signals.handle();
+        let (tell, told) = channel();
+        thread::Builder::new()
+            .name("volcomp-signals".to_owned())
+            .stack_size(64 * 1024)
+            .spawn(move || {
+                for signal in signals.forever() {
+                    let signal = if signal == SIGHUP {
+                        Signal::Reload
+                    } else {
+                        stop();
+                        Signal::Stop
+                    };
+                    if tell.send(signal).is_err() {
+                        return;
+                    }
+                }
+            })
+            .map_err(failed)?;
+        Ok(Self { told, handle })
+    }
+
+    /// The next signal that came and was not taken yet.
+    pub fn next(&self) -> Option<Signal> {
+        self.told.try_recv().ok()
+    }
+
+    /// Takes all that came: whether one of them was a signal to stop.
+    pub fn stops(&self) -> bool {
+        self.told.try_iter().any(|signal| signal == Signal::Stop)
+    }
+}
+
+impl Drop for Heard {
+    fn drop(&mut self) {
+        self.handle.close();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{sync::mpsc, time::Duration};
+
+    use super::*;
+
+    /// Before, a signal was looked for between two turns of the service, up to 50 ms later.
+    #[test]
+    fn a_stop_acts_while_nobody_looks() {
+        let patience = Duration::from_secs(10);
+        let (acted, acts) = mpsc::channel();
+        let heard = Heard::new(move || {
+            // The test may be over.
+            let _ = acted.send(());
+        })
+        .expect("signals");
+        for (number, signal) in [
+            (SIGTERM, Signal::Stop),
+            (SIGINT, Signal::Stop),
+            (SIGHUP, Signal::Reload),
+        ] {
+            signal_hook::low_level::raise(number).expect("a signal");
+            if signal == Signal::Stop {
+                acts.recv_timeout(patience).expect("it acts at once");
+            }
+            let told = heard.told.recv_timeout(patience);
+            assert_eq!(told.expect("a signal"), signal);
+        }
+        assert!(acts.try_recv().is_err(), "a reload does not stop");
+    }
+}
