@@ -11,7 +11,8 @@ use volcomp_devices::{
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{BarrierArea, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect};
-use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
+use volcomp_guard::barrier::Layout;
+use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer, Words};
 use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
@@ -105,11 +106,14 @@ impl ControllerDevice {
     ///
     /// # Errors
     /// A control that cannot be reached, or that contradicts the configuration.
-    pub fn online(&self) -> Result<Option<OnlinePlan>, DeviceError> {
+    pub fn online(&self, own: &ControllerConfig) -> Result<Option<OnlinePlan>, DeviceError> {
         let Kind::Focas(config) = &self.kind else {
             return Ok(None);
         };
         let found = inspect(config).map_err(|error| error.of(config.device()))?;
+        if let Some(barrier) = own.barrier {
+            check_report(config.device(), barrier.machine, &own.axes, found.report)?;
+        }
         let (shift_in_use, shift_words) = match found.shift_source {
             ShiftSource::Told { in_use, first } => (Some(in_use), Some(first)),
             ShiftSource::Untold { .. } => (None, None),
@@ -225,6 +229,36 @@ impl ControllerDevice {
     pub fn tells_resolution(&self) -> bool {
         matches!(self.kind, Kind::Can(_))
     }
+}
+
+/// Checks that a control tells the report of a barrier for this machine and these axes in this order.
+///
+/// # Errors
+/// It tells something else, or nothing.
+fn check_report(
+    device: String,
+    machine: u16,
+    axes: &[AxisName],
+    report: Option<Words>,
+) -> Result<(), DeviceError> {
+    // Axes that make no barrier were refused with the configuration.
+    let layout = Layout::of(axes.iter().copied()).ok();
+    let decoded = layout.zip(report).and_then(|(layout, words)| {
+        let words = words.as_slice();
+        volcomp_guard::barrier::Report::decode(machine, layout, words)
+    });
+    if decoded.is_some() {
+        return Ok(());
+    }
+    let letters: String = axes.iter().map(|name| name.letter()).collect();
+    let number = layout.map_or(0, Layout::number);
+    Err(DeviceError::protocol(
+        device,
+        "barrier.report: found no report of a barrier for this machine and these axes",
+        format!(
+            "expected one of the machine {machine} and the axes {letters} in this order: set `machine` of the barrier to {machine} and `layout` to {number}, or state `machine` and `axes` as the barrier has them"
+        ),
+    ))
 }
 
 fn can(

@@ -94,6 +94,8 @@ reasons! {
     NO_BARRIER = 31, "no barrier";
     /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
     BARRIER_UNFIT = 32, "the control's barrier does not fit the limits";
+    /// What the control tells is no report of a barrier of this machine and these axes, in this order.
+    BARRIER_STRANGE = 40, "no barrier for this machine and these axes";
     /// Whether another gateway writes, or how fast the control scans, is being looked at before the first write.
     WATCHING = 33, "watching the control";
     /// The correction that the control applies has not been confirmed for too long.

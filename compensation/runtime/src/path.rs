@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use volcomp_guard::{
     BarrierLink, Interlock, Known, Limits, LimitsError, ReadBack, Reasons, Told,
-    barrier::FRAME_WORDS,
+    barrier::{FRAME_WORDS, Layout, SettingsError},
 };
 use volcomp_kinematics::Correctors;
-use volcomp_port::{Controller, Description, Fault, Snapshot, Words};
+use volcomp_port::{Controller, Description, Fault, Snapshot, UnfitAxes, Words};
 use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
 
 use crate::{
@@ -63,10 +63,8 @@ impl ControlPath {
             description: controller.description().clone(),
             device: Device::new(controller),
             limits: plan.limits,
-            read_back: match plan.barrier {
-                Some(barrier) => {
-                    ReadBack::barrier(BarrierLink::new(owner(), barrier.machine, barrier.scan))
-                }
+            read_back: match link(plan, owner())? {
+                Some(link) => ReadBack::barrier(link),
                 None if plan.is_blind => ReadBack::blind(plan.time_out),
                 None => ReadBack::plain(plan.watch),
             },
@@ -87,13 +85,14 @@ impl ControlPath {
 
     /// The path of a plan with a barrier as another run of the program has it, under this owner number instead of the one
     /// that this run drew: for rehearsals of a restart. Without a barrier nothing changes.
-    #[must_use]
-    pub fn with_owner(mut self, plan: &PathPlan, owner: u16) -> Self {
-        if let Some(barrier) = plan.barrier {
-            let link = BarrierLink::new(owner.max(1), barrier.machine, barrier.scan);
+    ///
+    /// # Errors
+    /// Axes that cannot be those of a barrier: none for a plan that was not changed since it was made.
+    pub fn with_owner(mut self, plan: &PathPlan, owner: u16) -> Result<Self, PlanError> {
+        if let Some(link) = link(plan, owner.max(1))? {
             self.read_back = ReadBack::barrier(link);
         }
-        self
+        Ok(self)
     }
 
     /// Chooses the axes that correct anew, for another model. Allocates nothing.
@@ -328,6 +327,23 @@ impl ControlPath {
             reasons: known.reasons | self.notes,
         }
     }
+}
+
+/// The way to the barrier of a plan; `None` where it has none.
+fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
+    let Some(barrier) = plan.barrier else {
+        return Ok(None);
+    };
+    let axes = names(&plan.description);
+    let layout = Layout::of(axes.iter().copied()).map_err(|error| PlanError::Axes {
+        device: plan.description.device.clone(),
+        source: match error {
+            SettingsError::Twice { axis } => UnfitAxes::Twice(axis),
+            _ => UnfitAxes::Count(axes.len()),
+        },
+    })?;
+    let link = BarrierLink::new(owner, barrier.machine, layout, barrier.scan);
+    Ok(Some(link))
 }
 
 /// A number that tells this run of the program from others: drawn once at the start, never 0.

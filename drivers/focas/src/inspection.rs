@@ -1,5 +1,9 @@
 //! What a control tells about itself when it is connected as a configuration says. Nothing is written.
 
+use std::time::{Duration, Instant};
+
+use volcomp_port::Words;
+
 use crate::{
     config::FocasConfig, error::FocasError, link::Link, plan::Abilities, shift_source::ShiftSource,
 };
@@ -17,7 +21,13 @@ pub struct Inspection {
     pub abilities: Abilities,
     /// What deserves to be known and is no error, in words.
     pub notes: Vec<String>,
+    /// The report of the control's barrier as it was when the control was asked; `None` where the configuration has none,
+    /// or the control did not tell.
+    pub report: Option<Words>,
 }
+
+/// How long the reading may take.
+const READ_WITHIN: Duration = Duration::from_secs(2);
 
 /// Connects, makes every check that a correction makes before its first cycle, reads once, and ends. Nothing is written.
 ///
@@ -26,5 +36,9 @@ pub struct Inspection {
 /// that it refuses.
 pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     config.describe()?;
-    Ok(Link::open(config)?.found().clone())
+    let mut link = Link::open(config)?;
+    let mut found = link.found().clone();
+    let read = link.read(Instant::now() + READ_WITHIN);
+    found.report = read.ok().and_then(|snapshot| snapshot.report);
+    Ok(found)
 }

@@ -68,6 +68,7 @@ impl Link {
                 shift_source: source,
                 abilities,
                 notes,
+                report: None,
             },
             axes,
             width: config.shift.width,

@@ -11,9 +11,9 @@ use std::{
 
 use serde_json::Value;
 use volcomp_focas::{Client, PmcArea, PositionKind};
-use volcomp_guard::barrier::{FRAME_WORDS, Report, Session};
+use volcomp_guard::barrier::{FRAME_WORDS, Layout, Report, Session};
 use volcomp_test_support::{Running, machines::gantry};
-use volcomp_vocabulary::PerChannel;
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -287,6 +287,7 @@ fn a_barrier_stands_before_the_axes() {
     let mut session = Session::new(7);
     let mut client = simulator.client();
     let mut settings = None;
+    let layout = Layout::of([AxisName::X, AxisName::C]).unwrap();
     until("applied", || {
         let bytes = client
             .read_pmc(PmcArea::R, 240, 2 * (8 + 3 * 2 + 2))
@@ -295,7 +296,7 @@ fn a_barrier_stands_before_the_axes() {
             .chunks_exact(2)
             .map(|b| u16::from_le_bytes([b[0], b[1]]))
             .collect();
-        let report = Report::decode(4711, 2, &words).expect("read whole");
+        let report = Report::decode(4711, layout, &words).expect("read whole");
         session.read(&report);
         let frame = session.frame(&PerChannel::leading([30, -10]));
         let mut words = [0; FRAME_WORDS];

@@ -184,7 +184,8 @@ impl Plan {
             Devices::Configured { controllers, .. } => &controllers[..],
             Devices::Simulated(_) => &[],
         };
-        let told = controllers.iter().map(ControllerDevice::online);
+        let configured = controllers.iter().zip(&self.config.controllers);
+        let told = configured.map(|(device, config)| device.online(config));
         let told = told.collect::<Result<Vec<_>, _>>();
         let told = told.map_err(GatewayError::Device)?;
         Ok(PlanDocument {

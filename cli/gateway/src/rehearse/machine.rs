@@ -8,13 +8,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_guard::barrier::{Counts, Program, Settings};
+use volcomp_guard::barrier::{Counts, Layout, Program, Settings, SettingsError};
 use volcomp_port::{
     Clock, ControlProgram, Controller, Description, Fault, Snapshot, Words,
     inject::{Faults, Faulty},
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
-use volcomp_runtime::{Model, PathPlan, guard::Limits, kinematics::State};
+use volcomp_runtime::{Model, PathPlan, kinematics::State};
 use volcomp_vocabulary::{Displacement, PerChannel};
 
 use crate::error::GatewayError;
@@ -169,7 +169,9 @@ impl Rig {
         };
         let barrier = plan
             .barrier
-            .map(|barrier| settings(&plan.limits, barrier.machine, barrier.scan));
+            .map(|barrier| settings(plan, barrier.machine, barrier.scan))
+            .transpose()
+            .map_err(wrong)?;
         let (control, thermometer, controls) = match (barrier, plan.barrier) {
             (Some(settings), Some(at)) => {
                 let faster = settings.rate.map(|counts| counts.saturating_mul(rate));
@@ -255,7 +257,10 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
 
 /// The barrier as the machine builder sets it for these limits: the same limits, twice the slew, and times that the guard
 /// accepts.
-fn settings(limits: &Limits, machine: u16, scan: Duration) -> Settings {
+fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, SettingsError> {
+    let limits = &plan.limits;
+    let names = plan.description.axes.iter().map(|axis| axis.name);
+    let layout = Layout::of(names)?;
     let axes = || limits.axes.iter().take(limits.count).enumerate();
     let in_a_scan = |axis: &volcomp_runtime::guard::AxisLimits| {
         RATE_OVER_SLEW * axis.slew_per_s * scan.as_secs_f64() / axis.resolution
@@ -273,15 +278,15 @@ fn settings(limits: &Limits, machine: u16, scan: Duration) -> Settings {
     let hold_scans = scans(hold).floor().max(1.0);
     let time_out = (2.0 * hold_scans).max(scans(Duration::from_millis(200)).ceil());
     let time_out = time_out.min(scans(limits.zero_after).floor());
-    Settings {
-        axes: limits.count,
+    Ok(Settings {
+        axes: layout,
         machine,
         limit,
         rate,
         step_scans: count(step_scans).unsigned_abs(),
         hold_scans: count(hold_scans).unsigned_abs(),
         time_out_scans: count(time_out).unsigned_abs(),
-    }
+    })
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "held within the range")]

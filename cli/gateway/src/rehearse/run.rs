@@ -407,7 +407,7 @@ fn cycle(
     let guard = plan.guard();
     let cycle = Cycle::new(
         Box::new(plan.model.clone()),
-        vec![control.with_owner(path, owner)],
+        vec![control.with_owner(path, owner).map_err(wrong)?],
         guard.hand_back,
         Sensors::new(thermometers.into_iter().collect(), guard.temperatures),
         plan.config.cycle,

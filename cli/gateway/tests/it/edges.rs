@@ -16,6 +16,7 @@ use volcomp_vocabulary::{AxisName, Displacement, Mm, Rad};
 use crate::{
     controlled::configuration,
     held_back::Wire,
+    online::{check, said},
     program::{Program, change, path},
 };
 
@@ -242,4 +243,44 @@ fn what_was_kept_back_comes_later() {
         corrects(&program, &control);
         assert!(wire.connections() > before, "it connected anew");
     }
+}
+
+/// The barrier has X, Y, Z, and the configuration `axes` in another order: frames and reports were taken all the same, so
+/// that X got the correction of Y (20 µm for 0) and Y that of X, shown as compensating with every axis proven, and
+/// `check --online` said nothing.
+#[test]
+fn axes_in_another_order_than_the_barriers_are_refused() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = start(world());
+    let config = guarded(dir.path(), &control);
+    change(
+        &config,
+        r#"axes = ["X", "Y", "Z"]"#,
+        r#"axes = ["Y", "X", "Z"]"#,
+    );
+    let (_, errors, status) = said(&check(&config, &["--online"]));
+    assert_eq!(status, Some(1), "{errors}");
+    assert!(
+        errors.contains("found no report of a barrier for this machine and these axes")
+            && errors.contains("the axes YXZ in this order")
+            && errors.contains("`layout` to 213"),
+        "{errors}"
+    );
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let refused = "no barrier for this machine and these axes";
+    program
+        .wait(|state| state["reasons"].to_string().contains(refused))
+        .expect("it is told");
+    sleep(Duration::from_secs(3));
+    let state = program.state();
+    assert_eq!(state["state"], "disarmed", "{state}");
+    assert_eq!(state["correction_known"], false, "{state}");
+    assert_eq!(control.world().shift_counts(), [0, 0, 0]);
+    drop(program);
+    change(
+        &config,
+        r#"axes = ["Y", "X", "Z"]"#,
+        r#"axes = ["X", "Y", "Z"]"#,
+    );
+    assert_eq!(said(&check(&config, &["--online"])).2, Some(0));
 }

@@ -12,7 +12,7 @@ use crate::{
     program::path,
 };
 
-fn check(config: &Path, more: &[&str]) -> Output {
+pub(crate) fn check(config: &Path, more: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
         .args(["check", path(config)])
         .args(more)
@@ -21,7 +21,7 @@ fn check(config: &Path, more: &[&str]) -> Output {
 }
 
 /// Standard output and standard error, and the exit status.
-fn said(output: &Output) -> (String, String, Option<i32>) {
+pub(crate) fn said(output: &Output) -> (String, String, Option<i32>) {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let (out, errors) = (text(&output.stdout), text(&output.stderr));
     (out, errors, output.status.code())

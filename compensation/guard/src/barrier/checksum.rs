@@ -1,5 +1,7 @@
 //! The checksum of frames and reports.
 
+use super::Layout;
+
 /// The two sums of a Fletcher checksum over 16-bit words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Checksum {
@@ -9,15 +11,15 @@ pub struct Checksum {
     pub of_sums: u16,
 }
 
-/// Fletcher's checksum modulo 65535 of the words, started from the machine's number and the layout, so that a frame for
-/// another machine or for another set of axes does not fit. The words 0 and 65535 weigh the same: -1 and 0 counts
+/// Fletcher's checksum modulo 65535 of the words, started from the machine's number and the layout's, so that a frame for
+/// another machine, for other axes or for another order of them does not fit. The words 0 and 65535 weigh the same: -1 and 0 counts
 /// cannot be told apart by it, which is one step of an axis at the most.
 #[must_use]
-pub fn checksum(machine: u16, layout: u16, words: &[u16]) -> Checksum {
+pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
     let reduced = |sum: u32| u16::try_from(sum % 65535).unwrap_or(0);
     let mut check = Checksum {
-        sum: reduced(machine.into()),
-        of_sums: reduced(layout.into()),
+        sum: reduced(u32::from(machine) + layout.number() / 65535),
+        of_sums: reduced(layout.number()),
     };
     for word in words {
         check.sum = reduced(u32::from(check.sum) + u32::from(*word));

@@ -159,7 +159,7 @@ impl Barrier {
             return Err(Refusal::Sequence);
         }
         let within = |axis: usize| frame.values[axis].unsigned_abs() <= self.limit(axis);
-        if !(0..self.settings.axes).all(within) {
+        if !(0..self.settings.axes.count()).all(within) {
             return Err(Refusal::Value);
         }
         Ok(Some(frame))
@@ -178,7 +178,7 @@ impl Barrier {
         self.state.from = self.state.applied;
         self.state.goal = *goal;
         self.state.done = 0;
-        self.state.steps = (0..self.settings.axes)
+        self.state.steps = (0..self.settings.axes.count())
             .map(|axis| {
                 let way = i32::from(goal[axis]) - i32::from(self.state.applied[axis]);
                 let rate = u32::from(self.settings.rate[axis].unsigned_abs());
@@ -193,7 +193,7 @@ impl Barrier {
             return;
         }
         self.state.done += 1;
-        for axis in 0..self.settings.axes {
+        for axis in 0..self.settings.axes.count() {
             let (from, goal) = (
                 i64::from(self.state.from[axis]),
                 i64::from(self.state.goal[axis]),

@@ -29,7 +29,7 @@ impl Frame {
     /// The number of words that frames of these settings have.
     #[must_use]
     pub fn length(settings: &Settings) -> usize {
-        HEAD + settings.axes.min(MAX_AXES) + 2
+        HEAD + settings.axes.count() + 2
     }
 
     /// Writes the words of the frame, checksum and all, and tells how many there are.
@@ -39,7 +39,7 @@ impl Frame {
         for (word, value) in words[HEAD..body].iter_mut().zip(&self.values) {
             *word = value.cast_unsigned();
         }
-        let check = checksum(settings.machine, settings.layout(), &words[..body]);
+        let check = checksum(settings.machine, settings.axes, &words[..body]);
         words[body] = check.sum;
         words[body + 1] = check.of_sums;
         body + 2
@@ -50,7 +50,7 @@ impl Frame {
     pub fn decode(settings: &Settings, words: &[u16]) -> Option<Self> {
         let body = Self::length(settings) - 2;
         let words = words.get(..body + 2)?;
-        let check = checksum(settings.machine, settings.layout(), &words[..body]);
+        let check = checksum(settings.machine, settings.axes, &words[..body]);
         if [check.sum, check.of_sums] != words[body..] {
             return None;
         }

@@ -11,6 +11,7 @@
 mod checksum;
 mod control;
 mod frame;
+mod layout;
 #[cfg(feature = "simulate")]
 mod program;
 mod report;
@@ -20,6 +21,7 @@ mod settings;
 pub use checksum::{Checksum, checksum};
 pub use control::{Barrier, Memory};
 pub use frame::{FRAME_WORDS, Frame};
+pub use layout::Layout;
 #[cfg(feature = "simulate")]
 pub use program::{Program, Protection};
 pub use report::{REPORT_WORDS, Refusal, Report};

@@ -3,9 +3,9 @@
 use core::time::Duration;
 
 use volcomp_port::{Axis, ControlProgram, Words};
-use volcomp_vocabulary::{AxisKind, MAX_AXES, Mm, PerChannel, Rad};
+use volcomp_vocabulary::{AxisKind, Mm, PerChannel, Rad};
 
-use super::{Barrier, Counts, REPORT_WORDS, Report, Settings, SettingsError};
+use super::{Barrier, Counts, Layout, REPORT_WORDS, Report, Settings, SettingsError};
 
 /// The barrier of a simulated control: it keeps its epoch over a restart, as a control does with a retained word.
 #[derive(Clone, Debug)]
@@ -57,18 +57,18 @@ impl Protection {
     /// gets what it can.
     ///
     /// # Errors
-    /// [`SettingsError`] where a limit is below one step of its axis, the times do not fit to one another, or there
-    /// are too few or too many axes.
+    /// [`SettingsError`] where a limit is below one step of its axis, the times do not fit to one another, there is no
+    /// axis, or one is named twice.
     pub fn settings(&self, axes: &[Axis]) -> Result<Settings, SettingsError> {
-        let shown = axes.get(..axes.len().min(MAX_AXES)).unwrap_or(axes);
-        let step_scans = shown
+        let layout = Layout::of(axes.iter().map(|axis| axis.name))?;
+        let step_scans = axes
             .iter()
             .map(|axis| 1.0 / self.counts_in_a_scan(axis))
             .fold(1.0, f64::max);
         // A rate that is too slow to be counted is caught below: no count in the longest time from step to step.
         let step_scans = whole(libm::ceil(step_scans - 1e-9));
         let (mut limit, mut rate) = (Counts::default(), Counts::default());
-        for ((limit, rate), axis) in limit.iter_mut().zip(&mut rate).zip(shown) {
+        for ((limit, rate), axis) in limit.iter_mut().zip(&mut rate).zip(axes) {
             let most = match axis.kind() {
                 AxisKind::Linear => self.limit.0,
                 AxisKind::Rotary => self.limit_rotary.0,
@@ -80,7 +80,7 @@ impl Protection {
             *rate = counts(self.counts_in_a_scan(axis) * f64::from(step_scans));
         }
         let settings = Settings {
-            axes: axes.len(),
+            axes: layout,
             machine: self.machine,
             limit,
             rate,

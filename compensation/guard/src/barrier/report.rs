@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::MAX_AXES;
 
-use super::{Counts, Settings, checksum, settings::layout};
+use super::{Counts, Layout, Settings, checksum};
 
 /// The largest number of words of a report: head, three values for each axis, checksum.
 pub const REPORT_WORDS: usize = HEAD + 3 * MAX_AXES + 2;
@@ -76,8 +76,8 @@ pub struct Report {
 impl Report {
     /// The number of words that a report of so many axes has.
     #[must_use]
-    pub fn length(axes: usize) -> usize {
-        HEAD + 3 * axes.min(MAX_AXES) + 2
+    pub fn length(axes: Layout) -> usize {
+        HEAD + 3 * axes.count() + 2
     }
 
     /// Writes the words of the report, checksum and all, and tells how many there are.
@@ -94,24 +94,23 @@ impl Report {
             s.hold_scans,
             s.time_out_scans,
         ]);
-        for axis in 0..s.axes.min(MAX_AXES) {
+        for axis in 0..s.axes.count() {
             let three = [self.applied[axis], s.limit[axis], s.rate[axis]];
             words[HEAD + 3 * axis..][..3].copy_from_slice(&three.map(i16::cast_unsigned));
         }
-        let check = checksum(s.machine, s.layout(), &words[..body]);
+        let check = checksum(s.machine, s.axes, &words[..body]);
         words[body] = check.sum;
         words[body + 1] = check.of_sums;
         body + 2
     }
 
-    /// Reads the report of a barrier for this machine and so many axes; `None` when there are too few words, the
-    /// checksum does not fit, or the barrier's settings make no sense.
+    /// Reads the report of a barrier for this machine and these axes; `None` when there are too few words, the checksum
+    /// does not fit, or the barrier's settings make no sense.
     #[must_use]
-    pub fn decode(machine: u16, axes: usize, words: &[u16]) -> Option<Self> {
-        let axes = axes.min(MAX_AXES);
+    pub fn decode(machine: u16, axes: Layout, words: &[u16]) -> Option<Self> {
         let body = Self::length(axes) - 2;
         let words = words.get(..body + 2)?;
-        let check = checksum(machine, layout(axes), &words[..body]);
+        let check = checksum(machine, axes, &words[..body]);
         if [check.sum, check.of_sums] != words[body..] {
             return None;
         }
@@ -125,7 +124,7 @@ impl Report {
             time_out_scans: words[7],
         };
         let mut applied = Counts::default();
-        for axis in 0..axes {
+        for axis in 0..axes.count() {
             let at = HEAD + 3 * axis;
             applied[axis] = words[at].cast_signed();
             settings.limit[axis] = words[at + 1].cast_signed();

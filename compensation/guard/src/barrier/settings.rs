@@ -1,14 +1,14 @@
 //! What a barrier is set to.
 
-use volcomp_vocabulary::{MAX_AXES, PerChannel};
+use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};
 
-use super::Counts;
+use super::{Counts, Layout};
 
 /// The settings of a barrier: they belong to the machine and are made by its builder, not by the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Settings {
-    /// How many axes are corrected, 1 to 9.
-    pub axes: usize,
+    /// The axes that are corrected, in the order of the words.
+    pub axes: Layout,
     /// A number that tells this machine from others; it starts the checksum.
     pub machine: u16,
     /// The largest correction of each axis in either direction, counts.
@@ -26,11 +26,14 @@ pub struct Settings {
 /// A setting that makes no sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
-    /// The number of axes.
-    #[error("number of axes: found {found}, expected 1 to {MAX_AXES}")]
-    Axes {
-        /// The number that was found.
-        found: usize,
+    /// There is no axis.
+    #[error("number of axes: found 0, expected 1 to {MAX_AXES}")]
+    NoAxes,
+    /// An axis that is named more than once.
+    #[error("axis {axis}: found twice, expected once")]
+    Twice {
+        /// The axis that was found again.
+        axis: AxisName,
     },
     /// The limit or the rate of one axis.
     #[error("axis {axis} (counted from 0): found {found} counts, expected at least 1")]
@@ -61,10 +64,7 @@ impl Settings {
     /// # Errors
     /// The first setting that makes no sense.
     pub fn check(&self) -> Result<(), SettingsError> {
-        if !(1..=MAX_AXES).contains(&self.axes) {
-            return Err(SettingsError::Axes { found: self.axes });
-        }
-        for axis in 0..self.axes {
+        for axis in 0..self.axes.count() {
             for found in [self.limit[axis], self.rate[axis]] {
                 if found < 1 {
                     return Err(SettingsError::Counts { axis, found });
@@ -81,11 +81,6 @@ impl Settings {
         Ok(())
     }
 
-    /// The number that stands for the layout of frames and reports: how many axes they carry.
-    pub(super) fn layout(&self) -> u16 {
-        layout(self.axes)
-    }
-
     /// The same settings with zero for axes that there are not.
     pub(super) fn of_axes(self) -> Self {
         Self {
@@ -97,11 +92,7 @@ impl Settings {
 
     /// The values of the axes that there are; the others are zero.
     pub(super) fn present(&self, values: &Counts) -> Counts {
-        PerChannel::from_fn(|axis| if axis < self.axes { values[axis] } else { 0 })
+        let count = self.axes.count();
+        PerChannel::from_fn(|axis| if axis < count { values[axis] } else { 0 })
     }
-}
-
-/// The number that stands for frames and reports of so many axes.
-pub(super) fn layout(axes: usize) -> u16 {
-    u16::try_from(axes).unwrap_or(u16::MAX)
 }

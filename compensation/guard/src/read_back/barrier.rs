@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 use super::{Confirmed, Known};
 use crate::{
     Limits, Reasons,
-    barrier::{Counts, FRAME_WORDS, Report, Seen, Session, Settings},
+    barrier::{Counts, FRAME_WORDS, Layout, Report, Seen, Session, Settings},
 };
 
 /// The stretch over which the control's scans are counted against the clock.
@@ -25,6 +25,7 @@ const RATE_OVER_SLEW: f64 = 2.0;
 pub struct BarrierLink {
     session: Session,
     machine: u16,
+    layout: Layout,
     scan: Duration,
     settings: Option<Settings>,
     /// The last report, and the scans since `counted_from`.
@@ -35,16 +36,19 @@ pub struct BarrierLink {
     scans_fit: Option<bool>,
     held_by_other: bool,
     can_send: bool,
+    /// Whether words came as a report that were none of this machine and these axes.
+    strange: bool,
 }
 
 impl BarrierLink {
-    /// A way to the barrier of the machine with this number, whose control scans once in `scan`. `owner` is drawn anew at
-    /// each start of the gateway; all ways of one gateway to one barrier have the same.
+    /// A way to the barrier of the machine with this number and of these axes, whose control scans once in `scan`. `owner`
+    /// is drawn anew at each start of the gateway; all ways of one gateway to one barrier have the same.
     #[must_use]
-    pub fn new(owner: u16, machine: u16, scan: Duration) -> Self {
+    pub fn new(owner: u16, machine: u16, layout: Layout, scan: Duration) -> Self {
         Self {
             session: Session::new(owner),
             machine,
+            layout,
             scan,
             settings: None,
             last: None,
@@ -53,6 +57,7 @@ impl BarrierLink {
             scans_fit: None,
             held_by_other: false,
             can_send: false,
+            strange: false,
         }
     }
 
@@ -63,8 +68,10 @@ impl BarrierLink {
         limits: &Limits,
         known: &mut Known,
     ) {
-        let Some(report) = Report::decode(self.machine, limits.count, words) else {
-            // Torn, or of another machine: it says nothing.
+        let report = Report::decode(self.machine, self.layout, words);
+        self.strange = report.is_none();
+        let Some(report) = report.filter(|_| self.layout.count() == limits.count) else {
+            // Torn, or of another machine or other axes: it says nothing.
             return;
         };
         let seen = self.session.read(&report);
@@ -130,6 +137,7 @@ impl BarrierLink {
         known.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
             | Reasons::BARRIER_UNFIT
                 .when(self.settings.is_some() && !fits || self.scans_fit == Some(false))
+            | Reasons::BARRIER_STRANGE.when(self.strange && self.settings.is_none())
             | Reasons::WATCHING.when(self.settings.is_some() && self.scans_fit.is_none());
     }
 

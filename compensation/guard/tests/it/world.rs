@@ -5,9 +5,9 @@ use std::{collections::VecDeque, time::Duration};
 use volcomp_guard::{
     AxisLimits, BarrierLink, Guard, Inputs, Interlock, Interlocks, Known, Limits, Output, ReadBack,
     Reading, Reasons, Request, Scheme, State, Told, Wanted,
-    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
+    barrier::{Barrier, FRAME_WORDS, Layout, REPORT_WORDS, Settings},
 };
-use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const SCAN: Duration = Duration::from_millis(2);
@@ -36,10 +36,14 @@ pub(crate) fn limits() -> Limits {
     }
 }
 
+fn layout() -> Layout {
+    Layout::of([AxisName::X, AxisName::Y]).expect("each once")
+}
+
 /// A barrier that fits the limits above: 1 µm/ms, hold 50 ms, time-out 200 ms.
 pub(crate) fn barrier() -> Barrier {
     let settings = Settings {
-        axes: 2,
+        axes: layout(),
         machine: MACHINE,
         limit: PerChannel([150; MAX_AXES]),
         rate: PerChannel([2; MAX_AXES]),
@@ -108,7 +112,7 @@ impl World {
 
     /// A control with a barrier.
     pub(crate) fn guarded(limits: &Limits) -> Self {
-        let link = BarrierLink::new(99, MACHINE, SCAN);
+        let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let mut world = Self::of(limits, ReadBack::barrier(link), Some(barrier()));
         // The scans of the control are counted.
         world.run(Duration::from_secs(2));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, SignalTable};
 use volcomp_guard::barrier::{
-    Barrier, Counts, FRAME_WORDS, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,
+    Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,
 };
 use volcomp_port::{Controller, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
@@ -14,6 +14,10 @@ use crate::{Bus, barrier::report_of, frame_of, soon};
 
 const MACHINE: u16 = 4711;
 const RATE: i16 = 3;
+
+fn layout() -> Layout {
+    Layout::of([AxisName::X, AxisName::Y, AxisName::Z]).unwrap()
+}
 
 /// A control on the bus: its mailbox, its barrier, and the reports that it has published.
 struct Control {
@@ -33,7 +37,7 @@ struct Control {
 impl Control {
     fn new(bus: &Bus) -> Self {
         let settings = Settings {
-            axes: 3,
+            axes: layout(),
             machine: MACHINE,
             limit: PerChannel::from_fn(|_| 150),
             rate: PerChannel::from_fn(|_| RATE),
@@ -126,7 +130,7 @@ impl Gateway {
     /// What the last whole report says, when it was new.
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
-        let report = Report::decode(MACHINE, 3, snapshot.report?.as_slice())?;
+        let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
         let Seen::Confirmed { landed, .. } = self.session.read(&report) else {
             return None;
         };

@@ -55,9 +55,7 @@ pub(crate) fn settings(axes: usize) -> Settings {
         resolution: Displacement::Length(Mm(0.001)),
         largest: None,
     };
-    protection
-        .settings(&[axis(AxisName::X); 9][..axes])
-        .unwrap()
+    protection.settings(&AXES.map(axis)[..axes]).unwrap()
 }
 
 pub(crate) fn simulated(options: Options) -> Simulator {
@@ -96,7 +94,7 @@ impl Sender {
         let snapshot = controller.read(soon()).unwrap();
         assert_eq!(snapshot.applied, None);
         let words = snapshot.report.expect("a barrier reports");
-        let Some(report) = Report::decode(4711, 3, words.as_slice()) else {
+        let Some(report) = Report::decode(4711, settings(3).axes, words.as_slice()) else {
             self.torn += 1;
             return None;
         };

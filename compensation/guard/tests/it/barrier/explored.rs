@@ -383,7 +383,12 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     let again = one && (after.owner, after.sequence) == (first_alone.owner, first_alone.sequence);
     let two = after.silent == 0 && !again;
     let mut violation = None;
-    for (axis, limit) in settings.limit.iter().enumerate().take(settings.axes) {
+    for (axis, limit) in settings
+        .limit
+        .iter()
+        .enumerate()
+        .take(settings.axes.count())
+    {
         let moved = (after.applied[axis] - before.applied[axis]).abs();
         if moved > settings.rate[axis] || after.applied[axis].abs() > *limit {
             violation = Some(Violation::Step);
@@ -537,7 +542,7 @@ fn renumber_owners(world: &mut World) {
 
 fn small(hold_scans: u16, time_out_scans: u16) -> Settings {
     Settings {
-        axes: 1,
+        axes: super::layout(1),
         machine: 4711,
         limit: PerChannel::leading([2]),
         rate: PerChannel::leading([1]),

@@ -9,14 +9,19 @@ mod simulated;
 mod text;
 
 use volcomp_guard::{
-    barrier::{Barrier, Counts, FRAME_WORDS, Frame, Settings},
-    vocabulary::PerChannel,
+    barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, Settings},
+    vocabulary::{AxisName, PerChannel},
 };
+
+/// The first so many axes.
+pub(super) fn layout(axes: usize) -> Layout {
+    Layout::of(AxisName::ALL[..axes].iter().copied()).expect("each once")
+}
 
 /// A barrier of so many axes, 20 counts of limit and 2 counts a scan.
 pub(super) fn settings(axes: usize) -> Settings {
     Settings {
-        axes,
+        axes: layout(axes),
         machine: 4711,
         limit: PerChannel::from_fn(|_| 20),
         rate: PerChannel::from_fn(|_| 2),

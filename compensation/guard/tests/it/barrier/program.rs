@@ -27,7 +27,7 @@ fn axes() -> Vec<Axis> {
 #[test]
 fn millimetres_and_seconds_become_counts_and_scans() {
     let settings = Protection::default().settings(&axes()).expect("sensible");
-    assert_eq!(settings.axes, 3);
+    assert_eq!(settings.axes.number(), 126);
     // 250 µm, what Y's device can express, 250 µrad at 10 µrad.
     assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
     // C: 1000 µrad/s are 0.2 counts in a scan, so a step is made every five scans; X and Y make 2 counts in a scan.
@@ -80,7 +80,7 @@ fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     let settings = Protection::default().settings(&axes()).expect("sensible");
     let mut program = Program::new(settings).expect("sensible");
     let decode = |words: &volcomp_port::Words| {
-        Report::decode(settings.machine, 3, words.as_slice()).expect("a whole report")
+        Report::decode(settings.machine, settings.axes, words.as_slice()).expect("a whole report")
     };
     let mut session = Session::new(7);
     let goal = PerChannel::leading([30, -20, 3]);

@@ -1,8 +1,11 @@
 //! Single rules of the barrier.
 
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Frame, Refusal, Report, Seen, Session, Settings, SettingsError},
-    vocabulary::PerChannel,
+    barrier::{
+        Barrier, Counts, Frame, Layout, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,
+        SettingsError,
+    },
+    vocabulary::{AxisName, PerChannel},
 };
 
 use super::{at_zero, settings, words};
@@ -116,6 +119,10 @@ fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
     let frame = sender
         .frame(&values(&[1, 2, 3]))
         .expect("a report was read");
+    let of = |axes| Settings {
+        axes: Layout::of(axes).expect("each once"),
+        ..three
+    };
     for other in [
         Settings {
             machine: 4712,
@@ -123,9 +130,20 @@ fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
         },
         settings(2),
         settings(4),
+        // The words of a frame for Y X Z, or for X Y A, are as many as those for X Y Z, and were taken for them: the
+        // correction of one axis moved another one.
+        of([AxisName::Y, AxisName::X, AxisName::Z]),
+        of([AxisName::X, AxisName::Y, AxisName::A]),
     ] {
         let after = barrier.scan(&[&words(&other, &frame)], false);
         assert_eq!(after.refusal, Refusal::Checksum);
+        let mut words = [0; REPORT_WORDS];
+        let length = after.encode(&mut words);
+        assert!(Report::decode(three.machine, three.axes, &words[..length]).is_some());
+        assert_eq!(
+            Report::decode(other.machine, other.axes, &words[..length]),
+            None
+        );
     }
     assert_eq!(barrier.report().sequence, report.sequence);
 }
@@ -284,20 +302,16 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
 
 #[test]
 fn settings_without_sense_are_refused() {
+    assert_eq!(Layout::of([]), Err(SettingsError::NoAxes));
+    let twice = [AxisName::X, AxisName::Y, AxisName::X];
+    let axis = AxisName::X;
+    assert_eq!(Layout::of(twice), Err(SettingsError::Twice { axis }));
     let good = settings(3);
     let mut no_rate = good;
     no_rate.rate[1] = 0;
     let mut negative = good;
     negative.limit[2] = -1;
     let cases = [
-        (
-            Settings { axes: 0, ..good },
-            SettingsError::Axes { found: 0 },
-        ),
-        (
-            Settings { axes: 10, ..good },
-            SettingsError::Axes { found: 10 },
-        ),
         (no_rate, SettingsError::Counts { axis: 1, found: 0 }),
         (negative, SettingsError::Counts { axis: 2, found: -1 }),
         (

@@ -1,10 +1,10 @@
 //! The Structured Text that is shipped, run by a small interpreter, against the barrier: the same frames, the same words.
 
-use rand::{RngExt, SeedableRng};
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Frame, REPORT_WORDS, Settings},
-    vocabulary::PerChannel,
+    barrier::{Barrier, Counts, Frame, Layout, REPORT_WORDS, Settings},
+    vocabulary::{AxisName, PerChannel},
 };
 
 use super::words;
@@ -30,7 +30,8 @@ impl Control {
         applied: &Counts,
     ) -> Self {
         let mut block = Block::parse(text).expect("the text that is shipped");
-        block.set("axes", 0, number(settings.axes));
+        block.set("axes", 0, number(settings.axes.count()));
+        block.set("layout", 0, settings.axes.number().into());
         block.set("machine", 0, settings.machine.into());
         for axis in 0..9 {
             block.set("limit", axis, settings.limit[axis].into());
@@ -76,8 +77,10 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
             }
         })
     };
+    let mut names = AxisName::ALL;
+    names.shuffle(rng);
     Settings {
-        axes,
+        axes: Layout::of(names[..axes].iter().copied()).expect("each once"),
         machine: rng.random(),
         limit: of_axes(rng, 4000),
         rate: of_axes(rng, 60),
@@ -183,7 +186,9 @@ fn the_text_does_what_the_reference_does() {
 #[test]
 fn every_small_mistake_in_the_text_is_found() {
     let mistakes = [
-        ("sum := machine MOD 65535;", "sum := 0;"),
+        ("sum := (machine + layout / 65535) MOD 65535;", "sum := 0;"),
+        ("(machine + layout / 65535) MOD", "machine MOD"),
+        ("ofSums := layout MOD 65535;", "ofSums := axes;"),
         ("FOR at := 0 TO axes + 3 DO", "FOR at := 0 TO axes + 2 DO"),
         ("frame[15 * box] <> epoch", "FALSE"),
         ("epoch := (epoch + 1) MOD 65536;\n    tick", "tick"),
