@@ -132,7 +132,7 @@ impl ControllerDevice {
         let Kind::Focas(config) = &self.kind else {
             return None;
         };
-        let plain = config.barrier.is_none();
+        let plain = config.barrier.is_none() && !config.axes.is_empty();
         let text = |address: PmcAddress| address.to_string();
         Some(PmcPlan {
             shift_words: plain.then(|| text(config.shift.first)),
@@ -163,6 +163,7 @@ impl ControllerDevice {
                 .iter()
                 .map(|(name, at)| (*name, Displacement::from_coordinate(name.kind(), *at)))
                 .collect(),
+            not_driven: config.not_driven.clone(),
             unwatched: config.unwatched,
             proves: config.proves.unwrap_or(!is_digital),
             position_steps: match &self.kind {
@@ -271,6 +272,7 @@ fn can(
         table: signal_table(address)?,
         channel,
         axes: config.axes.clone(),
+        reads: config.reads.clone(),
         includes_correction: config.includes_correction,
         stale_after: CAN_STALE,
         // No older than the guard remembers its writes, less what the control takes.
@@ -314,6 +316,7 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
     if let Some(urad) = config.resolution_urad {
         focas.shift.count_rotary = Urad(urad).to_rad();
     }
+    focas.reads.clone_from(&config.reads);
     focas.copied = config.copied;
     focas.heartbeat = config.heartbeat;
     focas.barrier = config.barrier.and_then(|barrier| {
@@ -328,10 +331,11 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
 }
 
 fn lines(config: &ControllerConfig, channel: String) -> Result<Lines, DeviceError> {
-    let [name] = config.axes[..] else {
+    let mut names = config.axes.iter().chain(&config.reads);
+    let (Some(&name), None) = (names.next(), names.next()) else {
         let what = format!(
             "axes: found {} axes, expected one: these lines carry one position",
-            config.axes.len()
+            config.axes.len() + config.reads.len()
         );
         return Err(DeviceError::option(&*config.url, what, "name one axis"));
     };

@@ -183,10 +183,22 @@ pub enum GatewayError {
         /// The answer of the operating system.
         source: io::Error,
     },
+    /// A controller that is only read before one that writes, or without one.
+    #[error(
+        "{file}: {url}: found axes = [], a controller that is only read, expected it after a [[controller]] that writes and after all of those"
+    )]
+    ReaderFirst {
+        /// The path of the configuration file.
+        file: String,
+        /// The URL of the controller that is only read.
+        url: String,
+    },
     /// The correction depends on the position of an axis that nobody tells.
     #[error(
-        "{file}: {url}: axis {axis} of {}: the correction depends on where it stands, but no [[controller]] shows it and `fixed` does not state it: name {axis} in axes, or state fixed = {{ {axis} = … }}",
-        machine.display()
+        "{file}: {url}: axis {axis} of {}: the correction depends on where it stands, but no [[controller]] shows it{}: name {axis} in axes where it is corrected, in reads = [\"{axis}\"] where it is not{}",
+        machine.display(),
+        if axis.is_rotary() { "" } else { " and `fixed` does not state it" },
+        if axis.is_rotary() { String::new() } else { format!(", or state fixed = {{ {axis} = … }}") }
     )]
     PositionUnknown {
         /// The path of the configuration file.
@@ -408,6 +420,7 @@ impl GatewayError {
             | Self::TokenMode { .. }
             | Self::AuditDir { .. }
             | Self::AuditAccess { .. }
+            | Self::ReaderFirst { .. }
             | Self::PositionUnknown { .. }
             | Self::Reload(_)
             | Self::Read { .. }

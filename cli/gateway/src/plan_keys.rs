@@ -35,6 +35,12 @@ pub(crate) fn by_keys(error: &PlanError) -> String {
             travel[1].mm_or_deg(),
             unit = axis.kind().coordinate_unit()
         ),
+        PlanError::FixedRotary { device, axis } => format!(
+            "{device}: fixed: axis {axis} turns, and nobody tells where it is: name it in reads = [\"{axis}\"] of a controller that shows its position, or, if no drive turns it, in not_driven = [\"{axis}\"] beside fixed"
+        ),
+        PlanError::NotDriven { device, axis } => format!(
+            "{device}: not_driven: axis {axis}: expected a rotary axis whose position fixed states"
+        ),
         PlanError::FixedIsShown { device, axis } => format!(
             "{device}: fixed: axis {axis} is one of the controller's axes, which shows where it stands"
         ),

@@ -23,6 +23,7 @@ use crate::{
     model::{Model, ModelWanted},
     path::ControlPath,
     place::Place,
+    reader::PositionReader,
     replacement::Replacement,
     report::Report,
     sensors::Sensors,
@@ -41,6 +42,7 @@ pub struct Spent {
 pub struct Cycle {
     model: Replacement,
     paths: Vec<ControlPath>,
+    readers: Vec<PositionReader>,
     guard: Guard,
     selector: Selector,
     interlocks: Interlocks,
@@ -108,6 +110,7 @@ impl Cycle {
             model: Replacement::new(model, &sensors.names()),
             guard,
             paths,
+            readers: Vec::new(),
             selector: Selector::new(hand_back),
             interlocks: Interlocks::default(),
             directions: PerAxis::default(),
@@ -121,6 +124,19 @@ impl Cycle {
             period,
             report: Report::default(),
         })
+    }
+
+    /// Reads positions of further axes from controllers that are never written to. In reports they come after the paths.
+    ///
+    /// # Errors
+    /// [`PlanError::Paths`]: more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS) together with the paths.
+    pub fn with_readers(mut self, readers: Vec<PositionReader>) -> Result<Self, PlanError> {
+        let found = self.paths.len() + readers.len();
+        if found > volcomp_guard::MAX_PATHS {
+            return Err(PlanError::Paths { found });
+        }
+        self.readers = readers;
+        Ok(self)
     }
 
     /// Lets the clock begin at `start` instead of when the cycle was made: for clocks that a test counts.
@@ -175,9 +191,11 @@ impl Cycle {
         &self.report
     }
 
-    /// The descriptions of the controllers by their drivers, in the order of the paths.
+    /// The descriptions of the controllers by their drivers, in the order of the paths, then those that are only read.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
-        self.paths.iter().map(|path| &path.description)
+        let readers = self.readers.iter().map(PositionReader::description);
+        let paths = self.paths.iter().map(|path| &path.description);
+        paths.chain(readers)
     }
 
     /// The time from one cycle to the next.
@@ -271,6 +289,7 @@ impl Cycle {
         let output = self.decide(since_start, asked, notes, switched);
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
+        self.read_readers(since_start);
         self.leave_standbys(since_start);
         let (tells, written) = (own_clock(), Instant::now());
         self.tell(since_start, asked, &output);
@@ -285,6 +304,19 @@ impl Cycle {
     /// The present moment, by the clock of a test where there is one.
     fn instant(&self) -> Instant {
         self.clock.as_ref().map_or_else(Instant::now, Clock::now)
+    }
+
+    /// Asks the controllers that are only read, after the path that corrects has been written: they must not hold it up.
+    /// Each may take half a cycle.
+    fn read_readers(&mut self, since_start: Duration) {
+        for index in 0..self.readers.len() {
+            let deadline = self.instant() + self.period.mul_f64(0.5);
+            let reader = &mut self.readers[index];
+            let answered = reader.read(deadline, self.start, since_start);
+            self.report.faults += u64::from(!answered);
+            self.interlocks
+                .see(self.paths.len() + index, reader.interlock());
+        }
     }
 
     fn read(&mut self, index: usize, deadline: Instant, since_start: Duration) {
@@ -336,11 +368,14 @@ impl Cycle {
         switched: bool,
     ) -> Output {
         let active = self.selector.active();
-        let place = Place::seen_by(&self.paths, active, self.model.axes.len(), now);
+        let axes = self.model.axes.len();
+        let place = Place::seen_by(&self.paths, &self.readers, active, axes, now);
         let (wanted, of_model) = self.wanted(&place);
         notes |= of_model | Reasons::FALLBACK.when(active != 0) | self.standby_notes(now);
-        self.report.wanted = wanted.map_or(PerAxis::ZERO, |wanted| wanted.full());
         let path = &self.paths[active];
+        let wanted = wanted.map(|wanted| in_channel(path, &wanted));
+        self.report.wanted =
+            wanted.map_or(PerAxis::ZERO, |wanted| in_machine(path, &wanted.full()));
         let takes_over = (switched && self.guard.state().is_armed()).then_some(Request::TakeOver);
         let reading = path.reading.as_ref().map(|snapshot| Reading {
             taken: place.oldest.or(path.taken()).unwrap_or_default(),
@@ -351,7 +386,7 @@ impl Cycle {
             reading,
             known: *path.known(),
             interlocks: self.interlocks.reasons(),
-            wanted: wanted.map(|wanted| in_channel(path, &wanted)),
+            wanted,
             request: asked.request.or(takes_over),
             forbids: asked.forbids,
         });
@@ -370,9 +405,10 @@ impl Cycle {
                 continue;
             }
             // The coarsest path that shows it; an axis that stands at a stated position does not turn.
-            let paths = self.paths.iter();
-            let threshold = paths.filter_map(|path| path.reversal_of(index));
-            let threshold = threshold.fold(0.0, f64::max);
+            let paths = self.paths.iter().filter_map(|path| path.reversal_of(index));
+            let readers = self.readers.iter();
+            let readers = readers.filter_map(|reader| reader.reversal_of(index));
+            let threshold = paths.chain(readers).fold(0.0, f64::max);
             state.approach[index] = memory.at(state.q[index], threshold, self.model.turn_of(index));
         }
     }
@@ -433,10 +469,22 @@ impl Cycle {
         report.held_back = output.held_back;
         report.reasons =
             output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
-        for (into, path) in report.paths.iter_mut().zip(&self.paths) {
-            *into = path.report(since_start);
+        let paths = self.paths.iter().map(|path| path.report(since_start));
+        let readers = self.readers.iter();
+        let readers = readers.map(|reader| reader.report(since_start));
+        for (into, told) in report.paths.iter_mut().zip(paths.chain(readers)) {
+            *into = told;
         }
     }
+}
+
+/// Values of a path's axes in machine order; zero for axes that it does not write.
+fn in_machine(path: &ControlPath, values: &PerChannel<f64>) -> PerAxis<f64> {
+    let mut machine = PerAxis::ZERO;
+    for i in 0..path.count() {
+        machine[path.machine_axis[i]] = values[i];
+    }
+    machine
 }
 
 /// What the model asks for, in the order of a path's axes; zero for axes that do not correct.

@@ -67,6 +67,26 @@ pub enum PlanError {
         /// The lower and the upper end of its travel.
         travel: [Displacement; 2],
     },
+    /// The position of a rotary axis is stated that may be driven.
+    #[error(
+        "{device}: fixed position of axis {axis}: a rotary axis that turns takes the correction of the linear axes round with it, and nobody tells where it is: expected a controller that reads its position, or the setting `not_driven` for an axis without a drive"
+    )]
+    FixedRotary {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis whose position is stated.
+        axis: AxisName,
+    },
+    /// An axis is stated to have no drive whose position is not stated, or that is linear.
+    #[error(
+        "{device}: setting `not_driven`: axis {axis}: expected a rotary axis whose fixed position is stated"
+    )]
+    NotDriven {
+        /// The device as the driver names it.
+        device: String,
+        /// The axis.
+        axis: AxisName,
+    },
     /// The position of an axis is stated although the controller shows where it is.
     #[error(
         "{device}: fixed position of axis {axis}: the controller shows where this axis stands, expected no fixed position"

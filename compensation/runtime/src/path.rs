@@ -26,11 +26,12 @@ pub struct ControlPath {
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// The place in the machine of each axis of the controller.
+    /// The place in the machine of each axis that it shows, and how many these are: those that it writes come first.
     pub(crate) machine_axis: PerChannel<usize>,
+    shown: usize,
     /// Travel after which a direction counts as turned, mm or rad.
     reversal: PerChannel<f64>,
-    /// The letters of its axes, and those of them that correct with the model of now.
+    /// The letters of the axes that it writes, and those of them that correct with the model of now.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
     /// Machine axes that stand at a stated position, mm and rad.
@@ -69,6 +70,7 @@ impl ControlPath {
                 None => ReadBack::plain(plan.watch),
             },
             machine_axis: plan.machine_axis,
+            shown: plan.description.shown_axes().count(),
             reversal: plan.reversal,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
@@ -127,7 +129,7 @@ impl ControlPath {
         place < self.count() && self.correctors.contains(self.machine_axis[place])
     }
 
-    /// How many axes it has.
+    /// How many axes it writes.
     pub(crate) fn count(&self) -> usize {
         self.limits.count
     }
@@ -137,9 +139,9 @@ impl ControlPath {
         self.read_back.known()
     }
 
-    /// Its place of a machine axis.
+    /// Its place of a machine axis whose position it tells.
     pub(crate) fn place_of(&self, machine_axis: usize) -> Option<usize> {
-        (0..self.count()).find(|&i| self.machine_axis[i] == machine_axis)
+        (0..self.shown).find(|&i| self.machine_axis[i] == machine_axis)
     }
 
     /// Where it last saw a machine axis, and when.
@@ -181,11 +183,7 @@ impl ControlPath {
 
     /// What it said of the machine in the last reading; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
-        self.reading.as_ref().map(|reading| Interlock {
-            unreferenced: !reading.state.referenced,
-            alarm: reading.state.alarm,
-            emergency_stop: reading.state.emergency_stop,
-        })
+        self.reading.as_ref().map(interlock_of)
     }
 
     /// How long an exchange with it may take. Longer than a cycle where positions may be held for longer: an answer that
@@ -268,11 +266,7 @@ impl ControlPath {
                 *position -= applied.map_or(f64::NAN, |applied| applied[place]);
             }
         }
-        if positions
-            .iter()
-            .take(self.limits.count)
-            .all(|q| q.is_finite())
-        {
+        if positions.iter().take(self.shown).all(|q| q.is_finite()) {
             self.positions = positions;
             self.taken = Some(taken);
         }
@@ -344,6 +338,15 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     })?;
     let link = BarrierLink::new(owner, barrier.machine, layout, barrier.scan);
     Ok(Some(link))
+}
+
+/// What a reading says of the machine.
+pub(crate) fn interlock_of(reading: &Snapshot) -> Interlock {
+    Interlock {
+        unreferenced: !reading.state.referenced,
+        alarm: reading.state.alarm,
+        emergency_stop: reading.state.emergency_stop,
+    }
 }
 
 /// A number that tells this run of the program from others: drawn once at the start, never 0.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
-use crate::path::ControlPath;
+use crate::{path::ControlPath, reader::PositionReader};
 
 /// Positions of the machine as one path may use them.
 #[derive(Default)]
@@ -18,16 +18,24 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// The positions of so many machine axes as the path at `index` may use them: its own, else those of another path
-    /// that are fresh, else what is stated as fixed.
-    pub(crate) fn seen_by(paths: &[ControlPath], index: usize, axes: usize, now: Duration) -> Self {
+    /// The positions of so many machine axes as the path at `index` may use them: its own, else those of a controller that
+    /// is only read, else those of another path that are fresh, else what is stated as fixed.
+    pub(crate) fn seen_by(
+        paths: &[ControlPath],
+        readers: &[PositionReader],
+        index: usize,
+        axes: usize,
+        now: Duration,
+    ) -> Self {
         let path = &paths[index];
         let mut place = Self::default();
         let positions = place.positions.iter_mut().zip(path.fixed).enumerate();
         for (axis, (position, fixed)) in positions.take(axes) {
             let fresh = || paths.iter().filter(|other| other.is_fresh(now));
             let others = || fresh().find_map(|other| other.position_of(axis));
-            if let Some((seen, taken)) = path.position_of(axis).or_else(others) {
+            let read = || readers.iter().find_map(|reader| reader.position_of(axis));
+            let seen = path.position_of(axis).or_else(read).or_else(others);
+            if let Some((seen, taken)) = seen {
                 *position = seen;
                 place.oldest = Some(place.oldest.map_or(taken, |oldest| oldest.min(taken)));
             } else if let Some(fixed) = fixed {

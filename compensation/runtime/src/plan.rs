@@ -23,9 +23,9 @@ pub struct PathPlan {
     pub description: Description,
     /// The limits that the guard enforces, mm and rad.
     pub limits: Limits,
-    /// The place in the machine of each axis of the controller.
+    /// The place in the machine of each axis whose position the controller tells: those that it writes come first.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which a direction counts as turned, of each axis of the controller, mm or rad.
+    /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
     pub reversal: PerChannel<f64>,
     /// The axes of the controller that correct; the machine's others are held where they are.
     pub correctors: Correctors,
@@ -61,48 +61,10 @@ impl PathPlan {
             source,
         })?;
         let mut machine_axis = PerChannel([0; MAX_AXES]);
-        for (place, axis) in machine_axis.iter_mut().zip(&description.axes) {
-            *place = model
-                .index_of(axis.name)
-                .ok_or_else(|| PlanError::NoSuchAxis {
-                    device: device(),
-                    axis: axis.name,
-                    machine: model.name.clone(),
-                    axes: model.axes.clone(),
-                })?;
+        for (place, axis) in machine_axis.iter_mut().zip(description.shown_axes()) {
+            *place = place_in(model, &description, axis)?;
         }
-        let mut fixed = PerAxis([None; MAX_AXES]);
-        for (name, at) in &settings.fixed {
-            let index = model
-                .index_of(*name)
-                .ok_or_else(|| PlanError::NoSuchFixedAxis {
-                    device: device(),
-                    axis: *name,
-                    machine: model.name.clone(),
-                    axes: model.axes.clone(),
-                })?;
-            if at.kind() != name.kind() || !at.mm_or_rad().is_finite() {
-                return Err(PlanError::FixedPosition {
-                    device: device(),
-                    axis: *name,
-                });
-            }
-            if description.index_of(*name).is_some() {
-                return Err(PlanError::FixedIsShown {
-                    device: device(),
-                    axis: *name,
-                });
-            }
-            if !model.is_within_travel(index, *at) {
-                return Err(PlanError::FixedBeyond {
-                    device: device(),
-                    axis: *name,
-                    found: *at,
-                    travel: model.travel[index],
-                });
-            }
-            fixed[index] = Some(at.mm_or_rad());
-        }
+        let fixed = fixed_positions(&description, model, settings)?;
         let axes = names(&description);
         let correctors = model.correctors_among(&axes);
         if correctors.linear().is_empty() && correctors.rotary().is_empty() {
@@ -129,21 +91,18 @@ impl PathPlan {
         }
         let barrier = barrier(&description, settings)?;
         notes |= Reasons::NO_BARRIER.when(barrier.is_none());
+        let steps = position_steps(&description, settings)?;
         let limits = limits(
             &description,
+            &steps,
             &machine_axis,
             &correctors,
             guard,
             settings,
             period,
         )?;
-        let mut reversal = PerChannel::ZERO;
-        for (place, axis) in description.axes.iter().enumerate() {
-            let step = position_step(&description, settings, axis)?;
-            reversal[place] = reversal_threshold(&limits.axes[place], step, limits.delay());
-        }
         Ok(Self {
-            reversal,
+            reversal: reversals(&description, &steps, Some(&limits)),
             barrier,
             is_blind: barrier.is_none() && !description.tells_applied,
             watch: settings.watch,
@@ -163,9 +122,79 @@ impl PathPlan {
     }
 }
 
-/// The axes of a controller in its order.
+/// The place in the machine of an axis of a controller.
+pub(crate) fn place_in(
+    model: &Model,
+    description: &Description,
+    axis: AxisName,
+) -> Result<usize, PlanError> {
+    model.index_of(axis).ok_or_else(|| PlanError::NoSuchAxis {
+        device: description.device.clone(),
+        axis,
+        machine: model.name.clone(),
+        axes: model.axes.clone(),
+    })
+}
+
+/// The axes that a controller writes, in its order.
 pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
+}
+
+/// Where the machine axes stand that the settings state, mm and rad.
+fn fixed_positions(
+    description: &Description,
+    model: &Model,
+    settings: &PathSettings,
+) -> Result<PerAxis<Option<f64>>, PlanError> {
+    let device = || description.device.clone();
+    let mut fixed = PerAxis([None; MAX_AXES]);
+    for axis in &settings.not_driven {
+        if !axis.is_rotary() || !settings.fixed.contains_key(axis) {
+            return Err(PlanError::NotDriven {
+                device: device(),
+                axis: *axis,
+            });
+        }
+    }
+    for (name, at) in &settings.fixed {
+        let index = model
+            .index_of(*name)
+            .ok_or_else(|| PlanError::NoSuchFixedAxis {
+                device: device(),
+                axis: *name,
+                machine: model.name.clone(),
+                axes: model.axes.clone(),
+            })?;
+        if at.kind() != name.kind() || !at.mm_or_rad().is_finite() {
+            return Err(PlanError::FixedPosition {
+                device: device(),
+                axis: *name,
+            });
+        }
+        if description.shows(*name) {
+            return Err(PlanError::FixedIsShown {
+                device: device(),
+                axis: *name,
+            });
+        }
+        if name.is_rotary() && !settings.not_driven.contains(name) {
+            return Err(PlanError::FixedRotary {
+                device: device(),
+                axis: *name,
+            });
+        }
+        if !model.is_within_travel(index, *at) {
+            return Err(PlanError::FixedBeyond {
+                device: device(),
+                axis: *name,
+                found: *at,
+                travel: model.travel[index],
+            });
+        }
+        fixed[index] = Some(at.mm_or_rad());
+    }
+    Ok(fixed)
 }
 
 /// The barrier of a control: driver and settings must agree that there is one.
@@ -212,6 +241,7 @@ fn held_limits(axis: &Axis) -> AxisLimits {
 /// can be told.
 fn limits(
     description: &Description,
+    position_steps: &PerChannel<f64>,
     machine_axis: &PerChannel<usize>,
     correctors: &Correctors,
     guard: &GuardSettings,
@@ -221,8 +251,8 @@ fn limits(
     let mut axes = [AxisLimits::NONE; MAX_AXES];
     let mut test_shift = PerChannel::ZERO;
     let places = axes.iter_mut().zip(&mut test_shift).zip(machine_axis);
-    for (((into, shift), place), axis) in places.zip(&description.axes) {
-        let position_step = position_step(description, settings, axis)?;
+    let places = places.zip(position_steps);
+    for ((((into, shift), place), position_step), axis) in places.zip(&description.axes) {
         let of_kind = guard.of(axis.name);
         if !correctors.contains(*place) {
             *into =
@@ -248,7 +278,7 @@ fn limits(
             without_barrier(into, guard);
         }
         let asked = of_kind.test_shift.mm_or_rad();
-        let wanted = asked.max(SHIFT_STEPS * axis.step().max(position_step));
+        let wanted = asked.max(SHIFT_STEPS * axis.step().max(*position_step));
         if settings.proves && asked > 0.0 && wanted <= into.limit {
             *shift = wanted;
         }
@@ -273,20 +303,49 @@ fn limits(
     Ok(limits)
 }
 
-/// The smallest step of the position of an axis, mm or rad; 0 where none is stated.
-fn position_step(
+/// The smallest step of the position of each axis that a controller shows, mm or rad; 0 where none is stated.
+pub(crate) fn position_steps(
     description: &Description,
     settings: &PathSettings,
-    axis: &Axis,
-) -> Result<f64, PlanError> {
-    match settings.position_steps.get(&axis.name) {
-        None => Ok(0.0),
-        Some(step) if step.kind() == axis.kind() && step.mm_or_rad() >= 0.0 => Ok(step.mm_or_rad()),
-        Some(_) => Err(PlanError::PositionStep {
-            device: description.device.clone(),
-            axis: axis.name,
-        }),
+) -> Result<PerChannel<f64>, PlanError> {
+    let mut steps = PerChannel::ZERO;
+    for (into, name) in steps.iter_mut().zip(description.shown_axes()) {
+        *into = match settings.position_steps.get(&name) {
+            None => 0.0,
+            Some(step) if step.kind() == name.kind() && step.mm_or_rad() >= 0.0 => step.mm_or_rad(),
+            Some(_) => {
+                return Err(PlanError::PositionStep {
+                    device: description.device.clone(),
+                    axis: name,
+                });
+            }
+        };
     }
+    Ok(steps)
+}
+
+/// Travel after which the direction of each axis that a controller shows counts as turned, mm or rad. On one that is
+/// only read no correction is taken for travel.
+pub(crate) fn reversals(
+    description: &Description,
+    position_steps: &PerChannel<f64>,
+    limits: Option<&Limits>,
+) -> PerChannel<f64> {
+    let mut reversal = PerChannel::ZERO;
+    let delay = limits.map_or(Duration::ZERO, Limits::delay);
+    let written = |place: usize| {
+        let limits = limits.filter(|limits| place < limits.count)?;
+        Some(limits.axes[place])
+    };
+    let shown = description.shown_axes().zip(position_steps);
+    for (place, (into, (name, step))) in reversal.iter_mut().zip(shown).enumerate() {
+        let axis = written(place).unwrap_or(AxisLimits {
+            kind: name.kind(),
+            ..AxisLimits::NONE
+        });
+        *into = reversal_threshold(&axis, *step, delay);
+    }
+    reversal
 }
 
 /// The limit of an axis on a path without a barrier, and its warning, which lies within.

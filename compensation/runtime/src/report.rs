@@ -61,7 +61,7 @@ pub struct Report {
     pub sent: PerAxis<f64>,
     /// What the last test shift showed of each axis that the active path corrects; `None`: the axis is not corrected.
     pub proven: PerAxis<Option<Proven>>,
-    /// The paths in the order of preference; places beyond their number are not used.
+    /// The paths in the order of preference, then the controllers that are only read; places beyond are not used.
     pub paths: [PathReport; MAX_PATHS],
     /// The error of the model without correction; `None` while a position is not known.
     pub error: Option<ToolError>,

@@ -1,7 +1,10 @@
 //! The settings of a correction that a person chooses: limits, times, thread. Plain data in the units of the
 //! configuration.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Duration,
+};
 
 use volcomp_guard::{ControlTimeOut, SensorLimits};
 use volcomp_model::Fading;
@@ -155,8 +158,12 @@ impl Default for WithoutBarrier {
 /// The settings of one controller path besides those of its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
-    /// Machine axes that the controller does not show and that stand at this position.
+    /// Machine axes that the controller does not show and that stand at this position; rotary axes only those of
+    /// `not_driven`.
     pub fixed: BTreeMap<AxisName, Displacement>,
+    /// Rotary axes that no drive turns: they are set by hand, or not at all. Only of these is a stated position believed;
+    /// every other one must be read, since the correction of the linear axes goes round with it.
+    pub not_driven: BTreeSet<AxisName>,
     /// Whether it is accepted that nothing on the control's side notices when the program stops.
     pub unwatched: bool,
     /// Whether the test shift at arming is made.
@@ -180,6 +187,7 @@ impl Default for PathSettings {
     fn default() -> Self {
         Self {
             fixed: BTreeMap::new(),
+            not_driven: BTreeSet::new(),
             unwatched: false,
             proves: true,
             position_steps: BTreeMap::new(),

@@ -71,6 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         table: table.clone(),
         channel: "bridge".to_owned(),
         axes: vec![AxisName::X, AxisName::Y],
+        reads: Vec::new(),
         includes_correction: false,
         stale_after: Duration::from_millis(200),
         read_back_within: Duration::from_millis(60),

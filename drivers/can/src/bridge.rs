@@ -30,6 +30,8 @@ pub struct BridgeConfig {
     pub channel: String,
     /// The axes in channel order; signals `X_POS`, and, where there is no barrier, `X_CORR` and perhaps `X_APPLIED`.
     pub axes: Vec<AxisName>,
+    /// Axes of which only the positions are read, `X_POS`. Without `axes` nothing is ever sent.
+    pub reads: Vec<AxisName>,
     /// Whether positions contain the correction.
     pub includes_correction: bool,
     /// Positions and states older than this are stale: the control sends them by itself. A stale state counts in the
@@ -57,6 +59,8 @@ enum Way {
     Barrier(Barrier),
     /// As plain values.
     Plain(Plain),
+    /// Not at all: positions are only read.
+    Nothing,
 }
 
 /// A controller over plain frames.
@@ -84,13 +88,20 @@ impl<P: CanPort> CanController<P> {
         let table = &config.table;
         let mut heard: Vec<Heard> = Vec::new();
         let mut positions = Vec::new();
-        for name in &config.axes {
+        for name in config.axes.iter().chain(&config.reads) {
             let place = needed(table, *name, "POS").map_err(&refused)?;
             positions.push(hear(table, &mut heard, place).map_err(&refused)?);
         }
-        let barrier = Barrier::of(table, &config.axes, &mut heard).map_err(&refused)?;
+        let only_reads = config.axes.is_empty();
+        let barrier = if only_reads {
+            None
+        } else {
+            Barrier::of(table, &config.axes, &mut heard).map_err(&refused)?
+        };
         let mut applied = Vec::new();
-        let (way, counts, heartbeat) = if let Some((barrier, counts)) = barrier {
+        let (way, counts, heartbeat) = if only_reads {
+            (Way::Nothing, Vec::new(), Heartbeat::Unwatched)
+        } else if let Some((barrier, counts)) = barrier {
             (Way::Barrier(barrier), counts, Heartbeat::Watched)
         } else {
             let (plain, counts) = Plain::of(table, &config.axes).map_err(&refused)?;
@@ -115,6 +126,7 @@ impl<P: CanPort> CanController<P> {
         let description = Description {
             channel: config.channel.clone(),
             axes: described(config, &counts),
+            reads: config.reads.clone(),
             heartbeat,
             barrier: has_barrier,
             tells_applied: has_barrier || !applied.is_empty(),
@@ -149,7 +161,7 @@ impl<P: CanPort> CanController<P> {
     /// How often a correction was larger than its signal can say.
     pub fn saturated(&self) -> u64 {
         match &self.way {
-            Way::Barrier(_) => 0,
+            Way::Barrier(_) | Way::Nothing => 0,
             Way::Plain(plain) => plain.saturated(),
         }
     }
@@ -246,7 +258,7 @@ impl<P: CanPort> Controller for CanController<P> {
             applied,
             report: match &self.way {
                 Way::Barrier(barrier) => barrier.report(),
-                Way::Plain(_) => None,
+                Way::Plain(_) | Way::Nothing => None,
             },
         })
     }
@@ -255,6 +267,7 @@ impl<P: CanPort> Controller for CanController<P> {
         match &mut self.way {
             Way::Barrier(barrier) => barrier.post(&mut self.ears.port, frame, deadline),
             Way::Plain(_) => Err(Fault::Unsupported("frames: the DBC file has no barrier")),
+            Way::Nothing => Err(ONLY_READS),
         }
     }
 
@@ -264,9 +277,13 @@ impl<P: CanPort> Controller for CanController<P> {
             Way::Barrier(_) => Err(Fault::Unsupported(
                 "plain values: the control has a barrier",
             )),
+            Way::Nothing => Err(ONLY_READS),
         }
     }
 }
+
+/// A bridge of which positions are only read takes nothing.
+const ONLY_READS: Fault = Fault::Unsupported("corrections, where positions are only read");
 
 /// The place of a signal of an axis that must be there.
 pub(crate) fn needed(

@@ -133,6 +133,7 @@ impl<D: DigitalIo> DigitalController<D> {
         let description = Description {
             channel: channel.into(),
             axes: axes.iter().map(axis).collect(),
+            reads: Vec::new(),
             heartbeat: Heartbeat::Unwatched,
             barrier: false,
             tells_applied: false,

@@ -149,7 +149,8 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
     let what = "the byte of the referenced axes";
     take("referenced", what, referenced, 1, Width::Byte, false)?;
     let Shift { first, width, .. } = config.shift;
-    take("area.first", SHIFTS, Some(first), slots, width, plain)?;
+    let first = (axes > 0).then_some(first);
+    take("area.first", SHIFTS, first, slots, width, plain)?;
     Ok(found)
 }
 

@@ -63,6 +63,8 @@ pub struct FocasConfig {
     pub channel: String,
     /// The axes to correct, in channel order.
     pub axes: Vec<AxisName>,
+    /// Axes of which only the positions are read. Without `axes` nothing of the PMC is used but `referenced`.
+    pub reads: Vec<AxisName>,
     /// Where corrections are written.
     pub shift: Shift,
     /// The byte that every correction moves on, for the ladder to watch; `None` where nobody watches.
@@ -103,6 +105,7 @@ impl FocasConfig {
             path: 1,
             channel: "emzps".to_owned(),
             axes: axes.to_vec(),
+            reads: Vec::new(),
             shift: Shift {
                 first: address(PmcArea::R, 100),
                 width: Width::Word,
@@ -145,13 +148,14 @@ impl FocasConfig {
             device: self.device(),
             channel: self.channel.clone(),
             axes: self.axes.iter().map(axis).collect(),
+            reads: self.reads.clone(),
             heartbeat: if self.barrier.is_some() || self.heartbeat.is_some() {
                 Heartbeat::Watched
             } else {
                 Heartbeat::Unwatched
             },
             barrier: self.barrier.is_some(),
-            tells_applied: true,
+            tells_applied: !self.axes.is_empty(),
             shown: ShownStates {
                 referenced: self.referenced.is_some(),
                 ..ShownStates::ALL

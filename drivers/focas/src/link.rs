@@ -28,6 +28,8 @@ pub(crate) struct Link {
     session: Session,
     found: Inspection,
     axes: Vec<PlannedAxis>,
+    /// How many of the axes are corrected: the first ones.
+    corrected: usize,
     width: Width,
     applied: Applied,
     has_barrier: bool,
@@ -48,7 +50,11 @@ impl Link {
         let names = client.axis_names()?;
         let axes = find_axes(config, &names)?;
         let source = client.shift_source()?;
-        let notes = source.check(config, names.len())?;
+        let notes = if config.axes.is_empty() {
+            Vec::new()
+        } else {
+            source.check(config, names.len())?
+        };
         let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
             // Goes on where it stands, so that the ladder sees the first correction, too.
             Some(address) => client.read_pmc(address.area, address.at, 1)?,
@@ -71,6 +77,7 @@ impl Link {
                 report: None,
             },
             axes,
+            corrected: config.axes.len(),
             width: config.shift.width,
             applied: Applied::of(config),
             has_barrier: config.barrier.is_some(),
@@ -111,7 +118,7 @@ impl Link {
         if !self.has_barrier {
             return Err(Fault::Unsupported("frames, where there is no barrier"));
         }
-        if words.len() != BarrierArea::frame_words(self.axes.len()) {
+        if words.len() != BarrierArea::frame_words(self.corrected) {
             return Err(Fault::Unsupported("a frame of another number of axes"));
         }
         for exchange in &mut self.writes {
@@ -138,6 +145,11 @@ impl Link {
     ) -> Result<(), Fault> {
         if self.has_barrier {
             return Err(Fault::Unsupported("plain corrections beside a barrier"));
+        }
+        if self.corrected == 0 {
+            return Err(Fault::Unsupported(
+                "corrections, where positions are only read",
+            ));
         }
         let beat = self.heartbeat.unwrap_or(0).wrapping_add(1);
         self.sequence = self.sequence.wrapping_add(1);
@@ -220,6 +232,7 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
     let axes: Vec<PlannedAxis> = config
         .axes
         .iter()
+        .chain(&config.reads)
         .map(planned)
         .collect::<Result<_, FocasError>>()?;
     // The control has a word for each of its axes, corrected or not: the words reach further than the description knew.

@@ -41,7 +41,7 @@ impl Abilities {
     };
 }
 
-/// An axis that is corrected, as the control has it.
+/// An axis that is corrected or only read, as the control has it. In every list those that are corrected come first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlannedAxis {
     /// The place among the control's axes, from 0.
@@ -163,9 +163,10 @@ impl Ask {
     }
 }
 
-/// The slots of the axes in runs: neighbours together where ranges are accepted.
-pub(crate) fn runs(axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
-    let mut slots: Vec<usize> = axes.iter().map(|axis| axis.slot).collect();
+/// The slots of the axes that are corrected in runs: neighbours together where ranges are accepted.
+pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
+    let corrected = axes.iter().take(config.axes.len());
+    let mut slots: Vec<usize> = corrected.map(|axis| axis.slot).collect();
     slots.sort_unstable();
     let mut runs: Vec<Run> = Vec::new();
     for slot in slots {
@@ -193,9 +194,10 @@ pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
 /// The words with what is applied: the shifts, or the report of the barrier, together where ranges are accepted.
 pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Ask> {
     if config.barrier.is_none() {
-        return runs(axes, ranges).into_iter().map(Ask::Shifts).collect();
+        let runs = runs(config, axes, ranges).into_iter();
+        return runs.map(Ask::Shifts).collect();
     }
-    let words = in_runs(BarrierArea::report_words(axes.len()), ranges);
+    let words = in_runs(BarrierArea::report_words(config.axes.len()), ranges);
     words.into_iter().map(Ask::Report).collect()
 }
 
@@ -211,8 +213,9 @@ fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
 
 /// The bytes of PMC memory that are read besides.
 pub(crate) fn bytes(config: &FocasConfig) -> Vec<Ask> {
-    let heartbeat = config.heartbeat.filter(|_| config.barrier.is_none());
-    let heartbeat = heartbeat.map(Ask::Heartbeat);
+    // Who only reads does not mind who writes.
+    let writes = config.barrier.is_none() && !config.axes.is_empty();
+    let heartbeat = config.heartbeat.filter(|_| writes).map(Ask::Heartbeat);
     let referenced = config.referenced.map(Ask::Referenced);
     heartbeat.into_iter().chain(referenced).collect()
 }
@@ -254,10 +257,14 @@ pub(crate) fn writes(
 ) -> Result<Vec<Exchange<Part>>, Broken> {
     let mut parts: Vec<Part> = Vec::new();
     if config.barrier.is_some() {
-        let words = in_runs(BarrierArea::frame_words(axes.len()), abilities.ranges);
+        let words = in_runs(
+            BarrierArea::frame_words(config.axes.len()),
+            abilities.ranges,
+        );
         parts.extend(words.into_iter().map(Part::Frame));
-    } else {
-        parts.extend(runs(axes, abilities.ranges).into_iter().map(Part::Shifts));
+    } else if !config.axes.is_empty() {
+        let runs = runs(config, axes, abilities.ranges).into_iter();
+        parts.extend(runs.map(Part::Shifts));
         parts.extend(config.heartbeat.map(Part::Heartbeat));
         parts.extend(config.sequence.map(Part::Sequence));
     }

@@ -38,7 +38,7 @@ pub fn controller(device: &mut impl Controller) {
         && first.taken <= Instant::now() + first.uncertainty;
     assert!(within, "the time stamp is not of this call");
     assert!(first.positions.iter().all(|p| p.is_finite()));
-    let beyond = &first.positions[description.axes.len()..];
+    let beyond = &first.positions[description.shown_axes().count()..];
     assert!(beyond.iter().all(|p| *p == 0.0), "numbers beyond the axes");
 
     if description.barrier {

@@ -79,8 +79,11 @@ pub struct Description {
     /// The name of the way by which corrections reach the axes. Controllers with the same name replace one another; those
     /// with different names would add up, and are not used together.
     pub channel: String,
-    /// The axes in channel order, at most [`MAX_AXES`].
+    /// The axes in channel order: those that it writes, at most [`MAX_AXES`]. None where it only tells positions.
     pub axes: Vec<Axis>,
+    /// Axes of which it tells the positions, after those of `axes`, and which it never writes.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub reads: Vec<AxisName>,
     /// Whether the controller's side ramps the correction out when the cycle stops.
     pub heartbeat: Heartbeat,
     /// Whether corrections go in frames to a barrier in the control ([`Controller::post`]), which tells in reports what
@@ -102,21 +105,35 @@ impl Description {
         self.axes.iter().position(|axis| axis.name == name)
     }
 
-    /// Checks what every driver promises: 1 to [`MAX_AXES`] axes, each once, each with a positive resolution of
-    /// its own kind, and a largest correction of at least that much. Drivers call it when they are set up, before any device is opened.
+    /// All axes whose positions it tells, in the order of the positions: first those that it writes.
+    pub fn shown_axes(&self) -> impl Iterator<Item = AxisName> {
+        let written = self.axes.iter().map(|axis| axis.name);
+        written.chain(self.reads.iter().copied())
+    }
+
+    /// Whether it tells the position of an axis.
+    pub fn shows(&self, name: AxisName) -> bool {
+        self.shown_axes().any(|shown| shown == name)
+    }
+
+    /// Checks what every driver promises: 1 to [`MAX_AXES`] axes, those that are only read among them, each once; each
+    /// that is written with a positive resolution of its own kind, and a largest correction of at least that much.
+    /// Drivers call it when they are set up, before any device is opened.
     ///
     /// # Errors
     /// The first rule that is broken.
     pub fn check(&self) -> Result<(), UnfitAxes> {
-        let count = self.axes.len();
+        let count = self.shown_axes().count();
         if !(1..=MAX_AXES).contains(&count) {
             return Err(UnfitAxes::Count(count));
         }
-        for (index, axis) in self.axes.iter().enumerate() {
-            let (name, resolution) = (axis.name, axis.resolution);
-            if self.index_of(name) != Some(index) {
+        for (index, name) in self.shown_axes().enumerate() {
+            if self.shown_axes().take(index).any(|before| before == name) {
                 return Err(UnfitAxes::Twice(name));
             }
+        }
+        for axis in &self.axes {
+            let (name, resolution) = (axis.name, axis.resolution);
             if resolution.kind() != axis.kind() {
                 return Err(UnfitAxes::Kind { name, resolution });
             }
@@ -191,7 +208,7 @@ pub struct ControllerState {
 /// The positions, the state and the applied correction of a controller at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
-    /// Positions as reported, mm and rad.
+    /// Positions as reported, mm and rad: those of the axes that are written, then those that are only read.
     pub positions: PerChannel<f64>,
     /// When the oldest of them held, on the monotonic clock: the middle of the exchange, or when its frame arrived,
     /// unless the device tells better.

@@ -60,15 +60,20 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         .map(|table| barrier(section, &table))
         .transpose()?;
     let area = section.get("area").map(area).transpose()?;
-    let names = axes(&section.require("axes")?)?;
+    let (written, reads) = axes(section)?;
+    if written.is_empty() {
+        kinds::check_reader(section)?;
+    }
+    let names: Vec<AxisName> = written.iter().chain(&reads).copied().collect();
     for (key, kind) in [
         ("resolution_um", AxisKind::Linear),
         ("resolution_urad", AxisKind::Rotary),
     ] {
         if let Some(value) = section.get(key) {
-            has_axis(&value, kind, &names)?;
+            has_axis(&value, kind, &written)?;
         }
     }
+    let not_driven = section.optional("not_driven", letters)?;
     Ok(ControllerConfig {
         url: section.require("url")?.text()?.to_owned(),
         channel: section.optional("channel", |value| match value.text()? {
@@ -77,8 +82,10 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
             ))),
             name => Ok(name.to_owned()),
         })?,
-        axes: names.clone(),
+        axes: written,
+        reads,
         fixed,
+        not_driven: not_driven.unwrap_or_default().into_iter().collect(),
         resolution_um: section.optional("resolution_um", |v| v.number_in(1e-4..=1000.0))?,
         resolution_urad: section.optional("resolution_urad", |v| v.number_in(1e-4..=1e5))?,
         includes_correction: section.truth_or("includes_correction", false)?,
@@ -138,7 +145,36 @@ fn barrier(controller: &Section<'_>, section: &Section<'_>) -> Result<BarrierCon
     })
 }
 
-fn axes(value: &Value<'_>) -> Result<Vec<AxisName>, InputError> {
+/// The axes that a controller writes, and those that it only reads.
+fn axes(section: &Section<'_>) -> Result<(Vec<AxisName>, Vec<AxisName>), InputError> {
+    let (value, further) = (section.require("axes")?, section.get("reads"));
+    let written = letters(&value)?;
+    let reads = further
+        .as_ref()
+        .map(letters)
+        .transpose()?
+        .unwrap_or_default();
+    if let Some(further) = &further {
+        if reads.is_empty() {
+            return Err(
+                further.error("found no axis, expected the letters of axes that are only read")
+            );
+        }
+        if let Some(name) = reads.iter().find(|name| written.contains(name)) {
+            return Err(further.error(format!(
+                "axis {name} stands among axes, too: an axis that is written is read anyway"
+            )));
+        }
+    }
+    let found = written.len() + reads.len();
+    if !(1..=MAX_AXES).contains(&found) {
+        return Err(value.error(format!("found {found} axes, expected 1 to {MAX_AXES}")));
+    }
+    Ok((written, reads))
+}
+
+/// Letters of axes, each once.
+fn letters(value: &Value<'_>) -> Result<Vec<AxisName>, InputError> {
     let names = value.texts()?;
     let letters = names
         .iter()
@@ -148,13 +184,6 @@ fn axes(value: &Value<'_>) -> Result<Vec<AxisName>, InputError> {
         if letters[..index].contains(name) {
             return Err(value.error(format!("axis {name} stands twice")));
         }
-    }
-    if letters.is_empty() || letters.len() > MAX_AXES {
-        return Err(value.error(format!(
-            "found {} axes, expected 1 to {}",
-            letters.len(),
-            MAX_AXES
-        )));
     }
     Ok(letters)
 }

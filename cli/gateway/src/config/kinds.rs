@@ -18,11 +18,13 @@ pub enum ControllerKind {
 use ControllerKind::{Can, Focas, Lines};
 
 /// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
-pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 15] = [
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 17] = [
     ("url", &ControllerKind::ALL),
     ("channel", &ControllerKind::ALL),
     ("axes", &ControllerKind::ALL),
+    ("reads", &ControllerKind::ALL),
     ("fixed", &ControllerKind::ALL),
+    ("not_driven", &ControllerKind::ALL),
     ("includes_correction", &ControllerKind::ALL),
     ("test_shift", &ControllerKind::ALL),
     ("unwatched", &ControllerKind::ALL),
@@ -35,6 +37,24 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 15] = [
     ("barrier", &[Focas, Can]),
     ("digital", &[Lines]),
 ];
+
+/// The keys that a controller which is only read can use.
+const KEYS_OF_A_READER: [&str; 6] = ["url", "axes", "reads", "referenced", "unseen", "digital"];
+
+/// Refuses keys about corrections at a controller that writes none.
+pub(super) fn check_reader(section: &Section<'_>) -> Result<(), InputError> {
+    for (key, _) in CONTROLLER_KEYS {
+        if let Some(value) = section
+            .get(key)
+            .filter(|_| !KEYS_OF_A_READER.contains(&key))
+        {
+            return Err(value.error(
+                "found this key for a controller that is only read (axes = []), expected it only where axes are written",
+            ));
+        }
+    }
+    Ok(())
+}
 
 impl ControllerKind {
     /// Every kind of controller that a configuration can name.

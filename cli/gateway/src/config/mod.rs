@@ -63,10 +63,14 @@ pub struct ControllerConfig {
     pub url: String,
     /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
     pub channel: Option<String>,
-    /// The axes that it shows and corrects, in the order of the control.
+    /// The axes that it shows and corrects, in the order of the control; none where it is only read.
     pub axes: Vec<AxisName>,
+    /// Further axes that it shows, and that it does not write.
+    pub reads: Vec<AxisName>,
     /// Machine axes that it does not show, and where they stand: mm, deg.
     pub fixed: BTreeMap<AxisName, f64>,
+    /// Rotary axes of `fixed`: no drive turns them.
+    pub not_driven: BTreeSet<AxisName>,
     /// The smallest step of a correction of a linear axis, µm; `None`: the driver's own.
     pub resolution_um: Option<f64>,
     /// The smallest step of a correction of a rotary axis, µrad; `None`: the driver's own.

@@ -164,6 +164,10 @@ pub struct ControllerPlan {
     /// Its axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
     #[schemars(with = "Vec<String>")]
     pub held: Vec<AxisName>,
+    /// Axes that it shows and never writes, in the same order: where they stand makes the correction of the others.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub reads: Vec<AxisName>,
     /// Machine axes that it does not show and that stand at this position: mm, deg.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub fixed: ByAxis,

@@ -134,7 +134,8 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
             .collect();
     };
     let all = plan.paths.iter().zip(&config.controllers).zip(controllers);
-    all.enumerate()
+    let writers = all
+        .enumerate()
         .map(|(index, ((path, controller), device))| {
             let key = |key: &str| format!("controller.{index}.{key}");
             let channel = stated(config, &key("channel"), path.description.channel.clone());
@@ -144,8 +145,29 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
                 pmc: device.pmc(),
                 ..of_controller(plan, path, channel, controller.fixed.clone(), source)
             }
-        })
-        .collect()
+        });
+    let devices = controllers.iter().skip(plan.paths.len());
+    let readers = plan.readers.iter().zip(devices);
+    let readers = readers.map(|(reader, device)| of_reader(&reader.description, device));
+    writers.chain(readers).collect()
+}
+
+/// A controller that is only read.
+fn of_reader(description: &Description, device: &ControllerDevice) -> ControllerPlan {
+    let mut reads: Vec<AxisName> = description.shown_axes().collect();
+    reads.sort_unstable();
+    ControllerPlan {
+        url: description.device.clone(),
+        channel: Stated::by(Source::Device, description.channel.clone()),
+        watched: false,
+        sees_other_gateways: false,
+        shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
+        pmc: device.pmc(),
+        axes: Vec::new(),
+        held: Vec::new(),
+        reads,
+        fixed: BTreeMap::new(),
+    }
 }
 
 /// The key of a value of one axis in a `[[controller]]`.
@@ -210,6 +232,8 @@ fn of_controller(
         .filter(|(place, _)| !path.corrects(*place));
     let mut held: Vec<AxisName> = held.map(|(_, name)| name).collect();
     held.sort_unstable();
+    let mut reads = description.reads.clone();
+    reads.sort_unstable();
     ControllerPlan {
         url: description.device.clone(),
         channel,
@@ -219,6 +243,7 @@ fn of_controller(
         pmc: None,
         axes,
         held,
+        reads,
         fixed,
     }
 }

@@ -7,7 +7,7 @@ use volcomp_model::{Machine, Thermal};
 use volcomp_port::{Clock, Controller, Description};
 use volcomp_runtime::{
     BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
-    PlanError, Sensors, guard::Limits,
+    PlanError, PositionReader, ReaderPlan, Sensors, guard::Limits,
 };
 
 use crate::{
@@ -22,6 +22,7 @@ use crate::{
 mod audit_folder;
 mod describe;
 mod notes;
+mod positions;
 mod seen;
 mod text;
 
@@ -41,6 +42,7 @@ pub struct Plan {
     thermal: Thermal,
     guard: GuardSettings,
     paths: Vec<PathPlan>,
+    readers: Vec<ReaderPlan>,
     devices: Devices,
 }
 
@@ -91,8 +93,11 @@ impl Plan {
         let model = Model::new(&machine, guard.fading)?;
         let paths = paths(&config, &devices, &model, &guard)?;
         one_channel(&config, &paths)?;
-        positions_known(&config, &model, &paths)?;
-        seen::check(&config, &model, &devices, &paths)?;
+        let readers = positions::readers(&config, &devices, &model)?;
+        positions::check_known(&config, &model, &paths, &readers)?;
+        let described = paths.iter().map(|path| &path.description);
+        let described = described.chain(readers.iter().map(|reader| &reader.description));
+        seen::check(&config, &model, &devices, described)?;
         let sensors = devices.sensors();
         if sensors.len() > MAX_SENSORS {
             return Err(GatewayError::Plan {
@@ -114,6 +119,7 @@ impl Plan {
             sensors,
             guard,
             paths,
+            readers,
             devices,
         })
     }
@@ -144,12 +150,18 @@ impl Plan {
         };
         let (controllers, thermometers, truth) =
             self.devices.open().map_err(GatewayError::Device)?;
+        let mut controllers = controllers.into_iter();
         let paths = controllers
-            .into_iter()
+            .by_ref()
+            .take(self.paths.len())
             .zip(&self.paths)
             .map(|(controller, path)| ControlPath::new(controller, path))
             .collect::<Result<Vec<_>, _>>()
             .map_err(plan)?;
+        let readers = controllers
+            .zip(&self.readers)
+            .map(|(controller, reader)| PositionReader::new(controller, reader))
+            .collect();
         let cycle = Cycle::new(
             Box::new(self.model.clone()),
             paths,
@@ -157,9 +169,10 @@ impl Plan {
             Sensors::new(thermometers, self.guard.temperatures),
             self.config.cycle,
         )
+        .and_then(|cycle| cycle.with_readers(readers))
         .map_err(plan)?;
         Ok(Opened {
-            controllers: self.paths.into_iter().map(|p| p.description).collect(),
+            controllers: cycle.descriptions().cloned().collect(),
             config: self.config,
             cycle,
             model: Arc::new(self.model),
@@ -354,6 +367,7 @@ fn paths(
         Devices::Configured { controllers, .. } => controllers
             .iter()
             .zip(&config.controllers)
+            .filter(|(_, controller)| !controller.axes.is_empty())
             .map(|(device, controller)| {
                 let description =
                     device
@@ -388,25 +402,6 @@ fn one_channel(config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> 
             },
         }),
     }
-}
-
-/// Refuses a controller whose correction depends on a position that is never known: every controller needs the position
-/// of every axis of the machine, which it shows itself, another controller shows, or `fixed` states.
-fn positions_known(config: &Config, model: &Model, paths: &[PathPlan]) -> Result<(), GatewayError> {
-    for path in paths {
-        for (axis, fixed) in model.axes.iter().zip(path.fixed) {
-            let shows = |path: &PathPlan| path.description.index_of(*axis).is_some();
-            if fixed.is_none() && !paths.iter().any(shows) {
-                return Err(GatewayError::PositionUnknown {
-                    file: config.file.clone(),
-                    url: path.description.device.clone(),
-                    axis: *axis,
-                    machine: config.machine.clone(),
-                });
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Tokens and certificate. Where others can reach the dashboard it needs both.

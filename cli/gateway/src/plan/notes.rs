@@ -21,7 +21,13 @@ pub(super) fn notes(
             }
         }
     }
-    for controller in controllers.iter().filter(|controller| !controller.watched) {
+    let writes =
+        |controller: &&ControllerPlan| !(controller.axes.is_empty() && controller.held.is_empty());
+    for controller in controllers
+        .iter()
+        .filter(writes)
+        .filter(|controller| !controller.watched)
+    {
         notes.push(format!(
             "{}: nothing at the control ramps the correction out when the gateway stops",
             controller.url

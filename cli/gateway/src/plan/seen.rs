@@ -1,8 +1,8 @@
 //! What a controller does not show of the machine: states of the control that the configuration must accept by name, and
 //! positions that its words cannot say.
 
-use volcomp_port::ShownStates;
-use volcomp_runtime::{Model, PathPlan};
+use volcomp_port::{Description, ShownStates};
+use volcomp_runtime::Model;
 use volcomp_vocabulary::AxisName;
 
 use super::Devices;
@@ -13,11 +13,11 @@ use crate::{config::Config, error::GatewayError};
 ///
 /// # Errors
 /// The first of them.
-pub(super) fn check(
+pub(super) fn check<'a>(
     config: &Config,
     model: &Model,
     devices: &Devices,
-    paths: &[PathPlan],
+    described: impl Iterator<Item = &'a Description>,
 ) -> Result<(), GatewayError> {
     let Devices::Configured { controllers, .. } = devices else {
         return Ok(());
@@ -26,11 +26,13 @@ pub(super) fn check(
         let index = model.axes.iter().position(|axis| *axis == name)?;
         model.travel.get(index).copied()
     };
-    for ((controller, device), path) in config.controllers.iter().zip(controllers).zip(paths) {
+    for ((controller, device), description) in
+        config.controllers.iter().zip(controllers).zip(described)
+    {
         states(
             &config.file,
             &controller.url,
-            path.description.shown,
+            description.shown,
             controller.unseen,
         )?;
         device

@@ -149,6 +149,9 @@ impl Lines {
 
     fn controller(&mut self, number: usize, controller: &ControllerPlan, has_limits: bool) {
         self.plain(&format!("controller {number}"), &controller.url);
+        if controller.axes.is_empty() && controller.held.is_empty() {
+            return self.reads(controller);
+        }
         self.stated("  channel", &controller.channel, Clone::clone);
         self.plain(
             "  heartbeat",
@@ -207,10 +210,21 @@ impl Lines {
                 "held, not corrected",
             );
         }
+        self.reads(controller);
         for (name, at) in &controller.fixed {
             let unit = if name.is_rotary() { "deg" } else { "mm" };
             self.plain(&format!("  axis {name}"), &format!("stands at {at} {unit}"));
         }
+    }
+
+    fn reads(&mut self, controller: &ControllerPlan) {
+        if controller.reads.is_empty() {
+            return;
+        }
+        let letters: Vec<String> = controller.reads.iter().map(ToString::to_string).collect();
+        let axes = if letters.len() > 1 { "axes" } else { "axis" };
+        let label = format!("  {axes} {}", letters.join(" "));
+        self.plain(&label, "only read, never written");
     }
 
     fn pmc(&mut self, pmc: &PmcPlan) {

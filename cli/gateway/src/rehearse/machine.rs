@@ -10,12 +10,12 @@ use std::{
 
 use volcomp_guard::barrier::{Counts, Layout, Program, Settings, SettingsError};
 use volcomp_port::{
-    Clock, ControlProgram, Controller, Description, Fault, Snapshot, Words,
+    Axis, Clock, ControlProgram, Controller, Description, Fault, Snapshot, Words,
     inject::{Faults, Faulty},
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 use volcomp_runtime::{Model, PathPlan, kinematics::State};
-use volcomp_vocabulary::{Displacement, PerChannel};
+use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::error::GatewayError;
 
@@ -155,7 +155,7 @@ impl Rig {
         let clock = Clock::manual();
         let (program, acceleration_per_s2) = moves(model, plan);
         let machine = simulated::Machine {
-            axes: plan.description.axes.clone(),
+            axes: axes(&plan.description),
             program,
             acceleration_per_s2,
             sensors: sensors.iter().map(|name| warming(name)).collect(),
@@ -205,6 +205,20 @@ impl Rig {
     }
 }
 
+/// The axes of a simulated machine: those that are written, and those that are only read.
+fn axes(description: &Description) -> Vec<Axis> {
+    let only_read = |&name: &AxisName| Axis {
+        name,
+        includes_correction: false,
+        resolution: Displacement::from_micro(name.kind(), 1.0),
+        largest: None,
+    };
+    let written = description.axes.iter().copied();
+    written
+        .chain(description.reads.iter().map(only_read))
+        .collect()
+}
+
 fn warming(name: &str) -> Warming {
     Warming {
         name: name.to_owned(),
@@ -217,7 +231,10 @@ fn warming(name: &str) -> Warming {
 /// Through the work space, all axes at once, from the corner (a fifth of the travel from its end) where the correction is
 /// largest against its limit to the corner opposite, and back; and the acceleration for it.
 fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
-    let axes = plan.description.axes.len();
+    let (axes, written) = (
+        plan.description.shown_axes().count(),
+        plan.description.axes.len(),
+    );
     let at = |corner: usize, place: usize| {
         let ends = model.travel.get(plan.machine_axis[place]);
         let [low, high] = ends
@@ -236,7 +253,7 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
         }
         let wanted = model.wanted(&state, &plan.correctors).full();
         let share = |i: usize| (wanted[plan.machine_axis[i]] / plan.limits.axes[i].limit).abs();
-        (0..axes).map(share).fold(0.0, f64::max)
+        (0..written).map(share).fold(0.0, f64::max)
     };
     let all = (1_usize << axes) - 1;
     let corner = (0..=all)

@@ -71,7 +71,7 @@ impl<'a> Run<'a> {
         let mut path = path.clone();
         // Axes that only another controller shows stand in the middle of their travel.
         for (index, ends) in plan.model.travel.iter().enumerate() {
-            let shown = path.description.index_of(plan.model.axes[index]).is_some();
+            let shown = path.description.shows(plan.model.axes[index]);
             if !shown && path.fixed[index].is_none() {
                 let [low, high] = ends.map(Displacement::mm_or_rad);
                 path.fixed[index] = Some(0.5 * (low + high));

@@ -32,6 +32,8 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "barrier" => ("{ machine = 1, scan_ms = 8.0 }", "X"),
         "channel" => ("\"emzps\"", "X"),
         "fixed" => ("{ Y = 1.0 }", "X"),
+        "reads" => ("[\"A\", \"C\"]", "X"),
+        "not_driven" => ("[\"A\"]", "X"),
         "includes_correction" | "test_shift" | "unwatched" => ("true", "X"),
         "resolution_um" => ("1.0", "X"),
         "resolution_urad" => ("1.0", "C"),
@@ -75,8 +77,53 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 13 keys and 5 URLs: seven keys on one kind or two of the three.
-    assert_eq!([taken, refused], [46, 19]);
+    // 15 keys and 5 URLs: seven keys on one kind or two of the three.
+    assert_eq!([taken, refused], [56, 19]);
+}
+
+/// A controller that is only read has no use for keys about corrections.
+#[test]
+fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
+    for (url, kind) in URLS {
+        let of = |rest: &str| {
+            let text =
+                format!("machine = \"m.toml\"\n[[controller]]\nurl = \"{url}\"\naxes = []\n{rest}");
+            Config::parse(&text, "G.toml", Path::new("")).map_err(|e| e.to_string())
+        };
+        assert!(of("reads = [\"C\"]\n").is_ok(), "{url}");
+        assert!(
+            of("reads = [\"C\"]\nunseen = [\"alarm\"]\n").is_ok(),
+            "{url}"
+        );
+        for (rest, says) in [
+            ("", "found 0 axes"),
+            ("reads = []\n", "found no axis"),
+            ("reads = [\"C\", \"C\"]\n", "axis C stands twice"),
+        ] {
+            let message = of(rest).expect_err(rest);
+            assert!(message.contains(says), "{message}");
+        }
+        for (key, kinds) in CONTROLLER_KEYS {
+            let reads = ["url", "axes", "reads", "referenced", "unseen", "digital"];
+            if reads.contains(&key) || !kinds.contains(&kind) {
+                continue;
+            }
+            let (value, _) = value(key, kind);
+            let message = of(&format!("reads = [\"C\"]\n{key} = {value}\n")).expect_err(key);
+            assert!(
+                message.contains("only read") && message.contains(key),
+                "{message}"
+            );
+        }
+    }
+    let twice = "machine = \"m.toml\"\n[[controller]]\nurl = \"can://can0\"\naxes = [\"X\"]\nreads = [\"C\", \"X\"]\n";
+    let refused = Config::parse(twice, "G.toml", Path::new("")).expect_err("refused");
+    assert!(
+        refused
+            .to_string()
+            .contains("axis X stands among axes, too"),
+        "{refused}"
+    );
 }
 
 /// Both keys of a coordinate are looked at, not the first alone.

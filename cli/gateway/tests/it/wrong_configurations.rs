@@ -486,8 +486,30 @@ pub(crate) const CASES: &[Wrong] = &[
     Wrong {
         changes: &[],
         machine: FIVE,
-        says: "fixed = { C = … }",
+        says: "in reads = [\"C\"] where it is not",
     },
+    // A rotary axis that turns is not where a number says.
+    Wrong {
+        changes: &[("heartbeat", "fixed = { B = 0.0, C = 0.0 }\nheartbeat")],
+        machine: FIVE,
+        says: "name it in reads = [\"B\"]",
+    },
+    Wrong {
+        changes: &[(
+            "heartbeat",
+            "reads = [\"C\"]\nnot_driven = [\"B\"]\nheartbeat",
+        )],
+        machine: FIVE,
+        says: "not_driven: axis B",
+    },
+    // Controllers that are only read: first, and beside a barrier's words.
+    wrong(
+        &[(
+            FOCAS,
+            "url = \"focas://127.0.0.1:1\"\naxes = []\nreads = [\"X\", \"Y\", \"Z\"]",
+        )],
+        "expected it after a [[controller]] that writes",
+    ),
     // Keys that a kind of controller cannot use.
     wrong(
         &[("heartbeat", "digital = { position_bits = 8 }\nheartbeat")],

@@ -11,8 +11,9 @@ impl Cycle {
     /// Whether a path could correct now.
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
-        let place = Place::seen_by(&self.paths, index, self.model.axes.len(), now);
-        let complete = place.is_complete(self.model.axes.len());
+        let axes = self.model.axes.len();
+        let place = Place::seen_by(&self.paths, &self.readers, index, axes, now);
+        let complete = place.is_complete(axes);
         // One that stands by is asked less often than positions grow old.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)

@@ -89,6 +89,7 @@ fn description(device: &str) -> Description {
         device: device.to_owned(),
         channel: "one".to_owned(),
         axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
+        reads: Vec::new(),
         heartbeat: Heartbeat::Watched,
         barrier: false,
         tells_applied: true,
@@ -153,7 +154,7 @@ fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
 /// went back by 26 µm in one cycle where 2 µm are allowed.
 #[test]
 fn a_change_of_ways_in_motion_makes_no_step() {
-    let (sooner, later) = (Duration::from_millis(2000), Duration::from_millis(2050));
+    let (sooner, later) = (Duration::from_secs(2), Duration::from_millis(2050));
     for offset in (0..30).step_by(3) {
         for (begins, hand_back) in [
             (800, sooner),

@@ -8,6 +8,7 @@ mod errors;
 mod held;
 mod plan;
 mod quiet;
+mod reads;
 mod rig;
 mod standby;
 mod thread;

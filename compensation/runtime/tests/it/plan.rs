@@ -76,6 +76,37 @@ fn what_does_not_fit_is_named() {
     );
 }
 
+/// A rotary axis that turns while its position is taken for constant would make a correction of another place.
+#[test]
+fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
+    let plan = |not_driven: &[AxisName], fixed: &[AxisName]| {
+        planned(
+            |description| description.axes.retain(|axis| !axis.name.is_rotary()),
+            |_| {},
+            |path| {
+                path.not_driven.extend(not_driven);
+                let at = |name: AxisName| Displacement::from_coordinate(name.kind(), 10.0);
+                path.fixed
+                    .extend(fixed.iter().map(|name| (*name, at(*name))));
+            },
+        )
+    };
+    let [b, c] = [AxisName::B, AxisName::C];
+    let refused = plan(&[b], &[b, c]).expect_err("C is driven");
+    assert!(matches!(refused, PlanError::FixedRotary { axis, .. } if axis == c));
+    assert!(
+        refused
+            .to_string()
+            .contains("a controller that reads its position"),
+        "{refused}"
+    );
+    assert!(plan(&[b, c], &[b, c]).is_ok());
+    for (not_driven, fixed) in [(&[b, c][..], &[b][..]), (&[AxisName::X], &[])] {
+        let refused = plan(not_driven, fixed).expect_err("nothing is stated of it");
+        assert!(matches!(refused, PlanError::NotDriven { .. }), "{refused}");
+    }
+}
+
 /// A position that an axis cannot take would be believed for as long as the gateway runs.
 #[test]
 fn a_fixed_position_beyond_the_travel_is_refused() {

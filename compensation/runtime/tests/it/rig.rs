@@ -1,9 +1,16 @@
 //! A five-axis machine with a control that names its axes in another order, at one position.
 
-use std::{path::Path, sync::Arc, time::Duration};
+use std::{
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
 
 use volcomp_model::Machine;
-use volcomp_port::{Axis, Clock, Controller, simulated};
+use volcomp_port::{Axis, Clock, Controller, Description, Fault, Snapshot, simulated};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report,
     Sensors, WithoutBarrier,
@@ -42,7 +49,7 @@ pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedCon
     control_of(place, clock, &NAMES)
 }
 
-/// The same control, which writes only the axes named; the others stand where the settings say.
+/// The same control with its axes in this order.
 fn control_of(
     place: [f64; 5],
     clock: &Clock,
@@ -54,6 +61,20 @@ fn control_of(
         let (name, at) = at.expect("one of the machine");
         *to = Displacement::from_coordinate(name.kind(), at).mm_or_rad();
     }
+    let stands = simulated::Move {
+        to,
+        feed_per_s: 1.0,
+        dwell: Duration::from_secs(3600),
+    };
+    simulated_control(names, vec![stands], clock)
+}
+
+/// A simulated control with these axes, which runs a program.
+pub(crate) fn simulated_control(
+    names: &[AxisName],
+    program: Vec<simulated::Move>,
+    clock: &Clock,
+) -> simulated::SimulatedController {
     let machine = simulated::Machine {
         axes: names
             .iter()
@@ -64,17 +85,91 @@ fn control_of(
                 largest: None,
             })
             .collect(),
-        program: vec![simulated::Move {
-            to,
-            feed_per_s: 1.0,
-            dwell: Duration::from_secs(3600),
-        }],
-        acceleration_per_s2: 1.0,
+        program,
+        acceleration_per_s2: 1e6,
         sensors: Vec::new(),
         truth: Arc::new(|_, _| PerChannel::ZERO),
         clock: clock.clone(),
     };
     machine.start().0
+}
+
+/// A control of which only the first axes are written; the others are read.
+pub(crate) struct Writes<C> {
+    inner: C,
+    description: Description,
+}
+
+impl<C: Controller> Writes<C> {
+    pub(crate) fn first(written: usize, inner: C) -> Self {
+        let mut description = inner.description().clone();
+        let others = description.axes.split_off(written);
+        description.reads = others.iter().map(|axis| axis.name).collect();
+        Self { inner, description }
+    }
+}
+
+impl<C: Controller> Controller for Writes<C> {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        self.inner.read(deadline)
+    }
+
+    fn apply(&mut self, correction: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
+        let beyond = &correction[self.description.axes.len()..];
+        assert!(beyond.iter().all(|x| *x == 0.0), "they are only read");
+        self.inner.apply(correction, deadline)
+    }
+}
+
+/// What a test does to a controller that a cycle holds.
+#[derive(Clone, Default)]
+pub(crate) struct Injected(Arc<[AtomicBool; 2]>);
+
+impl Injected {
+    pub(crate) fn disturb<C: Controller>(&self, inner: C) -> impl Controller + use<C> {
+        Disturbed {
+            inner,
+            by: self.clone(),
+        }
+    }
+
+    /// It does not answer.
+    pub(crate) fn set_silent(&self, silent: bool) {
+        self.0[0].store(silent, Ordering::Relaxed);
+    }
+
+    /// It says that the emergency stop is pressed.
+    pub(crate) fn set_stopped(&self, stopped: bool) {
+        self.0[1].store(stopped, Ordering::Relaxed);
+    }
+}
+
+struct Disturbed<C> {
+    inner: C,
+    by: Injected,
+}
+
+impl<C: Controller> Controller for Disturbed<C> {
+    fn description(&self) -> &Description {
+        self.inner.description()
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        if self.by.0[0].load(Ordering::Relaxed) {
+            return Err(Fault::TimedOut);
+        }
+        let mut snapshot = self.inner.read(deadline)?;
+        snapshot.state.emergency_stop |= self.by.0[1].load(Ordering::Relaxed);
+        Ok(snapshot)
+    }
+
+    fn apply(&mut self, correction: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
+        self.inner.apply(correction, deadline)
+    }
 }
 
 /// Settings for a control that nobody else reaches.
@@ -98,7 +193,7 @@ impl Rig {
         Self::writing(place, &NAMES)
     }
 
-    /// With a control that writes only the axes named; the others are fixed at the place.
+    /// With a control that writes only the axes named; where the others stand it tells.
     pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
         Self::of(&machine(), &guard(), place, names)
     }
@@ -112,18 +207,12 @@ impl Rig {
     ) -> Self {
         let clock = Clock::manual();
         let model = Model::new(machine, guard.fading).expect("compiles");
-        let control = control_of(place, &clock, names);
+        let mut all = names.to_vec();
+        let others = NAMES.iter().filter(|name| !names.contains(name));
+        all.extend(others.filter(|name| model.index_of(**name).is_some()));
+        let control = Writes::first(names.len(), control_of(place, &clock, &all));
         let described = control.description().clone();
-        let others = NAMES
-            .iter()
-            .zip(place)
-            .filter(|(name, _)| !names.contains(name) && model.index_of(**name).is_some());
-        let settings = PathSettings {
-            fixed: others
-                .map(|(&name, at)| (name, Displacement::from_coordinate(name.kind(), at)))
-                .collect(),
-            ..alone()
-        };
+        let settings = alone();
         let plan = PathPlan::new(described, &model, guard, &settings, PERIOD);
         let plan = plan.expect("fits");
         let path = ControlPath::new(Box::new(control), &plan).expect("fits");

@@ -15,6 +15,7 @@ fn config(text: &str, axes: &[AxisName]) -> BridgeConfig {
         table: SignalTable::parse(text).unwrap(),
         channel: "bridge".to_owned(),
         axes: axes.to_vec(),
+        reads: Vec::new(),
         includes_correction: false,
         stale_after: Duration::from_secs(60),
         read_back_within: Duration::from_secs(60),

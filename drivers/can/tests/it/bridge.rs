@@ -15,6 +15,7 @@ fn config(axes: &[AxisName]) -> BridgeConfig {
         table: shipped(),
         channel: "bridge".to_owned(),
         axes: axes.to_vec(),
+        reads: Vec::new(),
         includes_correction: false,
         stale_after: Duration::from_millis(200),
         read_back_within: Duration::from_millis(60),
@@ -58,6 +59,40 @@ impl Control {
         self.bus
             .comes(frame_of(&self.table, "STATE", &state, counter));
     }
+}
+
+/// Axes that are only read stand behind those that are written, and a bridge that is only read is never written to.
+#[test]
+fn positions_of_other_axes_are_read_and_nothing_is_sent_for_them() {
+    let bus = Bus::default();
+    let mut control = Control::new(&bus);
+    let read = |axes: &[AxisName]| {
+        let reads = vec![AxisName::C, AxisName::Y];
+        let config = BridgeConfig {
+            reads,
+            ..config(axes)
+        };
+        CanController::new(bus.clone(), &config).unwrap()
+    };
+    let (mut writer, mut reader) = (read(&[AxisName::X]), read(&[]));
+    control.sends(12.0, &[]);
+    let positions = writer.read(soon()).unwrap().positions;
+    assert!((positions[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
+    assert_eq!(
+        [positions[0], positions[2], positions[3]],
+        [12.0, -24.0, 0.0]
+    );
+    control.sends(12.0, &[]);
+    let positions = reader.read(soon()).unwrap().positions;
+    assert_eq!([positions[1], positions[2]], [-24.0, 0.0]);
+    bus.sent();
+    assert!(matches!(
+        reader.apply(&PerChannel::ZERO, soon()),
+        Err(Fault::Unsupported(_))
+    ));
+    assert!(bus.sent().is_empty(), "nothing is sent");
+    writer.apply(&PerChannel::ZERO, soon()).unwrap();
+    assert!(!bus.sent().is_empty());
 }
 
 #[test]

@@ -116,6 +116,7 @@ impl Gateway {
             table: SignalTable::parse(BARRIER_DBC).unwrap(),
             channel: "bridge".to_owned(),
             axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
+            reads: Vec::new(),
             includes_correction: false,
             stale_after: Duration::from_secs(60),
             read_back_within: Duration::from_secs(60),

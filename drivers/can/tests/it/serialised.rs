@@ -24,6 +24,7 @@ fn what_is_written_is_read_as_it_was() {
         table: shipped(),
         channel: "bridge".to_owned(),
         axes: vec![AxisName::X, AxisName::C],
+        reads: vec![AxisName::A],
         includes_correction: false,
         stale_after: Duration::from_millis(200),
         read_back_within: Duration::from_millis(60),

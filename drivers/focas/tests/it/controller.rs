@@ -47,6 +47,47 @@ fn shifts_reach_the_axes_of_their_names() {
     assert!(snapshot.uncertainty < Duration::from_millis(500));
 }
 
+/// Axes that are only read: their positions come behind those of the others, and nothing is written for them, with a
+/// heartbeat or with a barrier. Who only reads writes nothing at all and takes no writer for another gateway.
+#[test]
+fn positions_of_other_axes_are_read_and_nothing_is_written_for_them() {
+    let simulator = simulator(Options::default());
+    simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
+    let mut with_others = config(&simulator, &[AxisName::Z, AxisName::X]);
+    with_others.reads = vec![AxisName::C, AxisName::Y];
+    let mut controller = connected(with_others);
+    let only_reads = FocasConfig {
+        reads: vec![AxisName::C],
+        ..config(&simulator, &[])
+    };
+    assert!(!only_reads.describe().unwrap().tells_applied);
+    let mut reader = connected(only_reads);
+    for step in 1..5 {
+        let mut wanted = um(5.0, -12.0, f64::from(step));
+        wanted[3] = 1.0;
+        controller.apply(&wanted, soon()).unwrap();
+        assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
+        let positions = controller.read(soon()).unwrap().positions;
+        assert_eq!(positions[..2], [30.0, 10.0]);
+        assert!((positions[2] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(positions[3..], [20.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let read = reader.read(soon()).unwrap();
+        assert!((read.positions[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(read.positions[1..], [0.0; 8]);
+    }
+    assert!(matches!(
+        reader.apply(&um(1.0, 1.0, 1.0), soon()),
+        Err(Fault::Unsupported(_))
+    ));
+    assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
+    // An axis that is only read must be referenced, too: its position makes the correction of the others.
+    let is_referenced =
+        |reader: &mut FocasController| reader.read(soon()).unwrap().state.referenced;
+    assert!(is_referenced(&mut reader));
+    simulator.world().set(PmcArea::F, 120, &[0b0111]);
+    assert!(!is_referenced(&mut reader) && !is_referenced(&mut controller));
+}
+
 #[test]
 fn a_shift_is_held_within_its_word() {
     let simulator = simulator(Options::default());

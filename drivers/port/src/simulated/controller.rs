@@ -31,6 +31,7 @@ impl SimulatedController {
                 device: "simulated".to_owned(),
                 channel: "simulated".to_owned(),
                 axes,
+                reads: Vec::new(),
                 heartbeat: Heartbeat::Watched,
                 barrier: scan.is_some(),
                 tells_applied: true,

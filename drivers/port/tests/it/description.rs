@@ -2,18 +2,22 @@ use volcomp_port::{Axis, Description, Heartbeat, ShownStates, UnfitAxes};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad};
 
 fn of(axes: Vec<Axis>) -> Result<(), UnfitAxes> {
-    let description = Description {
+    description(axes).check()
+}
+
+fn description(axes: Vec<Axis>) -> Description {
+    Description {
         device: "bench".to_owned(),
         channel: "bench".to_owned(),
         axes,
+        reads: Vec::new(),
         heartbeat: Heartbeat::Watched,
         barrier: false,
         tells_applied: true,
         shown: ShownStates::ALL,
         sees_other_gateways: true,
         shortest_cycle: std::time::Duration::from_millis(1),
-    };
-    description.check()
+    }
 }
 
 fn axis(name: AxisName, resolution: Displacement) -> Axis {
@@ -34,6 +38,17 @@ fn every_rule_of_a_description_is_checked() {
     assert_eq!(of(ten), Err(UnfitAxes::Count(10)));
     let twice = vec![one(AxisName::X), one(AxisName::C), one(AxisName::X)];
     assert_eq!(of(twice), Err(UnfitAxes::Twice(AxisName::X)));
+    let mut reads = Description {
+        reads: vec![AxisName::A, AxisName::X],
+        ..description(vec![one(AxisName::X)])
+    };
+    assert_eq!(reads.check(), Err(UnfitAxes::Twice(AxisName::X)));
+    reads.reads = vec![AxisName::A, AxisName::C];
+    assert_eq!(reads.check(), Ok(()));
+    assert!(reads.shows(AxisName::A) && reads.shows(AxisName::X) && !reads.shows(AxisName::Y));
+    assert_eq!(reads.index_of(AxisName::A), None, "it is not written");
+    reads.axes.clear();
+    assert_eq!(reads.check(), Ok(()), "it only tells positions");
     // A length for an axis that turns, and an angle for one that slides.
     let length = Displacement::Length(Mm(0.001));
     let found = of(vec![axis(AxisName::B, length)]);

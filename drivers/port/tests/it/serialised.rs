@@ -36,6 +36,7 @@ fn what_is_written_is_read_as_it_was() {
             ),
             axis(AxisName::C, Displacement::Angle(Deg(0.001).to_rad()), None),
         ],
+        reads: vec![AxisName::A],
         heartbeat: Heartbeat::Watched,
         barrier: false,
         tells_applied: true,

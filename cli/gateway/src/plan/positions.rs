@@ -1,0 +1,79 @@
+//! Where the positions of a machine's axes come from: controllers that write, controllers that are only read, and what is
+//! stated.
+
+use volcomp_port::Description;
+use volcomp_runtime::{Model, PathPlan, ReaderPlan};
+
+use super::Devices;
+use crate::{config::Config, error::GatewayError};
+
+/// The controllers that are only read. They have no place in the order of preference, so they stand last.
+///
+/// # Errors
+/// One before a controller that writes, no controller that writes, or one that does not fit the machine.
+pub(super) fn readers(
+    config: &Config,
+    devices: &Devices,
+    model: &Model,
+) -> Result<Vec<ReaderPlan>, GatewayError> {
+    let Devices::Configured { controllers, .. } = devices else {
+        return Ok(Vec::new());
+    };
+    let is_reader = |index: usize| config.controllers[index].axes.is_empty();
+    let count = controllers.len();
+    let misplaced = (0..count).find(|&index| {
+        is_reader(index) && (index == 0 || (index + 1..count).any(|later| !is_reader(later)))
+    });
+    if let Some(index) = misplaced {
+        return Err(GatewayError::ReaderFirst {
+            file: config.file.clone(),
+            url: config.controllers[index].url.clone(),
+        });
+    }
+    let all = controllers.iter().zip(&config.controllers);
+    all.filter(|(_, controller)| controller.axes.is_empty())
+        .map(|(device, controller)| {
+            let file = || config.file.clone();
+            let description = device
+                .describe()
+                .map_err(|source| GatewayError::DeviceConfig {
+                    file: file(),
+                    source,
+                })?;
+            let settings = device.settings(controller, config.cycle);
+            ReaderPlan::new(description, model, &settings).map_err(|source| GatewayError::Plan {
+                file: file(),
+                source,
+            })
+        })
+        .collect()
+}
+
+/// Refuses a controller whose correction depends on a position that is never known: every controller that writes needs
+/// the position of every axis of the machine, which it shows itself, another controller shows, or `fixed` states.
+///
+/// # Errors
+/// The first axis without a position.
+pub(super) fn check_known(
+    config: &Config,
+    model: &Model,
+    paths: &[PathPlan],
+    readers: &[ReaderPlan],
+) -> Result<(), GatewayError> {
+    let of_paths = paths.iter().map(|path| &path.description);
+    let of_readers = readers.iter().map(|reader| &reader.description);
+    let shown: Vec<&Description> = of_paths.chain(of_readers).collect();
+    for path in paths {
+        for (axis, fixed) in model.axes.iter().zip(path.fixed) {
+            if fixed.is_none() && !shown.iter().any(|description| description.shows(*axis)) {
+                return Err(GatewayError::PositionUnknown {
+                    file: config.file.clone(),
+                    url: path.description.device.clone(),
+                    axis: *axis,
+                    machine: config.machine.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,137 @@
+//! A controller that only tells where axes stand, and is never written to. State: what it said last.
+
+use std::time::{Duration, Instant};
+
+use volcomp_guard::Interlock;
+use volcomp_port::{Controller, Description, Snapshot};
+use volcomp_vocabulary::PerChannel;
+
+use crate::{
+    error::PlanError,
+    model::Model,
+    path::interlock_of,
+    plan::{place_in, position_steps, reversals},
+    report::PathReport,
+    settings::PathSettings,
+};
+
+/// A controller of a plan that is only read: checked against the machine, not opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReaderPlan {
+    /// The description of the controller by its driver.
+    pub description: Description,
+    /// The place in the machine of each axis whose position it tells.
+    pub machine_axis: PerChannel<usize>,
+    /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
+    pub reversal: PerChannel<f64>,
+}
+
+impl ReaderPlan {
+    /// Checks what a driver says of a controller against machine and settings. Of the settings only the steps of positions
+    /// count.
+    ///
+    /// # Errors
+    /// What does not fit.
+    pub fn new(
+        description: Description,
+        model: &Model,
+        settings: &PathSettings,
+    ) -> Result<Self, PlanError> {
+        description.check().map_err(|source| PlanError::Axes {
+            device: description.device.clone(),
+            source,
+        })?;
+        let mut machine_axis = PerChannel::default();
+        for (place, axis) in machine_axis.iter_mut().zip(description.shown_axes()) {
+            *place = place_in(model, &description, axis)?;
+        }
+        let steps = position_steps(&description, settings)?;
+        Ok(Self {
+            machine_axis,
+            reversal: reversals(&description, &steps, None),
+            description,
+        })
+    }
+}
+
+/// A controller that is only read.
+pub struct PositionReader {
+    controller: Box<dyn Controller>,
+    description: Description,
+    machine_axis: PerChannel<usize>,
+    reversal: PerChannel<f64>,
+    shown: usize,
+    positions: PerChannel<f64>,
+    taken: Option<Duration>,
+    answered: Option<Duration>,
+    reading: Option<Snapshot>,
+}
+
+impl PositionReader {
+    /// A reader before its first cycle: an open controller and its plan.
+    pub fn new(controller: Box<dyn Controller>, plan: &ReaderPlan) -> Self {
+        Self {
+            controller,
+            description: plan.description.clone(),
+            machine_axis: plan.machine_axis,
+            reversal: plan.reversal,
+            shown: plan.description.shown_axes().count(),
+            positions: PerChannel::ZERO,
+            taken: None,
+            answered: None,
+            reading: None,
+        }
+    }
+
+    pub(crate) fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// Asks the controller. `start` is when the cycle's clock began. Whether it answered.
+    pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
+        self.reading = self.controller.read(deadline).ok();
+        let Some(snapshot) = &self.reading else {
+            return false;
+        };
+        self.answered = Some(now);
+        // What is no number is no position.
+        if snapshot
+            .positions
+            .iter()
+            .take(self.shown)
+            .all(|q| q.is_finite())
+        {
+            self.positions = snapshot.positions;
+            self.taken = Some(snapshot.taken.saturating_duration_since(start));
+        }
+        true
+    }
+
+    /// Where it last saw a machine axis, and when.
+    pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
+        Some((self.positions[self.place_of(machine_axis)?], self.taken?))
+    }
+
+    /// The travel after which a machine axis that it shows counts as turned, mm or rad.
+    pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
+        Some(self.reversal[self.place_of(machine_axis)?])
+    }
+
+    fn place_of(&self, machine_axis: usize) -> Option<usize> {
+        (0..self.shown).find(|&i| self.machine_axis[i] == machine_axis)
+    }
+
+    /// What it said of the machine in the last reading; `None`: it did not answer.
+    pub(crate) fn interlock(&self) -> Option<Interlock> {
+        self.reading.as_ref().map(interlock_of)
+    }
+
+    /// How it is, to be told.
+    pub(crate) fn report(&self, now: Duration) -> PathReport {
+        PathReport {
+            answered: self.answered.map(|then| now.saturating_sub(then)),
+            positions: self.taken.map(|then| now.saturating_sub(then)),
+            ..PathReport::default()
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! Axes whose positions are read and which are never written: the correction of the others is that of where these stand
+//! now.
+
+use std::time::Duration;
+
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_port::{Clock, Controller, simulated::Move};
+use volcomp_runtime::{
+    Asked, ControlPath, Cycle, Model, PathPlan, PathSettings, PositionReader, ReaderPlan, Report,
+    Sensors,
+    guard::{Reasons, Request, State},
+};
+use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel};
+
+use crate::rig::{Injected, PERIOD, Writes, alone, guard, machine, simulated_control};
+
+const WRITTEN: [AxisName; 3] = [AxisName::Z, AxisName::X, AxisName::Y];
+const READ: [AxisName; 2] = [AxisName::C, AxisName::B];
+
+/// A cycle over a machine whose axes go to and fro.
+struct Moving {
+    cycle: Cycle,
+    clock: Clock,
+    /// What happens to the controller that is read, where there is one.
+    reader: Option<Injected>,
+}
+
+/// Positions of axes, mm and deg.
+fn at(names: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
+    PerChannel::from_fn(|i| {
+        names.get(i).map_or(0.0, |name| {
+            Displacement::from_coordinate(name.kind(), coordinates[i]).mm_or_rad()
+        })
+    })
+}
+
+fn program(names: &[AxisName], ends: [&[f64]; 2], seconds: f64) -> Vec<Move> {
+    let ends = ends.map(|end| at(names, end));
+    let way = PerChannel::from_fn(|i| ends[1][i] - ends[0][i]);
+    let length = way.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let moves = ends.map(|to| Move {
+        to,
+        feed_per_s: length / seconds,
+        dwell: Duration::ZERO,
+    });
+    moves.to_vec()
+}
+
+impl Moving {
+    /// A control that writes X, Y and Z, and reads B and C itself or has another controller beside it that does.
+    fn new(beside: bool, seconds: f64) -> Self {
+        let clock = Clock::manual();
+        let guard = guard();
+        let model = Model::new(&machine(), guard.fading).expect("compiles");
+        let linear = [[150.0, -80.0, 250.0], [250.0, -300.0, 380.0]];
+        let rotary = [[-70.0, 20.0], [120.0, 75.0]];
+        let described = |control: &dyn Controller| control.description().clone();
+        let plan = |description| {
+            PathPlan::new(description, &model, &guard, &alone(), PERIOD).expect("fits")
+        };
+        let (path, readers, reader) = if beside {
+            let moves = program(&WRITTEN, [&linear[0], &linear[1]], seconds);
+            let control = simulated_control(&WRITTEN, moves, &clock);
+            let plan = plan(described(&control));
+            let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+            let moves = program(&READ, [&rotary[0], &rotary[1]], seconds);
+            let control = Writes::first(0, simulated_control(&READ, moves, &clock));
+            let injected = Injected::default();
+            let control = injected.disturb(control);
+            let plan = ReaderPlan::new(described(&control), &model, &PathSettings::default());
+            let reader = PositionReader::new(Box::new(control), &plan.expect("fits"));
+            (path, vec![reader], Some(injected))
+        } else {
+            let names = [&WRITTEN[..], &READ].concat();
+            let ends = [0, 1].map(|end| [&linear[end][..], &rotary[end]].concat());
+            let moves = program(&names, [&ends[0], &ends[1]], seconds);
+            let control = Writes::first(3, simulated_control(&names, moves, &clock));
+            let plan = plan(described(&control));
+            let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+            (path, Vec::new(), None)
+        };
+        let sensors = Sensors::new(Vec::new(), guard.temperatures);
+        let cycle = Cycle::new(
+            Box::new(model),
+            vec![path],
+            guard.hand_back,
+            sensors,
+            PERIOD,
+        )
+        .expect("one path")
+        .with_readers(readers)
+        .expect("few");
+        Self {
+            cycle: cycle.with_start(clock.start()),
+            clock,
+            reader,
+        }
+    }
+
+    fn step(&mut self, request: Option<Request>) -> Report {
+        self.clock.advance(PERIOD);
+        let asked = Asked {
+            request,
+            ..Asked::default()
+        };
+        let now = self.clock.now();
+        self.cycle.run(now, &asked, &mut || Duration::ZERO);
+        *self.cycle.report()
+    }
+
+    fn run(&mut self, cycles: u32) -> Report {
+        (1..cycles).for_each(|_| {
+            self.step(None);
+        });
+        self.step(None)
+    }
+}
+
+/// The position error of the tool is corrected wherever the rotary axes are, and they are not written: read by the path
+/// itself, or by a controller beside it.
+#[test]
+fn the_tip_is_corrected_where_the_axes_that_are_read_stand_now() {
+    for beside in [false, true] {
+        let mut moving = Moving::new(beside, 20.0);
+        moving.run(20);
+        moving.step(Some(Request::Arm));
+        moving.run(500);
+        let (mut with, mut without, mut turned) = (0.0_f64, 0.0_f64, [f64::MAX, f64::MIN]);
+        let machine = machine();
+        let c = machine.index_of(AxisName::C).expect("an axis");
+        for _ in 0..4500 {
+            let report = moving.step(None);
+            assert_eq!(report.state, State::Compensating, "{:?}", report.reasons);
+            let tip = |error: [f64; 3]| Vector3::from(error).norm();
+            with = with.max(tip(report.residual.expect("known").position_mm));
+            without = without.max(tip(report.error.expect("known").position_mm));
+            let at = report.positions[c];
+            turned = [turned[0].min(at), turned[1].max(at)];
+            for name in READ {
+                let axis = machine.index_of(name).expect("an axis");
+                assert_eq!(report.sent[axis], 0.0, "{name} is not written");
+            }
+        }
+        assert!(turned[1] - turned[0] > 2.5, "it turned: {turned:?}");
+        // One cycle behind, and what the last write has not done yet.
+        assert!(without > 0.010 && with < 1e-3, "{without} {with}");
+    }
+}
+
+/// A controller that is only read and falls silent: its positions grow old like all others.
+#[test]
+fn positions_of_a_silent_reader_are_held_then_let_go() {
+    let mut moving = Moving::new(true, 600.0);
+    moving.run(20);
+    moving.step(Some(Request::Arm));
+    assert_eq!(moving.run(500).state, State::Compensating);
+    let reader = moving.reader.clone().expect("beside");
+    reader.set_silent(true);
+    let report = moving.run(20);
+    assert_eq!(report.state.name(), "holding", "{:?}", report.reasons);
+    assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
+    let report = moving.run(400);
+    assert_eq!(
+        report.correction,
+        PerAxis::ZERO,
+        "after zero_after and a ramp"
+    );
+    assert!(
+        report.reasons.contains(Reasons::POSITIONS_LOST),
+        "{:?}",
+        report.reasons
+    );
+    reader.set_silent(false);
+    assert_eq!(moving.run(500).state, State::Compensating);
+    // What it says of the machine holds the correction as what the path itself says.
+    reader.set_stopped(true);
+    let report = moving.run(5);
+    assert!(
+        report.reasons.contains(Reasons::EMERGENCY_STOP),
+        "{:?}",
+        report.reasons
+    );
+    let held = report.correction;
+    assert_eq!(moving.run(50).correction, held);
+    // Nobody who falls silent lifts it.
+    reader.set_silent(true);
+    let report = moving.run(5);
+    assert!(
+        report.reasons.contains(Reasons::INTERLOCK_UNSEEN),
+        "{:?}",
+        report.reasons
+    );
+}
