@@ -5,6 +5,7 @@ mod controller;
 #[cfg(feature = "gpio")]
 mod gpio;
 mod outputs;
+mod panel;
 mod wiring;
 mod words;
 
@@ -12,6 +13,7 @@ pub use coherent::{Coherence, read_coherent};
 pub use controller::{DigitalAxis, DigitalController};
 #[cfg(feature = "gpio")]
 pub use gpio::{GpioPort, LineSet};
+pub use panel::{Panel, PanelWord};
 pub use wiring::{Wiring, WiringError};
 pub use words::{
     BeyondWord, Coded, Correction, CorrectionCode, CorrectionWord, PositionCode, PositionWord,

@@ -11,6 +11,12 @@ pub trait ControlProgram: Send {
     /// stop, alarm or not referenced. Gives the report to be published.
     fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Words;
 
+    /// From the next scan on, plain lines that lead here carry this word (counts) for the axis at this place, and this level
+    /// of the line that says when they have settled. A program that takes nothing from lines leaves them.
+    fn lines(&mut self, latch: bool, axis: usize, value: i16) {
+        let _ = (latch, axis, value);
+    }
+
     /// The correction that the axes get, counts.
     fn applied(&self) -> PerChannel<i16>;
 

@@ -31,6 +31,7 @@ mod shipped;
 mod silent;
 mod standing;
 mod texts;
+mod two_mailboxes;
 mod units;
 mod verbs;
 mod volume;

@@ -1,6 +1,9 @@
 //! The barrier itself: which frame is taken, and how the applied correction moves.
 
-use super::{Counts, Frame, Refusal, Report, Settings, SettingsError, is_ahead};
+use super::{Counts, Frame, Lines, Refusal, Report, Settings, SettingsError, is_ahead};
+
+/// The largest number of mailboxes that a barrier looks at.
+pub const MAILBOXES: usize = 4;
 
 /// The barrier of one machine. It is given what lies in its mailboxes at each scan, and it alone moves the correction
 /// that is applied: never by more than its rate, every axis on one line towards the last values that it took.
@@ -35,8 +38,17 @@ pub struct Memory {
     pub done: u32,
     /// The number of scans since the last step.
     pub waited: u16,
-    /// The number of scans since a frame was taken; it stands still at the time-out.
+    /// The number of scans since a frame or a word on lines was taken; it stands still at the time-out.
     pub silent: u16,
+    /// Tick and sequence of the whole frame that was found last in each mailbox. A frame that nobody overwrites lies
+    /// there for ever: judged again it would be taken once tick and sequence have gone round.
+    pub found: [Option<(u16, u16)>; MAILBOXES],
+    /// The level of the line that says that the others have settled; `None` before the first scan.
+    pub latch: Option<bool>,
+    /// The number of scans since that level changed, up to the largest age of a frame.
+    pub latched: u16,
+    /// The words on lines are what is applied: no frame was taken since the first of them.
+    pub by_lines: bool,
 }
 
 impl Barrier {
@@ -84,23 +96,39 @@ impl Barrier {
         self.state
     }
 
-    /// One scan of the control. `mailboxes` are the words of each way that leads here, copied before this call, so that
-    /// nothing changes while they are judged; all are judged alike. `holds`: emergency stop, alarm or not referenced;
-    /// the axes then stay where they are.
+    /// One scan of the control. `mailboxes` are the words of each way that leads here, at most [`MAILBOXES`], copied
+    /// before this call, so that nothing changes while they are judged; all are judged alike. `holds`: emergency stop,
+    /// alarm or not referenced; the axes then stay where they are.
     pub fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Report {
+        self.scan_with(mailboxes, None, holds)
+    }
+
+    /// One scan of a control to which plain lines lead besides. A word on them is taken only at an edge of their last
+    /// line, only while no sender of frames holds the control, beginning with nothing applied, and only where it
+    /// changes by no more than the axis could follow since the edge before. A frame takes over at any time.
+    pub fn scan_with(
+        &mut self,
+        mailboxes: &[&[u16]],
+        lines: Option<&Lines>,
+        holds: bool,
+    ) -> Report {
         self.state.tick = self.state.tick.wrapping_add(1);
         let mut goal = None;
-        for words in mailboxes {
-            match self.judge(words) {
+        for (mailbox, words) in mailboxes.iter().take(MAILBOXES).enumerate() {
+            match self.judge(mailbox, words) {
                 Ok(Some(frame)) => {
                     self.state.owner = frame.owner;
                     self.state.sequence = frame.sequence;
                     self.state.refusal = Refusal::None;
+                    self.state.by_lines = false;
                     goal = Some(self.settings.present(&frame.counts()));
                 }
                 Ok(None) => {}
                 Err(refusal) => self.state.refusal = refusal,
             }
+        }
+        if let Some(lines) = lines {
+            goal = self.latched(lines).or(goal);
         }
         if goal.is_some() {
             self.state.silent = 0;
@@ -110,6 +138,7 @@ impl Barrier {
                 // Nobody sends: to zero, and no frame that was made before can be taken any more.
                 self.state.epoch = self.state.epoch.wrapping_add(1);
                 self.state.owner = 0;
+                self.state.by_lines = false;
                 goal = Some(Counts::default());
             }
         }
@@ -140,9 +169,13 @@ impl Barrier {
         }
     }
 
-    /// The frame if it is to be taken, nothing if it is the one that was taken last.
-    fn judge(&self, words: &[u16]) -> Result<Option<Frame>, Refusal> {
+    /// The frame if it is to be taken, nothing if it was judged before or is the one that was taken last.
+    fn judge(&mut self, mailbox: usize, words: &[u16]) -> Result<Option<Frame>, Refusal> {
         let frame = Frame::decode(&self.settings, words).ok_or(Refusal::Checksum)?;
+        let found = Some((frame.tick, frame.sequence));
+        if core::mem::replace(&mut self.state.found[mailbox], found) == found {
+            return Ok(None);
+        }
         if frame.epoch != self.state.epoch {
             return Err(Refusal::Epoch);
         }
@@ -163,6 +196,43 @@ impl Barrier {
             return Err(Refusal::Value);
         }
         Ok(Some(frame))
+    }
+
+    /// The goal that a word on lines makes, where it is to be taken.
+    fn latched(&mut self, lines: &Lines) -> Option<Counts> {
+        let before = self.state.latch.replace(lines.latch);
+        self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);
+        if before.is_none_or(|before| before == lines.latch) {
+            return None;
+        }
+        let scans = core::mem::take(&mut self.state.latched);
+        let state = &self.state;
+        let goal = if state.by_lines {
+            state.goal
+        } else {
+            Counts::default()
+        };
+        let axis = lines.axis;
+        let is_free = state.owner == 0 && (state.by_lines || state.applied == goal);
+        if !is_free
+            || axis >= self.settings.axes.count()
+            || lines.value.unsigned_abs() > self.limit(axis)
+        {
+            self.state.refusal = Refusal::Lines;
+            return None;
+        }
+        let most = i32::from(self.settings.rate[axis])
+            * (1 + i32::from(scans) / i32::from(self.settings.step_scans));
+        let change = i32::from(lines.value) - i32::from(state.applied[axis]);
+        if change.abs() > most {
+            self.state.refusal = Refusal::Lines;
+            return None;
+        }
+        self.state.refusal = Refusal::None;
+        self.state.by_lines = true;
+        let mut goal = goal;
+        goal[axis] = lines.value;
+        Some(goal)
     }
 
     fn limit(&self, axis: usize) -> u16 {

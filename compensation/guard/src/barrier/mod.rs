@@ -12,6 +12,7 @@ mod checksum;
 mod control;
 mod frame;
 mod layout;
+mod lines;
 #[cfg(feature = "simulate")]
 mod program;
 mod report;
@@ -19,9 +20,10 @@ mod session;
 mod settings;
 
 pub use checksum::{Checksum, checksum};
-pub use control::{Barrier, Memory};
+pub use control::{Barrier, MAILBOXES, Memory};
 pub use frame::{FRAME_WORDS, Frame};
 pub use layout::Layout;
+pub use lines::Lines;
 #[cfg(feature = "simulate")]
 pub use program::{Program, Protection};
 pub use report::{REPORT_WORDS, Refusal, Report};

@@ -5,12 +5,14 @@ use core::time::Duration;
 use volcomp_port::{Axis, ControlProgram, Words};
 use volcomp_vocabulary::{AxisKind, Mm, PerChannel, Rad};
 
-use super::{Barrier, Counts, Layout, REPORT_WORDS, Report, Settings, SettingsError};
+use super::{Barrier, Counts, Layout, Lines, REPORT_WORDS, Report, Settings, SettingsError};
 
 /// The barrier of a simulated control: it keeps its epoch over a restart, as a control does with a retained word.
 #[derive(Clone, Debug)]
 pub struct Program {
     barrier: Barrier,
+    /// What lies on plain lines; `None` where none lead here.
+    lines: Option<Lines>,
 }
 
 /// What a barrier is set to, in the units of a machine's builder instead of counts and scans.
@@ -127,7 +129,10 @@ impl Program {
     /// Settings that make no sense.
     pub fn new(settings: Settings) -> Result<Self, SettingsError> {
         let barrier = Barrier::start(settings, 0, 0, &Counts::default())?;
-        Ok(Self { barrier })
+        Ok(Self {
+            barrier,
+            lines: None,
+        })
     }
 
     /// The barrier as it is now.
@@ -148,7 +153,12 @@ const _: () = assert!(REPORT_WORDS <= volcomp_port::MOST_WORDS);
 
 impl ControlProgram for Program {
     fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Words {
-        words(&self.barrier.scan(mailboxes, holds))
+        let lines = self.lines.as_ref();
+        words(&self.barrier.scan_with(mailboxes, lines, holds))
+    }
+
+    fn lines(&mut self, latch: bool, axis: usize, value: i16) {
+        self.lines = Some(Lines { latch, axis, value });
     }
 
     fn applied(&self) -> PerChannel<i16> {

@@ -36,6 +36,10 @@ pub enum Refusal {
     /// A value lies beyond the limit that the control has for the axis.
     #[error("a value lies beyond the limit of the control")]
     Value = 6,
+    /// A word on plain lines came while a sender of frames holds the control or another correction is applied, or it
+    /// changes faster than the axis could follow.
+    #[error("a word on the lines came at the wrong time, or changes too fast")]
+    Lines = 7,
 }
 
 impl Refusal {
@@ -49,6 +53,7 @@ impl Refusal {
             4 => Self::Owner,
             5 => Self::Sequence,
             6 => Self::Value,
+            7 => Self::Lines,
             _ => return None,
         })
     }

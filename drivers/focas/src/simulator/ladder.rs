@@ -56,6 +56,9 @@ impl BarrierLadder {
             .map(|at| world.words(*at, words))
             .collect();
         let frames: Vec<&[u16]> = frames.iter().map(Vec::as_slice).collect();
+        if let Some((latch, axis, value)) = world.lines() {
+            self.program.lines(latch, axis, value);
+        }
         let report = self.program.scan(&frames, world.holds());
         world.set_words(self.report, report.as_slice());
         let applied = self.program.applied();

@@ -79,6 +79,8 @@ pub struct World {
     /// How long the emergency stop was pressed, all times together.
     stood: Duration,
     silent_until: Option<Instant>,
+    /// What lies on plain lines that lead to the control, too: level of the latch, place of the axis, counts.
+    lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
     /// The bytes of the next longer write that come at once.
@@ -121,6 +123,7 @@ impl World {
             stopped_at: None,
             stood: Duration::ZERO,
             silent_until: None,
+            lines: None,
             memory: vec![vec![0; AREA]; PmcArea::ALL.len()],
             pending: Vec::new(),
             tear: None,
@@ -178,6 +181,17 @@ impl World {
             });
         }
         self.scanned = now;
+    }
+
+    /// Plain lines that lead to the control, too, carry this word (counts) for the axis at this place of its program, and
+    /// this level of the line that turns when they have settled. The program takes it as it sees fit.
+    pub fn set_lines(&mut self, latch: bool, axis: usize, value: i16) {
+        self.lines = Some((latch, axis, value));
+    }
+
+    /// What lies on the lines.
+    pub(super) fn lines(&self) -> Option<(bool, usize, i16)> {
+        self.lines
     }
 
     /// The largest change of the shift of each axis from one scan to the next, counts, since the start or since

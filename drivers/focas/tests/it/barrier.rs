@@ -21,7 +21,7 @@ use crate::{
     controller::{connected, soon},
 };
 
-const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
 pub(crate) fn r(at: u16) -> PmcAddress {
     PmcAddress {

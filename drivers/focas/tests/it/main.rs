@@ -15,6 +15,7 @@ mod outage;
 mod peer;
 mod quiet;
 mod shift_source;
+mod two_mailboxes;
 
 use std::time::Duration;
 

@@ -105,6 +105,14 @@ impl Plant {
         [PerChannel::from_fn(|i| missed[i] + inner.applied[i]), error]
     }
 
+    /// Plain lines that lead to the control, too, carry this word (counts) for the axis at this place from now on, and this
+    /// level of the line that turns when they have settled. The control's program takes it as it sees fit.
+    pub fn set_lines(&self, latch: bool, axis: usize, value: i16) {
+        if let Some(control) = &mut self.now().control {
+            control.program.lines(latch, axis, value);
+        }
+    }
+
     /// Another way to the machine, with a mailbox of its own; `None` when there are as many as there may be.
     pub(super) fn another_way(&self) -> Option<usize> {
         let mut inner = self.now();

@@ -449,6 +449,12 @@ fn canonical(mut world: World, settings: &Settings) -> World {
         1000_u16.wrapping_add_signed(ahead.clamp(-3, 3))
     };
     let bound = u8::try_from(oldest).expect("small bounds");
+    // Whether the frame in a mailbox was judged before.
+    let numbers = |place: &Option<Flying>| place.map(|f| (f.frame.tick, f.frame.sequence));
+    let judged = [0, 1].map(|way| {
+        let found = world.barrier.found[way];
+        found.is_some() && found == numbers(&world.mailboxes[way])
+    });
     // An epoch does not come again: of a frame from another one nothing counts but that. All of them are taken as the one
     // that would be accepted, were it not for its epoch.
     let owner = world.barrier.owner;
@@ -493,6 +499,14 @@ fn canonical(mut world: World, settings: &Settings) -> World {
                 sequence: sequences(last.sequence),
             };
         }
+    }
+    for (way, judged) in judged.into_iter().enumerate() {
+        let found = &mut world.barrier.found[way];
+        *found = if judged {
+            numbers(&world.mailboxes[way])
+        } else {
+            found.map(|(t, s)| (ticks(t), sequences(s)))
+        };
     }
     let barrier = &mut world.barrier;
     (barrier.epoch, barrier.tick, barrier.sequence) = (100, 1000, 1000);

@@ -2,6 +2,8 @@
 
 mod explored;
 mod frames;
+mod lines;
+mod mailboxes;
 mod program;
 mod random;
 mod rules;

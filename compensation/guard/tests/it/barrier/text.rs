@@ -3,7 +3,7 @@
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Frame, Layout, REPORT_WORDS, Settings},
+    barrier::{Barrier, Counts, Frame, Layout, Lines, REPORT_WORDS, Settings},
     vocabulary::{AxisName, PerChannel},
 };
 
@@ -29,25 +29,45 @@ impl Control {
         tick: u16,
         applied: &Counts,
     ) -> Self {
-        let mut block = Block::parse(text).expect("the text that is shipped");
+        let block = Block::parse(text).expect("the text that is shipped");
+        let mut control = Self { block };
+        let block = &mut control.block;
         block.set("axes", 0, number(settings.axes.count()));
         block.set("layout", 0, settings.axes.number().into());
         block.set("machine", 0, settings.machine.into());
         for axis in 0..9 {
             block.set("limit", axis, settings.limit[axis].into());
             block.set("rate", axis, settings.rate[axis].into());
-            block.set("atStart", axis, applied[axis].into());
         }
         block.set("stepScans", 0, settings.step_scans.into());
         block.set("holdScans", 0, settings.hold_scans.into());
         block.set("timeOutScans", 0, settings.time_out_scans.into());
-        block.set("tickAtStart", 0, tick.into());
         block.set("epoch", 0, retained_epoch.into());
-        block.set("start", 0, 1);
-        Self { block }
+        control.begins(tick, applied);
+        control
     }
 
-    fn scan(&mut self, mailboxes: &[Vec<u16>], holds: bool) -> Result<Vec<u16>, String> {
+    /// The next scan is the first after power-up or a reset; the words of the axes hold `applied`.
+    fn begins(&mut self, tick: u16, applied: &Counts) {
+        for axis in 0..9 {
+            self.block.set("atStart", axis, applied[axis].into());
+        }
+        self.block.set("tickAtStart", 0, tick.into());
+        self.block.set("start", 0, 1);
+    }
+
+    fn scan(
+        &mut self,
+        mailboxes: &[Vec<u16>],
+        lines: Option<&Lines>,
+        holds: bool,
+    ) -> Result<Vec<u16>, String> {
+        self.block.set("lines", 0, lines.is_some().into());
+        if let Some(lines) = lines {
+            self.block.set("latch", 0, lines.latch.into());
+            self.block.set("lineAxis", 0, number(lines.axis));
+            self.block.set("lineValue", 0, lines.value.into());
+        }
         self.block.set("holds", 0, holds.into());
         self.block.set("boxes", 0, number(mailboxes.len()));
         for (at, mailbox) in mailboxes.iter().enumerate() {
@@ -79,10 +99,11 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
     };
     let mut names = AxisName::ALL;
     names.shuffle(rng);
+    let furthest = [4000, 40][rng.random_range(0..2)];
     Settings {
         axes: Layout::of(names[..axes].iter().copied()).expect("each once"),
         machine: rng.random(),
-        limit: of_axes(rng, 4000),
+        limit: of_axes(rng, furthest),
         rate: of_axes(rng, 60),
         step_scans: rng.random_range(1..4),
         hold_scans,
@@ -136,11 +157,28 @@ fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) ->
     words
 }
 
-/// Runs a text beside the reference: how many frames were taken, or where they differ.
-fn compare(text: &str) -> Result<usize, String> {
+/// Another word on the lines and an edge, mostly one that the axis can follow.
+fn random_lines(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier, lines: &mut Lines) {
+    let beyond = usize::from(rng.random_bool(0.1));
+    lines.axis = rng.random_range(0..settings.axes.count() + beyond);
+    let axis = lines.axis.min(8);
+    let most = i32::from(settings.rate[axis]) * rng.random_range(0..5);
+    let applied = i32::from(barrier.memory().applied[axis]);
+    let wanted = match rng.random_range(0..12) {
+        0 => rng.random_range(-4100..4100),
+        1 => applied - most,
+        2 => applied + most,
+        _ => applied + rng.random_range(-most..=most),
+    };
+    lines.value = i16::try_from(wanted).unwrap_or(0);
+    lines.latch ^= !rng.random_bool(0.1);
+}
+
+/// Runs a text beside the reference: how many frames and words on lines were taken, or where they differ.
+fn compare(text: &str) -> Result<[usize; 2], String> {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut taken = 0;
-    for _ in 0..60 {
+    let mut taken = [0; 2];
+    for _ in 0..90 {
         let settings = random_settings(&mut rng);
         let (epoch, tick) = (rng.random(), rng.random());
         let applied = if rng.random_bool(0.5) {
@@ -151,7 +189,9 @@ fn compare(text: &str) -> Result<usize, String> {
         let mut barrier = Barrier::start(settings, epoch, tick, &applied).expect("sensible");
         let mut control = Control::new(text, &settings, epoch, tick, &applied);
         let mut mailboxes = vec![vec![0; 15]; rng.random_range(0..=2)];
-        let often = [0.9, 0.3, 0.02][rng.random_range(0..3)];
+        let often = [0.9, 0.3, 0.02, 0.0][rng.random_range(0..4)];
+        let mut lines = rng.random_bool(0.5).then(Lines::default);
+        let edges = [0.7, 0.2][rng.random_range(0..2)];
         let mut holds = false;
         for scan in 0..200 {
             for mailbox in &mut mailboxes {
@@ -159,19 +199,29 @@ fn compare(text: &str) -> Result<usize, String> {
                     *mailbox = random_frame(&mut rng, &settings, &barrier);
                 }
             }
+            if let Some(lines) = lines.as_mut().filter(|_| rng.random_bool(edges)) {
+                random_lines(&mut rng, &settings, &barrier, lines);
+            }
+            if scan > 0 && rng.random_bool(0.005) {
+                let (epoch, tick) = (barrier.memory().epoch, rng.random());
+                let applied = barrier.memory().applied;
+                barrier = Barrier::start(settings, epoch, tick, &applied).expect("sensible");
+                control.begins(tick, &applied);
+            }
             holds ^= rng.random_bool(0.05);
             let boxes: Vec<&[u16]> = mailboxes.iter().map(Vec::as_slice).collect();
-            let report = barrier.scan(&boxes, holds);
+            let report = barrier.scan_with(&boxes, lines.as_ref(), holds);
             let mut expected = [0; REPORT_WORDS];
             let count = report.encode(&mut expected);
-            let found = control.scan(&mailboxes, holds)?;
+            let found = control.scan(&mailboxes, lines.as_ref(), holds)?;
             if found != expected[..count] {
                 return Err(format!(
                     "scan {scan} of {settings:?}: {found:?}, not {:?}",
                     &expected[..count]
                 ));
             }
-            taken += usize::from(barrier.memory().silent == 0);
+            let memory = barrier.memory();
+            taken[usize::from(memory.by_lines)] += usize::from(memory.silent == 0);
         }
     }
     Ok(taken)
@@ -180,7 +230,10 @@ fn compare(text: &str) -> Result<usize, String> {
 #[test]
 fn the_text_does_what_the_reference_does() {
     let taken = compare(TEXT).expect("the same words");
-    assert!(taken > 1000, "{taken} frames were taken");
+    assert!(
+        taken[0] > 1000 && taken[1] > 200,
+        "{taken:?} frames and words on lines were taken"
+    );
 }
 
 #[test]
@@ -214,6 +267,23 @@ fn every_small_mistake_in_the_text_is_found() {
         ("waited >= stepScans", "waited > stepScans"),
         ("IF NOT holds THEN", "IF TRUE THEN"),
         ("silent := 0;\nELSIF", "silent := 1;\nELSIF"),
+        ("= foundTick[box] AND", "= -2 AND"),
+        ("= foundSequence[box] THEN", "= sequence THEN"),
+        ("foundTick[0] := -1;", ""),
+        ("latchKnown := FALSE;", ""),
+        ("IF verdict <> 1 THEN", "IF verdict = 0 THEN"),
+        ("latchKnown AND latch", "latch"),
+        ("IF owner = 0 AND (byLines", "IF (byLines"),
+        ("(byLines OR isZero)", "TRUE"),
+        ("<= limit[lineAxis]", "<= 40000"),
+        ("(1 + latched / stepScans)", "(latched / stepScans)"),
+        ("ABS(lineValue - applied[lineAxis])", "ABS(lineValue)"),
+        ("wanted[axis] := goal[axis];", "wanted[axis] := 0;"),
+        ("byLines := FALSE;\n        aims", "aims"),
+        (
+            "latched := 0;\n    END_IF;\n    latchKnown",
+            "END_IF;\n    latchKnown",
+        ),
     ];
     for (right, wrong) in mistakes {
         assert!(TEXT.contains(right), "{right}");
