@@ -90,7 +90,7 @@ function healthOf(path) {
   const held = long ? "when that was confirmed last, it held" : "holds";
   return [
     ["device", `${path.number + 1} ${path.active ? "corrects" : "stands by"}: ${path.device}`],
-    [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier" : path.scheme === "blind" ? "no barrier, its correction cannot be read back" : "no barrier"],
+    [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier in the control" : path.scheme === "blind" ? "no barrier, its correction cannot be read back" : "no barrier"],
     [never || answered > SILENT_MS ? "bad" : "ages", never ? "has never answered" : `answered ${ago(answered)} ago`],
     ["ages", `positions ${positions === null ? "unknown" : `${ago(positions)} old`}, correction ${confirmed === null ? "never confirmed" : `confirmed ${ago(confirmed)} ago`}`],
     [holds === null || (holds && !path.active) ? "bad" : "ages", holds === null ? "whether it holds a correction is unknown" : `${held} ${holds ? "a" : "no"} correction`],
@@ -188,7 +188,8 @@ function showError(state) {
 function showCycle(cycle) {
   drawBars(element("histogram"), cycle.histogram_us);
   const late = cycle.overruns === 1 ? "1 overrun" : `${cycle.overruns} overruns`;
-  text("cycle", `period ${cycle.period_us / 1000} ms, half within ${fixed(cycle.p50_us, 0)} µs, 99 % within ${fixed(cycle.p99_us, 0)} µs, own work 99 % within ${fixed(cycle.own.p99_us, 1)} µs; ${cycle.count} cycles, ${late}`);
+  const took = (us) => us < 1000 ? `${fixed(us, 0)} µs` : `${fixed(us / 1000, 1)} ms`;
+  text("cycle", `period ${cycle.period_us / 1000} ms, half within ${took(cycle.p50_us)}, 99 % within ${took(cycle.p99_us)}, own work 99 % within ${fixed(cycle.own.p99_us, 1)} µs; ${cycle.count} cycles, ${late}`);
 }
 
 function showMap() {
@@ -209,8 +210,10 @@ function showButtons(state) {
   const may = token() !== "";
   const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
   element("arm").disabled = !may || state.armed || state.state === "faulted";
-  element("disarm").disabled = !may || !(state.armed || state.state === "unknown");
-  element("acknowledge").disabled = !may || !(state.state === "faulted" || jumped);
+  // Also while it is disarmed: something may be left over in the control, which disarming ramps out.
+  element("disarm").disabled = !may;
+  // The gateway knows what waits to be acknowledged besides, and answers where nothing does.
+  element("acknowledge").disabled = !may || (state.state === "compensating" && !jumped);
   element("reload").disabled = !may;
 }
 
@@ -219,7 +222,8 @@ function show(state) {
   lastHeard = Date.now();
   element("banner").dataset.state = state.state;
   text("state", state.state.replace("-", " "));
-  text("reasons", state.reasons.join(" · "));
+  // That there is no barrier stands in a line of its own.
+  text("reasons", state.reasons.filter((reason) => reason !== "no barrier").join(" · "));
   text("machine-name", state.machine.name);
   text("controller", state.controller && !state.simulated ? `${state.controller.device}` : "");
   element("simulated").hidden = !state.simulated;

@@ -21,6 +21,9 @@ pub struct RehearsalDocument {
     pub cycle_ms: f64,
     /// How much time passed on the simulated machines, s.
     pub simulated_s: f64,
+    /// What a rehearsal cannot show, in words.
+    #[serde(default)]
+    pub not_rehearsed: Vec<String>,
     /// The controllers in the order of preference; each was rehearsed alone, on a simulated machine of its own.
     pub controllers: Vec<RehearsedPath>,
 }

@@ -104,6 +104,7 @@ impl Rehearsal {
             seed: self.seed,
             cycle_ms: plan.config.cycle.as_secs_f64() * 1e3,
             simulated_s: round(simulated.as_secs_f64()),
+            not_rehearsed: not_rehearsed(plan),
             controllers,
         })
     }
@@ -183,6 +184,49 @@ impl Rehearsal {
         };
         Ok(judge::judge(fault, phase, path, &run.rig, findings))
     }
+}
+
+/// What a rehearsal of a plan cannot show, in words.
+fn not_rehearsed(plan: &Plan) -> Vec<String> {
+    let mut texts = vec![
+        "the devices themselves, their wiring and the network: a simulated machine took their place".to_owned(),
+        "whether the machine file is right: that needs a measurement".to_owned(),
+        "this computer: how it keeps its time, its disk, the dashboard".to_owned(),
+    ];
+    let paths = plan.paths();
+    if paths.iter().any(|path| path.barrier.is_some()) {
+        texts.push(
+            "the barrier in the real control: the simulated one is the reference, so the real one must be compared with it"
+                .to_owned(),
+        );
+    }
+    for path in paths.iter().filter(|path| path.barrier.is_none()) {
+        texts.push(format!(
+            "what the control behind {} does when nobody writes any more",
+            path.description.device
+        ));
+    }
+    if paths.len() > 1 {
+        texts
+            .push("the change from one controller to another: each was rehearsed alone".to_owned());
+    }
+    for path in paths {
+        let stood: Vec<String> = (plan.model.axes.iter())
+            .filter(|axis| path.description.index_of(**axis).is_none())
+            .map(ToString::to_string)
+            .collect();
+        if !stood.is_empty() {
+            texts.push(format!(
+                "motion of {} on {}: they stood still",
+                stood.join(", "),
+                path.description.device
+            ));
+        }
+    }
+    if plan.sensors.is_empty() {
+        texts.push("temperatures: no thermometer is configured".to_owned());
+    }
+    texts
 }
 
 impl RehearsalDocument {

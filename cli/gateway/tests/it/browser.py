@@ -63,6 +63,9 @@ with sync_playwright() as playwright:
     # Stopping is one touch; starting is a second of holding.
     page.click("#disarm")
     state(page, "disarmed")
+    # What may be left over in the control can still be ramped out.
+    page.wait_for_selector("#arm:not([disabled])", timeout=3000)
+    assert page.is_enabled("#disarm")
     page.wait_for_selector("#arm:not([disabled])", timeout=3000)
     touches(page, "#arm", 300)
     page.wait_for_timeout(500)

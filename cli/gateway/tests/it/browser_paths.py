@@ -16,6 +16,7 @@ with sync_playwright() as playwright:
     page.goto(url)
     page.wait_for_selector("#reasons:has-text('a standby path does not answer')", timeout=15000)
     assert page.is_visible("#no-barrier")
+    assert "no barrier" not in page.inner_text("#reasons"), "it is told once"
     first, second = page.locator("#paths li").all_inner_texts()
     assert "1 corrects" in first and "no barrier" in first and "holds no correction" in first, first
     assert "2 stands by" in second and "has never answered" in second, second
