@@ -507,12 +507,8 @@ impl Guard {
         reasons |= Reasons::POSITIONS_STALE.when(facts.stale);
         reasons |= Reasons::READ_BACK.when(facts.changed);
         reasons |= Reasons::UNCONFIRMED.when(facts.unconfirmed);
-        reasons |= Reasons::CORRECTION_LEFT.when(
-            self.state == State::Disarmed
-                && inputs.known.confirmed.is_some_and(|known| {
-                    !are_equal(&known.values, &PerChannel::ZERO, &self.limits)
-                }),
-        );
+        reasons |= Reasons::CORRECTION_LEFT
+            .when(self.state == State::Disarmed && inputs.known.holds(&self.limits));
         reasons |= Reasons::BEYOND_LIMIT.when(facts.beyond);
         reasons |=
             Reasons::WAITING_FOR_STANDSTILL.when(self.state == State::Arming(Phase::Proving));

@@ -306,10 +306,6 @@ impl ControlPath {
     /// How the path is, to be told.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         let known = self.known();
-        let limits = &self.limits;
-        let holds = known.confirmed.is_some_and(|confirmed| {
-            (0..limits.count).any(|i| confirmed.values[i].abs() > 0.51 * limits.axes[i].resolution)
-        });
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),
             positions: self.taken.map(|then| now.saturating_sub(then)),
@@ -317,7 +313,7 @@ impl ControlPath {
                 .confirmed
                 .map(|confirmed| now.saturating_sub(confirmed.at)),
             scheme: known.scheme,
-            holds,
+            holds: known.holds(&self.limits),
             reasons: known.reasons | self.notes,
         }
     }

@@ -26,10 +26,21 @@ pub struct ControlFacts {
     pub emergency_stop: bool,
     /// Whether the control shows an alarm.
     pub alarm: bool,
+    /// From which words the control takes the shifts of its axes, by its own parameters; otherwise why it does not tell.
+    pub shift_source: Result<ShiftParameters, String>,
     /// The median of the times from a request to its answer.
     pub round_trip_median: Duration,
     /// The longest of the times from a request to its answer.
     pub round_trip_longest: Duration,
+}
+
+/// The parameters of a control by which it takes the shifts of its axes from words in R.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShiftParameters {
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
+    pub in_use: bool,
+    /// The first byte in R of the words, two bytes for each axis of the control (parameter 1280).
+    pub first: u32,
 }
 
 /// The properties of a Modbus module.

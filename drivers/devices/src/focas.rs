@@ -2,13 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use volcomp_focas::{Client, FocasConfig, FocasError, PositionKind};
+use volcomp_focas::{Client, FocasConfig, FocasError, PositionKind, ShiftSource};
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::{
     address::Address,
-    facts::{ControlFacts, Facts},
+    facts::{ControlFacts, Facts, ShiftParameters},
     probed::{Probe, ProbedPosition},
 };
 
@@ -37,6 +37,10 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         .positions(PositionKind::Machine, names.len())
         .map_err(told)?;
     let status = client.status().map_err(told)?;
+    let shift_source = match client.shift_source().map_err(told)? {
+        ShiftSource::Told { in_use, first } => Ok(ShiftParameters { in_use, first }),
+        ShiftSource::Untold { why } => Err(why),
+    };
     let mut times = Vec::new();
     for _ in 0..TIMED {
         let begun = Instant::now();
@@ -63,6 +67,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         version: client.version(),
         emergency_stop: status.emergency != 0,
         alarm: status.alarm != 0,
+        shift_source,
         round_trip_median: times[TIMED / 2],
         round_trip_longest: times[TIMED - 1],
     }));

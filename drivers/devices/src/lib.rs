@@ -19,7 +19,7 @@ mod probed;
 pub use address::{Address, Scheme};
 #[cfg(feature = "can")]
 pub use can::signal_table;
-pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames};
+pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames, ShiftParameters};
 #[cfg(feature = "focas")]
 pub use focas::focas_config;
 #[cfg(feature = "gpio")]

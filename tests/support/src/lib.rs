@@ -7,6 +7,8 @@
     reason = "a test fails by panicking, and all of this is for tests"
 )]
 
+#[cfg(feature = "barrier")]
+pub mod barrier;
 #[cfg(feature = "book")]
 pub mod book;
 pub mod machines;

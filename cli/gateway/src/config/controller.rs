@@ -267,9 +267,17 @@ fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, In
         "correction_bits",
         "correction_code",
         "latch",
+        "time_out_ms",
         "coherence",
     ])?;
     let published = DigitalConfig::default();
+    let latch = section.optional("latch", |value| value.whole(0..=63))?;
+    let time_out_ms = section.optional("time_out_ms", |value| match latch {
+        Some(_) => value.number_in(10.0..=600_000.0),
+        None => Err(value.error(
+            "found this key without latch, expected it only where the control sees edges of a latch that may fail to come",
+        )),
+    })?;
     let bits = |key: &str, default: u32| section.whole_or(key, 0..=32, default);
     Ok(DigitalConfig {
         position_bits: bits("position_bits", published.position_bits)?,
@@ -302,7 +310,8 @@ fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, In
             ],
             published.correction_code,
         )?,
-        latch: section.optional("latch", |value| value.whole(0..=63))?,
+        latch,
+        time_out: time_out_ms.map(|ms| Duration::from_secs_f64(ms * 1e-3)),
         coherence: section.one_of(
             "coherence",
             &[

@@ -127,6 +127,9 @@ pub struct DigitalConfig {
     pub correction_code: CorrectionCode,
     /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
     pub latch: Option<u32>,
+    /// The time without an edge of the latch after which the control takes the correction to zero by itself; `None`: it
+    /// does not.
+    pub time_out: Option<Duration>,
     /// How it is known that a word was not read in the middle of a change.
     pub coherence: Coherence,
 }
@@ -142,6 +145,7 @@ impl Default for DigitalConfig {
             correction_bits: 8,
             correction_code: CorrectionCode::TwosComplement,
             latch: None,
+            time_out: None,
             coherence: Coherence::TwoAgree,
         }
     }

@@ -7,7 +7,8 @@ use volcomp_model::{Machine, Thermal};
 use volcomp_port::{Clock, Controller, Description};
 use volcomp_runtime::{
     BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
-    PlanError, PositionReader, ReaderPlan, Sensors, guard::Limits,
+    PlanError, PositionReader, ReaderPlan, Sensors,
+    guard::{ControlTimeOut, Limits},
 };
 
 use crate::{
@@ -336,6 +337,15 @@ fn sensor_names(
     Ok(())
 }
 
+/// How long a control takes from the largest correction to zero that goes there as fast as the guard may slew.
+fn time_to_zero(guard: &GuardSettings) -> Duration {
+    let linear = guard.linear.limit.0 / guard.linear.slew_per_s.0;
+    let rotary = guard
+        .rotary
+        .map_or(0.0, |rotary| rotary.limit.0 / rotary.slew_per_s.0);
+    Duration::try_from_secs_f64(linear.max(rotary)).unwrap_or(Duration::MAX / 4)
+}
+
 fn paths(
     config: &Config,
     devices: &Devices,
@@ -376,7 +386,14 @@ fn paths(
                             file: config.file.clone(),
                             source,
                         })?;
-                path(description, &device.settings(controller, period))
+                let settings = PathSettings {
+                    time_out: controller.digital.time_out.map(|after| ControlTimeOut {
+                        after,
+                        to_zero: time_to_zero(guard),
+                    }),
+                    ..device.settings(controller, period)
+                };
+                path(description, &settings)
             })
             .collect(),
     }

@@ -9,9 +9,8 @@ use volcomp_focas::{
     PmcArea,
     simulator::{Options, Simulator, World},
 };
-use volcomp_guard::barrier::{Program as Barrier, Protection};
-use volcomp_port::Axis;
-use volcomp_vocabulary::{AxisName, Displacement, Mm, Rad};
+use volcomp_guard::barrier::Program as Barrier;
+use volcomp_vocabulary::AxisName;
 
 use crate::{
     controlled::configuration,
@@ -43,23 +42,8 @@ fn some(number: u64, most_ms: u64) -> Duration {
 
 /// A control whose X goes to and fro, before it starts: 150 counts, 2 counts in a scan of 2 ms.
 fn world() -> World {
-    let protection = Protection {
-        machine: 4711,
-        limit: Mm(0.150),
-        limit_rotary: Rad(0.01),
-        rate_per_s: Mm(1.0),
-        rate_rotary_per_s: Rad(0.1),
-        hold: Duration::from_millis(200),
-        time_out: Duration::from_millis(450),
-        scan: Duration::from_millis(2),
-    };
-    let axes = [AxisName::X, AxisName::Y, AxisName::Z].map(|name| Axis {
-        name,
-        includes_correction: false,
-        resolution: Displacement::Length(Mm(0.001)),
-        largest: None,
-    });
-    let settings = protection.settings(&axes).expect("sensible");
+    let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+    let settings = volcomp_test_support::barrier::settings(&axes).expect("sensible");
     let barrier = Barrier::new(settings).expect("sensible");
     let mut world = World::new(&['X', 'Y', 'Z']).with_barrier(Box::new(barrier));
     world.motion = Arc::new(|elapsed| {

@@ -214,6 +214,15 @@ pub(crate) const CASES: &[Wrong] = &[
         ],
         "outputs: found 8, expected a line below 8",
     ),
+    // Without a latch the control sees no edge that could fail to come.
+    wrong(
+        &[
+            (FOCAS, LINES),
+            ("limit_um = 150.0", "limit_um = 120.0"),
+            ("correction_bits = 8", "time_out_ms = 450"),
+        ],
+        "found this key without latch",
+    ),
     // Bytes that only the control writes, and words beyond the end of an area.
     wrong(
         &[(

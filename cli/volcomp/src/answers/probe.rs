@@ -74,6 +74,14 @@ pub(crate) struct Control {
     pub(crate) emergency_stop: bool,
     /// Whether the control shows an alarm.
     pub(crate) alarm: bool,
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null where the control does not
+    /// tell.
+    pub(crate) shift_in_use: Option<bool>,
+    /// The first byte in R of the words from which the control takes the shifts of its axes (parameter 1280); null where
+    /// the control does not tell.
+    pub(crate) shift_words: Option<u32>,
+    /// Why the control does not tell these parameters; null where it does.
+    pub(crate) shift_untold: Option<String>,
     /// The median of the times from a request to its answer, µs.
     pub(crate) round_trip_p50_us: f64,
     /// The longest of the times from a request to its answer, µs.
@@ -198,6 +206,9 @@ impl From<&devices::Facts> for Facts {
                 version: facts.version,
                 emergency_stop: facts.emergency_stop,
                 alarm: facts.alarm,
+                shift_in_use: facts.shift_source.as_ref().ok().map(|found| found.in_use),
+                shift_words: facts.shift_source.as_ref().ok().map(|found| found.first),
+                shift_untold: facts.shift_source.as_ref().err().cloned(),
                 round_trip_p50_us: microseconds(facts.round_trip_median),
                 round_trip_max_us: microseconds(facts.round_trip_longest),
             }),

@@ -8,7 +8,7 @@ use volcomp_port::DeviceError;
 
 use super::{Answer, table, table_text};
 use crate::{
-    answers::probe::{Facts, Probe, ProbeList},
+    answers::probe::{Control, Facts, Probe, ProbeList},
     failure::Failure,
 };
 
@@ -146,12 +146,13 @@ fn told(facts: &Facts) -> String {
     match facts {
         Facts::Control(facts) => format!(
             "control: {}\nseries: {}\nversion: {}\nemergency stop: {}\nalarm: {}\n\
-             round trip, median: {} µs\nround trip, longest: {} µs\n",
+             {}round trip, median: {} µs\nround trip, longest: {} µs\n",
             facts.control,
             facts.series,
             facts.version,
             facts.emergency_stop,
             facts.alarm,
+            shift_parameters(facts),
             facts.round_trip_p50_us,
             facts.round_trip_max_us
         ),
@@ -163,5 +164,19 @@ fn told(facts: &Facts) -> String {
             }
         }
         Facts::Bus(facts) => format!("frames: {}\nerrors: {}\n", facts.frames, facts.errors),
+    }
+}
+
+/// From which words the control takes the shifts of its axes, in lines.
+fn shift_parameters(facts: &Control) -> String {
+    match (facts.shift_in_use, facts.shift_words, &facts.shift_untold) {
+        (Some(in_use), Some(first), _) => format!(
+            "external zero point shift in use (parameter 1203#0): {in_use}\n\
+             its words (parameter 1280): from R{first} on\n"
+        ),
+        (_, _, why) => format!(
+            "external zero point shift (parameters 1203#0 and 1280): not told: {}\n",
+            why.as_deref().unwrap_or("no reason given")
+        ),
     }
 }

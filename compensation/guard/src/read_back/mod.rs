@@ -69,6 +69,15 @@ pub struct Known {
     pub reasons: Reasons,
 }
 
+impl Known {
+    /// Whether a correction other than zero is known to be applied.
+    #[must_use]
+    pub fn holds(&self, limits: &Limits) -> bool {
+        self.confirmed
+            .is_some_and(|confirmed| !are_equal(&confirmed.values, &PerChannel::ZERO, limits))
+    }
+}
+
 /// The read-back of one path. State: what was sent, what was heard, what follows from both.
 #[derive(Clone, Debug)]
 pub struct ReadBack {

@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use volcomp_devices::{Address, Facts, Scheme, focas_config, probe, thermometer};
+use volcomp_devices::{Address, Facts, Scheme, ShiftParameters, focas_config, probe, thermometer};
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::{AxisKind, AxisName};
@@ -111,6 +111,11 @@ fn a_control_is_probed() {
     };
     assert_eq!((&*control.series, control.version), ("D4G3 28.0", 3));
     assert!(!control.alarm && !control.emergency_stop);
+    let parameters = ShiftParameters {
+        in_use: true,
+        first: 100,
+    };
+    assert_eq!(control.shift_source, Ok(parameters));
     assert!(control.round_trip_median <= control.round_trip_longest);
 }
 

@@ -11,10 +11,10 @@ use volcomp_focas::{
     simulator::{BarrierLadder, Ladder, Options, Simulator, World},
 };
 use volcomp_guard::barrier::{
-    Counts, FRAME_WORDS, Program, Protection, Refusal, Report, Seen, Session, Settings,
+    Counts, FRAME_WORDS, Program, Refusal, Report, Seen, Session, Settings,
 };
-use volcomp_port::{Axis, Controller, Fault, Heartbeat, Words};
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Rad};
+use volcomp_port::{Controller, Fault, Heartbeat, Words};
+use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
     PATIENCE, config,
@@ -37,25 +37,9 @@ pub(crate) fn area() -> BarrierArea {
     }
 }
 
-/// 150 counts, 2 counts in a scan of 2 ms, frames 200 ms old at the most, zero after 450 ms.
+/// The barrier of the first axes of the control.
 pub(crate) fn settings(axes: usize) -> Settings {
-    let protection = Protection {
-        machine: 4711,
-        limit: Mm(0.150),
-        limit_rotary: Rad(0.01),
-        rate_per_s: Mm(1.0),
-        rate_rotary_per_s: Rad(0.1),
-        hold: Duration::from_millis(200),
-        time_out: Duration::from_millis(450),
-        scan: Duration::from_millis(2),
-    };
-    let axis = |name| Axis {
-        name,
-        includes_correction: false,
-        resolution: Displacement::Length(Mm(0.001)),
-        largest: None,
-    };
-    protection.settings(&AXES.map(axis)[..axes]).unwrap()
+    volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
 }
 
 pub(crate) fn simulated(options: Options) -> Simulator {

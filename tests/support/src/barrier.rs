@@ -1,0 +1,36 @@
+//! The barrier of the simulated controls that drivers and gateway are tried on.
+
+use std::time::Duration;
+
+use volcomp_guard::barrier::{Protection, Settings, SettingsError};
+use volcomp_port::Axis;
+use volcomp_vocabulary::{AxisName, Displacement, Mm, Rad};
+
+/// Machine 4711: 150 counts of 1 µm, 2 counts in a scan of 2 ms, frames at most 200 ms old, zero after 450 ms without one.
+pub fn protection() -> Protection {
+    Protection {
+        machine: 4711,
+        limit: Mm(0.150),
+        limit_rotary: Rad(0.01),
+        rate_per_s: Mm(1.0),
+        rate_rotary_per_s: Rad(0.1),
+        hold: Duration::from_millis(200),
+        time_out: Duration::from_millis(450),
+        scan: Duration::from_millis(2),
+    }
+}
+
+/// The settings of that barrier for linear axes of 1 µm a count.
+///
+/// # Errors
+/// No axes, too many, or one of them twice.
+pub fn settings(axes: &[AxisName]) -> Result<Settings, SettingsError> {
+    let axis = |name: &AxisName| Axis {
+        name: *name,
+        includes_correction: false,
+        resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
+    };
+    let axes: Vec<Axis> = axes.iter().map(axis).collect();
+    protection().settings(&axes)
+}
