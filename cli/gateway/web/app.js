@@ -79,8 +79,8 @@ function put(cell, value) {
   cell.classList.toggle("unknown", value === null);
 }
 
-/** "12 ms", "3 s". */
-const ago = (ms) => (ms < 10000 ? `${fixed(ms, 0)} ms` : `${fixed(ms / 1000, 0)} s`);
+/** "12 ms", "1.3 s", "13 s". */
+const ago = (ms) => (ms < 1000 ? `${fixed(ms, 0)} ms` : `${fixed(ms / 1000, ms < 10000 ? 1 : 0)} s`);
 
 /** How each controller is: text and whether it deserves attention. */
 function healthOf(path) {
