@@ -83,6 +83,11 @@ impl Correctors {
         &self.rotary
     }
 
+    /// Of the rotary axes only those keep correcting for which this holds of their place in the chain.
+    pub fn retain_rotary(&mut self, mut keeps: impl FnMut(usize) -> bool) {
+        self.rotary.retain(|place| keeps(*place));
+    }
+
     /// Whether the axis at this place in the chain corrects.
     pub fn contains(&self, axis: usize) -> bool {
         self.linear.contains(&axis) || self.rotary.contains(&axis)

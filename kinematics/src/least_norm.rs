@@ -136,6 +136,16 @@ impl LinearColumns {
         Self { columns, kept }
     }
 
+    /// Whether one of the first `count` columns is left out, or nearly lies in the direction of the others: a share may
+    /// then be more than 1/[`NEAR_SINGULAR_BELOW`] times the error.
+    #[inline(always)]
+    pub fn is_near_singular(&self, count: usize) -> bool {
+        let kept = self.kept.iter().filter(|kept| **kept).count();
+        let [first, second, third] = filled(&self.columns, self.kept);
+        let volume = first.cross(&second).dot(&third).abs();
+        kept < count.min(3) || volume.is_nan() || volume < NEAR_SINGULAR_BELOW
+    }
+
     /// The same choice of columns for another pose nearby: what a step moved must not change which axes correct.
     #[must_use]
     pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {

@@ -378,7 +378,7 @@ impl fmt::Display for FixedKey {
             Self::Dashboard => "[dashboard]",
             Self::Audit => "[audit]",
             Self::Realtime => "[realtime]",
-            Self::GuardTimes => "[guard] hand_back_s or a key of temperatures",
+            Self::GuardTimes => "[guard] hand_back_s, rotary_step_um or a key of temperatures",
         })
     }
 }

@@ -45,13 +45,16 @@ pub struct CorrectionParts {
     pub position: PerAxis<f64>,
     /// The shares of the rotary axes in the direction of the tool axis, rad in chain order, zero for all others.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis that corrects, how the linear axes follow it so that the tip stays where it is: row r of
-    /// −L⁻¹·P, mm for each rad of the rotary axis at place r, in chain order. All other rows are zero.
+    /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tip stays where it is:
+    /// row r of −L⁻¹·P, mm for each rad of the rotary axis at place r, in chain order. All other rows are zero.
     pub follow: PerAxis<PerAxis<f64>>,
     /// As in [`FirstOrder`].
     pub tool_axis_partial: bool,
     /// As in [`FirstOrder`].
     pub near_singular: bool,
+    /// Rotary axes between the linear ones have turned two of these nearly into one direction: linear shares are more
+    /// than ten times the position error, or one of the axes is left out.
+    pub linear_near_singular: bool,
 }
 
 impl CorrectionParts {
@@ -166,6 +169,7 @@ impl CompiledMachine {
             follow: PerAxis([PerAxis::ZERO; MAX_AXES]),
             tool_axis_partial: true,
             near_singular: false,
+            linear_near_singular: false,
         };
         if self.three_slides {
             parts.error = self.evaluate_with(state, registers);
@@ -186,9 +190,11 @@ impl CompiledMachine {
         let columns = linear_columns(correctors, |index| directions.axes[index]);
         let position = Vector3::from(parts.error.position_mm);
         take_position(correctors, &columns, &position, &mut parts.position);
-        for &index in correctors.rotary() {
-            let arm_mm = &directions.arms_mm[index];
-            take_position(correctors, &columns, arm_mm, &mut parts.follow[index]);
+        parts.linear_near_singular = columns.is_near_singular(correctors.linear().len());
+        for (arm_mm, row) in directions.arms_mm.iter().zip(&mut parts.follow) {
+            if *arm_mm != Vector3::zeros() {
+                take_position(correctors, &columns, arm_mm, row);
+            }
         }
         parts
     }

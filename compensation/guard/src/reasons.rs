@@ -82,6 +82,9 @@ reasons! {
     /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
     /// axis.
     NEAR_SINGULAR = 29, "near a singular pose";
+    /// Rotary axes have turned two linear axes nearly into one direction: linear corrections are more than ten times the
+    /// error, or one of the axes is left out.
+    LINEAR_NEAR_SINGULAR = 55, "linear axes nearly in one direction";
     /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
     NOT_RELOADED = 30, "files on disk not taken over";
     /// The gateway was faulted when it ended, and nobody has acknowledged it since.
@@ -131,6 +134,7 @@ impl Reasons {
             | Self::CANNOT_SEE_OTHERS.0
             | Self::SINGULAR.0
             | Self::NEAR_SINGULAR.0
+            | Self::LINEAR_NEAR_SINGULAR.0
             | Self::NOT_RELOADED.0
             | Self::DISARMED_BY_PERSON.0
             | Self::MUST_CONFIRM.0

@@ -350,11 +350,13 @@ impl Cycle {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
             return (None, unknown);
         }
-        let correctors = &self.paths[self.selector.active()].correctors;
-        let wanted = self.model.wanted(&state, correctors);
+        let path = &self.paths[self.selector.active()];
+        let applied = in_machine(path, &self.guard.output());
+        let wanted = self.model.wanted(&state, &path.correctors, &applied);
         let outside = self.model.is_outside_range(&state);
         let notes = Reasons::SINGULAR.when(wanted.singular)
             | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
+            | Reasons::LINEAR_NEAR_SINGULAR.when(wanted.linear_near_singular)
             | Reasons::OUTSIDE_RANGE.when(outside);
         (Some(wanted), notes)
     }
@@ -487,7 +489,8 @@ fn in_machine(path: &ControlPath, values: &PerChannel<f64>) -> PerAxis<f64> {
     machine
 }
 
-/// What the model asks for, in the order of a path's axes; zero for axes that do not correct.
+/// What the model asks for, in the order of a path's axes; zero for axes that do not correct. A rotary axis that does not
+/// correct but still holds a share goes to zero, and the linear axes follow it all the same.
 fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {
@@ -500,7 +503,7 @@ fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
         position: PerChannel::from_fn(|i| of(&wanted.position, i)),
         rotary: PerChannel::from_fn(|i| of(&wanted.rotary, i)),
         follow: PerChannel::from_fn(|rotary| {
-            if !path.corrects(rotary) {
+            if rotary >= path.count() {
                 return PerChannel::ZERO;
             }
             let row = &wanted.follow[path.machine_axis[rotary]];

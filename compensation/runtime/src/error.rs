@@ -98,8 +98,13 @@ pub enum PlanError {
         axis: AxisName,
     },
     /// None of the axes that the controller writes may move.
-    #[error("{device}: axes {}: the machine {machine} lets none of them correct (key `correct` of the machine file)", letters(.axes))]
+    #[error("{device}: axes {}: {}", letters(.axes), match .left_out {
+        false => format!("the machine {machine} lets none of them correct (key `correct` of the machine file)"),
+        true => "none of them corrects: a rotary axis corrects only with three linear directions on the same controller, which take back what it moves the tip, and where half its step moves the tip little enough".to_owned(),
+    })]
     NothingToCorrect {
+        /// Whether rotary axes among them may move, and would leave the tool further off than without correction.
+        left_out: bool,
         /// The device as the driver names it.
         device: String,
         /// The axes of the controller.

@@ -24,7 +24,7 @@ pub use cycle::{Cycle, Spent};
 pub use error::{LimitsRefusal, PlanError, StartError};
 pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_error};
 pub use path::ControlPath;
-pub use plan::{PathPlan, SHIFT_STEPS};
+pub use plan::{LeftOut, PathPlan, SHIFT_STEPS, WhyLeftOut};
 pub use reader::{PositionReader, ReaderPlan};
 pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};
 pub use reference::reference_work;

@@ -10,6 +10,9 @@ mod largest_move;
 
 pub use largest_move::LargestMove;
 
+/// At so many places over its travel a rotary axis is tried, the ends included.
+const PLACES: u32 = 25;
+
 /// The correction that a model asks for at a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelCorrection {
@@ -32,23 +35,16 @@ pub struct ModelWanted {
     pub position: PerAxis<f64>,
     /// The shares of the rotary axes in the direction of the tool axis, rad; zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, how the linear axes follow it so that the tip stays where it is, mm for each rad.
+    /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tip stays where it is,
+    /// mm for each rad.
     pub follow: PerAxis<PerAxis<f64>>,
     /// As in [`ModelCorrection`].
     pub singular: bool,
     /// As in [`ModelCorrection`].
     pub near_singular: bool,
-}
-
-impl ModelWanted {
-    /// The whole correction: what each axis takes, mm for linear and rad for rotary axes.
-    pub fn full(&self) -> PerAxis<f64> {
-        PerAxis::from_fn(|axis| {
-            let follows = self.rotary.iter().zip(&self.follow);
-            let follows: f64 = follows.map(|(rotary, row)| rotary * row[axis]).sum();
-            self.position[axis] + self.rotary[axis] + follows
-        })
-    }
+    /// Two linear axes lie nearly in one direction: see
+    /// [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
+    pub linear_near_singular: bool,
 }
 
 /// A compiled machine with its thermal terms. Boxed, and handed to the cycle as a whole.
@@ -71,6 +67,8 @@ pub struct Model {
     nodes: Vec<Vec<f64>>,
     /// Whether an error depends on the direction from which the axis came.
     reverses: Vec<bool>,
+    /// The longest lever from the line of each rotary axis to the tool tip over the work space, mm.
+    levers_mm: PerAxis<f64>,
     compiled: CompiledMachine,
     thermal: ThermalState,
 }
@@ -83,7 +81,7 @@ impl Model {
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
         let joints = machine.chain().joints();
         let axes: Vec<AxisName> = joints.iter().map(|joint| joint.name).collect();
-        Ok(Self {
+        let model = Self {
             name: machine.name.clone(),
             hash: machine.checksum(),
             text: machine.to_toml(),
@@ -104,8 +102,13 @@ impl Model {
             nodes: largest_move::nodes(machine),
             reverses: largest_move::reverses(machine),
             axes,
+            levers_mm: PerAxis::ZERO,
             compiled: machine.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
+        };
+        Ok(Self {
+            levers_mm: model.longest_levers(),
+            ..model
         })
     }
 
@@ -183,48 +186,115 @@ impl Model {
         }
     }
 
-    /// The same correction in parts, which together are that of [`correction_of`](Self::correction_of) but for rounding.
-    /// Allocates nothing.
-    pub fn wanted(&self, state: &State, correctors: &Correctors) -> ModelWanted {
-        let first = self.compiled.first_order_of(state, correctors);
-        let second = self
-            .compiled
-            .parts_of(&moved(state, &first.delta), correctors);
+    /// The correction in parts, with the errors where `applied` leads, the correction (mm, rad) that the axes have now:
+    /// whatever a limit or a ramp leaves of it, the errors are those of where the axes really are. With the whole
+    /// correction applied, the parts are together that of [`correction_of`](Self::correction_of). Allocates nothing.
+    pub fn wanted(
+        &self,
+        state: &State,
+        correctors: &Correctors,
+        applied: &PerAxis<f64>,
+    ) -> ModelWanted {
+        let parts = self.compiled.parts_of(&moved(state, applied), correctors);
         let corrects_tool_axis = correctors.rotary().len() >= 2;
         ModelWanted {
-            position: second.position,
-            rotary: second.rotary,
-            follow: second.follow,
-            singular: second.tool_axis_partial && corrects_tool_axis,
-            near_singular: second.near_singular,
+            position: parts.position,
+            rotary: parts.rotary,
+            follow: parts.follow,
+            singular: parts.tool_axis_partial && corrects_tool_axis,
+            near_singular: parts.near_singular,
+            linear_near_singular: parts.linear_near_singular,
         }
+    }
+
+    /// The axes that correct on a path: those of [`correctors_among`](Self::correctors_among) without the rotary axes that
+    /// would leave the tool further off than it is without correction. These are all of them where the linear axes that
+    /// correct do not reach every direction, so that they cannot take back what a rotary axis moves the tip; and those for
+    /// which half a step, `steps` (rad, in machine order) being the smallest, moves the tip by more than `most`. Allocates
+    /// nothing.
+    pub fn correctors_of_path(
+        &self,
+        written: &[AxisName],
+        steps: &PerAxis<f64>,
+        most: Mm,
+    ) -> Correctors {
+        let mut correctors = self.correctors_among(written);
+        let follows = correctors.linear().len() == 3;
+        correctors.retain_rotary(|axis| {
+            follows && self.rotary_step_error(axis, Rad(steps[axis])) <= most
+        });
+        correctors
+    }
+
+    /// A pose (mm, rad in machine order) within the travels in which rotary axes have turned two of the linear axes that
+    /// correct nearly into one direction; `None` where there is none. Looked for at 25 places of each rotary axis.
+    pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
+        let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
+        let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, PLACES)).collect();
+        self.over_places(&rotary, |state| {
+            let parts = self.compiled.parts_of(state, correctors);
+            parts.linear_near_singular.then_some(state.q)
+        })
     }
 
     /// The largest position error that a rotary axis leaves because its correction goes in steps: half a step times the
     /// longest lever from its line to the tool tip over the work space. The axis is named by its place in machine order;
     /// zero for a linear axis and where there is no axis. Levers are longest where linear axes are at the ends of their
     /// travel, and are compared there; the other rotary axes are tried at 25 places, the ends of their travel included.
+    /// Allocates nothing.
     pub fn rotary_step_error(&self, index: usize, step: Rad) -> Mm {
-        let chain = self.compiled.chain();
-        let carried: Vec<(usize, u32)> = (index + 1..self.axes.len())
-            .map(|axis| (axis, if self.axes[axis].is_rotary() { 25 } else { 2 }))
-            .collect();
-        let mut place = vec![0_u32; carried.len()];
-        let mut longest_mm = 0.0_f64;
+        let lever_mm = self.levers_mm.get(index).copied().unwrap_or(0.0);
+        rotary_step_error(lever_mm, step)
+    }
+
+    /// The longest lever (mm) of each axis over the work space.
+    fn longest_levers(&self) -> PerAxis<f64> {
+        PerAxis::from_fn(|index| {
+            let mut longest_mm = 0.0_f64;
+            if self.axes.get(index).is_some_and(|axis| axis.is_rotary()) {
+                let places = |axis: usize| {
+                    if self.axes[axis].is_rotary() {
+                        PLACES
+                    } else {
+                        2
+                    }
+                };
+                let carried: Vec<(usize, u32)> = (index + 1..self.axes.len())
+                    .map(|axis| (axis, places(axis)))
+                    .collect();
+                let _: Option<()> = self.over_places(&carried, |state| {
+                    let chain = self.compiled.chain();
+                    longest_mm = longest_mm.max(chain.lever_mm(index, state));
+                    None
+                });
+            }
+            longest_mm
+        })
+    }
+
+    /// Tries axes at so many places each over their travels, all others at 0, until something is found.
+    fn over_places<T>(
+        &self,
+        axes: &[(usize, u32)],
+        mut find: impl FnMut(&State) -> Option<T>,
+    ) -> Option<T> {
+        let mut place = vec![0_u32; axes.len()];
         loop {
             let mut state = State::default();
-            for (&(axis, count), &at) in carried.iter().zip(&place) {
+            for (&(axis, count), &at) in axes.iter().zip(&place) {
                 let [from, to] = self.travel[axis].map(Displacement::mm_or_rad);
                 state.q[axis] = from + (to - from) * f64::from(at) / f64::from(count - 1);
             }
-            longest_mm = longest_mm.max(chain.lever_mm(index, &state));
+            if let Some(found) = find(&state) {
+                return Some(found);
+            }
             // On to the next place, the first axis fastest.
-            let goes_on = place.iter_mut().zip(&carried).any(|(at, &(_, count))| {
+            let goes_on = place.iter_mut().zip(axes).any(|(at, &(_, count))| {
                 *at = (*at + 1) % count;
                 *at != 0
             });
             if !goes_on {
-                return rotary_step_error(longest_mm, step);
+                return None;
             }
         }
     }

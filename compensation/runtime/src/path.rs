@@ -8,14 +8,14 @@ use volcomp_guard::{
 };
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Controller, Description, Fault, Snapshot, UnfitAxes, Words};
-use volcomp_vocabulary::{AxisName, PerAxis, PerChannel};
+use volcomp_vocabulary::{AxisName, Mm, PerAxis, PerChannel};
 
 use crate::{
     attendant::{Device, Heard, STANDBY_EVERY},
     clock::monotonic,
     error::PlanError,
     model::Model,
-    plan::{PathPlan, names},
+    plan::{PathPlan, names, reversals, steps_in_machine},
     report::PathReport,
 };
 
@@ -29,11 +29,14 @@ pub struct ControlPath {
     /// The place in the machine of each axis that it shows, and how many these are: those that it writes come first.
     pub(crate) machine_axis: PerChannel<usize>,
     shown: usize,
-    /// Travel after which a direction counts as turned, mm or rad.
+    /// Travel after which a direction counts as turned, mm or rad, and the steps of the positions on which it depends.
     reversal: PerChannel<f64>,
+    position_steps: PerChannel<f64>,
     /// The letters of the axes that it writes, and those of them that correct with the model of now.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
+    /// A rotary axis corrects where half its step moves the tip by this at the most.
+    rotary_step: Mm,
     /// Machine axes that stand at a stated position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
     /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
@@ -72,8 +75,10 @@ impl ControlPath {
             machine_axis: plan.machine_axis,
             shown: plan.description.shown_axes().count(),
             reversal: plan.reversal,
+            position_steps: plan.position_steps,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
+            rotary_step: plan.rotary_step,
             fixed: plan.fixed,
             notes: plan.notes,
             reading: None,
@@ -99,13 +104,17 @@ impl ControlPath {
 
     /// Chooses the axes that correct anew, for another model. Allocates nothing.
     pub(crate) fn fit_to(&mut self, model: &Model) {
-        self.correctors = model.correctors_among(&self.names);
+        let steps = steps_in_machine(&self.limits, &self.machine_axis);
+        self.correctors = model.correctors_of_path(&self.names, &steps, self.rotary_step);
     }
 
     /// Takes other limits. Allocates nothing.
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check()?;
         self.limits = *limits;
+        // What a faster correction moves within the delay of the read-back is no reversal.
+        let steps = self.position_steps;
+        self.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
     }
 

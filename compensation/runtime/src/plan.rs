@@ -5,7 +5,9 @@ use std::time::Duration;
 use volcomp_guard::{AxisLimits, ControlTimeOut, Limits, Reasons, reversal_threshold};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description, Heartbeat};
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerAxis, PerChannel, Urad};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Displacement, MAX_AXES, Mm, PerAxis, PerChannel, Rad, Urad,
+};
 
 use crate::{
     error::PlanError,
@@ -27,8 +29,14 @@ pub struct PathPlan {
     pub machine_axis: PerChannel<usize>,
     /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
     pub reversal: PerChannel<f64>,
+    /// The smallest steps of their positions, mm or rad; 0 where none is stated.
+    pub position_steps: PerChannel<f64>,
     /// The axes of the controller that correct; the machine's others are held where they are.
     pub correctors: Correctors,
+    /// A rotary axis corrects where half its step moves the tip by this at the most.
+    pub rotary_step: Mm,
+    /// The rotary axes that may correct and do not, since the tool would be further off than without.
+    pub left_out: Vec<LeftOut>,
     /// Machine axes that stand at a stated position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons that this path reports in every cycle.
@@ -41,6 +49,24 @@ pub struct PathPlan {
     pub watch: Duration,
     /// What a control that cannot be asked does by itself when nothing is written any more.
     pub time_out: Option<ControlTimeOut>,
+}
+
+/// A rotary axis that may correct and does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeftOut {
+    /// The letter of the axis.
+    pub axis: AxisName,
+    /// Why it does not correct.
+    pub why: WhyLeftOut,
+}
+
+/// Why a rotary axis that may correct does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WhyLeftOut {
+    /// The linear axes that correct do not reach every direction: they cannot take back what it moves the tip.
+    Uncatchable,
+    /// Half a step of it moves the tip by so much somewhere in the work space, more than is allowed.
+    Coarse(Mm),
 }
 
 impl PathPlan {
@@ -66,10 +92,17 @@ impl PathPlan {
         }
         let fixed = fixed_positions(&description, model, settings)?;
         let axes = names(&description);
-        let correctors = model.correctors_among(&axes);
+        let mut steps = PerAxis::ZERO;
+        for (place, axis) in machine_axis.iter().zip(&description.axes) {
+            steps[*place] = axis.step();
+        }
+        let rotary_step = guard.rotary_step.to_mm();
+        let correctors = model.correctors_of_path(&axes, &steps, rotary_step);
+        let left_out = left_out(model, &axes, &correctors, &steps);
         if correctors.linear().is_empty() && correctors.rotary().is_empty() {
             return Err(PlanError::NothingToCorrect {
                 device: device(),
+                left_out: !left_out.is_empty(),
                 axes,
                 machine: model.name.clone(),
             });
@@ -91,10 +124,10 @@ impl PathPlan {
         }
         let barrier = barrier(&description, settings)?;
         notes |= Reasons::NO_BARRIER.when(barrier.is_none());
-        let steps = position_steps(&description, settings)?;
+        let position_steps = position_steps(&description, settings)?;
         let limits = limits(
             &description,
-            &steps,
+            &position_steps,
             &machine_axis,
             &correctors,
             guard,
@@ -102,7 +135,10 @@ impl PathPlan {
             period,
         )?;
         Ok(Self {
-            reversal: reversals(&description, &steps, Some(&limits)),
+            reversal: reversals(&description, &position_steps, Some(&limits)),
+            position_steps,
+            rotary_step,
+            left_out,
             barrier,
             is_blind: barrier.is_none() && !description.tells_applied,
             watch: settings.watch,
@@ -139,6 +175,42 @@ pub(crate) fn place_in(
 /// The axes that a controller writes, in its order.
 pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
+}
+
+/// The rotary axes that may correct and are not among those that do, and why.
+fn left_out(
+    model: &Model,
+    written: &[AxisName],
+    correctors: &Correctors,
+    steps: &PerAxis<f64>,
+) -> Vec<LeftOut> {
+    let may = model.correctors_among(written);
+    let lacks = may
+        .rotary()
+        .iter()
+        .filter(|axis| !correctors.contains(**axis));
+    let why = |axis: usize| {
+        if correctors.linear().len() < 3 {
+            WhyLeftOut::Uncatchable
+        } else {
+            WhyLeftOut::Coarse(model.rotary_step_error(axis, Rad(steps[axis])))
+        }
+    };
+    let left_out = |&axis: &usize| LeftOut {
+        axis: model.axes[axis],
+        why: why(axis),
+    };
+    lacks.map(left_out).collect()
+}
+
+/// The smallest steps of corrections in machine order, mm and rad; 0 for axes that are not written.
+pub(crate) fn steps_in_machine(limits: &Limits, machine_axis: &PerChannel<usize>) -> PerAxis<f64> {
+    let mut steps = PerAxis::ZERO;
+    let axes = limits.axes.iter().zip(machine_axis).take(limits.count);
+    for (axis, place) in axes {
+        steps[*place] = axis.resolution;
+    }
+    steps
 }
 
 /// Where the machine axes stand that the settings state, mm and rad.

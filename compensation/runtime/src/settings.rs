@@ -36,6 +36,9 @@ pub struct GuardSettings {
     pub rotary: Option<AxisSettings<Urad>>,
     /// The largest corrections on a path without a barrier.
     pub without_barrier: WithoutBarrier,
+    /// A rotary axis is corrected where half its smallest step moves the tool tip by this at the most, anywhere in the work
+    /// space: while such a step is under way, the tool may be off by as much.
+    pub rotary_step: Um,
     /// Positions that are older are held.
     pub hold: Duration,
     /// Positions that are older ramp the correction to zero.
@@ -53,6 +56,10 @@ pub struct GuardSettings {
 }
 
 impl GuardSettings {
+    /// How far half a rotary step may move the tool tip where nothing else is stated: 10 µm, which a step of 0.001°, that of
+    /// most controls, reaches at a lever of 1.15 m.
+    pub const ROTARY_STEP: Um = Um(10.0);
+
     /// Limits of linear axes, with the defaults of everything else: positions are held for 50 ms and ramp the
     /// correction to zero after 500 ms, a ramp takes 500 ms, a stop at most 5 s, a better controller is taken back
     /// after 2 s.
@@ -61,6 +68,7 @@ impl GuardSettings {
             linear,
             rotary: None,
             without_barrier: WithoutBarrier::default(),
+            rotary_step: Self::ROTARY_STEP,
             hold: Duration::from_millis(50),
             zero_after: Duration::from_millis(500),
             ramp: Duration::from_millis(500),

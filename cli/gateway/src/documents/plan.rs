@@ -125,6 +125,8 @@ pub struct GuardPlan {
     pub ramp_s: Stated<f64>,
     /// The longest time that a stop may ramp out, s.
     pub stop_s: Stated<f64>,
+    /// A rotary axis is corrected where half its step moves the tool tip by this at the most, µm.
+    pub rotary_step_um: Stated<f64>,
     /// How long a better controller must be usable before it takes over again, s.
     pub hand_back_s: Stated<f64>,
     /// The fastest change of a temperature, K in a minute.

@@ -92,6 +92,7 @@ fn of_guard(plan: &Plan, guard: &GuardSettings) -> GuardPlan {
         zero_after_ms: seconds("zero_after_ms", guard.zero_after, 1e3),
         ramp_s: seconds("ramp_s", ramp, 1.0).instead_of(round(guard.ramp.as_secs_f64())),
         stop_s: seconds("stop_s", guard.stop, 1.0),
+        rotary_step_um: stated(config, "guard.rotary_step_um", round(guard.rotary_step.0)),
         hand_back_s: seconds("hand_back_s", guard.hand_back, 1.0),
         max_degc_per_min: stated(
             config,

@@ -1,5 +1,8 @@
 //! Notes of a plan: what a person should read before the first start.
 
+use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
+use volcomp_vocabulary::Displacement;
+
 use super::{Devices, Plan};
 use crate::documents::{AxisPlan, ControllerPlan, GuardPlan, SensorPlan, round};
 
@@ -32,6 +35,14 @@ pub(super) fn notes(
             "{}: nothing at the control ramps the correction out when the gateway stops",
             controller.url
         ));
+    }
+    for path in plan.paths() {
+        notes.extend(
+            path.left_out
+                .iter()
+                .map(|left_out| of_left_out(path, *left_out)),
+        );
+        notes.extend(linear_near_singular(plan, path));
     }
     for controller in &plan.config.controllers {
         let unseen = controller.unseen;
@@ -67,6 +78,39 @@ pub(super) fn notes(
         });
     }
     notes
+}
+
+/// A rotary axis that may correct and does not.
+fn of_left_out(path: &PathPlan, LeftOut { axis, why }: LeftOut) -> String {
+    let device = &path.description.device;
+    match why {
+        WhyLeftOut::Uncatchable => format!(
+            "{device}: axis {axis} is not corrected: the linear axes that correct do not reach every direction, so they could not take back what {axis} moves the tool tip"
+        ),
+        WhyLeftOut::Coarse(error) => format!(
+            "{device}: axis {axis} is not corrected: half a step of it moves the tool tip by up to {} µm in the work space, and {} µm are allowed (rotary_step_um); a finer step (resolution_urad) corrects it",
+            round(error.to_um().0),
+            round(path.rotary_step.to_um().0)
+        ),
+    }
+}
+
+/// Linear axes that rotary axes turn nearly into one direction somewhere.
+fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
+    let pose = plan.model.linear_near_singular(&path.correctors)?;
+    let axes = plan.model.axes.iter().zip(&pose);
+    let at: Vec<String> = axes
+        .filter(|(name, _)| name.is_rotary())
+        .map(|(name, at)| {
+            let at = Displacement::new(name.kind(), *at).mm_or_deg();
+            format!("{name} = {} deg", round(at))
+        })
+        .collect();
+    Some(format!(
+        "{}: at {} the linear axes that correct lie nearly in one direction: there they take more than ten times the error, and are limited together",
+        path.description.device,
+        at.join(", ")
+    ))
 }
 
 /// A ramp that takes longer than it is asked to.

@@ -124,6 +124,9 @@ impl Lines {
         self.stated("  zero after", &guard.zero_after_ms, ms);
         self.stated("  ramp", &guard.ramp_s, s);
         self.stated("  stop within", &guard.stop_s, s);
+        self.stated("  half a rotary step", &guard.rotary_step_um, |um| {
+            format!("{um} µm at the tool tip")
+        });
         self.stated("  hand back after", &guard.hand_back_s, s);
         self.stated("  temperatures", &guard.range_degc, |[low, high]| {
             format!("{low} to {high} °C")

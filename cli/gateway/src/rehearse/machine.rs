@@ -251,7 +251,7 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
         for place in 0..axes {
             state.q[plan.machine_axis[place]] = at(corner, place);
         }
-        let wanted = model.wanted(&state, &plan.correctors).full();
+        let wanted = model.correction_of(&state, &plan.correctors).delta;
         let share = |i: usize| (wanted[plan.machine_axis[i]] / plan.limits.axes[i].limit).abs();
         (0..written).map(share).fold(0.0, f64::max)
     };

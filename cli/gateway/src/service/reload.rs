@@ -203,7 +203,10 @@ fn plan_again(
 fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
     let fixed = |config: &Config| {
         let guard = config.guard.as_ref();
-        guard.map(|guard| (guard.hand_back, guard.temperatures, guard.fading))
+        guard.map(|guard| {
+            let step = guard.rotary_step;
+            (guard.hand_back, guard.temperatures, guard.fading, step)
+        })
     };
     let guard = old.guard.is_none() || fixed(config) == fixed(old);
     let same = [

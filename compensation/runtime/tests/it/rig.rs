@@ -46,20 +46,18 @@ pub(crate) fn guard() -> GuardSettings {
 
 /// A control that stands at a place, coordinates in mm and deg in the order of [`NAMES`].
 pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedController {
-    control_of(place, clock, &NAMES)
+    control_of(&NAMES, &place, clock)
 }
 
-/// The same control with its axes in this order.
+/// A control with these axes, which stand at these coordinates (mm, deg).
 fn control_of(
-    place: [f64; 5],
-    clock: &Clock,
     names: &[AxisName],
+    coordinates: &[f64],
+    clock: &Clock,
 ) -> simulated::SimulatedController {
     let mut to = PerChannel::ZERO;
-    for (to, name) in to.iter_mut().zip(names) {
-        let at = NAMES.iter().zip(place).find(|(known, _)| *known == name);
-        let (name, at) = at.expect("one of the machine");
-        *to = Displacement::from_coordinate(name.kind(), at).mm_or_rad();
+    for ((to, name), at) in to.iter_mut().zip(names).zip(coordinates) {
+        *to = Displacement::from_coordinate(name.kind(), *at).mm_or_rad();
     }
     let stands = simulated::Move {
         to,
@@ -205,14 +203,40 @@ impl Rig {
         place: [f64; 5],
         names: &[AxisName],
     ) -> Self {
-        let clock = Clock::manual();
-        let model = Model::new(machine, guard.fading).expect("compiles");
-        let mut all = names.to_vec();
+        let has = |name: &&AxisName| machine.index_of(**name).is_ok();
         let others = NAMES.iter().filter(|name| !names.contains(name));
-        all.extend(others.filter(|name| model.index_of(**name).is_some()));
-        let control = Writes::first(names.len(), control_of(place, &clock, &all));
-        let described = control.description().clone();
+        let all: Vec<AxisName> = names.iter().chain(others.filter(has)).copied().collect();
+        let at = |name: &AxisName| NAMES.iter().zip(place).find(|(known, _)| *known == name);
+        let coordinates: Vec<f64> = all
+            .iter()
+            .map(|name| at(name).expect("one of the machine").1)
+            .collect();
+        let clock = Clock::manual();
+        let control = control_of(&all, &coordinates, &clock);
+        Self::on(machine, guard, Writes::first(names.len(), control), clock)
+    }
+
+    /// A control that writes all of these axes, which stand at these coordinates (mm, deg).
+    pub(crate) fn with(
+        machine: &Machine,
+        guard: &GuardSettings,
+        names: &[AxisName],
+        coordinates: &[f64],
+        clock: &Clock,
+    ) -> Self {
+        let control = control_of(names, coordinates, clock);
+        Self::on(machine, guard, control, clock.clone())
+    }
+
+    fn on(
+        machine: &Machine,
+        guard: &GuardSettings,
+        control: impl Controller + 'static,
+        clock: Clock,
+    ) -> Self {
+        let model = Model::new(machine, guard.fading).expect("compiles");
         let settings = alone();
+        let described = control.description().clone();
         let plan = PathPlan::new(described, &model, guard, &settings, PERIOD);
         let plan = plan.expect("fits");
         let path = ControlPath::new(Box::new(control), &plan).expect("fits");

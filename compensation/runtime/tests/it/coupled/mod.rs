@@ -1,0 +1,89 @@
+//! Rule of the coupled axes: whatever of a correction is limited, ramped or rounded, the tool is no further off than
+//! without it or than where the ramp began, but for the rounding. Judged by the exact chain, over every type of machine
+//! with oblique axes, any pose and any limits. `COUPLED_POSES=10000` tries so many poses of each type.
+
+mod cell;
+mod ends;
+mod parts;
+mod ramps;
+mod scene;
+mod singular;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use volcomp_test_support::structures::all_types;
+
+use self::{
+    cell::{COMPILED_MM, Cell},
+    scene::Seen,
+};
+
+/// Poses of each type of machine where no other number is asked for.
+const POSES: usize = 40;
+
+fn poses() -> usize {
+    std::env::var("COUPLED_POSES")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(POSES)
+}
+
+/// Runs a scene for every pose of every type of machine, on two cores.
+/// No more than the part `behind` of the cycles may be excused from the bound because linear axes are behind.
+fn over_all_types(
+    name: &str,
+    behind: f64,
+    scene: impl Fn(&Cell, &mut ChaCha8Rng, &mut Seen) + Sync,
+) {
+    let types = all_types();
+    let scene = &scene;
+    let types = &types;
+    let seen: Vec<Seen> = std::thread::scope(|scope| {
+        let halves: Vec<_> = (0..2)
+            .map(|half| {
+                scope.spawn(move || {
+                    let mut seen = Seen::default();
+                    for (index, structure) in types.iter().enumerate() {
+                        if index % 2 != half {
+                            continue;
+                        }
+                        let mut rng = ChaCha8Rng::seed_from_u64(index as u64);
+                        // Every machine for some poses.
+                        let mut cell = Cell::new(structure, &mut rng);
+                        for pose in 0..poses() {
+                            if pose % 20 == 19 {
+                                cell = Cell::new(structure, &mut rng);
+                            }
+                            scene(&cell, &mut rng, &mut seen);
+                            seen.scenes += 1;
+                        }
+                    }
+                    seen
+                })
+            })
+            .collect();
+        halves
+            .into_iter()
+            .map(|half| half.join().expect("no panic"))
+            .collect()
+    });
+    for seen in &seen {
+        println!(
+            "{name}: {} scenes, {} cycles, {:.1} % slewing, {:.1} % behind, {:.1} % limited, {} arrived, worst {:.3} um: {}",
+            seen.scenes,
+            seen.cycles,
+            100.0 * seen.slewing as f64 / seen.cycles as f64,
+            100.0 * seen.behind as f64 / seen.cycles as f64,
+            100.0 * seen.limited as f64 / seen.cycles as f64,
+            seen.arrived,
+            1e3 * seen.worst.unwrap_or(f64::NAN),
+            seen.told
+        );
+    }
+    for seen in &seen {
+        let worst = seen.worst.expect("something was judged");
+        assert!(worst <= COMPILED_MM, "{name}: {worst} {}", seen.told);
+        let excused = seen.behind as f64 / seen.cycles as f64;
+        assert!(excused <= behind, "{name}: {excused} behind");
+    }
+}

@@ -1,0 +1,179 @@
+//! Rotary axes that do not correct since the tool would be further off than without; and linear axes that a rotary axis
+//! turns into one direction.
+
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_model::{Fading, Machine};
+use volcomp_port::{Axis, Clock, Controller, Description};
+use volcomp_runtime::{
+    Model, PathPlan, PlanError, WhyLeftOut,
+    guard::{Reasons, Request},
+};
+use volcomp_vocabulary::{AxisName, Displacement, Um};
+
+use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine};
+
+/// The plan for a control of the five-axis machine with these axes and steps (µrad).
+fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanError> {
+    let mut description: Description = control([0.0; 5], &Clock::manual()).description().clone();
+    let of = |name: &AxisName| Axis {
+        name: *name,
+        includes_correction: false,
+        resolution: Displacement::from_micro(
+            name.kind(),
+            if name.is_rotary() { step_urad } else { 1.0 },
+        ),
+        largest: None,
+    };
+    let machine = machine();
+    description.axes = axes.iter().map(of).collect();
+    let others = NAMES.iter().filter(|name| !axes.contains(name));
+    description.reads = others.copied().collect();
+    let mut guard = guard();
+    guard.rotary_step = most;
+    let model = Model::new(&machine, guard.fading).expect("compiles");
+    PathPlan::new(description, &model, &guard, &alone(), PERIOD)
+}
+
+/// Half a step times the lever against what is allowed, axis by axis.
+#[test]
+fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
+    let model = Model::new(&machine(), Fading::default()).expect("compiles");
+    let error = |name: AxisName, urad: f64| {
+        let axis = model.index_of(name).expect("an axis");
+        let step = volcomp_vocabulary::Urad(urad).to_rad();
+        model.rotary_step_error(axis, step).to_um()
+    };
+    let [b, c] = [AxisName::B, AxisName::C].map(|name| error(name, 20.0));
+    assert!(b < c && b > Um(1.0), "levers of B and C: {b} {c}");
+    let corrects = |most: f64| {
+        let plan = plan(&NAMES, 20.0, Um(most)).expect("fits");
+        let left_out = plan.left_out.iter().map(|out| (out.axis, out.why));
+        (plan.correctors.rotary().len(), left_out.collect::<Vec<_>>())
+    };
+    assert_eq!(corrects(c.0 * 1.001), (2, Vec::new()));
+    let (count, left_out) = corrects(c.0 * 0.999);
+    assert_eq!(count, 1);
+    let [(AxisName::C, WhyLeftOut::Coarse(error))] = left_out[..] else {
+        panic!("{left_out:?}")
+    };
+    assert!((error.to_um() - c).0.abs() < 1e-9);
+    assert_eq!(corrects(b.0 * 0.999).0, 0);
+}
+
+/// Without three linear directions nothing takes back what a rotary axis moves the tip: it is not corrected, and a
+/// controller of which nothing remains is refused.
+#[test]
+fn rotary_axes_correct_only_beside_three_linear_directions() {
+    let [x, y, b, c] = [AxisName::X, AxisName::Y, AxisName::B, AxisName::C];
+    let plan = |axes: &[AxisName]| plan(axes, 1.0, Um(1000.0));
+    let two = plan(&[x, b, y]).expect("X and Y correct");
+    assert!(two.correctors.rotary().is_empty());
+    assert_eq!(two.left_out.len(), 1);
+    assert_eq!(
+        (two.left_out[0].axis, two.left_out[0].why),
+        (b, WhyLeftOut::Uncatchable)
+    );
+    let refused = plan(&[b, c]).expect_err("nothing corrects");
+    assert!(
+        refused.to_string().contains("three linear directions"),
+        "{refused}"
+    );
+}
+
+/// A machine X Y A: the tool is no further off than without correction. A alone turned the tip by its lever, and no axis
+/// takes that back along Z.
+#[test]
+fn a_machine_with_two_linear_directions_and_a_rotary_axis_gains_no_error() {
+    let text = "structure = \"w A' b X Y t\"
+axes.X = { travel = [-500.0, 500.0] }
+axes.Y = { travel = [-500.0, 500.0] }
+axes.A = { travel = [-90.0, 90.0], point = [0.0, 0.0, -300.0] }
+errors = { EXX = 12.0, EYY = 8.0, EAA = 150.0, EAX = 100.0 }
+";
+    let machine = Machine::parse(text, "m").expect("valid");
+    let names = [AxisName::X, AxisName::Y, AxisName::A];
+    let clock = Clock::manual();
+    // Coordinates in the order of NAMES: Z, B and C are not there; A stands at 0.
+    let mut rig = Rig::with(&machine, &guard(), &names, &[120.0, -80.0, 25.0], &clock);
+    rig.run(10);
+    rig.step(Some(Request::Arm));
+    let mut worst = f64::NEG_INFINITY;
+    for _ in 0..1500 {
+        let report = rig.step(None);
+        let tip = |error: [f64; 3]| Vector3::from(error).norm();
+        let without = tip(report.error.expect("known").position_mm);
+        let with = tip(report.residual.expect("known").position_mm);
+        worst = worst.max(with - without);
+    }
+    let report = rig.step(None);
+    assert_eq!(report.state.name(), "compensating");
+    let [x, y, a] = names.map(|name| machine.index_of(name).expect("an axis"));
+    assert_eq!(report.correction[a], 0.0);
+    assert!(report.correction[x].abs() > 1e-3 && report.correction[y].abs() > 1e-3);
+    assert!(worst < 1e-6, "{worst} mm further off than without");
+}
+
+/// X under a rotary table, Y on the other side: at C = 90° they lie in one direction. The shares grow without end there,
+/// are limited together, and are told.
+#[test]
+fn linear_axes_turned_into_one_direction_are_told() {
+    let text = "structure = \"w X' C' b Y Z t\"
+axes.X = { travel = [-500.0, 500.0] }
+axes.Y = { travel = [-500.0, 500.0] }
+axes.Z = { travel = [-500.0, 500.0] }
+axes.C = { travel = [-180.0, 180.0] }
+errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
+";
+    let machine = Machine::parse(text, "m").expect("valid");
+    let model = Model::new(&machine, Fading::default()).expect("compiles");
+    let pose = model.linear_near_singular(&model.correctors_among(&model.axes));
+    let c = machine.index_of(AxisName::C).expect("an axis");
+    let at = pose.expect("C = ±90°")[c].abs().to_degrees();
+    assert!((at - 90.0).abs() < 10.0, "{at}");
+    // Held apart by nothing that turns: nowhere.
+    let five = Model::new(&crate::rig::machine(), Fading::default()).expect("compiles");
+    assert_eq!(
+        five.linear_near_singular(&five.correctors_among(&five.axes)),
+        None
+    );
+    let names = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C];
+    for (c_deg, told) in [
+        (0.0, false),
+        (80.0, false),
+        (85.0, true),
+        (89.9, true),
+        (91.0, true),
+    ] {
+        let clock = Clock::manual();
+        let mut rig = Rig::with(
+            &machine,
+            &guard(),
+            &names,
+            &[20.0, 30.0, 40.0, c_deg],
+            &clock,
+        );
+        rig.run(10);
+        rig.step(Some(Request::Arm));
+        let mut worst = f64::NEG_INFINITY;
+        for _ in 0..1000 {
+            let report = rig.step(None);
+            let tip = |error: [f64; 3]| Vector3::from(error).norm();
+            let without = tip(report.error.expect("known").position_mm);
+            worst = worst.max(tip(report.residual.expect("known").position_mm) - without);
+        }
+        let report = rig.step(None);
+        assert_eq!(report.state.name(), "compensating");
+        assert_eq!(
+            report.reasons.contains(Reasons::LINEAR_NEAR_SINGULAR),
+            told,
+            "C {c_deg}"
+        );
+        assert!(
+            worst < 1e-6,
+            "C {c_deg}: {worst} mm further off than without"
+        );
+        for (output, name) in report.correction.iter().zip(&model.axes) {
+            assert!(output.abs() <= 0.25 + 1e-6, "{name}: {output}");
+        }
+    }
+}
