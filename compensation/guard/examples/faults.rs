@@ -66,8 +66,8 @@ fn main() -> Result<(), LimitsError> {
             }),
             known: *read_back.known(),
             wanted: Some(Wanted::linear(target)),
-            // Three equal readings confirm what the control applies.
-            request: (cycle == 3).then_some(Request::Arm),
+            // Three equal readings, the delay apart, confirm what the control applies.
+            request: (cycle == 10).then_some(Request::Arm),
             ..Inputs::default()
         });
         if output.write {

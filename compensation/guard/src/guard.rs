@@ -320,7 +320,8 @@ impl Guard {
     fn facts(&mut self, inputs: &Inputs, reading: Option<&Reading>, changed: bool) -> Facts {
         let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
         if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
-            self.good = self.good.max(Some(reading.taken));
+            // No reading is from the future, whatever a device says.
+            self.good = self.good.max(Some(reading.taken.min(now)));
         }
         let age = self.age(now);
         let since = |since: Option<Duration>| since.map(|since| now.saturating_sub(since));
@@ -425,19 +426,22 @@ impl Guard {
         }
     }
 
-    /// Moves the output for `dt_s`, as far as it stays near to what is confirmed. Whether it is to be sent.
+    /// Moves the output for `dt_s`, as far as it stays near to everything that may be applied. Whether it is to be sent.
     fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
         let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
             return false;
         };
         let reach = self.reach(inputs.known.scheme);
+        let [lowest, highest] = inputs.known.between;
         for share in SHARES {
             self.vector = self.before;
             let moved = self.move_by(inputs, dt_s * share);
             let output = self.output();
             let is_near = |i: usize| {
                 let most = values[i].abs().max(self.limits.axes[i].reachable());
-                (output[i] - values[i]).abs() <= reach[i] * (1.0 + 1e-9)
+                let reach = reach[i] * (1.0 + 1e-9);
+                output[i] - lowest[i] <= reach
+                    && highest[i] - output[i] <= reach
                     && output[i].abs() <= most * (1.0 + 1e-9)
             };
             if self.all(is_near) {
@@ -452,7 +456,7 @@ impl Guard {
         false
     }
 
-    /// How far the output of each axis may be from what is confirmed, mm and rad: what the guard slews in the delay of a
+    /// How far the output of each axis may be from what may be applied, mm and rad: what the guard slews in the delay of a
     /// path with a barrier, else one slew or one step, whichever is larger.
     fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
         let period_s = self.limits.period.as_secs_f64();

@@ -295,6 +295,18 @@ impl Limits {
         self.period.saturating_mul(cycles)
     }
 
+    /// How long after a write what it replaced may still be read: a cycle more on each side, since a write comes after
+    /// the reading of its cycle.
+    pub(crate) fn longest_delay(&self) -> Duration {
+        self.delay().saturating_add(self.period * 2)
+    }
+
+    /// How long after a write no reading of a control without a barrier is from before it, however late: what is older
+    /// than `zero_after` would be lost as a position, too.
+    pub(crate) fn oldest_reading(&self) -> Duration {
+        self.zero_after.saturating_add(self.longest_delay())
+    }
+
     /// A number of each axis, 0 for places without one.
     pub(crate) fn of_axes(&self, number: impl Fn(&AxisLimits) -> f64) -> PerChannel<f64> {
         PerChannel::from_fn(|i| {

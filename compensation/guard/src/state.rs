@@ -174,6 +174,10 @@ impl State {
                 Self::Faulted(Cause::DoesNotStick)
             }
             Self::RampingOut(End::Disarmed) if facts.zero => Self::Disarmed,
+            // Whatever fault it is: a correction beyond the limit is looked at by a person before it is led out.
+            Self::Faulted(cause) if facts.beyond && cause != Cause::BeyondLimit => {
+                Self::Faulted(Cause::BeyondLimit)
+            }
             Self::Faulted(_) if facts.request == Some(Request::Acknowledge) => {
                 facts.acknowledged(self)
             }

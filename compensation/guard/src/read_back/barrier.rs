@@ -5,7 +5,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known};
+use super::{Confirmed, Known, landing::Landed};
 use crate::{
     Limits, Reasons,
     barrier::{Counts, FRAME_WORDS, Layout, Report, Seen, Session, Settings},
@@ -67,16 +67,16 @@ impl BarrierLink {
         words: &[u16],
         limits: &Limits,
         known: &mut Known,
-    ) {
+    ) -> Landed {
         let report = Report::decode(self.machine, self.layout, words);
         self.strange = report.is_none();
         let Some(report) = report.filter(|_| self.layout.count() == limits.count) else {
             // Torn, or of another machine or other axes: it says nothing.
-            return;
+            return Landed::Unknown;
         };
         let seen = self.session.read(&report);
         if seen == Seen::Old {
-            return;
+            return Landed::Unknown;
         }
         self.count(taken, report.tick);
         self.settings = Some(report.settings);
@@ -84,23 +84,22 @@ impl BarrierLink {
             values: values_of(&report.applied, limits),
             at: taken,
         });
-        match seen {
-            Seen::Old => {}
-            Seen::Held { .. } => {
-                (self.held_by_other, self.can_send) = (true, false);
-                known.changed = true;
-            }
-            Seen::Confirmed {
-                landed,
-                epoch_began,
-            } => {
-                // The first report after another's is a new beginning, too.
-                known.changed = epoch_began;
-                (self.held_by_other, self.can_send) = (false, true);
-                if landed || epoch_began {
-                    known.unlanded_since = None;
-                }
-            }
+        let Seen::Confirmed {
+            landed,
+            epoch_began,
+        } = seen
+        else {
+            (self.held_by_other, self.can_send) = (true, false);
+            known.changed = true;
+            return Landed::Unknown;
+        };
+        // The first report after another's is a new beginning, too.
+        known.changed = epoch_began;
+        (self.held_by_other, self.can_send) = (false, true);
+        if landed || epoch_began {
+            Landed::All
+        } else {
+            Landed::Unknown
         }
     }
 

@@ -54,7 +54,6 @@ impl Blind {
             values: *values,
             at: now,
         });
-        known.unlanded_since = None;
     }
 
     /// The output of the last run: it holds while the control cannot have acted by itself, is zero once it must have, and
@@ -88,7 +87,6 @@ impl Blind {
             values: PerChannel::ZERO,
             at: now,
         });
-        known.unlanded_since = None;
     }
 
     pub(super) fn acknowledge(&mut self, now: Duration, known: &mut Known) {

@@ -1,39 +1,56 @@
 //! A control without a barrier whose values can be read back.
 //!
-//! One reading proves nothing: it may be torn, late, or of another axis. A value counts as applied when it is, on all
-//! axes, one and the same write of the path's delay, or when it was read three times while nothing was written.
+//! One reading proves nothing: it may be torn, late, or of another axis. So everything that may be applied is remembered:
+//! what was confirmed last, and what was sent since. A reading that is one of these on all axes confirms it, and rules out
+//! what was sent before it; anything else may be an old reading, and nothing is sent on it. Another value is believed when
+//! nothing was sent for so long that no reading can be from before, and it was then read three times without another one
+//! between, the path's delay apart: a message that a driver tells again with each new position is one reading.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known, are_equal};
+use super::{Confirmed, Known, are_equal, landing::Landed};
 use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 
 /// Equal readings that confirm a value that was not written.
 const EQUAL_READINGS: u32 = 3;
 /// For how long another gateway is reported after it was seen.
 const OTHER_TOLD: Duration = Duration::from_secs(5);
+/// What was confirmed, and a write for each cycle that a reading may be behind.
+const MOST: usize = MOST_READ_BACK_CYCLES + 4;
 
+/// A correction that may be applied, and when it was sent first.
 #[derive(Clone, Copy, Debug, Default)]
-struct Write {
-    at: Duration,
+struct Candidate {
+    since: Duration,
     values: PerChannel<f64>,
+}
+
+/// Equal readings in a row.
+#[derive(Clone, Copy, Debug)]
+struct Equal {
+    values: PerChannel<f64>,
+    readings: u32,
+    taken: Duration,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
     /// For how long nothing else may have moved anything before the first write.
     watch: Duration,
-    /// The last writes; the newest stands before `next`.
-    ring: [Write; MOST_READ_BACK_CYCLES],
-    next: usize,
-    writes: usize,
-    /// The last reading that was told apart from the one before, and when it held.
-    reading: Option<(PerChannel<f64>, Duration)>,
-    equal: u32,
-    /// Whether something was sent since the last reading.
-    sent: bool,
+    /// What may be applied, the oldest first: what is confirmed, and what was sent since. Equal ones in a row are one.
+    candidates: [Candidate; MOST],
+    count: usize,
+    /// When the last reading held.
+    heard: Option<Duration>,
+    /// What the last readings were that are all younger than everything that was sent, how many of them count, and when
+    /// the last one that counts held.
+    equal: Option<Equal>,
+    /// When something was sent last, by whatever path.
+    sent: Option<Duration>,
+    /// Something was sent on what is confirmed.
+    has_sent: bool,
     /// Since when nobody but this gateway moved anything.
     alone_since: Option<Duration>,
     other: Option<Duration>,
@@ -43,12 +60,12 @@ impl Echo {
     pub(super) fn new(watch: Duration) -> Self {
         Self {
             watch,
-            ring: [Write::default(); MOST_READ_BACK_CYCLES],
-            next: 0,
-            writes: 0,
-            reading: None,
-            equal: 0,
-            sent: false,
+            candidates: [Candidate::default(); MOST],
+            count: 0,
+            heard: None,
+            equal: None,
+            sent: None,
+            has_sent: false,
             alone_since: None,
             other: None,
         }
@@ -61,47 +78,82 @@ impl Echo {
         values: &PerChannel<f64>,
         limits: &Limits,
         known: &mut Known,
-    ) {
+    ) -> Landed {
         if !(0..limits.count).all(|i| values[i].is_finite()) {
             known.writable = false;
-            self.equal = 0;
-            return;
+            self.equal = None;
+            return Landed::Unknown;
         }
-        let before = self.reading.replace((*values, taken));
-        if before.is_some_and(|(_, then)| then == taken) {
+        if self.heard.replace(taken) == Some(taken) {
             // The same message as before: it says nothing new.
-            return;
+            return Landed::Unknown;
         }
-        let is_same = before.is_some_and(|(before, _)| are_equal(&before, values, limits));
-        if is_same && !self.sent {
-            self.equal = self.equal.saturating_add(1);
-        } else {
-            self.equal = 1;
-        }
-        self.sent = false;
-        if let Some(age) = self.find(values, taken, limits) {
-            self.confirm(values, now, known);
-            known.unlanded_since = (age > 0).then(|| self.write(age - 1).at);
-            return;
-        }
-        let confirmed = known.confirmed.map(|confirmed| confirmed.values);
-        if confirmed.is_some_and(|confirmed| are_equal(&confirmed, values, limits)) {
-            // What was confirmed before still stands: what was sent since has not landed.
-            self.confirm(values, now, known);
-            return;
-        }
-        known.writable = false;
-        if !is_same && self.writes == 0 {
+        let found = self.find(values, taken, limits);
+        let is_same = self.count_equal(values, taken, limits);
+        if found.is_none() && is_same == Some(false) && !self.has_sent {
             // Something else moves the values.
             self.alone_since = Some(now);
         }
-        if self.equal >= EQUAL_READINGS {
-            self.confirm(values, now, known);
-            known.changed = true;
+        if self
+            .equal
+            .is_some_and(|equal| equal.readings >= EQUAL_READINGS)
+        {
             // Nothing that was sent before counts any more.
-            self.writes = 0;
-            known.unlanded_since = None;
+            known.changed = found.is_none();
+            self.has_sent &= found.is_some();
+            self.begin(values, now);
+            self.confirm(values, now, known);
+            return Landed::All;
         }
+        let Some([oldest, newest]) = found else {
+            known.writable = false;
+            return Landed::Unknown;
+        };
+        let landed = match self.candidates[..self.count].get(newest + 1) {
+            Some(next) => Landed::Before(next.since),
+            None => Landed::All,
+        };
+        self.candidates.copy_within(oldest..self.count, 0);
+        self.count -= oldest;
+        self.confirm(values, now, known);
+        landed
+    }
+
+    /// Counts equal readings. Whether this one is equal to the one before; `None` where it may be from before the last
+    /// write.
+    fn count_equal(
+        &mut self,
+        values: &PerChannel<f64>,
+        taken: Duration,
+        limits: &Limits,
+    ) -> Option<bool> {
+        let since = |then: Duration| taken.saturating_sub(then);
+        let is_quiet = |sent| since(sent) > limits.oldest_reading();
+        let before = self.equal.take();
+        if !self.sent.is_none_or(is_quiet) {
+            return None;
+        }
+        let same = before.filter(|before| are_equal(&before.values, values, limits));
+        let mut equal = same.unwrap_or(Equal {
+            values: *values,
+            readings: 0,
+            taken,
+        });
+        if same.is_none_or(|before| since(before.taken) > limits.longest_delay()) {
+            equal.readings = equal.readings.saturating_add(1);
+            equal.taken = taken;
+        }
+        self.equal = Some(equal);
+        Some(same.is_some())
+    }
+
+    /// Nothing but these values may be applied.
+    fn begin(&mut self, values: &PerChannel<f64>, now: Duration) {
+        self.candidates[0] = Candidate {
+            since: now,
+            values: *values,
+        };
+        self.count = 1;
     }
 
     fn confirm(&mut self, values: &PerChannel<f64>, now: Duration, known: &mut Known) {
@@ -110,31 +162,68 @@ impl Echo {
             values: *values,
             at: now,
         });
-        known.writable = true;
+        // What does not fit into the memory is not sent.
+        known.writable = self.count < MOST;
     }
 
-    /// A write of the path's delay that is this value, counted back from the newest, which is 0.
-    fn find(&self, values: &PerChannel<f64>, taken: Duration, limits: &Limits) -> Option<usize> {
-        // A cycle more: the write came after the reading of its cycle.
-        let delay = limits.delay() + limits.period * 2;
-        (0..self.writes).find(|age| {
-            let write = self.write(*age);
-            taken.saturating_sub(write.at) <= delay && are_equal(&write.values, values, limits)
-        })
-    }
-
-    fn write(&self, age: usize) -> &Write {
-        &self.ring[(self.next + 2 * MOST_READ_BACK_CYCLES - 1 - age) % MOST_READ_BACK_CYCLES]
+    /// The oldest and the newest candidate that a reading may be; `None` where it is none of them.
+    ///
+    /// One that something else followed longer ago than the path's delay is one only where that did not land. So it is
+    /// the oldest only where no younger one has these values, too.
+    fn find(
+        &self,
+        values: &PerChannel<f64>,
+        taken: Duration,
+        limits: &Limits,
+    ) -> Option<[usize; 2]> {
+        let candidates = &self.candidates[..self.count];
+        let is_it = |place: &usize| are_equal(&candidates[*place].values, values, limits);
+        let may_stand = |place: &usize| {
+            let next = candidates.get(place + 1);
+            next.is_none_or(|next| taken.saturating_sub(next.since) <= limits.longest_delay())
+        };
+        let newest = (0..self.count).rev().find(is_it)?;
+        let oldest = (0..=newest).filter(is_it).find(may_stand);
+        Some([oldest.unwrap_or(newest), newest])
     }
 
     pub(super) fn sent(&mut self, now: Duration, values: &PerChannel<f64>) {
-        self.sent = true;
-        self.ring[self.next] = Write {
-            at: now,
+        self.sent = Some(now);
+        self.has_sent = true;
+        let last = self.count.checked_sub(1).map(|last| self.candidates[last]);
+        if last.is_some_and(|last| last.values == *values) {
+            return;
+        }
+        if self.count == MOST {
+            // Sent although nothing may be sent: nothing is known any more.
+            self.count = 0;
+            return;
+        }
+        self.candidates[self.count] = Candidate {
+            since: now,
             values: *values,
         };
-        self.next = (self.next + 1) % MOST_READ_BACK_CYCLES;
-        self.writes = (self.writes + 1).min(MOST_READ_BACK_CYCLES);
+        self.count += 1;
+    }
+
+    /// What was sent by another path until now may be applied, and is not known here.
+    pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
+        self.sent = self.sent.max(Some(now));
+        (self.count, self.equal, known.writable) = (0, None, false);
+    }
+
+    /// The lowest and the highest value of each axis that may be applied.
+    pub(super) fn between(&self) -> Option<[PerChannel<f64>; 2]> {
+        let (first, others) = self.candidates[..self.count].split_first()?;
+        let mut between = [first.values; 2];
+        let [lowest, highest] = &mut between;
+        for other in others {
+            for (i, value) in other.values.iter().enumerate() {
+                lowest[i] = lowest[i].min(*value);
+                highest[i] = highest[i].max(*value);
+            }
+        }
+        Some(between)
     }
 
     pub(super) fn see_other(&mut self, now: Duration) {
@@ -153,7 +242,7 @@ impl Echo {
         let other = self
             .other
             .is_some_and(|seen| now.saturating_sub(seen) < OTHER_TOLD);
-        known.reasons = Reasons::WATCHING.when(!still && self.writes == 0)
+        known.reasons = Reasons::WATCHING.when(!still && !self.has_sent)
             | Reasons::OTHER_GATEWAY.when(other)
             | Reasons::NO_BARRIER;
     }

@@ -7,6 +7,7 @@
 mod barrier;
 mod blind;
 mod echo;
+mod landing;
 
 use core::time::Duration;
 
@@ -19,6 +20,7 @@ pub use blind::ControlTimeOut;
 
 use blind::Blind;
 use echo::Echo;
+use landing::{Landed, Landing};
 
 /// A correction that the control is known to apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +61,9 @@ pub struct Known {
     pub scheme: Scheme,
     /// The correction that was confirmed last; `None`: none yet.
     pub confirmed: Option<Confirmed>,
+    /// The lowest and the highest correction of each axis that may be applied: what is confirmed, and without a barrier what
+    /// was sent since and may have landed, too.
+    pub between: [PerChannel<f64>; 2],
     /// Whether the next correction may be written on it: nothing contradicts what was confirmed.
     pub writable: bool,
     /// Whether the confirmed correction is not one that was sent: the control began anew, or something else writes.
@@ -83,11 +88,7 @@ impl Known {
 pub struct ReadBack {
     kind: Kind,
     known: Known,
-    /// When it was asked last, and when something was sent last.
-    heard: Option<Duration>,
-    sent: Option<Duration>,
-    /// Since when every write failed; `None`: the last one did not.
-    failing_since: Option<Duration>,
+    landing: Landing,
 }
 
 #[derive(Clone, Debug)]
@@ -129,9 +130,7 @@ impl ReadBack {
                 scheme,
                 ..Known::default()
             },
-            heard: None,
-            sent: None,
-            failing_since: None,
+            landing: Landing::default(),
         }
     }
 
@@ -143,45 +142,47 @@ impl ReadBack {
 
     /// Takes what the control told in this cycle. `taken` is when that held.
     pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
+        // No reading is from the future, whatever a device says.
+        let taken = taken.min(now);
         self.known.changed = false;
-        let before = self.heard.replace(now).unwrap_or(now);
-        let is_asked = self.known.scheme != Scheme::Blind;
-        if *told == Told::Nothing && is_asked {
-            // Whether it has landed nobody could see meanwhile.
-            let times = [&mut self.known.unlanded_since, &mut self.failing_since];
-            for since in times.into_iter().flatten() {
-                *since += now.saturating_sub(before);
-            }
-        }
-        match (&mut self.kind, told) {
+        let landed = match (&mut self.kind, told) {
             (Kind::Barrier(link), Told::Report(words)) => {
-                link.hear(taken, words, limits, &mut self.known);
+                link.hear(taken, words, limits, &mut self.known)
             }
-            (Kind::Barrier(_), _) => {}
+            (Kind::Barrier(_), _) => Landed::Unknown,
             (Kind::Echo(echo), Told::Values(values)) => {
-                echo.hear(now, taken, values, limits, &mut self.known);
+                echo.hear(now, taken, values, limits, &mut self.known)
             }
-            (Kind::Echo(_), _) => self.known.writable = false,
-            (Kind::Blind(blind), _) => blind.hear(now, &mut self.known),
-        }
-        let answered = *told != Told::Nothing;
-        let ended = self
-            .sent
-            .is_none_or(|sent| now.saturating_sub(sent) > limits.delay() + limits.period * 2);
-        if answered && ended {
-            // Nothing was sent for so long that what has not landed will not be waited for.
-            (self.known.unlanded_since, self.failing_since) = (None, None);
-        }
-        if let Some(since) = self.failing_since {
-            // A write that failed has not landed, also where it asked for what the control applies anyway.
-            let unlanded = self.known.unlanded_since.get_or_insert(since);
-            *unlanded = since.min(*unlanded);
-        }
+            (Kind::Echo(_), _) => {
+                self.known.writable = false;
+                Landed::Unknown
+            }
+            (Kind::Blind(blind), _) => {
+                blind.hear(now, &mut self.known);
+                Landed::Unknown
+            }
+        };
         match &self.kind {
             Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
             Kind::Echo(echo) => echo.judge(now, limits, &mut self.known),
             Kind::Blind(_) => {}
         }
+        if self.known.scheme != Scheme::Blind {
+            let answered = *told != Told::Nothing;
+            self.landing.hear(now, answered, landed, limits);
+        }
+        self.tell();
+    }
+
+    /// What follows for the guard.
+    fn tell(&mut self) {
+        self.known.unlanded_since = self.landing.unlanded_since();
+        let candidates = match &self.kind {
+            Kind::Echo(echo) => echo.between(),
+            Kind::Barrier(_) | Kind::Blind(_) => None,
+        };
+        let confirmed = self.known.confirmed.map_or(PerChannel::ZERO, |c| c.values);
+        self.known.between = candidates.unwrap_or([confirmed; 2]);
     }
 
     /// Another gateway was seen on this path.
@@ -208,17 +209,14 @@ impl ReadBack {
     /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may have landed all the same, except on
     /// lines, where a write that failed does not count.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
-        self.sent = Some(now);
-        self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
             Kind::Blind(_) if ok => Blind::sent(now, values, &mut self.known),
             Kind::Barrier(_) | Kind::Blind(_) => {}
         }
-        let landed_at_once = ok && matches!(self.kind, Kind::Blind(_));
-        if !landed_at_once {
-            self.known.unlanded_since.get_or_insert(now);
-        }
+        let is_blind = self.known.scheme == Scheme::Blind;
+        self.landing.sent(now, ok, is_blind);
+        self.tell();
     }
 
     /// The output of the last run, for controls that cannot be asked: it was written `age` ago.
@@ -232,14 +230,20 @@ impl ReadBack {
         if let Kind::Blind(blind) = &mut self.kind {
             blind.restore(now, values, age, limits, &mut self.known);
         }
+        self.tell();
     }
 
     /// This path writes from now on in place of another one. What the control applied by way of the other one is gone
-    /// where this one cannot be asked: it takes over only once nothing of it is left.
+    /// where this one cannot be asked: it takes over only once nothing of it is left. Where it can be asked without a
+    /// barrier, what it read before may be older than what the other one sent last.
     pub fn take_over(&mut self, now: Duration) {
-        if let Kind::Blind(blind) = &mut self.kind {
-            blind.take_over(now, &mut self.known);
+        match &mut self.kind {
+            Kind::Blind(blind) => blind.take_over(now, &mut self.known),
+            Kind::Echo(echo) => echo.take_over(now, &mut self.known),
+            Kind::Barrier(_) => return,
         }
+        self.landing = Landing::default();
+        self.tell();
     }
 
     /// A person has made sure that a control which cannot be asked applies nothing.
@@ -247,6 +251,7 @@ impl ReadBack {
         if let Kind::Blind(blind) = &mut self.kind {
             blind.acknowledge(now, &mut self.known);
         }
+        self.tell();
     }
 
     /// How long after the last write the control is at zero by itself, whatever it applied; `None`: it never goes there

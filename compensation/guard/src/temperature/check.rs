@@ -11,8 +11,11 @@ use super::{
 /// K. The billionth allows for the rounding of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
 /// How far the temperature of a sensor that was silent for longer than a reading may be old is believed to have moved
-/// in that time, K: a machine cools by about this much overnight.
-const UNSEEN_K: f64 = 20.0;
+/// in that time, K: within minutes, and from half an hour on by so much in a minute (20 K in an hour), up to what a machine
+/// cools by overnight.
+const UNSEEN_MINUTES_K: f64 = 10.0;
+const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
+const UNSEEN_NIGHT_K: f64 = 20.0;
 
 /// A temperature that was believed.
 #[derive(Clone, Copy, Debug)]
@@ -179,14 +182,17 @@ impl SensorCheck {
     /// How far the temperature may have moved in the time since it was believed, K. The time in which a sensor was
     /// faulty speaks for no change: it counts for no more than a stale reading.
     fn allowed_k(&self, since: Duration, limits: &SensorLimits) -> f64 {
-        let rate = |time: Duration| limits.max_degc_per_min * time.as_secs_f64() / 60.0;
+        let moved = |rate: f64, time: Duration| rate * time.as_secs_f64() / 60.0;
+        let most = limits.max_degc_per_min;
         let seen = since.min(limits.stale);
+        let silent = since.saturating_sub(seen);
         let unseen = if self.was_faulty {
             0.0
         } else {
-            rate(since.saturating_sub(seen)).min(UNSEEN_K)
+            let cooled = moved(UNSEEN_K_PER_MIN, silent).max(UNSEEN_MINUTES_K);
+            moved(most, silent).min(cooled.min(UNSEEN_NIGHT_K))
         };
-        rate(seen) + unseen
+        moved(most, seen) + unseen
     }
 
     fn interrupt(&mut self) {

@@ -261,6 +261,18 @@ fn a_cold_morning_is_believed() {
     assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
 }
 
+/// Five minutes of silence are no night: a thermometer that was exchanged, or set to another range, came back 22 K off and
+/// was believed at once.
+#[test]
+fn a_sensor_that_was_away_for_minutes_is_not_believed_far_off() {
+    let mut machine = Machine::new(1, SensorLimits::default());
+    machine.reads(&[22.0]);
+    for _ in 0..300 {
+        machine.hears(&[Heard::Silence]);
+    }
+    assert_eq!(machine.reads(&[44.0]), [Some(SensorFlaw::Jumped)]);
+}
+
 /// Many small steps are no way around the rate.
 #[test]
 fn creeping_is_jumping() {

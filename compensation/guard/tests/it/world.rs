@@ -148,7 +148,8 @@ impl World {
             forbids: Reasons::NONE,
             largest_step: 0.0,
         };
-        world.run(5 * PERIOD);
+        // Three readings that each tell something of their own.
+        world.run(2 * limits.delay() + 9 * PERIOD);
         world
     }
 
