@@ -7,6 +7,7 @@ use volcomp_vocabulary::PerChannel;
 use crate::{
     Confirmed, Inputs, Known, Limits, LimitsError, Output, Quantity, Reading, Reasons, Scheme,
     Vector, Wanted,
+    corridor::Corridor,
     proof::{Moves, Proof, Verdict},
     read_back::{are_equal, is_step_equal},
     state::{Cause, Facts, Hold, Phase, State},
@@ -30,6 +31,8 @@ pub struct Guard {
     before: Vector,
     /// The correction where the last ramp or line began.
     from: PerChannel<f64>,
+    /// Where the next output may be for the rate to hold in every window of time.
+    corridor: Corridor,
     /// What was confirmed last.
     confirmed: PerChannel<f64>,
     /// The largest correction of each axis that is no surprise: its limit, or more where that was lowered.
@@ -47,6 +50,8 @@ pub struct Guard {
     last_cycle: Option<Duration>,
     /// When positions and correction were good last.
     good: Option<Duration>,
+    /// When the control may act by itself.
+    until: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
 }
@@ -75,6 +80,7 @@ impl Guard {
             vector: Vector::default(),
             before: Vector::default(),
             from: PerChannel::ZERO,
+            corridor: Corridor::about(&PerChannel::ZERO, &limits),
             confirmed: PerChannel::ZERO,
             allowed: limits.of_axes(|axis| axis.limit),
             shift: PerChannel::ZERO,
@@ -85,6 +91,7 @@ impl Guard {
             verdict: Verdict::default(),
             last_cycle: None,
             good: None,
+            until: None,
             adopted: PerChannel::default(),
             held_back: 0,
         })
@@ -146,8 +153,8 @@ impl Guard {
         self.vector.stop();
     }
 
-    /// For how long from `now` on the output of this cycle may still be sent, since positions and correction grow old;
-    /// `None`: not any more. To be asked immediately before a write.
+    /// For how long from `now` on the output of this cycle may still be sent, since positions and correction grow old, and
+    /// a control that gets nothing may act by itself; `None`: not any more. To be asked immediately before a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
         // An output that is on its way out, or stands, depends on no position. But nothing is sent that was decided
@@ -158,7 +165,11 @@ impl Guard {
         } else {
             now.saturating_sub(self.last_cycle.unwrap_or(now))
         };
-        self.limits.hold.checked_sub(age)
+        let young = self.limits.hold.checked_sub(age)?;
+        match self.until {
+            Some(until) => until.checked_sub(now).map(|left| left.min(young)),
+            None => Some(young),
+        }
     }
 
     /// The limits that hold now.
@@ -189,6 +200,8 @@ impl Guard {
         let is_number = inputs.wanted.is_some() == wanted.is_some()
             && inputs.reading.is_some() == reading.is_some();
         let inputs = Inputs { wanted, ..*inputs };
+        self.until = inputs.known.until;
+        self.corridor.widen(&self.limits, dt_s);
         let changed = self.adopt(&inputs);
         let facts = self.facts(&inputs, reading.as_ref(), changed);
         let before = self.state;
@@ -275,6 +288,7 @@ impl Guard {
         let idle = self.is_idle() || !inputs.interlocks.is_empty();
         if core::mem::take(&mut self.took_over) || idle {
             self.vector = Vector::at(&values);
+            self.corridor = Corridor::about(&values, &self.limits);
             self.stood = true;
             return false;
         }
@@ -291,6 +305,7 @@ impl Guard {
         let is_event = !self.all(|i| !differs(i));
         if is_event {
             self.vector = Vector::at(&values);
+            self.corridor = Corridor::about(&values, &self.limits);
         }
         is_event
     }
@@ -443,10 +458,12 @@ impl Guard {
                 output[i] - lowest[i] <= reach
                     && highest[i] - output[i] <= reach
                     && output[i].abs() <= most * (1.0 + 1e-9)
+                    && self.corridor.contains(i, output[i], &self.limits)
             };
             if self.all(is_near) {
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;
+                self.corridor.narrow(&output, &self.limits);
                 return true;
             }
         }

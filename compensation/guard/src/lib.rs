@@ -3,6 +3,7 @@
 
 pub mod barrier;
 pub mod ceiling;
+mod corridor;
 mod direction;
 mod exchange;
 mod fallback;

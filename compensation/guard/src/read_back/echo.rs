@@ -139,7 +139,7 @@ impl Echo {
             readings: 0,
             taken,
         });
-        if same.is_none_or(|before| since(before.taken) > limits.longest_delay()) {
+        if same.is_none_or(|before| since(before.taken) >= limits.delay()) {
             equal.readings = equal.readings.saturating_add(1);
             equal.taken = taken;
         }
@@ -210,6 +210,8 @@ impl Echo {
     pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
         self.sent = self.sent.max(Some(now));
         (self.count, self.equal, known.writable) = (0, None, false);
+        // What was seen to move while it stood by, this gateway moved.
+        self.alone_since = Some(Duration::ZERO);
     }
 
     /// The lowest and the highest value of each axis that may be applied.
@@ -235,14 +237,16 @@ impl Echo {
         let fresh = known
             .confirmed
             .is_some_and(|confirmed| now.saturating_sub(confirmed.at) <= limits.delay());
-        known.writable &= fresh;
         let still = self
             .alone_since
             .is_some_and(|since| now.saturating_sub(since) >= self.watch);
+        // Before the first write nobody else may have moved anything, and no reading may be of the run before.
+        let alone = still || self.has_sent;
+        known.writable &= fresh && alone;
         let other = self
             .other
             .is_some_and(|seen| now.saturating_sub(seen) < OTHER_TOLD);
-        known.reasons = Reasons::WATCHING.when(!still && !self.has_sent)
+        known.reasons = Reasons::WATCHING.when(!alone)
             | Reasons::OTHER_GATEWAY.when(other)
             | Reasons::NO_BARRIER;
     }

@@ -70,6 +70,9 @@ pub struct Known {
     pub changed: bool,
     /// Since when something that was sent has not landed; `None`: all of it has.
     pub unlanded_since: Option<Duration>,
+    /// From when on the control may act by itself, on the clock of the cycle: what was decided before is not sent then.
+    /// `None`: it does not, or it tells what it does.
+    pub until: Option<Duration>,
     /// Why this path may not be armed, and what else is to be known of it.
     pub reasons: Reasons,
 }
@@ -211,7 +214,7 @@ impl ReadBack {
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
-            Kind::Blind(_) if ok => Blind::sent(now, values, &mut self.known),
+            Kind::Blind(blind) if ok => blind.sent(now, values, &mut self.known),
             Kind::Barrier(_) | Kind::Blind(_) => {}
         }
         let is_blind = self.known.scheme == Scheme::Blind;

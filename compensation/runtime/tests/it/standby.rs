@@ -78,7 +78,7 @@ fn a_standby_that_hangs_costs_no_cycle_and_takes_over_when_it_answers_again() {
         second,
     } = two_ways();
     let (mut handle, _) = start(cycle, Realtime::default()).expect("a thread");
-    let hears = |report: &Report| report.paths[1].answered.is_some();
+    let hears = |report: &Report| report.paths[1].answered.is_some() && report.correction_known;
     until(&mut handle, "asked", hears);
     assert!(handle.send(Order::Request(Request::Arm)));
     let compensates = |report: &Report| report.state.name() == "compensating";

@@ -1,0 +1,811 @@
+//! A machine with one to three ways to its control, as a gateway drives it, and everything that may go wrong on the way. What
+//! its axes get, write by write and scan by scan, is what counts.
+
+use std::{collections::VecDeque, time::Duration};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_guard::{
+    AxisLimits, BarrierLink, ControlTimeOut, Guard, Inputs, Interlock, Interlocks, Limits, Output,
+    PathHealth, ReadBack, Reading, Reasons, Request, Scheme, Selector, State, Told, Wanted,
+    barrier::{Barrier, Counts, FRAME_WORDS, Layout, Memory, REPORT_WORDS, Settings},
+};
+use volcomp_vocabulary::{AxisKind, AxisName, PerChannel};
+
+use crate::world::{MACHINE, PERIOD, SCAN, limits};
+
+/// A path that stands by is asked this often.
+const STANDBY_EVERY: Duration = Duration::from_millis(100);
+/// Lines that get nothing for so long go to zero by themselves, and take so long for it at the most.
+const LINES_TIME_OUT: ControlTimeOut = ControlTimeOut {
+    after: Duration::from_millis(300),
+    to_zero: Duration::from_millis(300),
+};
+/// How long before the first write nothing else may have moved a control without a barrier.
+const WATCH: Duration = Duration::from_millis(700);
+/// No reading is older.
+const OLDEST: Duration = Duration::from_millis(500);
+
+/// How the control is reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Words that can be read back, however late; none of them is lost.
+    Late,
+    /// Words that can be read back within the delay of the path; any of them may be lost.
+    Lossy,
+    /// Lines, which cannot be asked.
+    Lines,
+    /// Lines that go to zero by themselves when nothing comes.
+    LinesWithTimeOut,
+    /// A barrier.
+    Barrier,
+}
+
+pub(crate) const KINDS: [Kind; 5] = [
+    Kind::Late,
+    Kind::Lossy,
+    Kind::Lines,
+    Kind::LinesWithTimeOut,
+    Kind::Barrier,
+];
+
+/// One way to the control.
+struct Way {
+    read_back: ReadBack,
+    /// It answers and takes what is sent.
+    online: bool,
+    frozen_at: Option<Duration>,
+    /// What is told of the correction next, instead of what is so.
+    lie: Option<PerChannel<f64>>,
+    /// A word of the next report, and what is wrong with its bits.
+    spoils_word: Option<(usize, u16)>,
+    /// How old what it tells of the correction is.
+    late: Duration,
+    hides_applied: bool,
+    /// What is written is lost.
+    loses: bool,
+    /// What is written fails, and is told to have failed, whether it is lost or not.
+    fails: bool,
+    reading: Option<Reading>,
+    asked: Option<Duration>,
+    sent: Option<Duration>,
+}
+
+/// Words on their way to a mailbox.
+struct Late {
+    at: Duration,
+    way: usize,
+    words: Vec<u16>,
+}
+
+/// How often frames to a barrier are lost, late, doubled and torn.
+#[derive(Clone, Copy, Default)]
+struct Channel {
+    lost: f64,
+    late: f64,
+    doubled: f64,
+    torn: f64,
+}
+
+pub(crate) struct Machine {
+    pub(crate) kind: Kind,
+    pub(crate) guard: Guard,
+    limits: Limits,
+    random: ChaCha8Rng,
+    ways: Vec<Way>,
+    selector: Selector,
+    interlocks: Interlocks,
+    pub(crate) now: Duration,
+    scanned: Duration,
+    barrier: Option<Barrier>,
+    mailboxes: Vec<Vec<u16>>,
+    air: Vec<Late>,
+    channel: Channel,
+    /// When words or lines were written last, and what.
+    got: Duration,
+    written: PerChannel<f64>,
+    pub(crate) applied: PerChannel<f64>,
+    /// The largest correction that may have been there of each axis when its limit was lowered, or somebody else wrote.
+    beyond: PerChannel<f64>,
+    /// What was applied, and from when on, for readings that are late.
+    past: VecDeque<(Duration, PerChannel<f64>)>,
+    wanted: Option<Wanted>,
+    positions: PerChannel<f64>,
+    interlock: Interlock,
+    really_includes: bool,
+    forbids: Reasons,
+    /// Until then readings are of now, since somebody else changed what is applied.
+    prompt_until: Duration,
+    pub(crate) seen: Seen,
+}
+
+/// What an axis did since this was taken.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Seen {
+    /// The largest change by one write or in one scan, as a part of what is allowed.
+    pub(crate) step: f64,
+    /// The largest correction that a write led further out, as a part of its limit, or of what was beyond it when the limit
+    /// was lowered or somebody else wrote.
+    pub(crate) out: f64,
+    pub(crate) not_finite: bool,
+    /// Somebody else changed what is applied.
+    pub(crate) changed: bool,
+    /// Limits were changed, or another run of the gateway or another way began: windows of time begin anew.
+    pub(crate) began: bool,
+}
+
+/// X, Y, Z, and A and C where there are five axes: 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
+fn full_limits(axes: usize) -> Limits {
+    let mut limits = limits();
+    limits.count = axes;
+    for axis in limits.axes.iter_mut().skip(3) {
+        *axis = AxisLimits {
+            kind: AxisKind::Rotary,
+            limit: 150e-6,
+            warn: 100e-6,
+            slew_per_s: 500e-6,
+            accel_per_s2: 20e-3,
+            resolution: 5e-6,
+            ..*axis
+        };
+    }
+    limits
+}
+
+fn layout(axes: usize) -> Layout {
+    let all = [
+        AxisName::X,
+        AxisName::Y,
+        AxisName::Z,
+        AxisName::A,
+        AxisName::C,
+    ];
+    Layout::of(all.into_iter().take(axes)).expect("each once")
+}
+
+fn barrier(limits: &Limits, tick: u16, epoch: u16, applied: &PerChannel<f64>) -> Barrier {
+    let counts = |i: usize, value: f64| {
+        let axis = &limits.axes[i];
+        let count = (value / axis.resolution).round();
+        (-1000..1000_i16)
+            .find(|n| f64::from(*n) == count)
+            .expect("a small number")
+    };
+    let settings = Settings {
+        axes: layout(limits.count),
+        machine: MACHINE,
+        limit: PerChannel::from_fn(|i| counts(i, limits.axes[i].limit)),
+        // 1 mm/s and 2.5 mrad/s: at least twice what the guard slews.
+        rate: PerChannel::from_fn(|i| if i < 3 { 2 } else { 1 }),
+        step_scans: 1,
+        hold_scans: 25,
+        time_out_scans: 100,
+    };
+    let held = Counts::from_fn(|i| counts(i, applied[i]));
+    Barrier::start(settings, epoch, tick, &held).expect("good settings")
+}
+
+impl Machine {
+    pub(crate) fn new(seed: u64, kind: Kind, axes: usize, ways: usize) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut limits = full_limits(axes);
+        limits.read_back_cycles = random.random_range(1..6);
+        if kind == Kind::Barrier {
+            limits.read_back_cycles = limits.read_back_cycles.max(3);
+        }
+        let includes = random.random();
+        for (i, axis) in limits.axes.iter_mut().enumerate() {
+            axis.includes_correction = includes;
+            limits.test_shift[i] = 5.0 * axis.resolution;
+        }
+        if random.random() {
+            limits.test_shift = PerChannel::ZERO;
+        }
+        let now = Duration::from_secs(1);
+        let (tick, epoch) = (random.random(), random.random());
+        let barrier = (kind == Kind::Barrier)
+            .then(|| barrier(&full_limits(axes), tick, epoch, &PerChannel::ZERO));
+        let mut machine = Self {
+            kind,
+            guard: Guard::new(limits).expect("the limits of the tests are good"),
+            limits,
+            random,
+            ways: Vec::new(),
+            selector: Selector::new(Duration::from_millis(500)),
+            interlocks: Interlocks::default(),
+            now,
+            scanned: now,
+            barrier,
+            mailboxes: vec![Vec::new(); ways],
+            air: Vec::new(),
+            channel: Channel::default(),
+            got: now,
+            written: PerChannel::ZERO,
+            applied: PerChannel::ZERO,
+            beyond: PerChannel::ZERO,
+            past: VecDeque::from([(now, PerChannel::ZERO)]),
+            wanted: None,
+            positions: PerChannel::ZERO,
+            interlock: Interlock::default(),
+            really_includes: includes,
+            forbids: Reasons::NONE,
+            prompt_until: now,
+            seen: Seen::default(),
+        };
+        machine.ways = (0..ways).map(|_| Way::new(machine.read_back(77))).collect();
+        machine.wanted = Some(machine.any_wanted());
+        machine
+    }
+
+    fn read_back(&self, owner: u16) -> ReadBack {
+        match self.kind {
+            Kind::Late | Kind::Lossy => ReadBack::plain(WATCH),
+            Kind::Lines => ReadBack::blind(None),
+            Kind::LinesWithTimeOut => ReadBack::blind(Some(LINES_TIME_OUT)),
+            Kind::Barrier => ReadBack::barrier(BarrierLink::new(
+                owner,
+                MACHINE,
+                layout(self.limits.count),
+                SCAN,
+            )),
+        }
+    }
+
+    fn axes(&self) -> core::ops::Range<usize> {
+        0..self.limits.count
+    }
+
+    fn active(&self) -> usize {
+        self.selector.active()
+    }
+
+    /// What a wrong model may ask for.
+    fn any_wanted(&mut self) -> Wanted {
+        let count = self.limits.count;
+        let random = &mut self.random;
+        let mut wanted = Wanted::default();
+        let size = if random.random() { 0.3 } else { 0.03 };
+        for i in 0..count {
+            if i < 3 {
+                wanted.position[i] = random.random_range(-size..size);
+            } else {
+                wanted.rotary[i] = random.random_range(-400e-6..400e-6);
+                for l in 0..3 {
+                    wanted.follow[i][l] = random.random_range(-300.0..300.0);
+                }
+            }
+        }
+        wanted
+    }
+
+    fn interlocked(&self) -> bool {
+        self.interlock.is_set()
+    }
+
+    /// Time passes, and the control scans.
+    pub(crate) fn pass(&mut self, time: Duration) {
+        self.now += time;
+        while self.scanned + SCAN <= self.now {
+            self.scanned += SCAN;
+            self.scan();
+        }
+    }
+
+    fn scan(&mut self) {
+        let holds = self.interlocked();
+        if self.kind == Kind::LinesWithTimeOut
+            && self.scanned.saturating_sub(self.got) > LINES_TIME_OUT.after
+        {
+            // 0.15 mm and 150 µrad in less than 300 ms.
+            let to_zero = PerChannel::from_fn(|i| {
+                let step = self.limits.axes[i].resolution;
+                let toward = (self.applied[i].abs() - step).max(0.0);
+                toward.copysign(self.applied[i])
+            });
+            self.put(to_zero);
+        }
+        let Some(mut barrier) = self.barrier else {
+            return;
+        };
+        let mut torn = None;
+        for place in (0..self.air.len()).rev() {
+            if self.air[place].at <= self.scanned {
+                let Late { way, words, .. } = self.air.swap_remove(place);
+                if self.random.random_bool(self.channel.torn)
+                    && self.mailboxes[way].len() == words.len()
+                {
+                    let cut = self.random.random_range(1..words.len());
+                    self.mailboxes[way][..cut].copy_from_slice(&words[..cut]);
+                    torn = Some((way, words));
+                } else {
+                    self.mailboxes[way] = words;
+                }
+            }
+        }
+        let before = barrier.memory().applied;
+        let boxes: Vec<&[u16]> = self.mailboxes.iter().map(Vec::as_slice).collect();
+        barrier.scan(&boxes, holds);
+        if let Some((way, words)) = torn {
+            self.mailboxes[way] = words;
+        }
+        self.barrier = Some(barrier);
+        let after = barrier.memory().applied;
+        for i in self.axes() {
+            let moved = f64::from((after[i] - before[i]).abs());
+            let most = if i < 3 { 2.0 } else { 1.0 };
+            self.seen.step = self.seen.step.max(moved / if holds { 1e-9 } else { most });
+            let limit = full_limits(self.limits.count).axes[i];
+            let out = f64::from(after[i].abs()) * limit.resolution / limit.limit;
+            self.seen.out = self.seen.out.max(out);
+        }
+        let resolution = |i: usize| self.limits.axes[i].resolution;
+        self.put(PerChannel::from_fn(|i| f64::from(after[i]) * resolution(i)));
+    }
+
+    /// The axes get this.
+    fn put(&mut self, values: PerChannel<f64>) {
+        if values != self.applied {
+            self.past.push_back((self.scanned.max(self.now), values));
+        }
+        if self.past.len() > 4000 {
+            self.past.pop_front();
+        }
+        self.applied = values;
+    }
+
+    /// Words or lines are written.
+    fn write(&mut self, values: PerChannel<f64>) {
+        for i in self.axes() {
+            let axis = &self.limits.axes[i];
+            let moved = (values[i] - self.applied[i]).abs();
+            let most = (axis.slew_per_s * PERIOD.as_secs_f64()).max(axis.resolution);
+            self.seen.step = self.seen.step.max(moved / most);
+            if values[i].abs() > self.applied[i].abs() + 1e-12 {
+                let most = axis.limit.max(self.beyond[i]);
+                self.seen.out = self.seen.out.max(values[i].abs() / most);
+            }
+            self.seen.not_finite |= !values[i].is_finite();
+        }
+        (self.got, self.written) = (self.now, values);
+        self.put(values);
+    }
+
+    fn read(&mut self, index: usize, now: Duration) {
+        // The answer comes late within its deadline.
+        let exchange = Duration::from_micros(self.random.random_range(0..1000));
+        self.pass(exchange);
+        let barrier = self.barrier;
+        let late = if self.now < self.prompt_until {
+            Duration::ZERO
+        } else {
+            self.ways[index].late
+        };
+        let then = self.now.saturating_sub(late);
+        let past = self.past.iter().rev().find(|(since, _)| *since <= then);
+        let applied = past.map_or(self.applied, |(_, values)| *values);
+        let mut positions = self.positions;
+        if self.really_includes {
+            for (position, applied) in positions.iter_mut().zip(&self.applied) {
+                *position += applied;
+            }
+        }
+        let limits = *self.guard.limits();
+        let way = &mut self.ways[index];
+        way.asked = Some(now);
+        let mut words = [0; REPORT_WORDS];
+        let length = barrier.map_or(0, |barrier| barrier.report().encode(&mut words));
+        if let Some((word, bits)) = way.spoils_word.take() {
+            words[word % length.max(1)] ^= bits;
+        }
+        let lie = way.lie.take();
+        let told = if !way.online || way.hides_applied {
+            Told::Nothing
+        } else if barrier.is_some() {
+            Told::Report(&words[..length])
+        } else if way.read_back.known().scheme == Scheme::Blind {
+            Told::Nothing
+        } else {
+            Told::Values(lie.unwrap_or(applied))
+        };
+        way.read_back.hear(now, self.now, &told, &limits);
+        way.reading = way.online.then_some(Reading {
+            taken: way.frozen_at.unwrap_or(self.now),
+            positions,
+        });
+        let interlock = way.online.then_some(self.interlock);
+        self.interlocks.see(index, interlock);
+    }
+
+    /// Whether what the axes have is known once this way writes.
+    fn is_ready(&self, index: usize) -> bool {
+        let known = self.ways[index].read_back.known();
+        if index == self.active() {
+            return true;
+        }
+        if known.scheme != Scheme::Blind {
+            return known.confirmed.is_some();
+        }
+        let before = &self.ways[self.active()];
+        let zero = before.read_back.zero_by_itself(&self.limits);
+        match before.sent {
+            None => true,
+            Some(sent) => zero.is_some_and(|wait| self.now.saturating_sub(sent) > wait),
+        }
+    }
+
+    /// Chooses the way that corrects; whether it is another one.
+    fn select(&mut self, now: Duration) -> bool {
+        let stays = matches!(self.guard.state(), State::Faulted(_))
+            || !self.interlocks.reasons().is_empty();
+        if self.ways.len() < 2 || stays {
+            return false;
+        }
+        let health: Vec<PathHealth> = (0..self.ways.len())
+            .map(|index| {
+                let way = &self.ways[index];
+                let age = |at: Duration| now.saturating_sub(at);
+                let usable = match way.reading {
+                    Some(reading) if index == self.active() => {
+                        age(reading.taken) <= self.limits.hold
+                    }
+                    Some(_) => way.asked.is_some_and(|at| age(at) <= 3 * STANDBY_EVERY),
+                    None => false,
+                };
+                PathHealth {
+                    usable,
+                    ready: self.is_ready(index),
+                }
+            })
+            .collect();
+        let choice = self.selector.choose(now, &health);
+        if choice.switched {
+            self.ways[choice.active].read_back.take_over(now);
+            self.guard.take_path(self.limits).expect("good limits");
+            self.seen.began = true;
+        }
+        choice.switched
+    }
+
+    /// The program is stopped for a while, at any place between two of its steps.
+    fn may_stop(&mut self) {
+        if self.random.random_range(0..800) == 0 {
+            let most = if self.random.random() { 60 } else { 3000 };
+            let stopped = Duration::from_millis(self.random.random_range(0..most));
+            self.pass(stopped);
+        }
+    }
+
+    pub(crate) fn cycle(&mut self, dt: Duration, request: Option<Request>) -> Output {
+        self.pass(dt);
+        let begun = self.now;
+        self.read(self.active(), begun);
+        self.may_stop();
+        if request == Some(Request::Acknowledge) {
+            self.interlocks.acknowledge();
+            for way in &mut self.ways {
+                way.read_back.acknowledge(begun);
+            }
+        }
+        let switched = self.select(begun);
+        if switched {
+            self.read(self.active(), begun);
+        }
+        self.may_stop();
+        let takes_over = (switched && self.guard.state().is_armed()).then_some(Request::TakeOver);
+        let way = &self.ways[self.active()];
+        let output = self.guard.cycle(&Inputs {
+            now: begun,
+            reading: way.reading,
+            known: *way.read_back.known(),
+            interlocks: self.interlocks.reasons(),
+            wanted: self.wanted,
+            request: request.or(takes_over),
+            forbids: self.forbids,
+        });
+        self.may_stop();
+        self.send(&output);
+        self.may_stop();
+        let standby = (0..self.ways.len()).filter(|index| *index != self.active());
+        let next = standby.min_by_key(|index| self.ways[*index].asked);
+        if let Some(next) = next.filter(|next| {
+            let asked = self.ways[*next].asked;
+            asked.is_none_or(|at| begun.saturating_sub(at) >= STANDBY_EVERY)
+        }) {
+            self.read(next, begun);
+        }
+        output
+    }
+
+    fn send(&mut self, output: &Output) {
+        if !output.write {
+            return;
+        }
+        if self.guard.time_to_send(self.now).is_none() {
+            self.guard.not_sent();
+            return;
+        }
+        let (active, limits) = (self.active(), self.limits);
+        let way = &mut self.ways[active];
+        let is_blind = way.read_back.known().scheme == Scheme::Blind;
+        let ok = way.online && !way.fails;
+        // What fails may have landed, but on lines.
+        let lands = way.online && !way.loses && (ok || !is_blind);
+        if self.barrier.is_some() {
+            let mut words = [0; FRAME_WORDS];
+            let frame = way.read_back.frame(&output.correction, &limits, &mut words);
+            if let Some(length) = frame {
+                self.post(active, words[..length].to_vec(), lands);
+                // It may be on its way for any time after it was looked at.
+                self.may_stop();
+            }
+        } else if lands {
+            self.write(output.correction);
+            self.may_stop();
+        }
+        let now = self.now;
+        let way = &mut self.ways[active];
+        way.sent = Some(now);
+        way.read_back.sent(now, &output.correction, ok);
+        if !ok {
+            self.guard.not_sent();
+        }
+    }
+
+    /// A frame goes into the channel. Where the way is cut it may be delivered after a reconnect.
+    fn post(&mut self, way: usize, words: Vec<u16>, lands: bool) {
+        let now = self.now;
+        let late = Duration::from_millis(self.random.random_range(0..1000));
+        if self.random.random_bool(self.channel.doubled) {
+            let words = words.clone();
+            self.air.push(Late {
+                at: now + late,
+                way,
+                words,
+            });
+        }
+        let late = self.random.random_bool(self.channel.late) || (!lands && self.random.random());
+        if self.random.random_bool(self.channel.lost) || (!lands && !late) {
+            return;
+        }
+        let after = Duration::from_millis(self.random.random_range(0..1000));
+        let at = if late { now + after } else { now };
+        self.air.push(Late { at, way, words });
+    }
+
+    /// A random thing happens: any fault, any request, or that all is well.
+    pub(crate) fn happens(&mut self) -> Option<Request> {
+        let index = self.random.random_range(0..self.ways.len());
+        let now = self.now;
+        match self.random.random_range(0..64) {
+            0 | 1 => self.ways[index].online ^= true,
+            2 => self.interlock.emergency_stop ^= true,
+            3 => self.interlock.alarm ^= true,
+            4 => self.interlock.unreferenced ^= true,
+            5 => self.ways[index].frozen_at = self.ways[index].frozen_at.xor(Some(now)),
+            6..10 => self.wanted = Some(self.any_wanted()),
+            10 => self.wanted = None,
+            11 => {
+                let mut wanted = self.any_wanted();
+                wanted.position[0] = f64::NAN;
+                self.wanted = Some(wanted);
+            }
+            12 => {
+                self.positions[0] =
+                    [f64::INFINITY, f64::NAN][usize::from(self.random.random::<bool>())]
+            }
+            13 => self.positions[0] = self.random.random_range(-1e3..1e3),
+            14 => self.others_write(),
+            15 => return Some(Request::Disarm),
+            16 => return Some(Request::Switched),
+            17 => return Some(Request::Acknowledge),
+            18 => {
+                self.forbids = if self.forbids.is_empty() {
+                    Reasons::AUDIT
+                } else {
+                    Reasons::NONE
+                }
+            }
+            19 => self.ways[index].loses = self.kind == Kind::Lossy || self.kind == Kind::Barrier,
+            20 => {
+                self.ways[index].fails = true;
+                self.ways[index].loses = match self.kind {
+                    Kind::Late => false,
+                    Kind::Lines | Kind::LinesWithTimeOut => true,
+                    Kind::Lossy | Kind::Barrier => self.random.random(),
+                };
+            }
+            21 => self.ways[index].hides_applied ^= true,
+            22 => self.really_includes ^= true,
+            23..27 => self.lies(index),
+            27..31 => {
+                let most = match self.kind {
+                    Kind::Late => OLDEST,
+                    Kind::Lossy => self.limits.delay(),
+                    _ => Duration::ZERO,
+                };
+                self.ways[index].late = most.mul_f64(self.random.random());
+            }
+            31..34 => self.change_limits(),
+            34 => self.power_up(),
+            35 => self.restart(),
+            36 => {
+                let mut often = || [0.0, 0.05, 0.3][self.random.random_range(0..3)];
+                self.channel = Channel {
+                    lost: often(),
+                    late: often(),
+                    doubled: often(),
+                    torn: often(),
+                };
+            }
+            37..50 => return Some(Request::Arm),
+            50..56 => self.all_is_well(),
+            _ => {}
+        }
+        None
+    }
+
+    pub(crate) fn all_is_well(&mut self) {
+        self.interlock = Interlock::default();
+        self.channel = Channel::default();
+        self.forbids = Reasons::NONE;
+        self.positions[0] = 0.0;
+        self.wanted = Some(self.any_wanted());
+        for way in &mut self.ways {
+            (way.online, way.hides_applied, way.loses, way.fails) = (true, false, false, false);
+            (way.frozen_at, way.lie, way.spoils_word) = (None, None, None);
+        }
+    }
+
+    /// All is well, readings come at once, and the axes may go as fast as they ever might.
+    pub(crate) fn is_mended(&mut self) {
+        self.all_is_well();
+        for way in &mut self.ways {
+            way.late = Duration::ZERO;
+        }
+        let full = full_limits(self.limits.count);
+        for i in self.axes() {
+            self.limits.axes[i] = AxisLimits {
+                includes_correction: self.limits.axes[i].includes_correction,
+                ..full.axes[i]
+            };
+        }
+        self.limits.ramp = full.ramp;
+        self.guard.set_limits(self.limits).expect("good limits");
+        (self.really_includes, self.seen.began) = (self.limits.axes[0].includes_correction, true);
+    }
+
+    /// One reading is torn, of another axis, no number, or far off.
+    fn lies(&mut self, index: usize) {
+        let mut lie = self.applied;
+        match self.random.random_range(0..4) {
+            0 => lie.swap(0, 1),
+            1 => lie[0] += 0.256,
+            2 => lie[0] = f64::NAN,
+            _ => lie[0] = self.random.random_range(-70.0..70.0),
+        }
+        self.ways[index].lie = Some(lie);
+        let bits = 1 << self.random.random_range(0..16_u16);
+        self.ways[index].spoils_word = Some((self.random.random_range(0..REPORT_WORDS), bits));
+    }
+
+    /// Somebody else changes what the axes have, on a control that lets them; they are known to have been prompt.
+    fn others_write(&mut self) {
+        if self.kind != Kind::Lossy {
+            return;
+        }
+        let mut values = PerChannel::ZERO;
+        if self.random.random() {
+            for i in self.axes() {
+                let steps = f64::from(self.random.random_range(-40..40));
+                values[i] = steps * self.limits.axes[i].resolution;
+            }
+        }
+        self.seen.changed = true;
+        self.prompt_until = self.now + Duration::from_secs(2);
+        self.put(values);
+        self.may_be_beyond();
+    }
+
+    /// What stands now may lie beyond a limit.
+    fn may_be_beyond(&mut self) {
+        for i in self.axes() {
+            let axis = &self.limits.axes[i];
+            let reach = (axis.slew_per_s * PERIOD.as_secs_f64()).max(axis.resolution);
+            self.beyond[i] = self.applied[i].abs() + reach;
+        }
+    }
+
+    /// Limits, slews and accelerations change in the middle of whatever goes on.
+    fn change_limits(&mut self) {
+        let full = full_limits(self.limits.count);
+        for i in self.axes() {
+            let mut part = |least: f64| {
+                if self.random.random() {
+                    1.0
+                } else {
+                    self.random.random_range(least..1.0)
+                }
+            };
+            let axis = &mut self.limits.axes[i];
+            axis.limit = (full.axes[i].limit * part(0.05)).max(6.0 * axis.resolution);
+            axis.warn = 0.5 * axis.limit;
+            axis.slew_per_s = full.axes[i].slew_per_s * part(0.02);
+            axis.accel_per_s2 = [f64::INFINITY, full.axes[i].accel_per_s2 * part(0.01)]
+                [usize::from(self.random.random::<bool>())];
+        }
+        self.may_be_beyond();
+        self.seen.began = true;
+        let ramp_ms = self.random.random_range(0..500);
+        self.limits.ramp = Duration::from_millis(ramp_ms);
+        self.guard.set_limits(self.limits).expect("good limits");
+    }
+
+    /// The control starts anew. Its words are kept.
+    fn power_up(&mut self) {
+        if let Some(before) = self.barrier {
+            let Memory { epoch, .. } = before.memory();
+            let tick = self.random.random();
+            let full = full_limits(self.limits.count);
+            self.barrier = Some(barrier(&full, tick, epoch, &self.applied));
+        }
+    }
+
+    /// The gateway starts anew, under another number.
+    fn restart(&mut self) {
+        let is_blind = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
+        if is_blind && self.ways.len() > 1 {
+            return;
+        }
+        let age = self.now.saturating_sub(self.got);
+        let owner = self.random.random_range(1..60_000);
+        self.seen.began = true;
+        self.guard = Guard::new(self.limits).expect("good limits");
+        self.selector = Selector::new(Duration::from_millis(500));
+        self.interlocks = Interlocks::default();
+        for index in 0..self.ways.len() {
+            let mut way = Way::new(self.read_back(owner));
+            way.late = self.ways[index].late;
+            way.online = self.ways[index].online;
+            self.ways[index] = way;
+        }
+        if is_blind {
+            let values = self.written;
+            self.ways[0]
+                .read_back
+                .restore(self.now, &values, age, &self.limits);
+        }
+    }
+
+    pub(crate) fn next_dt(&mut self) -> Duration {
+        let hangs = 40_000 * u64::from(self.random.random_range(0..300) == 0);
+        Duration::from_micros(self.random.random_range(3000..5000) + hangs)
+    }
+
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    pub(crate) fn holds(&self) -> bool {
+        self.axes()
+            .any(|i| self.applied[i].abs() > 0.5 * self.limits.axes[i].resolution)
+    }
+}
+
+impl Way {
+    fn new(read_back: ReadBack) -> Self {
+        Self {
+            read_back,
+            online: true,
+            frozen_at: None,
+            lie: None,
+            spoils_word: None,
+            late: Duration::ZERO,
+            hides_applied: false,
+            loses: false,
+            fails: false,
+            reading: None,
+            asked: None,
+            sent: None,
+        }
+    }
+}

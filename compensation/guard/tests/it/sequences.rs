@@ -1,0 +1,174 @@
+//! Random sequences of all faults in random order, on machines of three and five axes with one to three ways to their control:
+//! principle 2 holds at the axis. `VOLCOMP_SEQUENCES` says how many sequences are tried, `VOLCOMP_CYCLES` how long they are.
+
+use std::{collections::VecDeque, time::Duration};
+
+use proptest::prelude::*;
+use volcomp_guard::{Request, State};
+use volcomp_vocabulary::PerChannel;
+
+use crate::machine::{KINDS, Kind, Machine};
+
+/// The number in a variable of the environment, or another one.
+fn asked(name: &str, otherwise: u32) -> u32 {
+    let asked = std::env::var(name).ok();
+    asked
+        .and_then(|asked| asked.parse().ok())
+        .unwrap_or(otherwise)
+}
+
+/// What is looked at after each cycle.
+#[derive(Default)]
+struct Watch {
+    /// When, and what the axes had, since windows of time began last.
+    trace: VecDeque<(f64, PerChannel<f64>)>,
+}
+
+impl Watch {
+    fn look(&mut self, machine: &mut Machine) -> Result<(), String> {
+        let seen = std::mem::take(&mut machine.seen);
+        let (now, applied) = (machine.now.as_secs_f64(), machine.applied);
+        if seen.changed || seen.began {
+            self.trace.clear();
+        }
+        if !seen.changed && seen.step > 1.0 + 1e-6 {
+            return Err(format!(
+                "a step of {} times what is allowed at {now} s",
+                seen.step
+            ));
+        }
+        if seen.not_finite || !applied.iter().all(|value| value.is_finite()) {
+            return Err(format!("no number at {now} s"));
+        }
+        if seen.out > 1.0 + 1e-6 {
+            return Err(format!("{} of the limit at {now} s", seen.out));
+        }
+        // With a barrier the axis follows at the rate of that, which every scan was looked at for.
+        if matches!(machine.kind, Kind::Barrier | Kind::LinesWithTimeOut) {
+            return Ok(());
+        }
+        let limits = machine.limits();
+        for back in [1, 2, 3, 5, 9, 17, 33, 65, 129] {
+            let Some((then, before)) = self.trace.len().checked_sub(back).map(|at| self.trace[at])
+            else {
+                break;
+            };
+            for i in 0..limits.count {
+                let axis = &limits.axes[i];
+                let most = axis.slew_per_s * (now - then) + 2.0 * axis.resolution;
+                let moved = (applied[i] - before[i]).abs();
+                if moved > most * (1.0 + 1e-6) {
+                    return Err(format!(
+                        "axis {i} moved by {moved} in {} s at {now} s",
+                        now - then
+                    ));
+                }
+            }
+        }
+        self.trace.push_back((now, applied));
+        if self.trace.len() > 130 {
+            self.trace.pop_front();
+        }
+        Ok(())
+    }
+}
+
+/// Runs a sequence; all states that it went through, or what was wrong.
+fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<Vec<State>, String> {
+    let mut machine = Machine::new(seed, kind, axes, ways);
+    let mut watch = Watch::default();
+    let mut states = Vec::new();
+    for cycle in 0..cycles {
+        // A control with a barrier is watched for a second before it may be armed, one without for 0.7 s.
+        let request = if cycle > 400 && cycle % 8 == 0 {
+            machine.happens()
+        } else {
+            (cycle % 100 == 0).then_some(Request::Arm)
+        };
+        let dt = machine.next_dt();
+        let output = machine.cycle(dt, request);
+        watch
+            .look(&mut machine)
+            .map_err(|wrong| format!("cycle {cycle}, {:?}: {wrong}", output.state))?;
+        if states.last() != Some(&output.state) {
+            states.push(output.state);
+        }
+    }
+    // Whatever happened: once all is well and a person disarms, the correction comes to zero.
+    machine.is_mended();
+    for cycle in 0..1600 {
+        let request = match cycle {
+            300 => Some(Request::Acknowledge),
+            320 => Some(Request::Disarm),
+            // What was confirmed only now may be beyond the limit.
+            700 => Some(Request::Acknowledge),
+            720 => Some(Request::Disarm),
+            _ => None,
+        };
+        let dt = Duration::from_millis(4);
+        let output = machine.cycle(dt, request);
+        watch
+            .look(&mut machine)
+            .map_err(|wrong| format!("at the end, {cycle}, {:?}: {wrong}", output.state))?;
+        if cycle > 740 && output.state == State::Disarmed && !machine.holds() {
+            return Ok(states);
+        }
+    }
+    Err(format!(
+        "it does not come to rest: {:?}",
+        machine.guard.state()
+    ))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(asked("VOLCOMP_SEQUENCES", 96)))]
+
+    #[test]
+    fn nothing_leaves_its_bounds(
+        seed: u64,
+        kind in prop::sample::select(KINDS.to_vec()),
+        axes in prop::sample::select(vec![3_usize, 5]),
+        ways in 1..=3_usize,
+    ) {
+        let cycles = asked("VOLCOMP_CYCLES", 2000);
+        if let Err(wrong) = run(seed, kind, axes, ways, cycles) {
+            prop_assert!(false, "{wrong}");
+        }
+    }
+}
+
+/// The sequences are about something: all states are visited, however the control is reached.
+#[test]
+fn sequences_visit_every_state() {
+    for kind in KINDS {
+        let mut seen = std::collections::BTreeSet::new();
+        for seed in 0..60 {
+            let (axes, ways) = (3 + 2 * (seed % 2), 1 + seed % 3);
+            let states = run(seed as u64, kind, axes, ways, 4000).unwrap_or_default();
+            seen.extend(states.into_iter().map(State::name));
+        }
+        let all = [
+            "arming",
+            "compensating",
+            "disarmed",
+            "faulted",
+            "holding",
+            "ramping-out",
+        ];
+        assert_eq!(seen.into_iter().collect::<Vec<_>>(), all, "{kind:?}");
+    }
+}
+
+/// Sequences that led an axis too far once.
+#[test]
+fn sequences_that_failed_once() {
+    for (seed, kind, axes, ways, cycles) in FAILED {
+        assert_eq!(
+            run(seed, kind, axes, ways, cycles).map(|_| ()),
+            Ok(()),
+            "{seed} {kind:?} {axes} {ways}"
+        );
+    }
+}
+
+const FAILED: [(u64, Kind, usize, usize, u32); 1] = [(15841279278081801058, Kind::Late, 5, 3, 700)];
