@@ -37,8 +37,6 @@ pub struct Guard {
     confirmed: PerChannel<f64>,
     /// The largest correction of each axis that is no surprise: its limit, or more where that was lowered.
     allowed: PerChannel<f64>,
-    /// Where the line of the proof leads.
-    shift: PerChannel<f64>,
     /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
     stood: bool,
     /// Another path writes from now on: what it is known to apply is where it begins.
@@ -83,7 +81,6 @@ impl Guard {
             corridor: Corridor::about(&PerChannel::ZERO, &limits),
             confirmed: PerChannel::ZERO,
             allowed: limits.of_axes(|axis| axis.limit),
-            shift: PerChannel::ZERO,
             stood: true,
             took_over: true,
             proof: Proof::default(),
@@ -416,7 +413,6 @@ impl Guard {
     fn begin(&mut self) {
         self.from = self.vector.smooth();
         self.proof = Proof::default();
-        self.shift = self.from;
         match self.state {
             State::RampingOut(_) | State::Faulted(_) => self.vector.begin_line(&PerChannel::ZERO),
             State::Arming(_) | State::Compensating | State::Disarmed | State::Holding(_) => {
@@ -461,6 +457,8 @@ impl Guard {
                     && self.corridor.contains(i, output[i], &self.limits)
             };
             if self.all(is_near) {
+                // What is not confirmed yet holds the output back as its own slew does.
+                let moved = moved | Reasons::SLEWING.when(share < 1.0);
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;
                 self.corridor.narrow(&output, &self.limits);
@@ -490,8 +488,8 @@ impl Guard {
         match self.state {
             State::Arming(Phase::Proving) => {
                 let goal = self.proof.goal(&self.from, &self.limits);
-                if goal != self.shift {
-                    self.shift = goal;
+                // Also anew where a write was not sent, and the vector is as it was before.
+                if !self.vector.leads_to(&goal) {
                     self.vector.begin_line(&goal);
                 }
                 // A shift of some steps is no ramp of a correction: it takes the fewest cycles.

@@ -1,8 +1,8 @@
 //! At arming: do reported positions contain the correction, as the configuration says?
 
-use core::time::Duration;
+use core::{f64::consts::TAU, time::Duration};
 
-use volcomp_vocabulary::{MAX_AXES, PerChannel};
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 use crate::Limits;
 
@@ -37,20 +37,22 @@ pub enum Proven {
 pub struct Verdict {
     /// What is shown, axis by axis.
     pub axes: PerChannel<Proven>,
-    /// The axes of which the configuration says the opposite of what is shown.
+    /// The axes of which the configuration says the opposite of what is shown, or another amount: a position that follows
+    /// both ways by 2.5 times the shift, or by a tenth of it, shows that the words are in another unit.
     pub contradicts: PerChannel<bool>,
     /// The axes of which anything is shown.
     pub proven: PerChannel<bool>,
 }
 
 impl Verdict {
-    fn of(axes: PerChannel<Proven>, limits: &Limits) -> Self {
+    /// `scaled`: the axes that followed both ways, by another amount than they were shifted by.
+    fn of(axes: PerChannel<Proven>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
         Self {
             axes,
             contradicts: PerChannel::from_fn(|i| match axes[i] {
                 Proven::Contained => !limits.axes[i].includes_correction,
                 Proven::NotContained => limits.axes[i].includes_correction,
-                Proven::NotProven => false,
+                Proven::NotProven => scaled[i],
             }),
             proven: axes.map(|axis| axis != Proven::NotProven),
         }
@@ -91,7 +93,7 @@ impl Moves {
                 self.last[i] = Some((position, correction));
                 continue;
             };
-            let reported = position - before;
+            let reported = way(limits, i, before, position);
             let without = reported - (correction - corrected);
             let least = shift(limits, i).max(limits.axes[i].resolution);
             if reported.abs() > least && without.abs() > least {
@@ -169,7 +171,7 @@ impl Proof {
         let goal = self.goal(from, limits);
         let stands = (0..count).all(|i| {
             let step = limits.axes[i].resolution;
-            let away = (positions[i] - self.positions[i]).abs();
+            let away = way(limits, i, self.positions[i], positions[i]).abs();
             away <= STAYED_SHARE * shift(limits, i).max(step) && (output[i] - goal[i]).abs() < step
         });
         if stands {
@@ -210,14 +212,21 @@ impl Proof {
             [Leg::Begin, Leg::First, Leg::Second].map(|leg| at_leg(leg, from, limits));
         let [before, between] = self.stood;
         let mut axes = PerChannel::default();
+        let mut scaled = PerChannel::default();
         let (mut unclear, mut moved) = (false, false);
         for i in (0..limits.count.min(MAX_AXES)).filter(|&i| shift(limits, i) > 0.0) {
-            let one = did(between[i] - before[i], first[i] - begin[i]);
-            let two = did(positions[i] - between[i], second[i] - first[i]);
-            axes[i] = match [one, two] {
+            let shares = [
+                way(limits, i, before[i], between[i]) / (first[i] - begin[i]),
+                way(limits, i, between[i], positions[i]) / (second[i] - first[i]),
+            ];
+            axes[i] = match shares.map(did) {
                 [Did::Followed, Did::Followed] => Proven::Contained,
                 [Did::Stayed, Did::Stayed] if moves.lately(now, i) => Proven::NotContained,
                 [Did::Stayed, Did::Stayed] => Proven::NotProven,
+                _ if is_one_factor(shares) => {
+                    scaled[i] = true;
+                    Proven::NotProven
+                }
                 both => {
                     moved |= both.contains(&Did::Moved);
                     unclear = true;
@@ -230,7 +239,8 @@ impl Proof {
         } else {
             self.attempts + 1
         };
-        if unclear && attempts < MOST_ATTEMPTS {
+        let is_scaled = scaled.iter().any(|scaled| *scaled);
+        if unclear && !is_scaled && attempts < MOST_ATTEMPTS {
             *self = Self {
                 attempts,
                 positions: *positions,
@@ -238,13 +248,26 @@ impl Proof {
             };
             return None;
         }
-        Some(Verdict::of(axes, limits))
+        Some(Verdict::of(axes, &scaled, limits))
     }
 }
 
-/// What a position did that went so far while its correction was shifted.
-fn did(went: f64, shifted: f64) -> Did {
-    let share = went / shifted;
+/// How far an axis went from one reported position to another, mm or rad: a rotary axis may have rolled over between them.
+fn way(limits: &Limits, axis: usize, from: f64, to: f64) -> f64 {
+    let way = to - from;
+    match limits.axes[axis].kind {
+        AxisKind::Linear => way,
+        AxisKind::Rotary => way - TAU * libm::round(way / TAU),
+    }
+}
+
+/// Whether a position followed both ways by the same share of the shift: no machine moves an axis so.
+fn is_one_factor([one, two]: [f64; 2]) -> bool {
+    (one - two).abs() <= STAYED_SHARE * one.abs().max(two.abs())
+}
+
+/// What a position did that went this share of the way that its correction was shifted by.
+fn did(share: f64) -> Did {
     if share.abs() <= STAYED_SHARE {
         Did::Stayed
     } else if (share - 1.0).abs() <= STAYED_SHARE {

@@ -111,6 +111,11 @@ impl Vector {
         };
     }
 
+    /// Whether it is on a line to this correction, or at its end.
+    pub(crate) fn leads_to(&self, end: &PerChannel<f64>) -> bool {
+        matches!(&self.motion, Motion::Line { to, .. } if to == end)
+    }
+
     /// Goes on along the line for `dt_s`, which is brought within the limits; true once it is at its end. The line
     /// lasts as long as a ramp, or as long as the axis needs that slew and acceleration hold back most.
     pub fn advance_line(&mut self, limits: &Limits, dt_s: f64) -> bool {

@@ -47,9 +47,9 @@ impl Landing {
             Landed::All => self.since = None,
             Landed::Before(since) => self.since = Some(since),
         }
-        let times = [&mut self.since, &mut self.failing_since];
         if !answered {
             // Whether it has landed nobody could see meanwhile.
+            let times = [&mut self.since, &mut self.failing_since];
             for since in times.into_iter().flatten() {
                 *since += now.saturating_sub(before);
             }
@@ -58,7 +58,7 @@ impl Landing {
             .is_none_or(|sent| now.saturating_sub(sent) > limits.longest_delay())
         {
             // Nothing was sent for so long that what has not landed will not be waited for.
-            times.into_iter().for_each(|since| *since = None);
+            (self.since, self.failing_since) = (None, None);
         }
     }
 

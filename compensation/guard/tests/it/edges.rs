@@ -466,3 +466,27 @@ fn one_message_told_again_and_again_is_one_reading() {
     world.run(2 * SECOND);
     assert!(world.largest_step <= MOST, "{}", world.largest_step);
 }
+
+/// A barrier that takes frames and stands, since the control holds it by itself: that the axis does not follow was not told.
+#[test]
+fn an_axis_that_does_not_follow_is_told() {
+    let mut world = World::guarded(&close()).arm();
+    world.target = Some(axes(0.140, 0.0));
+    let barrier = world.barrier;
+    let mut told = 0;
+    for _ in 0..100 {
+        // Its tick and sequence go on; what is applied does not.
+        if let (Some(now), Some(before)) = (&mut world.barrier, &barrier) {
+            let memory = volcomp_guard::barrier::Memory {
+                applied: before.memory().applied,
+                from: before.memory().applied,
+                ..now.memory()
+            };
+            let settings = now.report().settings;
+            *now = volcomp_guard::barrier::Barrier::resume(settings, memory).expect("good");
+        }
+        let output = world.run(Duration::ZERO);
+        told += usize::from(output.reasons.contains(Reasons::SLEWING));
+    }
+    assert!(told > 20, "told in {told} of 100 cycles");
+}

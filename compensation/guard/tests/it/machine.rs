@@ -50,6 +50,7 @@ pub(crate) const KINDS: [Kind; 5] = [
 ];
 
 /// One way to the control.
+#[expect(clippy::struct_excessive_bools, reason = "each is a fault of its own")]
 struct Way {
     read_back: ReadBack,
     /// It answers and takes what is sent.
@@ -590,8 +591,8 @@ impl Machine {
                 self.wanted = Some(wanted);
             }
             12 => {
-                self.positions[0] =
-                    [f64::INFINITY, f64::NAN][usize::from(self.random.random::<bool>())]
+                let is_nan = self.random.random();
+                self.positions[0] = if is_nan { f64::NAN } else { f64::INFINITY };
             }
             13 => self.positions[0] = self.random.random_range(-1e3..1e3),
             14 => self.others_write(),

@@ -1,9 +1,9 @@
 //! The test shift at arming: what it shows of each axis, and that what it does not see is not believed.
 
-use std::{collections::VecDeque, time::Duration};
+use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
 use volcomp_guard::{Limits, Moves, Proof, Proven, Reasons, Request, State, Verdict};
-use volcomp_vocabulary::PerChannel;
+use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use Proven::{Contained, NotContained, NotProven};
 
@@ -25,6 +25,10 @@ struct Axis {
     flicker: f64,
     /// The axis does not move by itself before the proof.
     stood: bool,
+    /// So many times what is sent is applied: another unit than the configuration says. `None`: once.
+    factor: Option<f64>,
+    /// The position begins anew after a turn.
+    rolls_over: bool,
 }
 
 struct Rig {
@@ -65,7 +69,8 @@ impl Rig {
         let now: [f64; 2] = std::array::from_fn(|i| {
             let axis = &self.machine[i];
             let place = if axis.stood { 10.0 } else { self.place };
-            let contained = if axis.contains { self.output[i] } else { 0.0 };
+            let applied = axis.factor.unwrap_or(1.0) * self.output[i];
+            let contained = if axis.contains { applied } else { 0.0 };
             let even = (self.now.as_millis() / 24).is_multiple_of(2);
             place
                 + contained
@@ -76,7 +81,12 @@ impl Rig {
         let positions = axes_of(|i| {
             let axis = &self.machine[i];
             let late = axis.lag.min(self.history.len() - 1);
-            axis.frozen.unwrap_or(self.history[late][i])
+            let position = axis.frozen.unwrap_or(self.history[late][i]);
+            if axis.rolls_over {
+                position.rem_euclid(TAU)
+            } else {
+                position
+            }
         });
         self.moves
             .see(self.now, &positions, &self.output, &self.limits);
@@ -142,6 +152,72 @@ fn each_axis_has_a_result_of_its_own() {
         ..contains
     };
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
+}
+
+/// Words of another unit: the position follows both ways by one factor. It was taken for motion of the machine, and shifted
+/// again without end (more than 2.5 times), or compensated with (twice).
+#[test]
+fn a_position_that_follows_by_another_factor_is_a_contradiction() {
+    for factor in [2.0, 10.0, 17.45, 0.5, -1.0, -3.0] {
+        for includes_correction in [false, true] {
+            let mut limits = limits();
+            for axis in &mut limits.axes {
+                axis.includes_correction = includes_correction;
+            }
+            let wrong = Axis {
+                contains: true,
+                factor: Some(factor),
+                ..Axis::default()
+            };
+            let machine = [wrong, Axis::default()];
+            let (verdict, reached) = Rig::new(&limits, machine, PerChannel::ZERO).prove(5 * SECOND);
+            let verdict = verdict.expect("after the first attempt");
+            assert!(verdict.contradicts[0] && verdict.is_contradiction());
+            assert!(reached.iter().all(|word| word.abs() <= SHIFT + 1e-9));
+        }
+    }
+}
+
+/// A rotary table that is parked at zero, which is also a whole turn: the shift was taken for a turn, and made again for ever.
+#[test]
+fn a_shift_over_the_roll_over_is_a_shift() {
+    let mut limits = limits();
+    limits.axes[0].kind = AxisKind::Rotary;
+    limits.axes[0].includes_correction = true;
+    for contains in [true, false] {
+        let table = Axis {
+            contains,
+            rolls_over: true,
+            ..Axis::default()
+        };
+        for past in [-0.004, -0.001, 0.0, 0.001, 0.004] {
+            let mut rig = Rig::new(&limits, [table, Axis::default()], PerChannel::ZERO);
+            rig.place = 2.0 * TAU + past;
+            let (verdict, _) = rig.prove(5 * SECOND);
+            let verdict = verdict.expect("a verdict");
+            let truth = if contains { Contained } else { NotContained };
+            assert_eq!(verdict.axes[0], truth, "{past}");
+        }
+    }
+}
+
+/// One write of the shift that failed, or missed its deadline, hung the proof: the axes stood, and it waited for standstill.
+#[test]
+fn one_write_that_is_not_sent_does_not_hang_the_proof() {
+    for missed in 0..300 {
+        let mut limits = limits();
+        limits.test_shift = PerChannel([SHIFT; 9]);
+        let mut world = World::new(&limits);
+        world.request(Request::Arm);
+        for cycle in 0..2500 {
+            (world.write_fails, world.sticks) = (cycle == missed, cycle != missed);
+            world.run(Duration::ZERO);
+            if world.guard.state() == State::Compensating {
+                break;
+            }
+        }
+        assert_eq!(world.guard.state(), State::Compensating, "write {missed}");
+    }
 }
 
 /// A position that shows a shift late, or creeps, or flickers by one of the four counts of a shift.

@@ -98,11 +98,9 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
     machine.is_mended();
     for cycle in 0..1600 {
         let request = match cycle {
-            300 => Some(Request::Acknowledge),
-            320 => Some(Request::Disarm),
-            // What was confirmed only now may be beyond the limit.
-            700 => Some(Request::Acknowledge),
-            720 => Some(Request::Disarm),
+            // Twice, since what was confirmed only meanwhile may be beyond the limit.
+            300 | 700 => Some(Request::Acknowledge),
+            320 | 720 => Some(Request::Disarm),
             _ => None,
         };
         let dt = Duration::from_millis(4);
