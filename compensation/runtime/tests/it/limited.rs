@@ -105,9 +105,9 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
         }
     }
     println!("over what is without: {moving} µm on the ramp, {settled} µm after it");
-    assert!(settled < 0.02, "{settled} µm");
-    // On the ramp the errors are those of one cycle before: up to 50 µm away, of which a screw has 0.3 %.
-    assert!(moving < 0.2, "{moving} µm");
+    // Of second order: rotary shares of up to 2 mrad turn linear shares of up to 0.1 mm; and on the ramp the errors are
+    // those of one cycle before.
+    assert!(settled < 0.2 && moving < 0.2, "{settled} µm, {moving} µm");
 }
 
 const PLACE: [f64; 5] = [-100.0, 0.0, 200.0, 50.0, 300.0];
