@@ -1,5 +1,8 @@
 //! The guard of a machine: inputs of a cycle in, the correction to send out.
 
+mod facts;
+mod motion;
+
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
@@ -9,16 +12,12 @@ use crate::{
     Vector, Wanted,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
-    read_back::{are_equal, is_step_equal},
+    read_back::is_step_equal,
     state::{Cause, Facts, Hold, Phase, State},
 };
 
-/// So many confirmed corrections of an axis in a row that were not sent, without one between that was, make a fault.
-const MOST_ADOPTED: u32 = 3;
 /// A cycle counts as so many periods at the most.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
-/// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
-const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 
 /// The guard of a machine: it decides which correction may reach the axes (rules of the crate's front page). One path
 /// writes at a time. State: where the correction stands and moves, and the proof at arming.
@@ -329,69 +328,6 @@ impl Guard {
         }
     }
 
-    fn facts(&mut self, inputs: &Inputs, reading: Option<&Reading>, changed: bool) -> Facts {
-        let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
-        if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
-            // No reading is from the future, whatever a device says.
-            self.good = self.good.max(Some(reading.taken.min(now)));
-        }
-        let age = self.age(now);
-        let since = |since: Option<Duration>| since.map(|since| now.saturating_sub(since));
-        let confirmed = since(known.confirmed.map(|confirmed| confirmed.at));
-        let unlanded = since(known.unlanded_since).unwrap_or_default();
-        let unconfirmed = confirmed.is_none_or(|age| age > limits.hold) || unlanded > limits.hold;
-        let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
-        let values = known.confirmed.map(|confirmed| confirmed.values);
-        let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
-        let beyond = |values: &PerChannel<f64>| {
-            let is_beyond = |i: usize| {
-                values[i].abs() > self.allowed[i] + 1.01 * self.limits.axes[i].resolution
-            };
-            (0..self.limits.count).any(is_beyond)
-        };
-        Facts {
-            request: inputs.request,
-            interlocked: !inputs.interlocks.is_empty(),
-            stale: age > self.limits.hold,
-            lost: age > self.limits.zero_after,
-            unconfirmed,
-            does_not_land,
-            beyond: values.as_ref().is_some_and(beyond),
-            changed,
-            forbidden: !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID))
-                .is_empty(),
-            ramped: self.vector.is_ramped(),
-            zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
-            proves: (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0),
-            proven: self.prove(
-                inputs,
-                reading,
-                changed || age > self.limits.hold || unconfirmed,
-            ),
-            does_not_stick: self.adopted.iter().any(|times| *times >= MOST_ADOPTED),
-        }
-    }
-
-    /// Goes on with the proof at arming; its result once there is one.
-    fn prove(
-        &mut self,
-        inputs: &Inputs,
-        reading: Option<&Reading>,
-        disturbed: bool,
-    ) -> Option<bool> {
-        let (now, positions) = (inputs.now, &reading?.positions);
-        let applied = inputs.known.confirmed?.values;
-        self.moves.see(now, positions, &applied, &self.limits);
-        if self.state != State::Arming(Phase::Proving) || disturbed {
-            return None;
-        }
-        let (from, limits) = (&self.from, &self.limits);
-        self.verdict = self
-            .proof
-            .read(now, positions, &applied, from, limits, &self.moves)?;
-        Some(!self.verdict.is_contradiction())
-    }
-
     /// Keeps the largest correction that is no surprise: more than the limit only on the way in.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let leads_out = matches!(self.state, State::RampingOut(_))
@@ -435,104 +371,5 @@ impl Guard {
         } else {
             Sends::Nothing
         }
-    }
-
-    /// Moves the output for `dt_s`, as far as it stays near to everything that may be applied. Whether it is to be sent.
-    fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
-        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
-            return false;
-        };
-        let reach = self.reach(inputs.known.scheme);
-        let [lowest, highest] = inputs.known.between;
-        for share in SHARES {
-            self.vector = self.before;
-            let moved = self.move_by(inputs, dt_s * share);
-            let output = self.output();
-            let is_near = |i: usize| {
-                let most = values[i].abs().max(self.limits.axes[i].reachable());
-                let reach = reach[i] * (1.0 + 1e-9);
-                output[i] - lowest[i] <= reach
-                    && highest[i] - output[i] <= reach
-                    && output[i].abs() <= most * (1.0 + 1e-9)
-                    && self.corridor.contains(i, output[i], &self.limits)
-            };
-            if self.all(is_near) {
-                // What is not confirmed yet holds the output back as its own slew does.
-                let moved = moved | Reasons::SLEWING.when(share < 1.0);
-                self.held_back += u64::from(moved.contains(Reasons::SLEWING));
-                *reasons |= moved;
-                self.corridor.narrow(&output, &self.limits);
-                return true;
-            }
-        }
-        // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
-        self.vector = Vector::at(&values);
-        self.stood = true;
-        false
-    }
-
-    /// How far the output of each axis may be from what may be applied, mm and rad: what the guard slews in the delay of a
-    /// path with a barrier, else one slew or one step, whichever is larger.
-    fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
-        let period_s = self.limits.period.as_secs_f64();
-        let delay_s = self.limits.delay().as_secs_f64();
-        self.limits.of_axes(|axis| match scheme {
-            Scheme::Barrier => axis.slew_per_s * (delay_s + period_s) + axis.resolution,
-            Scheme::Plain | Scheme::Blind => (axis.slew_per_s * period_s).max(axis.resolution),
-        })
-    }
-
-    /// Moves the vector by what the state asks for. Gives what is to be told of it.
-    fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
-        let limits = self.limits;
-        match self.state {
-            State::Arming(Phase::Proving) => {
-                let goal = self.proof.goal(&self.from, &self.limits);
-                // Also anew where a write was not sent, and the vector is as it was before.
-                if !self.vector.leads_to(&goal) {
-                    self.vector.begin_line(&goal);
-                }
-                // A shift of some steps is no ramp of a correction: it takes the fewest cycles.
-                let limits = Limits {
-                    ramp: Duration::ZERO,
-                    ..limits
-                };
-                self.vector.advance_line(&limits, dt_s);
-                Reasons::NONE
-            }
-            State::Arming(Phase::Ramping) | State::Compensating => {
-                let Some(wanted) = &inputs.wanted else {
-                    return Reasons::NONE;
-                };
-                let followed = self.vector.follow(wanted, &limits, dt_s);
-                Reasons::SLEWING.when(followed.slewing)
-                    | Reasons::LIMITED.when(followed.limited)
-                    | Reasons::WARN.when(followed.warned)
-            }
-            State::RampingOut(_) | State::Faulted(_) => {
-                self.vector.advance_line(&limits, dt_s);
-                Reasons::NONE
-            }
-            State::Disarmed | State::Holding(_) => {
-                self.vector.stop();
-                Reasons::NONE
-            }
-        }
-    }
-
-    fn reasons(&self, inputs: &Inputs, facts: &Facts) -> Reasons {
-        let mut reasons = self.state.reason() | inputs.interlocks | inputs.known.reasons;
-        reasons |= Reasons::NO_CONTROLLER.when(inputs.reading.is_none());
-        reasons |= Reasons::POSITIONS_STALE.when(facts.stale);
-        reasons |= Reasons::READ_BACK.when(facts.changed);
-        reasons |= Reasons::UNCONFIRMED.when(facts.unconfirmed);
-        reasons |= Reasons::CORRECTION_LEFT
-            .when(self.state == State::Disarmed && inputs.known.holds(&self.limits));
-        reasons |= Reasons::BEYOND_LIMIT.when(facts.beyond);
-        reasons |=
-            Reasons::WAITING_FOR_STANDSTILL.when(self.state == State::Arming(Phase::Proving));
-        let shown = |i: usize| self.verdict.proven[i] || self.limits.test_shift[i] == 0.0;
-        let after = !matches!(self.state, State::Disarmed | State::Arming(Phase::Proving));
-        reasons | Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown))
     }
 }

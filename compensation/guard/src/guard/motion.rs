@@ -1,0 +1,99 @@
+//! How the output moves in a cycle, and how far it may be from what may be applied.
+
+use core::time::Duration;
+
+use volcomp_vocabulary::PerChannel;
+
+use super::Guard;
+use crate::{
+    Confirmed, Inputs, Limits, Reasons, Scheme, Vector,
+    state::{Phase, State},
+};
+
+/// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
+const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
+
+impl Guard {
+    /// Moves the output for `dt_s`, as far as it stays near to everything that may be applied. Whether it is to be sent.
+    pub(super) fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
+        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
+            return false;
+        };
+        let reach = self.reach(inputs.known.scheme);
+        let [lowest, highest] = inputs.known.between;
+        for share in SHARES {
+            self.vector = self.before;
+            let moved = self.move_by(inputs, dt_s * share);
+            let output = self.output();
+            let is_near = |i: usize| {
+                let most = values[i].abs().max(self.limits.axes[i].reachable());
+                let reach = reach[i] * (1.0 + 1e-9);
+                output[i] - lowest[i] <= reach
+                    && highest[i] - output[i] <= reach
+                    && output[i].abs() <= most * (1.0 + 1e-9)
+                    && self.corridor.contains(i, output[i], &self.limits)
+            };
+            if self.all(is_near) {
+                // What is not confirmed yet holds the output back as its own slew does.
+                let moved = moved | Reasons::SLEWING.when(share < 1.0);
+                self.held_back += u64::from(moved.contains(Reasons::SLEWING));
+                *reasons |= moved;
+                self.corridor.narrow(&output, &self.limits);
+                return true;
+            }
+        }
+        // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
+        self.vector = Vector::at(&values);
+        self.stood = true;
+        false
+    }
+
+    /// How far the output of each axis may be from what may be applied, mm and rad: what the guard slews in the delay of a
+    /// path with a barrier, else one slew or one step, whichever is larger.
+    fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
+        let period_s = self.limits.period.as_secs_f64();
+        let delay_s = self.limits.delay().as_secs_f64();
+        self.limits.of_axes(|axis| match scheme {
+            Scheme::Barrier => axis.slew_per_s * (delay_s + period_s) + axis.resolution,
+            Scheme::Plain | Scheme::Blind => (axis.slew_per_s * period_s).max(axis.resolution),
+        })
+    }
+
+    /// Moves the vector by what the state asks for. Gives what is to be told of it.
+    fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
+        let limits = self.limits;
+        match self.state {
+            State::Arming(Phase::Proving) => {
+                let goal = self.proof.goal(&self.from, &self.limits);
+                // Also anew where a write was not sent, and the vector is as it was before.
+                if !self.vector.leads_to(&goal) {
+                    self.vector.begin_line(&goal);
+                }
+                // A shift of some steps is no ramp of a correction: it takes the fewest cycles.
+                let limits = Limits {
+                    ramp: Duration::ZERO,
+                    ..limits
+                };
+                self.vector.advance_line(&limits, dt_s);
+                Reasons::NONE
+            }
+            State::Arming(Phase::Ramping) | State::Compensating => {
+                let Some(wanted) = &inputs.wanted else {
+                    return Reasons::NONE;
+                };
+                let followed = self.vector.follow(wanted, &limits, dt_s);
+                Reasons::SLEWING.when(followed.slewing)
+                    | Reasons::LIMITED.when(followed.limited)
+                    | Reasons::WARN.when(followed.warned)
+            }
+            State::RampingOut(_) | State::Faulted(_) => {
+                self.vector.advance_line(&limits, dt_s);
+                Reasons::NONE
+            }
+            State::Disarmed | State::Holding(_) => {
+                self.vector.stop();
+                Reasons::NONE
+            }
+        }
+    }
+}
