@@ -8,8 +8,8 @@ use core::time::Duration;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Confirmed, Inputs, Known, Limits, LimitsError, Output, Quantity, Reading, Reasons, Scheme,
-    Vector, Wanted,
+    Confirmed, Inputs, Known, Limits, LimitsError, Output, Quantity, Reading, Reasons, Request,
+    Scheme, Vector, Wanted,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
     read_back::is_step_equal,
@@ -328,11 +328,12 @@ impl Guard {
         }
     }
 
-    /// Keeps the largest correction that is no surprise: more than the limit only on the way in.
+    /// Keeps the largest correction that is no surprise: more than the limit only on the way in, where it was lowered or
+    /// a person has looked.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let leads_out = matches!(self.state, State::RampingOut(_))
             && !matches!(before, State::RampingOut(_))
-            && inputs.request.is_some();
+            && inputs.request == Some(Request::Acknowledge);
         let output = self.output();
         for i in 0..self.limits.count {
             let stands = output[i].abs().max(self.confirmed[i].abs());

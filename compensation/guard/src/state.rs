@@ -95,6 +95,8 @@ pub(crate) struct Facts {
     pub(crate) changed: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,
+    /// Another gateway was seen, or whether there is one is still being looked at.
+    pub(crate) not_alone: bool,
     /// The ramp has reached its end.
     pub(crate) ramped: bool,
     /// The correction is confirmed to be zero on every axis.
@@ -149,11 +151,12 @@ impl State {
     /// The state that follows from the facts of a cycle.
     pub(crate) fn next(self, facts: &Facts) -> Self {
         if self.is_armed() {
-            if facts.request == Some(Request::Disarm) {
-                return Self::RampingOut(End::Disarmed);
-            }
+            // Also while it is told to disarm: a correction beyond the limit is not led out without a person.
             if facts.beyond {
                 return Self::Faulted(Cause::BeyondLimit);
+            }
+            if facts.request == Some(Request::Disarm) {
+                return Self::RampingOut(End::Disarmed);
             }
             if facts.does_not_stick || facts.does_not_land {
                 return Self::Faulted(Cause::DoesNotStick);
@@ -188,8 +191,14 @@ impl State {
 
     fn disarmed(self, facts: &Facts) -> Self {
         match facts.request {
-            Some(Request::Arm | Request::TakeOver) if facts.beyond && !facts.unconfirmed => {
-                Self::Faulted(Cause::BeyondLimit)
+            // It may be the correction of another gateway, which is at work.
+            Some(Request::Disarm) if facts.not_alone => self,
+            Some(Request::Arm | Request::TakeOver | Request::Disarm) if facts.beyond => {
+                if facts.unconfirmed {
+                    self
+                } else {
+                    Self::Faulted(Cause::BeyondLimit)
+                }
             }
             // A correction that was left over is led out.
             Some(Request::Disarm) if !facts.zero => Self::RampingOut(End::Disarmed),

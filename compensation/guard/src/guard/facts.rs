@@ -51,6 +51,8 @@ impl Guard {
             changed,
             forbidden: !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID))
                 .is_empty(),
+            not_alone: known.reasons.contains(Reasons::WATCHING)
+                || known.reasons.contains(Reasons::OTHER_GATEWAY),
             ramped: self.vector.is_ramped(),
             zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
             proves: (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0),

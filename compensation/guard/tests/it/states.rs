@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Guard, LimitsError, Quantity, Reasons, Request, State};
+use volcomp_guard::{Cause, Guard, LimitsError, Quantity, ReadBack, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits};
@@ -280,4 +280,65 @@ fn a_correction_beyond_the_limit_is_led_out_by_a_person() {
     assert_eq!(world.guard.state(), State::Disarmed);
     assert_eq!(world.applied, PerChannel::ZERO);
     assert!(world.largest_step <= 0.002 + 1e-9, "{}", world.largest_step);
+}
+
+/// Disarming, and so each end of the program, wrote from a read-back beyond the limit: where three readings lied it was
+/// a step of 1.5 mm, and what was found was led out although nobody had looked.
+#[test]
+fn disarming_leads_out_nothing_beyond_the_limit() {
+    let lies = |world: &mut World| world.lie = Some(axes(1.5, 0.0));
+    let holds = |world: &mut World| world.clear(axes(1.5, 0.0));
+    let told: [&dyn Fn(&mut World); 2] = [&lies, &holds];
+    for (tell, armed) in told
+        .into_iter()
+        .flat_map(|tell| [(tell, false), (tell, true)])
+    {
+        let mut world = World::new(&limits());
+        if armed {
+            world = world.arm();
+        }
+        tell(&mut world);
+        // Armed, the request comes in the cycle in which the third of these readings does.
+        while world
+            .known()
+            .confirmed
+            .is_none_or(|found| found.values[0] < 1.0)
+        {
+            world.now += PERIOD;
+            world.lie = world.lie.map(|_| axes(1.5, 0.0));
+            world.hear();
+        }
+        let before = world.applied;
+        world.largest_step = 0.0;
+        let told = world.decide(Some(Request::Disarm));
+        assert_eq!(told.state, State::Faulted(Cause::BeyondLimit), "{armed}");
+        for _ in 0..500 {
+            let out = world.run(Duration::ZERO);
+            assert!(!out.write, "{armed}: {:?}", out.reasons);
+        }
+        assert_eq!((world.applied, world.largest_step), (before, 0.0));
+    }
+}
+
+/// A second gateway that never corrected took the correction of the first one out when it was told to disarm, or merely
+/// ended, 100 ms after its start.
+#[test]
+fn disarming_takes_no_other_gateways_correction_out() {
+    let mut world = World::new(&limits());
+    world.clear(axes(0.020, 0.0));
+    world.read_back = ReadBack::plain(2 * SECOND);
+    let told = world.run(Duration::from_millis(100));
+    assert!(told.reasons.contains(Reasons::WATCHING), "{told:?}");
+    world.request(Request::Disarm);
+    assert_eq!(world.run(4 * SECOND).state, State::Disarmed);
+    // Also where it is seen later.
+    world.read_back.see_other(world.now);
+    world.request(Request::Disarm);
+    world.run(SECOND);
+    assert_eq!(world.applied, axes(0.020, 0.0));
+    // What nobody else is seen to write is led out by a person.
+    world.run(8 * SECOND);
+    world.request(Request::Disarm);
+    assert_eq!(world.run(2 * SECOND).state, State::Disarmed);
+    assert_eq!(world.applied, PerChannel::ZERO);
 }
