@@ -17,6 +17,10 @@ const MOST_ATTEMPTS: u8 = 3;
 const STAYED_SHARE: f64 = 0.25 + 1e-6;
 /// A position that neither follows nor stays, by more than this share of a shift: the machine moved the axis.
 const MOVED_SHARE: f64 = 2.5;
+/// A machine that goes on: an axis still moves so many times longer after a shift than it has to stand, or it went so many
+/// shifts within that time.
+const LATEST: f64 = 3.0;
+const FAR_SHIFTS: f64 = 20.0;
 /// Only motion that is so young shows that a position is alive.
 const ALIVE_FOR: Duration = Duration::from_secs(10);
 
@@ -137,12 +141,16 @@ enum Did {
 }
 
 /// The test shift of all axes at once: state of the guard. The correction goes one way by the shift, then the other
-/// way, and stands in between; creep or a slow position so does not look like an answer to it.
+/// way, and stands in between; creep or a slow position so does not look like an answer to it. Where the machine goes on
+/// meanwhile, the correction goes back to where the proof began, which it does anew at the next standstill: a shift that
+/// stays would be an error of the part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
     /// Where the axes began to stand, and for how many readings they have.
     positions: PerChannel<f64>,
     still: u32,
+    /// For how many readings the correction has been where the leg leads.
+    reached: u32,
     leg: Leg,
     /// Positions before the leg, and after the first one.
     stood: [PerChannel<f64>; 2],
@@ -169,21 +177,31 @@ impl Proof {
     ) -> Option<Verdict> {
         let count = limits.count.min(MAX_AXES);
         let goal = self.goal(from, limits);
+        let step = |i: usize| limits.axes[i].resolution;
+        let is_there = (0..count).all(|i| (output[i] - goal[i]).abs() < step(i));
         let stands = (0..count).all(|i| {
-            let step = limits.axes[i].resolution;
             let away = way(limits, i, self.positions[i], positions[i]).abs();
-            away <= STAYED_SHARE * shift(limits, i).max(step) && (output[i] - goal[i]).abs() < step
+            away <= STAYED_SHARE * shift(limits, i).max(step(i))
         });
-        if stands {
-            self.still += 1;
+        self.reached = if is_there {
+            self.reached.saturating_add(1)
+        } else {
+            0
+        };
+        if is_there && stands {
+            self.still = self.still.saturating_add(1);
         } else {
             (self.positions, self.still) = (*positions, 0);
         }
         let needed = STILL_READINGS.max(STILL_S / limits.period.as_secs_f64());
+        if !stands && self.goes_on(needed, positions, limits) {
+            self.begin_anew(self.attempts, positions);
+            return None;
+        }
         if f64::from(self.still) < needed {
             return None;
         }
-        self.still = 0;
+        (self.still, self.reached) = (0, 0);
         match self.leg {
             Leg::Begin => {
                 self.stood[0] = *positions;
@@ -241,14 +259,37 @@ impl Proof {
         };
         let is_scaled = scaled.iter().any(|scaled| *scaled);
         if unclear && !is_scaled && attempts < MOST_ATTEMPTS {
-            *self = Self {
-                attempts,
-                positions: *positions,
-                ..Self::default()
-            };
+            self.begin_anew(attempts, positions);
             return None;
         }
         Some(Verdict::of(axes, &scaled, limits))
+    }
+
+    /// Whether the machine moves an axis that does not stand yet: no answer to a shift comes so late, or goes so far. `needed`:
+    /// so many readings an axis stands.
+    fn goes_on(&self, needed: f64, positions: &PerChannel<f64>, limits: &Limits) -> bool {
+        let before = match self.leg {
+            // Nothing is shifted.
+            Leg::Begin => return false,
+            Leg::First => &self.stood[0],
+            Leg::Second => &self.stood[1],
+        };
+        let went_far = |i: usize| {
+            let most = FAR_SHIFTS * shift(limits, i).max(limits.axes[i].resolution);
+            way(limits, i, before[i], positions[i]).abs() > most
+        };
+        let reached = f64::from(self.reached);
+        let is_far = (0..limits.count.min(MAX_AXES)).any(went_far);
+        reached > LATEST * needed || reached > needed && is_far
+    }
+
+    /// Back to where the proof began, and waiting for standstill there.
+    fn begin_anew(&mut self, attempts: u8, positions: &PerChannel<f64>) {
+        *self = Self {
+            attempts,
+            positions: *positions,
+            ..Self::default()
+        };
     }
 }
 

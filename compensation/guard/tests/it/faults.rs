@@ -264,6 +264,38 @@ fn the_proof_waits_for_standstill() {
     assert_eq!(world.run(4 * SECOND).state, State::Compensating);
 }
 
+/// Armed in a pause of a program that goes on in the middle of the proof: the test shift stayed applied for as long as the
+/// program ran. It goes back within a second, and the proof is done in the next pause.
+#[test]
+fn a_program_that_goes_on_is_not_left_with_the_test_shift() {
+    for (includes, until) in [(false, 90), (true, 90), (false, 170), (true, 170)] {
+        let mut world = proving(includes, includes);
+        let goes_on = |world: &mut World, cycles: u32| {
+            let mut shifted = 0;
+            for cycle in 0..cycles {
+                // To and fro at 20 mm/s, then feeds of 0.2 mm/s.
+                let rate = if cycle < cycles / 2 { 20.0 } else { 0.2 };
+                let sign = if cycle % 100 < 50 { 1.0 } else { -1.0 };
+                let way = sign * rate * PERIOD.as_secs_f64();
+                (world.positions[0], world.positions[1]) =
+                    (world.positions[0] + way, world.positions[1] + way);
+                world.run(Duration::ZERO);
+                shifted += u32::from(world.applied[0].abs() > 0.5 * STEP);
+            }
+            shifted
+        };
+        goes_on(&mut world, 100);
+        world.request(Request::Arm);
+        world.run(PERIOD * until);
+        assert!(world.applied[0].abs() > 4.5 * STEP, "{:?}", world.applied);
+        let shifted = goes_on(&mut world, 2000);
+        assert!(PERIOD * shifted < SECOND, "{shifted}");
+        let output = world.run(4 * SECOND);
+        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+        assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
+    }
+}
+
 /// Positions that do not get younger stand still and prove nothing; what interrupts the proof ends arming.
 #[test]
 fn an_interrupted_proof_is_no_proof() {
