@@ -1,6 +1,6 @@
 //! The devices of a configuration: what they are, told without opening them, and opened.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::time::Duration;
 
 use volcomp_can::{
     BridgeConfig, CanController, CanSocket, CanThermometer, SignalTable, temperature_names,
@@ -168,7 +168,11 @@ impl ControllerDevice {
             proves: config.proves.unwrap_or(!is_digital),
             position_steps: match &self.kind {
                 Kind::Lines(lines) => [lines.position_step()].into(),
-                Kind::Focas(_) | Kind::Can(_) => BTreeMap::new(),
+                Kind::Can(can) => can.position_steps(),
+                // A control tells three decimals, or as many as it has for corrections.
+                Kind::Focas(focas) => (focas.axes.iter().chain(&focas.reads))
+                    .map(|name| (*name, focas.position_step(*name)))
+                    .collect(),
             },
             read_back_cycles: usize::try_from(cycles)
                 .unwrap_or(usize::MAX)

@@ -230,6 +230,12 @@ pub enum GatewayError {
         /// The URL of the device.
         url: String,
     },
+    /// Another gateway on this computer uses the same folder.
+    #[error("[audit] dir: another gateway on this computer uses the folder {}, expected one of its own", .folder.display())]
+    FolderLocked {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// The control thread does not start.
     #[error(transparent)]
     Start(#[from] StartError),
@@ -397,6 +403,7 @@ impl GatewayError {
         match self {
             Self::Device(_)
             | Self::Locked { .. }
+            | Self::FolderLocked { .. }
             | Self::Start(_)
             | Self::Answer { .. }
             | Self::Rehearsal { .. }

@@ -10,8 +10,10 @@ use std::{
     net::{IpAddr, Ipv4Addr, Ipv6Addr, ToSocketAddrs, UdpSocket},
     os::{
         linux::net::SocketAddrExt,
+        unix::fs::MetadataExt,
         unix::net::{SocketAddr, UnixListener},
     },
+    path::Path,
 };
 
 use rustix::net::{AddressFamily, SocketType, netdevice::name_to_index, socket};
@@ -30,7 +32,7 @@ const FOCAS_PORT: u16 = 8193;
 /// Another gateway on this computer corrects one of them.
 pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locked = BTreeSet::new();
-    let mut locks = Vec::new();
+    let mut locks = vec![lock_folder(&config.audit_dir)?];
     for controller in &config.controllers {
         let url = &controller.url;
         let address = Address::parse(url).map_err(GatewayError::Device)?;
@@ -42,6 +44,22 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
         }
     }
     Ok(locks)
+}
+
+/// Locks the folder of the audit log, in which a gateway remembers what it has written, confirmed and been told.
+fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
+    let shown = folder.display().to_string();
+    let wrong = |source| GatewayError::system(shown.clone(), source);
+    std::fs::create_dir_all(folder).map_err(wrong)?;
+    let found = std::fs::metadata(folder).map_err(wrong)?;
+    // By what it is, not by its spelling.
+    let name = format!("folder {} {}", found.dev(), found.ino());
+    lock_device(&shown, &name).map_err(|error| match error {
+        GatewayError::Locked { .. } => GatewayError::FolderLocked {
+            folder: folder.to_owned(),
+        },
+        other => other,
+    })
 }
 
 /// The names of the devices that an address reaches, the same for all its spellings. One that cannot be found now, such
@@ -88,7 +106,8 @@ fn canonical(ip: IpAddr) -> IpAddr {
     let is_this_computer = match ip {
         // The others of 127.0.0.0/8 are addresses of their own, as tests use them.
         IpAddr::V4(v4) if v4.is_loopback() => v4 == Ipv4Addr::LOCALHOST,
-        ip => ip.is_loopback() || is_own(ip),
+        // The unspecified address reaches this computer.
+        ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
     };
     if is_this_computer {
         Ipv4Addr::LOCALHOST.into()
@@ -161,6 +180,8 @@ mod tests {
             "focas://LOCALHOST",
             "focas://[::1]",
             "focas://[::ffff:127.0.0.1]:8193",
+            "focas://0.0.0.0",
+            "focas://[::]",
             "focas://127.0.0.1?path=2",
         ] {
             assert_eq!(of(spelling), one, "{spelling}");

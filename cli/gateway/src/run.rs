@@ -9,7 +9,8 @@ use std::{
 };
 
 use volcomp_guard::Reasons;
-use volcomp_runtime::{DisarmSwitch, Report, monotonic, start};
+use volcomp_port::Description;
+use volcomp_runtime::{DisarmSwitch, Model, Report, monotonic, start};
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::{
@@ -50,9 +51,11 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
         tokens,
         tls,
     } = plan.open()?;
-    if let Some((output, age)) = last_output(&config.audit_dir.join("output.json")) {
-        cycle.restore(&output, age);
-    }
+    // What is not remembered is not zero: the device tells it, or a person has to look.
+    let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
+    let remembered = last_output(&config.audit_dir.join("output.json"), &model, &controllers);
+    let (output, age) = remembered.unwrap_or_else(unknown);
+    cycle.restore(&output, age);
     let (handle, lacking) = start(cycle, config.realtime)?;
     for lacking in process.lacking.iter().chain(&lacking) {
         tracing::warn!("{lacking}");
@@ -180,13 +183,18 @@ fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
     Ok((audit, found))
 }
 
-/// The last output that was stored (mm, rad), and how long ago; `None` where none was, or after a reboot, when a
-/// correction begins at zero. Where the program did not come to its end it may have sent another one afterwards: then
-/// what was sent last is no number, and a controller that cannot be asked waits for a person.
-fn last_output(path: &Path) -> Option<(PerAxis<f64>, Duration)> {
+/// The last output that was stored (mm, rad), and how long ago; `None` where none was, it cannot be read, is of another
+/// boot of the computer, of other axes or of other controllers. Where the program did not come to its end it may have
+/// sent another one afterwards: then what was sent last is no number.
+fn last_output(
+    path: &Path,
+    model: &Model,
+    controllers: &[Description],
+) -> Option<(PerAxis<f64>, Duration)> {
     let text = std::fs::read_to_string(path).ok()?;
     let output: LastOutput = serde_json::from_str(&text).ok()?;
     let fits = output.boot == boot_id()
+        && (output.axes, output.controllers) == LastOutput::belongs_to(model, controllers)
         && output.correction.len() <= MAX_AXES
         && output.correction.iter().all(|value| value.is_finite());
     let written = Duration::try_from_secs_f64(output.monotonic_s).unwrap_or_default();

@@ -49,6 +49,8 @@ pub struct Cycle {
     directions: PerAxis<DirectionMemory>,
     sensors: Sensors,
     degraded: bool,
+    /// Whether no path was left with a correction before the start, as far as that was written down, or a person says.
+    left_nothing: bool,
     standby: Standby,
     /// Where the machine was commanded in this cycle; `None` while a position is not known.
     commanded: Option<State>,
@@ -116,6 +118,7 @@ impl Cycle {
             directions: PerAxis::default(),
             sensors,
             degraded: false,
+            left_nothing: false,
             standby: Standby::default(),
             commanded: None,
             last: None,
@@ -156,7 +159,9 @@ impl Cycle {
 
     /// Tells which correction (mm, rad) was sent last before the program ended, `age` ago, for controllers that cannot be
     /// asked for the correction they hold. Controllers that can be asked are asked.
+    /// Numbers that are none say that it is not known; without this call it is not known for paths that do not answer.
     pub fn restore(&mut self, correction: &PerAxis<f64>, age: Duration) {
+        self.left_nothing = correction.iter().all(|value| *value == 0.0);
         for path in &mut self.paths {
             let limits = path.limits();
             let mut applied = PerChannel::ZERO;
@@ -271,6 +276,7 @@ impl Cycle {
         if asked.request == Some(Request::Acknowledge) {
             self.sensors.acknowledge();
             self.interlocks.acknowledge();
+            self.left_nothing = true;
             for path in &mut self.paths {
                 path.read_back.acknowledge(since_start);
             }
@@ -383,6 +389,13 @@ impl Cycle {
             taken: place.oldest.or(path.taken()).unwrap_or_default(),
             positions: snapshot.positions,
         });
+        let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
+        if place.oldest.is_some_and(lost) {
+            // What held so long ago is not told as if it were so.
+            self.report.known = 0;
+            self.report.wanted = PerAxis::ZERO;
+            self.commanded = None;
+        }
         let mut output = self.guard.cycle(&Inputs {
             now,
             reading,

@@ -65,6 +65,8 @@ pub struct Model {
     /// Where something of the model may change abruptly or turn back: the nodes of its curves along each axis, mm and
     /// rad.
     nodes: Vec<Vec<f64>>,
+    /// The nodes of its grids over two axes.
+    grids: Vec<largest_move::GridNodes>,
     /// Whether an error depends on the direction from which the axis came.
     reverses: Vec<bool>,
     /// The longest lever from the line of each rotary axis to the tool tip over the work space, mm.
@@ -100,6 +102,7 @@ impl Model {
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
             nodes: largest_move::nodes(machine),
+            grids: largest_move::grids(machine),
             reverses: largest_move::reverses(machine),
             axes,
             levers_mm: PerAxis::ZERO,

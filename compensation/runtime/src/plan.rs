@@ -426,8 +426,6 @@ fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
         AxisKind::Linear => guard.without_barrier.linear.to_mm().0,
         AxisKind::Rotary => guard.without_barrier.rotary.to_rad().0,
     };
-    // At least one step: a limit below it is no limit.
-    let most = most.max(limits.resolution);
     if limits.warn <= limits.limit {
         limits.warn = limits.warn.min(most);
     }

@@ -2,7 +2,10 @@
 //! or as words for a barrier. The names of the signals say what they are, so ids, places and scaling are the user's to
 //! change.
 
-use std::time::{Duration, Instant};
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
 
 use volcomp_port::{
     Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, ShownStates,
@@ -43,6 +46,18 @@ pub struct BridgeConfig {
 }
 
 impl BridgeConfig {
+    /// The smallest steps of the positions that the control tells, by axis.
+    pub fn position_steps(&self) -> BTreeMap<AxisName, Displacement> {
+        let step = |name: &AxisName| {
+            let (message, place) = self.table.find(&format!("{name}_POS"))?;
+            let signal = &self.table.messages[message].signals[place];
+            let step = signal.step() * signal.to_internal()?;
+            Some((*name, Displacement::new(name.kind(), step)))
+        };
+        let axes = self.axes.iter().chain(&self.reads);
+        axes.filter_map(step).collect()
+    }
+
     /// The description of the controller that this configuration makes, without opening a bus.
     ///
     /// # Errors

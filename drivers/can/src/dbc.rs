@@ -1,10 +1,10 @@
 //! DBC files, read into the table of their signals.
 
-use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, ValueType};
+use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, SignalExtendedValueType, ValueType};
 
 use crate::{
     frame::Frame,
-    quantity::to_internal,
+    quantity::{Quantity, STATES, to_internal},
     signals::{Message, Signal, SignalTable},
 };
 
@@ -73,8 +73,11 @@ impl SignalTable {
     }
 
     fn from_dbc(dbc: &Dbc) -> Result<Self, Wrong> {
-        let messages = dbc.messages.iter().filter(|m| m.size > 0).map(message);
-        let messages = messages.collect::<Result<Vec<_>, _>>()?;
+        let used = || dbc.messages.iter().filter(|m| m.size > 0);
+        let messages = used().map(message).collect::<Result<Vec<_>, _>>()?;
+        for (found, message) in used().zip(&messages) {
+            check_meant(dbc, found.id, message)?;
+        }
         for (index, message) in messages.iter().enumerate() {
             let same = |other: &&Message| {
                 (other.id, other.extended) == (message.id, message.extended)
@@ -87,6 +90,37 @@ impl SignalTable {
         }
         Ok(Self { messages })
     }
+}
+
+/// Checks the signals of a message that are used: each is a whole number in bits of its own, and a state is off where
+/// its bits are 0.
+fn check_meant(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Wrong> {
+    for (index, signal) in message.signals.iter().enumerate() {
+        let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
+        let is_of_message = [message.counter, message.checksum].contains(&Some(index));
+        let is_used = Quantity::of_signal(&signal.name).is_some() || is_word.contains(&true);
+        if !(is_used || is_of_message) {
+            continue;
+        }
+        let place = format!("{}.{}", message.name, signal.name);
+        let others = message.signals.iter().enumerate();
+        let mut others = others.filter(|(other, _)| *other != index);
+        if let Some((_, other)) =
+            others.find(|(_, other)| signal.shares_bits(other, message.length))
+        {
+            let found = format!("bits that {} has, too", other.name);
+            return Err(wrong(&place, &found, "bits of its own"));
+        }
+        let kind = dbc.extended_value_type_for_signal(id, &signal.name);
+        if kind.is_some_and(|kind| *kind != SignalExtendedValueType::SignedOrUnsignedInteger) {
+            return Err(wrong(&place, "a floating-point number", "a whole number"));
+        }
+        if STATES.contains(&&*signal.name) && signal.offset != 0.0 {
+            let found = format!("the offset {}", signal.offset);
+            return Err(wrong(&place, &found, "0: the bits 0 say that it is not so"));
+        }
+    }
+    Ok(())
 }
 
 fn wrong(place: &str, found: &str, expected: &str) -> Wrong {

@@ -16,7 +16,8 @@ use crate::{
 pub struct Health {
     /// Frames of other lengths or with a wrong checksum.
     pub broken: u64,
-    /// Frames with the counter of the one before: the sender stands still, or somebody repeats it.
+    /// Frames with the counter of the one before, or of an earlier one: the sender stands still, somebody repeats it, or it
+    /// was overtaken on its way.
     pub repeated: u64,
     /// Counters left out: frames were lost.
     pub lost: u64,
@@ -25,6 +26,11 @@ pub struct Health {
     /// The controller has left the bus, and nothing came since.
     pub bus_off: bool,
 }
+
+/// A counter of 16 numbers that is so far ahead lies behind: the frame was overtaken, or doubled, on its way.
+const BEHIND: u64 = 8;
+/// A frame that was overtaken comes within this time of the one that overtook it.
+const OVERTAKEN_WITHIN: Duration = Duration::from_millis(100);
 
 /// A message that is received: the last data that were whole.
 pub(crate) struct Heard {
@@ -69,6 +75,11 @@ impl Heard {
         if let (Some(before), Some(now)) = (self.counter, self.message.counter(frame.data())) {
             match (now + 16 - before % 16) % 16 {
                 0 => {
+                    health.repeated += 1;
+                    return false;
+                }
+                // After a silence nothing tells how far the counter went.
+                ahead if ahead >= BEHIND && self.is_fresh(OVERTAKEN_WITHIN) => {
                     health.repeated += 1;
                     return false;
                 }

@@ -50,8 +50,12 @@ impl Plain {
                 largest: signal.largest() * to_internal,
             });
             axes.push(OfAxis {
-                sent: place_in(&mut sent, message)
-                    .ok_or_else(|| format!("{} makes no frame", message.name))?,
+                sent: place_in(&mut sent, message).ok_or_else(|| {
+                    format!(
+                        "{} makes no frame in which every correction is 0",
+                        message.name
+                    )
+                })?,
                 signal,
                 to_internal,
             });
@@ -111,6 +115,13 @@ fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize
     if known.is_some() {
         return known;
     }
-    sent.push((message.clone(), message.frame()?));
+    let mut frame = message.frame()?;
+    for signal in &message.signals {
+        // Corrections of axes that are not written here are zero, whatever bits that is.
+        if signal.name.ends_with("_CORR") && !signal.put(frame.data_mut(), 0.0) {
+            return None;
+        }
+    }
+    sent.push((message.clone(), frame));
     Some(sent.len() - 1)
 }

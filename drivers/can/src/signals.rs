@@ -161,6 +161,17 @@ impl Signal {
         (low..=high).contains(&wanted)
     }
 
+    /// Whether both have a bit in common in data of so many bytes.
+    pub(crate) fn shares_bits(&self, other: &Self, length: usize) -> bool {
+        let bits = |signal: &Self| {
+            let mut data = [0; 64];
+            signal.put_raw(&mut data[..length.min(64)], u64::MAX);
+            data
+        };
+        let both = bits(self).into_iter().zip(bits(other));
+        both.into_iter().any(|(one, two)| one & two != 0)
+    }
+
     /// The factor from the value to mm, rad or °C; `None` for a signal that is no position, correction or temperature.
     pub(crate) fn to_internal(&self) -> Option<f64> {
         Quantity::of_signal(&self.name)?.factor(&self.unit).ok()

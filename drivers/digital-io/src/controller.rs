@@ -179,9 +179,8 @@ impl<D: DigitalIo> DigitalController<D> {
 
     /// Takes note of what the device confirmed of our writes.
     fn note(&mut self) {
-        if self.wrote {
-            self.outputs.note(&self.io, &self.wiring, &self.axes);
-        }
+        self.outputs
+            .note(&self.io, &self.wiring, &self.axes, self.wrote);
     }
 
     /// Reads the axis that is shown.
@@ -241,8 +240,8 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
                 referenced: true,
                 ..ControllerState::default()
             },
-            // Lines take what they are given and tell nothing.
-            applied: None,
+            // What the lines carry; whether the control applies it, they do not tell.
+            applied: self.outputs.carried(),
             report: None,
         })
     }

@@ -25,6 +25,8 @@ pub(crate) struct Outputs {
     latch: u64,
     taken: PerChannel<f64>,
     has_taken: bool,
+    /// What the control has taken of the only axis, as far as the device tells the levels of its outputs.
+    carried: Option<PerChannel<f64>>,
 }
 
 impl Outputs {
@@ -34,12 +36,19 @@ impl Outputs {
             latch: 0,
             taken: PerChannel::ZERO,
             has_taken: false,
+            carried: None,
         }
     }
 
     /// The corrections that the control's inputs carried last with a confirmed write, axis by axis.
     pub(crate) fn taken(&self) -> Option<PerChannel<f64>> {
         self.has_taken.then_some(self.taken)
+    }
+
+    /// The correction that the lines carry now, from before the first write on, as far as the device tells; where several
+    /// axes share the lines, they carry one of them only.
+    pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
+        self.carried
     }
 
     /// Writes a word for an axis. With a latch two writes carry one correction: the word, and, when it is confirmed,
@@ -83,9 +92,18 @@ impl Outputs {
         (levels, Latching::Settling(levels))
     }
 
-    /// Takes note of what the device has confirmed since. Call it when a write was made.
-    pub(crate) fn note(&mut self, io: &impl DigitalIo, wiring: &Wiring, axes: &[DigitalAxis]) {
-        let Some(levels) = io.confirmed() else { return };
+    /// Takes note of what the device has confirmed since. `wrote`: whether a write was made.
+    pub(crate) fn note(
+        &mut self,
+        io: &impl DigitalIo,
+        wiring: &Wiring,
+        axes: &[DigitalAxis],
+        wrote: bool,
+    ) {
+        let Some(levels) = io.confirmed() else {
+            self.carried = None;
+            return;
+        };
         let waits = match self.latching {
             Latching::Taken => false,
             Latching::Settling(_) => true,
@@ -96,7 +114,15 @@ impl Outputs {
         let correction = axes
             .get(index)
             .and_then(|axis| axis.correction.decode(word));
-        if let (false, Some(correction)) = (waits, correction) {
+        let Some(correction) = correction.filter(|_| !waits) else {
+            return;
+        };
+        if axes.len() == 1 {
+            let mut carried = PerChannel::ZERO;
+            carried[index] = correction;
+            self.carried = Some(carried);
+        }
+        if wrote {
             self.taken[index] = correction;
             self.has_taken = true;
         }

@@ -12,6 +12,9 @@ use crate::{
     pmc::{PmcAddress, PmcArea, Width},
 };
 
+/// Positions have so many mm or deg in their last digit at least.
+const THIRD_DECIMAL: f64 = 0.001;
+
 /// Where the machine zero point shift of each axis is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -124,6 +127,17 @@ impl FocasConfig {
         }
     }
 
+    /// The smallest step of the positions that the control tells of an axis: the third decimal of mm and deg, or the count
+    /// of its corrections, where that is coarser.
+    pub fn position_step(&self, name: AxisName) -> Displacement {
+        let decimal = match name.kind() {
+            AxisKind::Linear => THIRD_DECIMAL,
+            AxisKind::Rotary => Deg(THIRD_DECIMAL).to_rad().0,
+        };
+        let count = self.shift.count(name.kind()).mm_or_rad();
+        Displacement::new(name.kind(), decimal.max(count))
+    }
+
     /// The device as messages name it.
     pub fn device(&self) -> String {
         format!("focas://{}:{}", self.host, self.port)
@@ -164,6 +178,10 @@ impl FocasConfig {
             shortest_cycle: Duration::from_millis(1),
         };
         description.check()?;
+        let is_direct = self.barrier.is_none() && !self.copied;
+        if is_direct && self.shift.width != Width::Word {
+            return Err(FocasError::Width(self.shift.width));
+        }
         areas::check(self, self.axes.len())?;
         Ok(description)
     }

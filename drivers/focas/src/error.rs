@@ -5,7 +5,12 @@ use std::{io, net::SocketAddr};
 use volcomp_port::{DeviceError, Fault, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
-use crate::{areas::Block, frame::Broken, pmc::PmcAddress, return_code::ReturnCode};
+use crate::{
+    areas::Block,
+    frame::Broken,
+    pmc::{PmcAddress, Width},
+    return_code::ReturnCode,
+};
 
 /// Why a control cannot be reached, refuses a question, or is configured wrongly.
 #[derive(Debug, thiserror::Error)]
@@ -52,12 +57,28 @@ pub enum FocasError {
         /// The fault of the exchange.
         source: Fault,
     },
+    /// The control is to take the words of the shifts itself, and they do not have two bytes for each axis.
+    #[error(
+        "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
+        .0.bytes()
+    )]
+    Width(Width),
     /// The control lacks an axis of the configuration.
     #[error("the control has no axis {name}, found {found}")]
     NoAxis {
         /// The axis of the configuration.
         name: AxisName,
         /// The letters of the axes that the control has.
+        found: String,
+    },
+    /// Several axes of the control begin with the letter of an axis of the configuration.
+    #[error(
+        "axis {name}: found several axes of the control whose names begin with this letter, {found}, expected one"
+    )]
+    SameLetter {
+        /// The axis of the configuration.
+        name: AxisName,
+        /// The first letters of the axes that the control has.
         found: String,
     },
     /// Two blocks of bytes with a meaning of their own have bytes in common: what is written into one would change the
@@ -144,6 +165,10 @@ impl FocasError {
                 "check the address in the configuration and the options and parameters of the control"
             }
             Self::Failed { .. } => "check the cable and that the control is not overloaded",
+            Self::SameLetter { .. } => {
+                "leave this axis to the control: it cannot be told which one is meant"
+            }
+            Self::Width(_) => "state area.width = 2, or leave it out",
             Self::NoAxis { .. } => "correct the axes of the configuration",
             Self::Overlap { .. } => "name a byte that nothing else uses",
             Self::NotWritable { .. } => "name a byte in R or D that the ladder leaves free",
@@ -163,6 +188,8 @@ impl FocasError {
             | Self::Overlap { .. }
             | Self::NotWritable { .. }
             | Self::BeyondEnd { .. }
+            | Self::SameLetter { .. }
+            | Self::Width(_)
             | Self::Parameter { .. }
             | Self::Axes(_)
             | Self::Request(_) => DeviceError::option,

@@ -219,7 +219,14 @@ impl Link {
 /// The axes of the configuration among those of the control.
 fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, FocasError> {
     let planned = |name: &volcomp_vocabulary::AxisName| {
-        let slot = names.iter().position(|found| *found == name.letter());
+        let mut slots = (0..names.len()).filter(|slot| names[*slot] == name.letter());
+        let slot = slots.next();
+        if slots.next().is_some() {
+            return Err(FocasError::SameLetter {
+                name: *name,
+                found: names.iter().collect(),
+            });
+        }
         Ok(PlannedAxis {
             slot: slot.ok_or_else(|| FocasError::NoAxis {
                 name: *name,

@@ -148,8 +148,8 @@ fn take(
         }
         Ask::Referenced(_) => {
             let bits = *data.first().ok_or(Broken("no byte of referenced axes"))?;
-            // A byte tells of eight axes.
-            let referenced = |axis: &PlannedAxis| axis.slot > 7 || bits >> axis.slot & 1 == 1;
+            // A byte tells of eight axes; what it does not tell counts in the sense that forbids.
+            let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
         }
     }

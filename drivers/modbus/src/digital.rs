@@ -13,7 +13,7 @@ use volcomp_port::{Backoff, DeviceError, DigitalIo, Fault, InputLevels, Unopened
 
 use crate::{
     bus::{Bus, no_thread},
-    exchange::{Exchanger, Image, Wanted},
+    exchange::{Exchanger, Image, OUTPUT_TRIES, Wanted},
     profile::{Digital, Profile},
 };
 
@@ -116,7 +116,7 @@ impl ModbusDigital {
             images: into,
             stop: Arc::clone(&stop),
             image: Image::default(),
-            asks_outputs: outputs > 0,
+            tries_left: if outputs > 0 { OUTPUT_TRIES } else { 0 },
         };
         std::thread::Builder::new()
             .name("modbus-io".to_owned())
@@ -238,9 +238,10 @@ impl DigitalIo for ModbusDigital {
             self.answered = answered;
             self.unanswered = None;
         }
-        let silent = self
-            .unanswered
-            .is_some_and(|since| now.duration_since(since) > self.stale_after());
+        let is_old = |since: Instant| now.duration_since(since) > self.stale_after();
+        // Where nothing is heard, nothing is known to be written either.
+        let silent = self.unanswered.is_some_and(is_old)
+            || image.inputs.is_some_and(|inputs| is_old(inputs.taken));
         self.number += 1;
         self.unanswered.get_or_insert(now);
         self.wanted.write(Wanted {

@@ -18,6 +18,12 @@ use crate::{
     profile::Digital,
 };
 
+/// So many equal answers tell what the outputs of a module are: one wrong answer is not believed.
+const EQUAL_ANSWERS: u32 = 3;
+
+/// Connections in a row that may break while the modules are asked for the levels of their outputs.
+pub(crate) const OUTPUT_TRIES: u8 = 3;
+
 /// Outputs that are to be written.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted {
@@ -54,8 +60,8 @@ pub(crate) struct Exchanger {
     pub(crate) images: Input<Image>,
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
-    /// Whether the modules are asked for the levels of their outputs when they are connected: not after one did not answer.
-    pub(crate) asks_outputs: bool,
+    /// At so many connections in a row that broke meanwhile the modules are still asked for the levels of their outputs.
+    pub(crate) tries_left: u8,
 }
 
 impl Exchanger {
@@ -96,17 +102,29 @@ impl Exchanger {
         if number > self.image.taken {
             self.image.failed = Some((number, Fault::Disconnected));
         }
-        if self.asks_outputs {
-            // Asking may break the connection: the next one does without.
-            self.asks_outputs = false;
-            self.image.outputs = self.outputs(line).await?;
-            self.asks_outputs = true;
+        if self.tries_left > 0 {
+            // Asking may break the connection: after some that broke they do without.
+            self.tries_left -= 1;
+            self.image.outputs = self.found_outputs(line).await?;
+            self.tries_left = OUTPUT_TRIES;
         } else {
             self.image.outputs = None;
         }
         self.image.connected = true;
         self.images.write(self.image);
         Ok(())
+    }
+
+    /// The levels of the outputs as the modules tell them three times in a row; `None` where one does not tell, or tells
+    /// one thing and another.
+    async fn found_outputs(&self, line: &mut Line) -> Result<Option<u64>, Unanswered> {
+        let first = self.outputs(line).await?;
+        for _ in 1..EQUAL_ANSWERS {
+            if first.is_none() || self.outputs(line).await? != first {
+                return Ok(None);
+            }
+        }
+        Ok(first)
     }
 
     /// The levels of the outputs by the modules; `None` where one does not tell.

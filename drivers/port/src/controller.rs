@@ -217,7 +217,8 @@ pub struct Snapshot {
     pub uncertainty: Duration,
     /// The operating state of the controller at that instant.
     pub state: ControllerState,
-    /// The correction that is applied, mm and rad, where the device can be asked and has no barrier.
+    /// The correction that is applied, mm and rad, where the device can be asked and has no barrier. Where the control
+    /// cannot be asked (see [`Description::tells_applied`]): what the outputs to it carry, as far as the device knows it.
     pub applied: Option<PerChannel<f64>>,
     /// The last report of the control's barrier, as its words came: whether they are whole, the checksum in them tells.
     /// `None` where there is no barrier, or nothing came yet.

@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use volcomp_port::Description;
+use volcomp_runtime::Model;
+
 use super::{ByAxis, StateName};
 
 /// Limits, rates and accelerations that change, by the key of the configuration: the old and the new value.
@@ -150,8 +153,23 @@ pub struct LastOutput {
     /// Whether the gateway ended with it; otherwise it may have sent another one afterwards.
     #[serde(default)]
     pub ended: bool,
+    /// The letters of the machine's axes in the order of its chain: with other ones, or in another order, it is not used.
+    #[serde(default)]
+    pub axes: String,
+    /// The devices of the controllers in their order: with other ones it is not used.
+    #[serde(default)]
+    pub controllers: Vec<String>,
     /// The output of each axis in the order of the machine's chain: mm for linear axes, rad for rotary ones.
     pub correction: Vec<f64>,
+}
+
+impl LastOutput {
+    /// The axes and controllers to which an output of this machine by these controllers belongs.
+    pub(crate) fn belongs_to(model: &Model, controllers: &[Description]) -> (String, Vec<String>) {
+        let axes = model.axes.iter().map(|name| name.letter()).collect();
+        let devices = controllers.iter().map(|one| one.device.clone());
+        (axes, devices.collect())
+    }
 }
 
 /// The file `standing.json` beside the log: what outlives a restart of the gateway.

@@ -34,7 +34,10 @@ pub(super) fn map(model: &Model, status: &Status) -> ErrorMap {
         } else {
             &status.positions_mm
         };
-        let coordinate = shown.get(name).copied().unwrap_or(0.0);
+        // Where an axis stands nobody knows, there is no map.
+        let Some(coordinate) = shown.get(name).copied() else {
+            return ErrorMap::default();
+        };
         *q = Displacement::from_coordinate(name.kind(), coordinate).mm_or_rad();
     }
     let nodes = |axis: usize| {

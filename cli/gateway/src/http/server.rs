@@ -1,6 +1,6 @@
 //! Connections of the dashboard: how many at one time, how slow, and with TLS where others can listen.
 
-use std::{net::SocketAddr, sync::Arc, time::Duration};
+use std::{collections::VecDeque, net::SocketAddr, sync::Arc, time::Duration};
 
 use axum::Extension;
 use hyper::server::conn::http1;
@@ -11,12 +11,13 @@ use hyper_util::{
 use tokio::{
     io::{AsyncRead, AsyncWrite},
     net::{TcpListener, TcpStream},
-    sync::Semaphore,
+    task::AbortHandle,
 };
 
 use super::{routes, shared::Dashboard, tls::Tls};
 
-/// The largest number of connections at one time.
+/// The largest number of connections at one time. With another one the oldest ends: clients that do not read, or send
+/// nothing, so keep nobody from disarming.
 const MAX_CONNECTIONS: usize = 64;
 /// The header of a request must be whole after so long; between requests a connection may idle as long.
 const HEADER_WITHIN: Duration = Duration::from_secs(5);
@@ -26,7 +27,7 @@ const HANDSHAKE_WITHIN: Duration = Duration::from_secs(5);
 /// Serves until the runtime ends.
 pub async fn serve(listener: TcpListener, tls: Option<Tls>, dashboard: Arc<Dashboard>) {
     let router = routes::router(dashboard);
-    let slots = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let mut open: VecDeque<AbortHandle> = VecDeque::new();
     loop {
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
@@ -37,15 +38,15 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, dashboard: Arc<Dashb
                 continue;
             }
         };
-        // The next one waits in the kernel's queue until a connection ends.
-        let Ok(slot) = Arc::clone(&slots).acquire_owned().await else {
-            return;
-        };
+        open.retain(|connection| !connection.is_finished());
+        if open.len() >= MAX_CONNECTIONS
+            && let Some(oldest) = open.pop_front()
+        {
+            oldest.abort();
+        }
         let (router, tls) = (router.clone().layer(Extension(from)), tls.clone());
-        tokio::spawn(async move {
-            connection(stream, from, tls, router).await;
-            drop(slot);
-        });
+        let served = tokio::spawn(connection(stream, from, tls, router));
+        open.push_back(served.abort_handle());
     }
 }
 

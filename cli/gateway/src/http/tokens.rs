@@ -14,7 +14,7 @@ use subtle::ConstantTimeEq;
 
 use crate::error::{GatewayError, TokenError};
 
-/// So many wrong tokens from one address within [`WRONG_IN`] block the address.
+/// After so many wrong tokens from one address within [`WRONG_IN`] no further wrong one is looked at.
 const WRONG: u32 = 5;
 /// How long wrong tokens are counted and an address stays blocked.
 const WRONG_IN: Duration = Duration::from_secs(60);
@@ -160,9 +160,6 @@ impl Tokens {
             return Err(Denied::NoneConfigured);
         }
         let token = token.ok_or(Denied::Unknown)?;
-        if self.is_blocked(from) {
-            return Err(Denied::TooMany);
-        }
         let given = hash(token);
         let mut found = None;
         for (holder, known) in &self.holders {
@@ -173,6 +170,8 @@ impl Tokens {
         match found {
             Some(holder) if holder.role >= needed => Ok(holder.clone()),
             Some(_) => Err(Denied::Role),
+            // A right token is let in always: nobody may keep another one of the same address from disarming.
+            None if self.is_blocked(from) => Err(Denied::TooMany),
             None => {
                 self.count_wrong(from);
                 Err(Denied::Unknown)

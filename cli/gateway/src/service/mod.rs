@@ -94,6 +94,10 @@ pub struct Service {
     looked: Instant,
     last_state: State,
     standing: Standing,
+    /// Tells when what stands was written down last, whether that failed, and when it was tried again.
+    standing_kept: Option<Receipt>,
+    standing_lost: bool,
+    standing_tried: Instant,
     /// Why records of the log may be missing.
     trouble: Option<&'static str>,
     tried_again: Instant,
@@ -139,6 +143,9 @@ impl Service {
             times: Times::default(),
             looked: now,
             last_state: State::Disarmed,
+            standing_kept: None,
+            standing_lost: false,
+            standing_tried: now,
             trouble: None,
             tried_again: now,
             tells: Reasons::NONE,
@@ -286,7 +293,9 @@ impl Service {
 
     /// Whether the log is written as it should; where it was not, it is tried again.
     fn look_after_log(&mut self) {
-        let trouble = self.clerk.trouble();
+        let lost = "what outlives a restart cannot be written down";
+        let is_lost = self.look_after_standing();
+        let trouble = self.clerk.trouble().or(is_lost.then_some(lost));
         if trouble != self.trouble {
             if let Some(trouble) = trouble {
                 tracing::error!("{trouble}: no arming until it is written again");
@@ -379,9 +388,14 @@ impl Service {
         if self.output.receipt.as_ref().is_some_and(waits) {
             return;
         }
+        let (axes, controllers) =
+            LastOutput::belongs_to(&self.parts.model, &self.parts.controllers);
         let output = LastOutput {
+            axes,
+            controllers,
             boot: boot_id(),
-            ended,
+            // What was not known at the end is not known at the next start.
+            ended: ended && report.correction_known,
             monotonic_s: monotonic().as_secs_f64(),
             correction: report.sent.to_vec(),
         };

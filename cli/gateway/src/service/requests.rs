@@ -98,10 +98,15 @@ impl Service {
             let reply = settled(409, report.state, self.all_reasons(&report), Some(why));
             return finish(&asked.who, asked.answer, reply);
         }
+        if from_before && may_not_end(&report) {
+            let why = Some(effect::refusal(Request::Acknowledge, report.state));
+            let reply = settled(409, report.state, self.all_reasons(&report), why);
+            return finish(&asked.who, asked.answer, reply);
+        }
         let effect = self.ordered(Request::Acknowledge);
         let sent = self.send(Request::Acknowledge, effect.until, asked.disarms);
         self.write_down(&asked.who, "acknowledge");
-        if from_before {
+        if from_before && sent {
             self.stand(|standing| standing.faulted = None);
         }
         if sent {
@@ -275,6 +280,19 @@ fn has_to_be_acknowledged(report: &Report) -> bool {
             .into_iter()
             .any(|reason| report.reasons.contains(reason))
         || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
+}
+
+/// Whether a fault from before the start may not end yet: an interlock is seen, or it is not known what a control that can
+/// be asked applies. What a person alone can know does not stand against it.
+fn may_not_end(report: &Report) -> bool {
+    let has = |reason| report.reasons.contains(reason);
+    let stopped = [
+        Reasons::NOT_REFERENCED,
+        Reasons::CONTROLLER_ALARM,
+        Reasons::EMERGENCY_STOP,
+    ];
+    let is_seen = stopped.into_iter().any(has) && !has(Reasons::INTERLOCK_UNSEEN);
+    is_seen || !(report.correction_known || has(Reasons::LEFT_UNKNOWN))
 }
 
 /// Gives the answer to whoever asked.

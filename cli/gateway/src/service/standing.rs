@@ -1,11 +1,14 @@
 //! What outlives a restart: a fault that nobody has acknowledged, and that a person disarmed it.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use volcomp_guard::{Reasons, State};
 
-use super::Service;
-use crate::documents::Standing;
+use super::{RETRY, Service};
+use crate::{audit::clerk::Receipt, documents::Standing};
 
 /// Who disarmed it, where the file does not tell.
 const SOMEBODY: &str = "somebody";
@@ -44,11 +47,31 @@ impl Service {
         self.tell_thread();
     }
 
-    /// Writes it down. Where that fails the next change and the end of the gateway try again.
-    pub(super) fn write_standing(&self) {
+    /// Writes it down. Where that fails it is tried again until it is written, and told meanwhile.
+    pub(super) fn write_standing(&mut self) {
         if let Ok(text) = serde_json::to_string(&self.standing) {
-            let _ = self.clerk.keep(file(&self.parts.config.audit_dir), text);
+            let kept = self.clerk.keep(file(&self.parts.config.audit_dir), text);
+            self.standing_kept = Some(kept);
         }
+    }
+
+    /// Whether what stands could not be written down; it is tried again then.
+    pub(super) fn look_after_standing(&mut self) -> bool {
+        match self.standing_kept.as_ref().map(Receipt::written) {
+            Some(Some(true)) => {
+                self.standing_kept = None;
+                self.standing_lost = false;
+            }
+            Some(Some(false)) => {
+                self.standing_lost = true;
+                if self.standing_tried.elapsed() > RETRY {
+                    self.standing_tried = Instant::now();
+                    self.write_standing();
+                }
+            }
+            None | Some(None) => {}
+        }
+        self.standing_lost
     }
 
     /// A fault outlives the gateway until it has ended. `before` is the state before the present one.

@@ -1,6 +1,9 @@
 //! A five-axis machine behind the simulated control: what is told of its rotary axes.
 
-use std::sync::Arc;
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use serde_json::Value;
 use volcomp_focas::simulator::{Options, Simulator, World};
@@ -114,5 +117,81 @@ token_file = "tokens"
             .as_f64()
             .is_some_and(|urad| urad != 0.0),
         "{left}"
+    );
+}
+
+/// The table C stands, and the last digit of its position goes to and fro: 0.001°, twice what turned the direction of
+/// travel. X was moved by 40 µm at every flicker.
+#[test]
+fn the_last_digit_of_a_table_that_stands_turns_nothing() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut world = World::new(&['X', 'Y', 'Z', 'C']);
+    world.motion = Arc::new(|t: Duration| {
+        let c = if t.as_secs_f64().rem_euclid(1.0) < 0.5 {
+            89.9996
+        } else {
+            90.0004
+        };
+        let c = if t < Duration::from_secs(1) {
+            80.0
+        } else {
+            c + 0.0003
+        };
+        vec![200.0, 300.0, -100.0, c]
+    });
+    let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
+    let machine = "name = \"m\"\nstructure = \"w C' X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[axes.C]\ntravel = [0.0, 360.0]\nmodulo = 360.0\n[tool]\ntip = [0.0, 0.0, -100.0]\naxis = [0.0, 0.0, 1.0]\n[errors]\nEXC = { mean = { poly = [0.0] }, reversal = 40.0 }\n";
+    std::fs::write(dir.path().join("machine.toml"), machine).expect("writable");
+    token_file(dir.path());
+    let text = format!(
+        r#"
+machine = "machine.toml"
+cycle_ms = 4.0
+[guard]
+limit_um = 30.0
+slew_um_per_s = 500.0
+limit_urad = 30.0
+slew_urad_per_s = 500.0
+hold_ms = 200
+zero_after_ms = 3000
+ramp_s = 0.1
+[[controller]]
+url = "focas://{}"
+axes = ["X", "Y", "Z", "C"]
+test_shift = false
+area = {{ pmc = "R", first = 100, width = 2 }}
+heartbeat = {{ pmc = "R", at = 120 }}
+[dashboard]
+token_file = "tokens"
+"#,
+        control.address()
+    );
+    let config = dir.path().join("G.toml");
+    std::fs::write(&config, text).expect("writable");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program
+        .wait(|state| {
+            state["positions_deg"]["C"]
+                .as_f64()
+                .is_some_and(|c| c > 89.0)
+        })
+        .expect("it sees the table where it stands");
+    std::thread::sleep(Duration::from_secs(3));
+    assert_eq!(program.arm().status, 200);
+    program.wait_for("compensating");
+    let mut found: Vec<f64> = Vec::new();
+    let until = Instant::now() + Duration::from_secs(3);
+    while Instant::now() < until {
+        let state = program.state();
+        let of = |axis: &str| state["correction_um"][axis].as_f64().expect("a number");
+        found.push(of("X") + of("Y"));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let [low, high] =
+        [f64::min, f64::max].map(|of| found.iter().copied().reduce(of).expect("some"));
+    assert!(high - low <= 1.0, "from {low} to {high} µm");
+    assert!(
+        low.abs() > 15.0,
+        "{low} µm: the reversal error is corrected"
     );
 }

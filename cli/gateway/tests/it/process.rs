@@ -154,6 +154,33 @@ fn the_service_manager_is_told() {
     assert_eq!(program.end(), Some(0));
 }
 
+/// Two machines whose gateways share a folder: one began with the output of the other, 30 µm in one write.
+#[test]
+fn two_gateways_in_one_folder() {
+    let dir = tempfile::tempdir().expect("writable");
+    let controls = [(); 2].map(|()| {
+        let world = World::new(&['X', 'Y', 'Z']);
+        Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
+    });
+    let config = configuration(dir.path(), &controls[0], "");
+    let first = Program::start(dir.path(), &["--config", path(&config)]);
+    let other = dir.path().join("other.toml");
+    let text = std::fs::read_to_string(&config).expect("written");
+    let [one, two] = [&controls[0], &controls[1]].map(|control| control.address().to_string());
+    std::fs::write(&other, text.replace(&one, &two)).expect("writable");
+    let second = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+        .args(["--config", path(&other), "--listen", "127.0.0.1:0"])
+        .output()
+        .expect("built");
+    assert_eq!(second.status.code(), Some(1));
+    let message = String::from_utf8_lossy(&second.stderr);
+    assert!(
+        message.contains("[audit] dir: another gateway"),
+        "{message}"
+    );
+    drop(first);
+}
+
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");
@@ -169,7 +196,7 @@ fn two_gateways_on_one_controller() {
     first.wait_for("compensating");
     // On the same host: the lock, whatever the address is called.
     let other = tempfile::tempdir().expect("writable");
-    for spelling in ["127.0.0.1", "localhost", "LocalHost", "[::1]"] {
+    for spelling in ["127.0.0.1", "localhost", "LocalHost", "[::1]", "0.0.0.0"] {
         let config = at(other.path(), spelling, "");
         let second = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
             .args(["--config", path(&config), "--listen", "127.0.0.1:0"])

@@ -54,6 +54,34 @@ fn a_persons_disarming_outlives_a_restart() {
     started(&config).wait_for("compensating");
 }
 
+/// A person's disarming that could not be written, since the disk was full, was never written again: after a kill and a
+/// restart it armed itself.
+#[test]
+fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = started(&config);
+    program.wait_for("compensating");
+    // A folder of this name: the file cannot take its place.
+    let file = dir.path().join("audit/standing.json");
+    std::fs::create_dir(&file).expect("nothing stood");
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    program.wait_for("disarmed");
+    let told = program.wait(|state| says(state, "audit log cannot be written"));
+    told.expect("it is told while it is not written");
+    std::fs::remove_dir(&file).expect("empty");
+    let past = program.wait(|state| !says(state, "audit log cannot be written"));
+    past.expect("it is written then");
+    program.running.kill();
+    drop(program);
+    let text = std::fs::read_to_string(&file).expect("written");
+    assert!(text.contains("disarmed_by"), "{text}");
+    let program = started(&config);
+    std::thread::sleep(Duration::from_millis(2500));
+    assert_eq!(program.state()["state"], "disarmed");
+}
+
 /// Before, killing a gateway was a way to acknowledge its fault.
 #[test]
 fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
@@ -91,6 +119,19 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
         "{}",
         refused.body
     );
+    // While an emergency stop is on it could be acknowledged all the same.
+    control.world().set_emergency_stop(true);
+    program
+        .wait(|state| says(state, "emergency stop"))
+        .expect("it is seen");
+    let refused = program.post("/api/acknowledge", "");
+    assert_eq!(refused.status, 409, "{}", refused.body);
+    assert!(refused.body.contains("still faulted"), "{}", refused.body);
+    assert_eq!(program.state()["state"], "faulted");
+    control.world().set_emergency_stop(false);
+    program
+        .wait(|state| !says(state, "emergency stop"))
+        .expect("it is released");
     let acknowledged = program.post("/api/acknowledge", "");
     assert_eq!(acknowledged.status, 200, "{}", acknowledged.body);
     program

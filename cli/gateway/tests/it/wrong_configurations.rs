@@ -132,7 +132,7 @@ pub(crate) const CASES: &[Wrong] = &[
     ),
     wrong(
         &[("heartbeat", "resolution_um = 200.0\nheartbeat")],
-        "limit_um of axis X: found 150 µm",
+        "limit_um of axis X: found 30 µm, expected at least one step",
     ),
     // Limits against what a word can carry: 8 lines, one byte.
     wrong(
@@ -145,9 +145,17 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(
         &[(
             "at = 120 }",
-            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1 }",
+            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1, copied = true }",
         )],
         "limit_um of axis X: found 150 µm, expected at most 127 µm",
+    ),
+    // The control takes two bytes for each axis.
+    wrong(
+        &[(
+            "at = 120 }",
+            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 4 }",
+        )],
+        "area.width: found 4, expected 2",
     ),
     // States that the device does not show, and states that it does.
     wrong(

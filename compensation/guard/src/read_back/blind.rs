@@ -1,10 +1,12 @@
-//! A control whose correction cannot be read back: what was written successfully is taken for what it applies.
+//! A control whose correction cannot be read back, such as one behind lines. Where the device tells which levels its
+//! outputs carry, what they carry counts as applied, as a correction that is read back; where it does not, what was
+//! written without a failure does.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known};
+use super::{Confirmed, Known, Told, echo::Echo, landing::Landed};
 use crate::{Limits, Reasons};
 
 /// What a control that cannot be asked does by itself when nothing is written any more.
@@ -25,6 +27,13 @@ pub(super) struct Blind {
     heard: Option<Duration>,
     /// Whether a correction may be left of which nobody knows.
     unknown: bool,
+    /// What the device tells of its outputs.
+    echo: Echo,
+    /// Whether it ever told that, and whether it did in this cycle so that it counts.
+    tells: bool,
+    sees: bool,
+    /// Something was written.
+    has_written: bool,
 }
 
 impl Blind {
@@ -34,15 +43,43 @@ impl Blind {
             acts: None,
             heard: None,
             unknown: false,
+            echo: Echo::new(Duration::ZERO),
+            tells: false,
+            sees: false,
+            has_written: false,
         }
     }
 
-    pub(super) fn hear(&mut self, now: Duration, known: &mut Known) {
+    /// Whether the device ever told what its outputs carry.
+    pub(super) fn tells(&self) -> bool {
+        self.tells
+    }
+
+    /// Whether what was written is seen on the outputs.
+    pub(super) fn sees(&self) -> bool {
+        self.sees
+    }
+
+    /// The lowest and the highest value of each axis that may be applied, where the outputs are seen.
+    pub(super) fn between(&self) -> Option<[PerChannel<f64>; 2]> {
+        self.echo.between().filter(|_| self.sees)
+    }
+
+    pub(super) fn hear(
+        &mut self,
+        now: Duration,
+        taken: Duration,
+        told: &Told<'_>,
+        limits: &Limits,
+        known: &mut Known,
+    ) -> Landed {
         self.heard = Some(now);
         if let Some([acts, at_zero]) = self.acts
             && now >= acts
         {
-            // Nothing was written for so long that the control goes to zero, or is there.
+            // Nothing was written for so long that the control goes to zero, or is there: what was sent before, and may
+            // still stand on its lines, counts no more.
+            self.echo = Echo::new(Duration::ZERO);
             let was_zero = known
                 .confirmed
                 .is_some_and(|confirmed| confirmed.values == PerChannel::ZERO);
@@ -53,6 +90,34 @@ impl Blind {
                 at: now,
             });
         }
+        // What stands on lines says something of a control that goes to zero by itself only while it is written.
+        let is_on = self.control.is_none()
+            || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
+        let told = match told {
+            Told::Values(values) if is_on => Some(values),
+            _ => None,
+        };
+        self.tells |= told.is_some();
+        self.sees = told.is_some();
+        let landed = told.map_or(Landed::Unknown, |values| {
+            let landed = self.echo.hear(now, taken, values, limits, known);
+            self.echo.judge(now, limits, known);
+            self.unknown &= known.confirmed.is_none_or(|confirmed| confirmed.at != now);
+            landed
+        });
+        if !self.sees {
+            self.hear_nothing(now, known);
+        }
+        known.until = self.acts.map(|[acts, _]| acts).filter(|acts| now < *acts);
+        known.reasons = Reasons::NO_BARRIER
+            | Reasons::CANNOT_SEE_OTHERS
+            | Reasons::LEFT_UNKNOWN.when(self.unknown);
+        landed
+    }
+
+    /// Without the levels of the outputs what was written counts, since nothing but this gateway writes them. A device that
+    /// told them before may have lost them meanwhile: only another write that it takes keeps them known.
+    fn hear_nothing(&mut self, now: Duration, known: &mut Known) {
         // Nothing was ever written, or restored: it counts as zero.
         if !self.unknown {
             known.confirmed.get_or_insert(Confirmed {
@@ -60,20 +125,33 @@ impl Blind {
                 at: now,
             });
         }
-        if let Some(confirmed) = &mut known.confirmed {
+        if let Some(confirmed) = known.confirmed.as_mut().filter(|_| !self.tells) {
             // Nothing but this gateway moves it, so it does not grow old.
             confirmed.at = now;
         }
-        known.writable = known.confirmed.is_some();
-        known.until = self.acts.map(|[acts, _]| acts).filter(|acts| now < *acts);
-        known.reasons = Reasons::NO_BARRIER
-            | Reasons::CANNOT_SEE_OTHERS
-            | Reasons::LEFT_UNKNOWN.when(self.unknown);
+        known.writable = known.confirmed.is_some() && !self.unknown;
     }
 
-    pub(super) fn sent(&mut self, now: Duration, values: &PerChannel<f64>, known: &mut Known) {
+    /// Something was written: `ok` where the device took it.
+    pub(super) fn sent(
+        &mut self,
+        now: Duration,
+        values: &PerChannel<f64>,
+        ok: bool,
+        known: &mut Known,
+    ) {
+        self.echo.sent(now, values);
+        if !ok {
+            // What a device that told its outputs does out of sight nobody knows.
+            self.unknown |= self.tells && !self.sees;
+            return;
+        }
+        self.has_written = true;
         // The control may have had it since the cycle began, or only now.
         self.wait([self.heard.unwrap_or(now), now], Duration::ZERO);
+        if self.sees {
+            return;
+        }
         known.confirmed = Some(Confirmed {
             values: *values,
             at: now,
@@ -118,7 +196,13 @@ impl Blind {
 
     /// Nothing is left of what another path has written, nor of what this one wrote before it.
     pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
-        (self.unknown, self.acts) = (false, None);
+        self.acts = None;
+        if self.tells {
+            // The outputs stay as they are: they are looked at before the first write.
+            self.echo.take_over(now, known);
+            return;
+        }
+        self.unknown = false;
         known.confirmed = Some(Confirmed {
             values: PerChannel::ZERO,
             at: now,

@@ -160,21 +160,30 @@ impl ReadBack {
                 self.known.writable = false;
                 Landed::Unknown
             }
-            (Kind::Blind(blind), _) => {
-                blind.hear(now, &mut self.known);
-                Landed::Unknown
-            }
+            (Kind::Blind(blind), told) => blind.hear(now, taken, told, limits, &mut self.known),
         };
         match &self.kind {
             Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
             Kind::Echo(echo) => echo.judge(now, limits, &mut self.known),
             Kind::Blind(_) => {}
         }
-        if self.known.scheme != Scheme::Blind {
+        let is_told = match &self.kind {
+            Kind::Barrier(_) | Kind::Echo(_) => true,
+            Kind::Blind(blind) => blind.tells(),
+        };
+        if is_told {
             let answered = *told != Told::Nothing;
             self.landing.hear(now, answered, landed, limits);
         }
         self.tell();
+    }
+
+    /// Whether it is told what is applied, so that what was sent is seen to land.
+    fn is_seen(&self) -> bool {
+        match &self.kind {
+            Kind::Barrier(_) | Kind::Echo(_) => true,
+            Kind::Blind(blind) => blind.sees(),
+        }
     }
 
     /// What follows for the guard.
@@ -182,7 +191,8 @@ impl ReadBack {
         self.known.unlanded_since = self.landing.unlanded_since();
         let candidates = match &self.kind {
             Kind::Echo(echo) => echo.between(),
-            Kind::Barrier(_) | Kind::Blind(_) => None,
+            Kind::Blind(blind) => blind.between(),
+            Kind::Barrier(_) => None,
         };
         let confirmed = self.known.confirmed.map_or(PerChannel::ZERO, |c| c.values);
         self.known.between = candidates.unwrap_or([confirmed; 2]);
@@ -214,10 +224,10 @@ impl ReadBack {
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
-            Kind::Blind(blind) if ok => blind.sent(now, values, &mut self.known),
-            Kind::Barrier(_) | Kind::Blind(_) => {}
+            Kind::Blind(blind) => blind.sent(now, values, ok, &mut self.known),
+            Kind::Barrier(_) => {}
         }
-        let is_blind = self.known.scheme == Scheme::Blind;
+        let is_blind = !self.is_seen();
         self.landing.sent(now, ok, is_blind);
         self.tell();
     }

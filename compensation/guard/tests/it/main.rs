@@ -5,6 +5,7 @@ mod direction;
 mod edges;
 mod faults;
 mod interlocks;
+mod lines;
 mod machine;
 mod proof;
 mod properties;

@@ -81,6 +81,8 @@ pub(crate) struct World {
     told: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize)>,
     /// The reading says nothing of the correction.
     pub(crate) hides_applied: bool,
+    /// Lines whose device tells what its outputs carry.
+    pub(crate) tells_levels: bool,
     /// Writes are taken.
     pub(crate) sticks: bool,
     /// Writes fail, and are told to have failed.
@@ -141,6 +143,7 @@ impl World {
             told_late: 0,
             told: VecDeque::new(),
             hides_applied: false,
+            tells_levels: false,
             sticks: true,
             write_fails: false,
             frozen_at: None,
@@ -213,7 +216,7 @@ impl World {
         let told = match &self.barrier {
             _ if !self.answers || self.hides_applied => Told::Nothing,
             Some(_) => Told::Report(&words[..length]),
-            None if self.known().scheme == Scheme::Blind => Told::Nothing,
+            None if self.known().scheme == Scheme::Blind && !self.tells_levels => Told::Nothing,
             None => Told::Values(self.lie.unwrap_or(applied)),
         };
         self.read_back.hear(self.now, self.now, &told, &limits);

@@ -40,11 +40,11 @@ impl Cycle {
         }
         let before = &self.paths[active];
         let Some(sent) = before.sent_at() else {
-            // Nothing was sent since the start.
-            return before
-                .known()
-                .confirmed
-                .is_none_or(|_| !before.report(now).holds);
+            // Nothing was sent since the start: what it tells, or what was written down before.
+            return match before.known().confirmed {
+                Some(_) => !before.report(now).holds,
+                None => self.left_nothing,
+            };
         };
         let by_itself = before.read_back.zero_by_itself(&before.limits());
         by_itself.is_some_and(|wait| now.saturating_sub(sent) > wait)
@@ -78,7 +78,7 @@ impl Cycle {
             // The plan has checked them.
             let _ = self.guard.take_path(limits);
         }
-        let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(is_left && state.is_armed());
+        let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(is_left);
         (blocked, choice.switched)
     }
 }

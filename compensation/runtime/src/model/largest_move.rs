@@ -10,8 +10,11 @@ use volcomp_vocabulary::{AxisName, Direction, Displacement, Mm, PerAxis, Rad};
 
 use super::Model;
 
-/// The largest number of states, each evaluated with both models, over which two models are compared.
+/// The largest number of states besides the nodes of curves, each evaluated with both models, over which two models are
+/// compared.
 const STATES: usize = 5000;
+/// The largest number of states at the nodes of curves. With more of them nothing is said, and a person has to look.
+const NODES: usize = 100_000;
 /// Places along each axis that are looked at besides the nodes of curves: a polynomial or a harmonic has none.
 const PLACES: usize = 25;
 /// The nodes of an axis at which the models differ most are looked at with the other axes at their ends, too.
@@ -70,6 +73,38 @@ pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
         }
     }
     nodes
+}
+
+/// The nodes of a grid over two axes, mm and rad.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct GridNodes {
+    axes: [usize; 2],
+    nodes: [Vec<f64>; 2],
+}
+
+/// The grids of a machine, by the axes over which they lie.
+pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
+    let mut grids: Vec<GridNodes> = Vec::new();
+    for (_, curve) in machine.errors() {
+        for field in curve.fields() {
+            let Field::Grid(grid) = field else { continue };
+            let axes = grid.axes();
+            let mut nodes = [Vec::new(), Vec::new()];
+            for ((axis, from), into) in axes.into_iter().zip(grid.nodes()).zip(&mut nodes) {
+                let Some(joint) = machine.axes().get(axis) else {
+                    continue;
+                };
+                let kind = joint.name.kind();
+                let place = |q: &f64| Displacement::from_coordinate(kind, *q).mm_or_rad();
+                into.extend(from.iter().map(place));
+            }
+            let grid = GridNodes { axes, nodes };
+            if !grids.contains(&grid) {
+                grids.push(grid);
+            }
+        }
+    }
+    grids
 }
 
 /// Whether an error of each axis depends on the direction from which the axis came.
@@ -132,7 +167,7 @@ impl Pair<'_> {
 
 impl Model {
     /// How far the correction moves at the worst point of the work space when `other` takes the place of this model:
-    /// at corners, middles, and along every axis at the nodes of the curves of both, from either direction of approach.
+    /// at corners, middles, and at every node of the curves and grids of both, from either direction of approach.
     /// `written` names the axes that each controller writes: which axes a correction moves depends on them, so the
     /// correction of all axes and that of each controller are compared. Infinite where the axes of the machines differ.
     pub fn largest_move<'a>(
@@ -153,12 +188,18 @@ impl Model {
             }
         }
         let space = Space::of(self, other);
+        if space.node_states() * sets.len() > NODES {
+            return LargestMove {
+                linear: Mm(f64::INFINITY),
+                rotary: Rad(f64::INFINITY),
+            };
+        }
         sets.iter().fold(LargestMove::NONE, |worst, names| {
             let mut pair = Pair {
                 models: [self, other],
                 correctors: [self.correctors_among(names), other.correctors_among(names)],
                 worst,
-                left: STATES / sets.len(),
+                left: STATES / sets.len() + space.node_states(),
             };
             space.look(&mut pair);
             pair.worst
@@ -174,6 +215,9 @@ struct Space {
     middle: PerAxis<f64>,
     /// Nodes of curves, and places at equal distances, of each axis.
     places: Vec<Vec<f64>>,
+    /// The nodes of grids over two axes, and places of two rotary axes together: a product of both has its largest value
+    /// where both are turned.
+    grids: Vec<GridNodes>,
     /// The directions of approach that matter: of all axes the same, and of each axis that reverses the other one.
     directions: Vec<PerAxis<Option<Direction>>>,
 }
@@ -184,6 +228,7 @@ impl Space {
             ends: Vec::new(),
             middle: PerAxis::default(),
             places: Vec::new(),
+            grids: Vec::new(),
             directions: Vec::new(),
         };
         for axis in 0..old.axes.len() {
@@ -211,31 +256,79 @@ impl Space {
             space.ends.push(ends);
             space.places.push(places);
         }
+        for model in [old, new] {
+            let more = model
+                .grids
+                .iter()
+                .filter(|grid| !space.grids.contains(grid));
+            let more: Vec<GridNodes> = more.cloned().collect();
+            space.grids.extend(more);
+        }
+        let rotary = (0..old.axes.len()).filter(|axis| old.axes[*axis].is_rotary());
+        let rotary: Vec<usize> = rotary.collect();
+        for (index, one) in rotary.iter().enumerate() {
+            for other in &rotary[index + 1..] {
+                let axes = [*one, *other];
+                let nodes = axes.map(|axis| thinned(&space.places[axis], PLACES).collect());
+                space.grids.push(GridNodes { axes, nodes });
+            }
+        }
         space.directions = directions(old, new);
         space
     }
 
+    /// The directions in which every place is looked at.
+    fn both(&self) -> &[PerAxis<Option<Direction>>] {
+        &self.directions[..self.directions.len().min(2)]
+    }
+
+    /// The number of states at the places along the axes and at the nodes of grids: all of them are looked at.
+    fn node_states(&self) -> usize {
+        let along: usize = self.places.iter().map(Vec::len).sum();
+        let of_grid = |grid: &GridNodes| grid.nodes[0].len().saturating_mul(grid.nodes[1].len());
+        let on_grids = self.grids.iter().map(of_grid);
+        on_grids
+            .fold(along, usize::saturating_add)
+            .saturating_mul(self.both().len())
+    }
+
     fn look(&self, pair: &mut Pair<'_>) {
-        let whole = pair.left;
-        // A third for the corners, a third for the lines, the rest for what the lines have found.
+        let whole = pair.left.saturating_sub(self.node_states());
+        // A third for the corners, the rest for what the nodes have found.
         self.corners(pair, whole / 3);
-        let axes = self.places.len().max(1);
-        let both = &self.directions[..self.directions.len().min(2)];
-        let along = (whole / 3 / axes / both.len().max(1)).max(2);
         for (axis, places) in self.places.iter().enumerate() {
-            let mut found: Vec<(f64, f64)> = thinned(places, along)
-                .map(|place| {
-                    let mut q = self.middle;
-                    q[axis] = place;
-                    (pair.look_from(&q, both), place)
-                })
-                .collect();
-            found.sort_by(|a, b| b.0.total_cmp(&a.0));
-            for (_, place) in found.into_iter().take(BEST) {
-                for mut q in self.diagonals() {
-                    q[axis] = place;
-                    pair.look_from(&q, both);
-                }
+            let points = places.iter().map(|place| vec![(axis, *place)]);
+            self.look_at(pair, points);
+        }
+        for GridNodes {
+            axes: [one, two],
+            nodes,
+        } in &self.grids
+        {
+            let points = nodes[0].iter().flat_map(|a| {
+                let row = nodes[1].iter();
+                row.map(move |b| vec![(*one, *a), (*two, *b)])
+            });
+            self.look_at(pair, points);
+        }
+    }
+
+    /// Looks at points, which place some of the axes, with the other axes in their middles; at the worst of them with the
+    /// other axes at their ends, too.
+    fn look_at(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
+        let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
+            for (axis, place) in point {
+                q[*axis] = *place;
+            }
+            q
+        };
+        let mut found: Vec<_> = points
+            .map(|point| (pair.look_from(&at(self.middle, &point), self.both()), point))
+            .collect();
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, point) in found.into_iter().take(BEST) {
+            for ends in self.diagonals() {
+                pair.look_from(&at(ends, &point), self.both());
             }
         }
     }
@@ -325,6 +418,8 @@ mod tests {
     const SMALL: &str = "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n[errors]\n";
     const TURNING: &str = "structure = \"w X' b Y Z C t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n[axes.C]\ntravel = [-360.0, 360.0]\n[errors]\n";
 
+    const TILTING: &str = "structure = \"w C' A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 600.0]\n[axes.Y]\ntravel = [0.0, 500.0]\n[axes.Z]\ntravel = [-400.0, 0.0]\n[axes.A]\ntravel = [-110.0, 30.0]\npoint = [300.0, 250.0, -450.0]\n[axes.C]\ntravel = [-360.0, 360.0]\npoint = [300.0, 250.0, -450.0]\n[tool]\ntip=[0.0,0.0,-150.0]\n[errors]\n";
+
     fn model(machine: &str, errors: &str) -> Model {
         let machine = Machine::parse(&format!("{machine}{errors}"), "m");
         let machine = machine.unwrap_or_else(|e| panic!("{e}"));
@@ -373,6 +468,43 @@ mod tests {
         }
     }
 
+    /// A bump of 200 µm at a node of a grid beside its middle, and one at the second of 801 targets, were 0.0 µm; two
+    /// rotary axes were looked at one at a time, 120 µm of 340 µm.
+    #[test]
+    fn every_node_is_looked_at() {
+        let flat = model(SMALL, "EYX = 0.0\n");
+        for (i, j) in (0..9).flat_map(|i| (0..6).map(move |j| (i, j))) {
+            let mut values = [[0.0; 6]; 9];
+            values[i][j] = 200.0;
+            let grid = format!(
+                "EXY = {{ grid = {{ axes = [\"Y\", \"Z\"], nodes = [[0, 50, 100, 150, 200, 250, 300, 350, 400], [0, 50, 100, 150, 200, 250]], values = {values:?} }} }}\n"
+            );
+            let um = flat.largest_move(&model(SMALL, &grid), []).linear.to_um().0;
+            assert!(um > 199.0, "node {i}, {j}: {um} µm");
+        }
+        for target in [1, 15, 400, 799] {
+            let rows = (0..=800).map(|k| format!("[{k}, {}]", if k == target { 200 } else { 0 }));
+            let rows: Vec<String> = rows.collect();
+            let table = format!(
+                "EYX = {{ table = [{}], interpolation = \"linear\" }}\n",
+                rows.join(", ")
+            );
+            let um = flat
+                .largest_move(&model(SMALL, &table), [])
+                .linear
+                .to_um()
+                .0;
+            assert!(um > 199.0, "target {target}: {um} µm");
+        }
+        let still = model(TILTING, "EXX = 0.0\n");
+        let wobbles = model(
+            TILTING,
+            "EBC = { fourier = [0.0, 0.0, 0.0, 0.0, 200.0], period = 360.0 }\n",
+        );
+        let um = still.largest_move(&wobbles, []).linear.to_um().0;
+        assert!(um > 300.0, "both turned: {um} µm");
+    }
+
     /// ±360° and 0° are one pose.
     #[test]
     fn a_whole_turn_is_looked_at() {
@@ -401,7 +533,7 @@ mod tests {
                 new.correctors_among(&new.axes),
             ],
             worst: LargestMove::NONE,
-            left: STATES,
+            left: STATES + Space::of(&old, &new).node_states(),
         };
         Space::of(&old, &new).look(&mut pair);
         assert!(pair.left > 0, "every part had room");

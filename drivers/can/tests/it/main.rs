@@ -7,6 +7,7 @@ mod bridge;
 mod canopen;
 mod contracts;
 mod fuzz_corpus;
+mod meant;
 mod peer;
 mod reference;
 mod serialised;

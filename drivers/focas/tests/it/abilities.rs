@@ -5,7 +5,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_focas::{Abilities, FocasController, Packing, PmcAddress, PmcArea, simulator::Options};
+use volcomp_focas::{
+    Abilities, FocasConfig, FocasController, Packing, PmcAddress, PmcArea,
+    simulator::{Options, Simulator, World},
+};
 use volcomp_port::{Controller, Fault, contract};
 use volcomp_vocabulary::{AxisName, Mm};
 
@@ -204,5 +207,37 @@ fn what_the_control_lacks_is_named() {
     assert!(
         refused.to_string().contains("a resolution of 0 µm"),
         "{refused}"
+    );
+}
+
+/// Of two axes whose names begin with the same letter (FANUC names have suffixes, `Z2`) the first was corrected, silently.
+#[test]
+fn a_letter_that_several_axes_have_is_refused() {
+    let world = World::new(&['Z', 'Y', 'Z']);
+    let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
+    let mut controller =
+        FocasController::new(config(&simulator, &[AxisName::Y, AxisName::Z])).unwrap();
+    until("told", || controller.last_error().is_some());
+    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    let expected =
+        "axis Z: found several axes of the control whose names begin with this letter, ZYZ";
+    assert!(error.to_string().contains(expected), "{error}");
+}
+
+/// A byte tells of eight axes: the ninth always counted as referenced.
+#[test]
+fn the_ninth_axis_of_a_control_is_not_taken_for_referenced() {
+    let world = World::new(&['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W']);
+    let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
+    let mut config = config(&simulator, &[AxisName::W]);
+    let referenced = |config: &FocasConfig| {
+        let mut controller = connected(config.clone());
+        controller.read(soon()).unwrap().state.referenced
+    };
+    assert!(!referenced(&config));
+    config.referenced = None;
+    assert!(
+        referenced(&config),
+        "the configuration says that nobody tells it"
     );
 }

@@ -37,6 +37,7 @@ fn words_end_within_the_area() {
     for (width, bytes) in [(Width::Byte, 1_u16), (Width::Word, 2), (Width::Long, 4)] {
         let at = |at: u16| {
             config(|c| {
+                c.copied = true;
                 c.shift.width = width;
                 c.shift.first.at = at;
             })
@@ -61,7 +62,12 @@ fn the_largest_shift_is_that_of_the_width() {
         (Width::Word, 32_767.0),
         (Width::Long, 2_147_483_647.0),
     ] {
-        let described = config(|c| c.shift.width = width).describe().unwrap();
+        let described = config(|c| {
+            c.copied = true;
+            c.shift.width = width;
+        })
+        .describe()
+        .unwrap();
         let near = |found: Option<Displacement>, micro: f64| {
             let found = found.unwrap().um_or_urad();
             assert!((found - micro).abs() < 1e-9 * micro, "{found} {micro}");
@@ -70,4 +76,20 @@ fn the_largest_shift_is_that_of_the_width() {
         let milli_deg = Urad(1e3 * std::f64::consts::PI / 180.0).0;
         near(described.axes[1].largest, most * milli_deg);
     }
+}
+
+/// The control takes two bytes for each axis: with one byte each, 21 µm for X and 2 µm for Y were half a millimetre for X,
+/// and with four bytes Y got the sign of X.
+#[test]
+fn words_that_the_control_takes_itself_have_two_bytes() {
+    for width in [Width::Byte, Width::Long] {
+        let found = config(|c| c.shift.width = width).describe().unwrap_err();
+        assert!(
+            matches!(found, FocasError::Width(of) if of == width),
+            "{found}"
+        );
+        assert!(found.to_string().contains("expected 2"), "{found}");
+        assert!(found.of("focas://a").is_input());
+    }
+    assert!(config(|_| {}).describe().is_ok());
 }

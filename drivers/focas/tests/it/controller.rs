@@ -193,6 +193,7 @@ fn places_in_memory_are_configured() {
     };
     config.shift.width = volcomp_focas::Width::Long;
     config.copied = true;
+    config.copied = true;
     config.shift.count_linear = Mm(0.0001);
     let mut controller = connected(config);
     controller.apply(&um(123.4, -5.55, 0.0), soon()).unwrap();

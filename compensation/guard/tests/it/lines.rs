@@ -1,0 +1,186 @@
+//! Lines whose device tells what its outputs carry: that is what is applied, not what was written.
+
+use core::time::Duration;
+
+use volcomp_guard::{ControlTimeOut, ReadBack, Reasons, Request, State};
+use volcomp_vocabulary::PerChannel;
+
+use crate::world::{PERIOD, STEP, World, axes, limits};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// The largest change of an axis by one write: one slew or one step, and the rounding of numbers.
+fn allowed() -> f64 {
+    (limits().axes[0].slew_per_s * PERIOD.as_secs_f64()).max(STEP) * (1.0 + 1e-9)
+}
+
+/// Lines that are told, with a correction on them.
+fn told() -> World {
+    let mut world = World::blind(&limits());
+    world.tells_levels = true;
+    world.run(SECOND);
+    let world = world.arm();
+    assert!((world.applied[0] - 0.040).abs() < 1e-9);
+    world
+}
+
+/// A module that was without power for a second has its outputs at 0, and tells it: the correction that was remembered,
+/// 40 µm, was written in one step, and while it was off it was shown as applied.
+#[test]
+fn lines_that_were_off_are_ramped_in_from_what_they_carry() {
+    let mut world = told();
+    (world.answers, world.write_fails) = (false, true);
+    world.applied = PerChannel::ZERO;
+    let out = world.run(SECOND);
+    assert!(
+        out.reasons
+            .contains(Reasons::UNCONFIRMED | Reasons::LEFT_UNKNOWN),
+        "{:?}",
+        out.reasons
+    );
+    (world.answers, world.write_fails) = (true, false);
+    world.largest_step = 0.0;
+    let out = world.run(3 * SECOND);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+    assert_eq!(out.state, State::Compensating, "{:?}", out.reasons);
+    assert!((world.applied[0] - 0.040).abs() < 1e-9);
+}
+
+/// A module takes nothing for 45 ms although every write is accepted: all that was slewed meanwhile, 18 µm, was written
+/// in one step afterwards.
+#[test]
+fn writes_that_wait_do_not_pile_up() {
+    let mut world = told();
+    world.target = Some(axes(-0.040, 0.020));
+    world.run(5 * PERIOD);
+    world.sticks = false;
+    world.run(10 * PERIOD);
+    world.sticks = true;
+    let out = world.run(2 * SECOND);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+    assert_eq!(out.state, State::Compensating, "{:?}", out.reasons);
+    assert!((world.applied[0] + 0.040).abs() < 1e-9);
+}
+
+/// What the outputs carry is told some cycles late, and what is wanted turns at any moment.
+#[test]
+fn levels_that_are_told_late_make_no_step() {
+    for late in 0..3 {
+        let mut world = told();
+        world.told_late = late;
+        for turn in 0..60_u32 {
+            let sign = if turn % 2 == 0 { 1.0 } else { -1.0 };
+            world.target = Some(axes(0.040 * sign, -0.020 * sign));
+            world.run(PERIOD * (turn % 23));
+        }
+        let out = world.run(2 * SECOND);
+        assert!(
+            world.largest_step <= allowed(),
+            "{late}: {} mm",
+            world.largest_step
+        );
+        assert_eq!(out.state, State::Compensating, "{:?}", out.reasons);
+        assert!((world.applied[0] + 0.040).abs() < 1e-9, "{late}");
+    }
+}
+
+/// A device whose inputs say nothing any more is still written to zero, as far as it takes writes.
+#[test]
+fn told_lines_are_ramped_out_when_positions_are_lost() {
+    let mut world = told();
+    world.answers = false;
+    world.run(2 * SECOND);
+    assert_eq!(world.applied, PerChannel::ZERO);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+}
+
+/// Nothing is remembered of the run before: with the levels told it begins there, without them a person has to look.
+/// What was not remembered counted as zero, which was written in one step.
+#[test]
+fn what_is_not_remembered_is_not_zero() {
+    for tells in [true, false] {
+        let mut world = World::blind(&limits());
+        world.applied = axes(-0.030, 0.0);
+        world.target = Some(axes(-0.030, 0.0));
+        world.tells_levels = tells;
+        let none = PerChannel::from_fn(|_| f64::NAN);
+        world
+            .read_back
+            .restore(world.now, &none, Duration::ZERO, &limits());
+        world.largest_step = 0.0;
+        let out = world.run(10 * PERIOD);
+        let unknown = Reasons::LEFT_UNKNOWN;
+        assert_eq!(out.reasons.contains(unknown), !tells, "{:?}", out.reasons);
+        world.request(Request::Arm);
+        let out = world.run(2 * SECOND);
+        assert!(
+            world.largest_step <= allowed(),
+            "{tells}: {} mm",
+            world.largest_step
+        );
+        let expected = if tells {
+            State::Compensating
+        } else {
+            State::Disarmed
+        };
+        assert_eq!(out.state, expected, "{:?}", out.reasons);
+    }
+}
+
+/// Lines that still carried what they had at the first outage of another path began at zero at the second: a step of all
+/// that they carried.
+#[test]
+fn lines_that_take_over_begin_with_what_they_carry() {
+    let mut world = World::blind(&limits());
+    world.tells_levels = true;
+    world.applied = axes(0.020, 0.0);
+    world.run(10 * PERIOD);
+    world.read_back.take_over(world.now);
+    world.largest_step = 0.0;
+    world.request(Request::Arm);
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+}
+
+/// A control that goes to zero by itself does so while its lines keep what they carry: they tell nothing then.
+#[test]
+fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
+    let mut world = World::blind(&limits());
+    world.read_back = ReadBack::blind(Some(ControlTimeOut {
+        after: Duration::from_millis(200),
+        to_zero: Duration::from_millis(300),
+    }));
+    world.tells_levels = true;
+    world.told_late = 1;
+    world.applied = axes(0.040, 0.0);
+    let (now, zero) = (world.now, PerChannel::ZERO);
+    world.read_back.restore(now, &zero, 10 * SECOND, &limits());
+    world.run(10 * PERIOD);
+    let known = |world: &World| world.known().confirmed.map(|confirmed| confirmed.values[0]);
+    assert_eq!(known(&world), Some(0.0), "it had the time to let go");
+    let first = world.request(Request::Arm);
+    assert!(
+        first.correction[0].abs() <= allowed(),
+        "{}",
+        first.correction[0]
+    );
+    world.run(PERIOD);
+    world.largest_step = 0.0;
+    let out = world.run(2 * SECOND);
+    assert_eq!(out.state, State::Compensating, "{:?}", out.reasons);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+    // Nothing is taken for a second: the control is at zero by itself.
+    (world.answers, world.write_fails) = (false, true);
+    let out = world.run(Duration::from_millis(350));
+    assert!(
+        out.reasons.contains(Reasons::LEFT_UNKNOWN),
+        "{:?}",
+        out.reasons
+    );
+    world.run(SECOND);
+    (world.answers, world.write_fails) = (true, false);
+    world.run(PERIOD);
+    let begins = known(&world).expect("let go");
+    assert!(begins.abs() <= 3.0 * allowed(), "{begins}");
+    assert_eq!(world.run(3 * SECOND).state, State::Compensating);
+}

@@ -1,0 +1,152 @@
+//! What the run before may have left on a path that does not answer.
+
+use std::{
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+use volcomp_port::{
+    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
+};
+use volcomp_runtime::{
+    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Sensors,
+    guard::{Reasons, Request, State},
+    machine::Machine,
+};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um};
+
+const PERIOD: Duration = Duration::from_millis(4);
+const MACHINE: &str = "structure = \"w X' Y' b Z t\"
+axes = { X.travel = [0, 100], Y.travel = [0, 500], Z.travel = [0, 400] }
+errors = { EXX = { poly = [-25, 0.5] } }";
+
+/// The correction of X, which follows whichever way wrote last, and its largest change by one write, mm.
+type Plant = Arc<Mutex<(f64, f64)>>;
+
+struct Way {
+    silent: bool,
+    plant: Plant,
+    clock: Clock,
+    description: Description,
+}
+
+impl Controller for Way {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
+        if self.silent {
+            return Err(Fault::NotConnected);
+        }
+        Ok(Snapshot {
+            positions: PerChannel::ZERO,
+            taken: self.clock.now(),
+            uncertainty: Duration::ZERO,
+            state: ControllerState {
+                referenced: true,
+                ..ControllerState::default()
+            },
+            applied: None,
+            report: None,
+        })
+    }
+
+    fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
+        let mut plant = self.plant.lock().unwrap();
+        let change = (corrections[0] - plant.0).abs();
+        *plant = (corrections[0], plant.1.max(change));
+        Ok(())
+    }
+}
+
+fn description(name: &str, tells_applied: bool) -> Description {
+    let axis = |name| Axis {
+        name,
+        includes_correction: false,
+        resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
+    };
+    Description {
+        device: name.to_owned(),
+        channel: "one".to_owned(),
+        axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
+        reads: Vec::new(),
+        heartbeat: Heartbeat::Watched,
+        barrier: false,
+        tells_applied,
+        shown: ShownStates::ALL,
+        sees_other_gateways: true,
+        shortest_cycle: Duration::from_millis(1),
+    }
+}
+
+/// Words that can be read back, which do not answer, and lines, with -25 µm on X. `remembered`: what was written down of
+/// X, mm. Gives the state, its reasons, and the largest change of X by one write, mm.
+fn run(remembered: Option<f64>, acknowledged: bool) -> (State, Reasons, f64) {
+    let clock = Clock::manual();
+    let applied = if remembered == Some(0.0) || acknowledged {
+        0.0
+    } else {
+        -0.025
+    };
+    let plant = Arc::new(Mutex::new((applied, 0.0)));
+    let guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
+    let model = Model::new(&Machine::parse(MACHINE, "left").unwrap(), guard.fading).unwrap();
+    let ways = [("words", true), ("lines", false)].map(|(name, tells)| {
+        let description = description(name, tells);
+        let settings = PathSettings::default();
+        let plan = PathPlan::new(description.clone(), &model, &guard, &settings, PERIOD).unwrap();
+        let way = Way {
+            silent: tells,
+            plant: Arc::clone(&plant),
+            clock: clock.clone(),
+            description,
+        };
+        ControlPath::new(Box::new(way), &plan).unwrap()
+    });
+    let sensors = Sensors::new(Vec::new(), guard.temperatures);
+    let paths = Vec::from(ways);
+    let mut cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
+        .unwrap()
+        .with_clock(clock.clone());
+    if let Some(x) = remembered {
+        let last = PerAxis::from_fn(|axis| if axis == 0 { x } else { 0.0 });
+        cycle.restore(&last, Duration::from_secs(1));
+    }
+    for n in 0..500 {
+        clock.advance(PERIOD);
+        let request = match n {
+            50 if acknowledged => Some(Request::Acknowledge),
+            100 => Some(Request::Arm),
+            _ => None,
+        };
+        let asked = Asked {
+            request,
+            ..Asked::default()
+        };
+        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+    }
+    let report = cycle.report();
+    (report.state, report.reasons, plant.lock().unwrap().1)
+}
+
+/// After a restart lines took over at once from a way that was never heard, although its last output was written down as
+/// -25 µm, or lost: X went from -25 to 0 µm in one write, and 0 µm was shown as applied.
+#[test]
+fn lines_do_not_take_over_while_a_silent_way_may_hold_a_correction() {
+    for remembered in [None, Some(-0.025), Some(f64::NAN)] {
+        let (state, reasons, change) = run(remembered, false);
+        assert_eq!(change, 0.0, "{remembered:?}: nothing is written");
+        assert_eq!(state, State::Disarmed, "{remembered:?}");
+        assert!(
+            reasons.contains(Reasons::OTHER_CHANNEL_UNKNOWN),
+            "{reasons:?}"
+        );
+    }
+    for (remembered, acknowledged) in [(Some(0.0), false), (None, true), (Some(-0.025), true)] {
+        let (state, reasons, change) = run(remembered, acknowledged);
+        assert_eq!(state, State::Compensating, "{remembered:?}: {reasons:?}");
+        assert!(change <= 0.002 + 1e-9, "{remembered:?}: {change} mm");
+    }
+}
