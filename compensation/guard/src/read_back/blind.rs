@@ -19,6 +19,7 @@ pub struct ControlTimeOut {
 }
 
 #[derive(Clone, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "four facts, each of its own")]
 pub(super) struct Blind {
     control: Option<ControlTimeOut>,
     /// From when on the control may act by itself, and from when on it is at zero, unless something is written before.

@@ -95,10 +95,6 @@ pub struct ReadBack {
 }
 
 #[derive(Clone, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "one for each path, and nothing in a cycle may allocate"
-)]
 enum Kind {
     Barrier(BarrierLink),
     Echo(Echo),
