@@ -53,7 +53,7 @@ impl Controller for Way {
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
-        let mut plant = self.plant.lock().unwrap();
+        let mut plant = self.plant.lock().expect("fits");
         let change = (corrections[0] - plant.0).abs();
         *plant = (corrections[0], plant.1.max(change));
         Ok(())
@@ -92,23 +92,28 @@ fn run(remembered: Option<f64>, acknowledged: bool) -> (State, Reasons, f64) {
     };
     let plant = Arc::new(Mutex::new((applied, 0.0)));
     let guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
-    let model = Model::new(&Machine::parse(MACHINE, "left").unwrap(), guard.fading).unwrap();
+    let model = Model::new(
+        &Machine::parse(MACHINE, "left").expect("fits"),
+        guard.fading,
+    )
+    .expect("fits");
     let ways = [("words", true), ("lines", false)].map(|(name, tells)| {
         let description = description(name, tells);
         let settings = PathSettings::default();
-        let plan = PathPlan::new(description.clone(), &model, &guard, &settings, PERIOD).unwrap();
+        let plan =
+            PathPlan::new(description.clone(), &model, &guard, &settings, PERIOD).expect("fits");
         let way = Way {
             silent: tells,
             plant: Arc::clone(&plant),
             clock: clock.clone(),
             description,
         };
-        ControlPath::new(Box::new(way), &plan).unwrap()
+        ControlPath::new(Box::new(way), &plan).expect("fits")
     });
     let sensors = Sensors::new(Vec::new(), guard.temperatures);
     let paths = Vec::from(ways);
     let mut cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
-        .unwrap()
+        .expect("fits")
         .with_clock(clock.clone());
     if let Some(x) = remembered {
         let last = PerAxis::from_fn(|axis| if axis == 0 { x } else { 0.0 });
@@ -128,7 +133,7 @@ fn run(remembered: Option<f64>, acknowledged: bool) -> (State, Reasons, f64) {
         cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
     }
     let report = cycle.report();
-    (report.state, report.reasons, plant.lock().unwrap().1)
+    (report.state, report.reasons, plant.lock().expect("fits").1)
 }
 
 /// After a restart lines took over at once from a way that was never heard, although its last output was written down as
