@@ -35,9 +35,11 @@ impl Machine {
     /// Offset and slope (by mm) that the thermal terms add to each error motion of an axis, µm or µrad.
     pub(crate) fn thermal_of(&self, axis: usize, temperatures: &Temperatures) -> [[f64; 2]; 6] {
         let name = self.axes()[axis].name;
+        let direction = self.chain().joints()[axis].direction;
         Component::ALL.map(|component| {
             let error = ErrorName::motion(component, name);
-            self.thermal().offset_and_slope(error, temperatures)
+            self.thermal()
+                .offset_and_slope(error, &direction, temperatures)
         })
     }
 }

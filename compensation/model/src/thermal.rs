@@ -4,6 +4,7 @@ use core::ops::RangeInclusive;
 use std::collections::BTreeMap;
 
 use volcomp_kinematics::Structure;
+use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
 use crate::error::ThermalRefusal;
@@ -23,7 +24,8 @@ pub struct Thermal {
     pub drift: Vec<Drift>,
 }
 
-/// A scale or screw that grows with a temperature: E += k·(T − T_ref)·(q − q_fixed).
+/// A scale or screw that grows with a temperature: E += k·(T − T_ref)·(q − q_fixed). Growth named as the positioning
+/// deviation of the axis (`EXX`, `EYV`) is along the direction of the axis, in whatever way it points.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
@@ -82,13 +84,22 @@ impl Thermal {
         self.drift.iter().try_for_each(|term| term.check(structure))
     }
 
-    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error` at steady temperatures:
-    /// a lag starts at its first input. A term whose sensors are not all known is left out.
-    pub fn offset_and_slope(&self, error: ErrorName, temperatures: &Temperatures) -> [f64; 2] {
+    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error`, whose axis has this unit direction (in MCS),
+    /// at steady temperatures: a lag starts at its first input. A term whose sensors are not all known is left out.
+    pub fn offset_and_slope(
+        &self,
+        error: ErrorName,
+        direction: &Vector3<f64>,
+        temperatures: &Temperatures,
+    ) -> [f64; 2] {
         let mut sum = [0.0; 2];
-        for term in self.expansion.iter().filter(|term| term.error == error) {
+        for term in &self.expansion {
+            if error.location || error.component.is_angular() || error.axis != term.error.axis {
+                continue;
+            }
             if let Some(degc) = temperatures.get(&term.sensor) {
-                let slope = term.um_per_m_k * 1e-3 * (degc - self.reference_degc);
+                let share = term.shares(direction)[error.component.mcs_index()];
+                let slope = share * term.um_per_m_k * 1e-3 * (degc - self.reference_degc);
                 sum[0] -= slope * term.fixed_mm;
                 sum[1] += slope;
             }
@@ -117,6 +128,18 @@ impl Thermal {
 }
 
 impl Expansion {
+    /// The growth along X, Y and Z of MCS of an axis with this unit direction, as shares of k. A positioning deviation p
+    /// of the coordinate enters as δ = u·p; any other linear error motion is along its own letter.
+    pub(crate) fn shares(&self, direction: &Vector3<f64>) -> [f64; 3] {
+        let component = self.error.component.mcs_index();
+        if component == self.error.axis.mcs_index() {
+            return (*direction).into();
+        }
+        let mut shares = [0.0; 3];
+        shares[component] = 1.0;
+        shares
+    }
+
     /// Whether a machine of this structure can have this term.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use volcomp_curve::first_order_lag;
 use volcomp_evaluator::CompiledMachine;
 use volcomp_kinematics::ErrorMotion;
-use volcomp_vocabulary::{Displacement, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{Displacement, MAX_AXES};
 
 use crate::{
     error::{ModelError, ThermalRefusal},
@@ -31,11 +31,13 @@ impl Default for Fading {
     }
 }
 
-/// The thermal terms of a machine over time. State: the lagged temperature of each term, and how long its sensors have
-/// been missing. No call but [`new`](Self::new) allocates.
+/// The thermal terms of a machine over time. State: the lagged temperatures of each term, how long its sensors have been
+/// missing, and how far it has faded. No call but [`new`](Self::new) allocates.
 ///
 /// A lag steps by [`first_order_lag`], which is exact for a temperature that holds for the step, and starts at its
-/// first input. A term of which a sensor is missing holds, then fades ([`Fading`]).
+/// first input. A term of which a sensor is missing holds, then fades ([`Fading`]). When the sensor is back the lag goes
+/// on over the whole time for which it was missing, with the temperature that it tells then; what had faded comes in
+/// again as slowly as it went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -47,22 +49,34 @@ pub struct ThermalState {
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     axis: usize,
-    component: usize,
     effect: Effect,
-    /// Place of each sensor among the sensors, and its weight in Σ w·(T − T_ref).
-    weights: Vec<(usize, f64)>,
+    inputs: Vec<Input>,
     lag_s: f64,
-    /// The lagged input, K; `None` until every sensor has given a temperature once.
-    lagged_k: Option<f64>,
+    /// Time since the last input of the lag, s.
+    unheard_s: f64,
+    /// Time for which a sensor has been missing, s.
     missing_s: f64,
+    /// The share of the term that is in effect, 0 to 1: less than 1 while it fades, and while it comes in again.
+    share: f64,
+}
+
+/// A sensor of a term. The lag of a sum is the sum of the lags, so each sensor keeps its own.
+#[derive(Clone, Debug, PartialEq)]
+struct Input {
+    /// Place among the sensors.
+    sensor: usize,
+    /// Its weight in Σ w·(T − T_ref).
+    weight: f64,
+    /// The lagged temperature over T_ref, K; `None` until every sensor of the term has given a temperature once.
+    lagged_k: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Effect {
-    /// mm for each mm of distance from the fixed point (mm) and each K.
-    Expansion { per_k: f64, fixed_mm: f64 },
-    /// mm or rad for each K.
-    Drift { per_k: f64 },
+    /// mm along X, Y and Z for each mm of distance from the fixed point (mm) and each K.
+    Expansion { per_k: [f64; 3], fixed_mm: f64 },
+    /// mm or rad of one component for each K.
+    Drift { component: usize, per_k: f64 },
 }
 
 impl ThermalState {
@@ -112,44 +126,59 @@ impl ThermalState {
             degc.map(|degc| degc - self.reference_degc)
         };
         for term in &mut self.terms {
-            let weighted = |&(sensor, weight): &(usize, f64)| over(sensor).map(|k| weight * k);
-            match term.weights.iter().map(weighted).sum::<Option<f64>>() {
-                Some(input_k) => {
-                    let before = term.lagged_k.unwrap_or(input_k);
-                    term.lagged_k = Some(first_order_lag(before, input_k, dt_s, term.lag_s));
-                    term.missing_s = 0.0;
+            term.unheard_s += dt_s.max(0.0);
+            if term.inputs.iter().all(|input| over(input.sensor).is_some()) {
+                for input in &mut term.inputs {
+                    input.lagged_k = over(input.sensor).map(|k| {
+                        first_order_lag(input.lagged_k.unwrap_or(k), k, term.unheard_s, term.lag_s)
+                    });
                 }
-                None => term.missing_s += dt_s.max(0.0),
+                (term.unheard_s, term.missing_s) = (0.0, 0.0);
+                term.share = self.fading.returned(term.share, dt_s);
+            } else {
+                term.missing_s += dt_s.max(0.0);
+                term.share = term.share.min(self.fading.share(term.missing_s));
             }
         }
     }
 
-    /// Goes on with the lags of another state, such as that of the machine file of before: a term takes the lagged
-    /// temperature of a term there that has the same sensors, weights and lag, whatever error either of them moves.
-    /// Terms that have none there begin with their first temperature. Allocates nothing.
+    /// Lets `stood_s` pass in which nobody asked the sensors, since the program stood. The lags go on by it with the next
+    /// temperatures; no sensor counts as missing for it.
+    pub fn stand(&mut self, stood_s: f64) {
+        for term in &mut self.terms {
+            term.unheard_s += stood_s.max(0.0);
+        }
+    }
+
+    /// Goes on with the lags of another state, such as that of the machine file of before: each sensor of a term takes
+    /// its lagged temperature from the term there whose lag is nearest, whatever error either of them moves and by how
+    /// much, so that no change of a lag or a weight begins anew in the middle of the work. A sensor that no term there
+    /// has begins with its first temperature. Allocates nothing.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {
-            let is_same = |other: &&Term| {
-                let pairs = term.weights.iter().zip(&other.weights);
-                term.lag_s.to_bits() == other.lag_s.to_bits()
-                    && term.weights.len() == other.weights.len()
-                    && pairs.into_iter().all(|(own, others)| {
-                        own.1.to_bits() == others.1.to_bits()
-                            && self.sensors.get(own.0) == from.sensors.get(others.0)
-                    })
-            };
-            if let Some(other) = from.terms.iter().find(is_same) {
-                let weight: f64 = term.weights.iter().map(|(_, weight)| weight).sum();
-                term.lagged_k = other.lagged_k.map(|lagged| lagged + shift_k * weight);
-                term.missing_s = other.missing_s;
+            for input in &mut term.inputs {
+                let name = self.sensors.get(input.sensor);
+                let of_sensor = from.terms.iter().filter_map(|other| {
+                    let mut inputs = other.inputs.iter();
+                    let input = inputs.find(|input| from.sensors.get(input.sensor) == name)?;
+                    Some((other, input.lagged_k?))
+                });
+                let distance = |other: &Term| (other.lag_s - term.lag_s).abs();
+                let nearest = of_sensor.min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
+                if let Some((other, lagged_k)) = nearest {
+                    input.lagged_k = Some(lagged_k + shift_k);
+                    term.unheard_s = term.unheard_s.max(other.unheard_s);
+                    term.missing_s = term.missing_s.max(other.missing_s);
+                    term.share = term.share.min(other.share);
+                }
             }
         }
     }
 
-    /// Whether a term holds, fades or has not started because one of its sensors is missing.
+    /// Whether a term holds, fades or has not started because one of its sensors is missing, or comes in again after that.
     pub fn is_degraded(&self) -> bool {
-        let missing = |term: &Term| term.missing_s > 0.0 || term.lagged_k.is_none();
+        let missing = |term: &Term| term.missing_s > 0.0 || term.share < 1.0 || !term.has_begun();
         self.terms.iter().any(missing)
     }
 
@@ -159,14 +188,18 @@ impl ThermalState {
         let mut offsets = [[0.0; 6]; MAX_AXES];
         let mut slopes = [[0.0; 3]; MAX_AXES];
         for term in &self.terms {
-            let kelvin = term.lagged_k.unwrap_or(0.0) * self.fading.share(term.missing_s);
+            let kelvin = term.lagged_k() * term.share;
             match term.effect {
                 Effect::Expansion { per_k, fixed_mm } => {
-                    let slope = per_k * kelvin;
-                    slopes[term.axis][term.component] += slope;
-                    offsets[term.axis][term.component] -= slope * fixed_mm;
+                    for (component, per_k) in per_k.into_iter().enumerate() {
+                        let slope = per_k * kelvin;
+                        slopes[term.axis][component] += slope;
+                        offsets[term.axis][component] -= slope * fixed_mm;
+                    }
                 }
-                Effect::Drift { per_k } => offsets[term.axis][term.component] += per_k * kelvin,
+                Effect::Drift { component, per_k } => {
+                    offsets[term.axis][component] += per_k * kelvin;
+                }
             }
         }
         for axis in 0..machine.chain().joints().len() {
@@ -186,6 +219,11 @@ impl Fading {
         let faded_s = (missing_s - self.hold_s).max(0.0);
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
     }
+
+    /// The share after `dt_s` in which every sensor was heard.
+    fn returned(&self, share: f64, dt_s: f64) -> f64 {
+        (share + dt_s.max(0.0) / self.fade_s.max(f64::MIN_POSITIVE)).min(1.0)
+    }
 }
 
 impl Term {
@@ -194,46 +232,65 @@ impl Term {
         term: &Expansion,
         sensors: &[String],
     ) -> Result<Self, ModelError> {
+        let axis = machine.index_of(term.error.axis)?;
+        let shares = term.shares(&machine.chain().joints()[axis].direction);
         let effect = Effect::Expansion {
             // µm/(m·K) is 1e-6 mm/(mm·K).
-            per_k: term.um_per_m_k * 1e-6,
+            per_k: shares.map(|share| share * term.um_per_m_k * 1e-6),
             fixed_mm: term.fixed_mm,
         };
-        Self::of(machine, term.error, effect, [(&term.sensor, 1.0)], sensors)
+        Ok(Self::of(axis, effect, [(&term.sensor, 1.0)], 0.0, sensors))
     }
 
     fn drift(machine: &Machine, term: &Drift, sensors: &[String]) -> Result<Self, ModelError> {
+        let error = term.error;
         let effect = Effect::Drift {
-            per_k: Displacement::from_micro(term.error.component.kind(), term.per_k).mm_or_rad(),
+            component: error.component.index(),
+            per_k: Displacement::from_micro(error.component.kind(), term.per_k).mm_or_rad(),
         };
         let weights = term.sensors.iter().map(|(name, weight)| (name, *weight));
-        let made = Self::of(machine, term.error, effect, weights, sensors)?;
-        Ok(Self {
-            lag_s: term.lag_s,
-            ..made
-        })
+        let axis = machine.index_of(error.axis)?;
+        Ok(Self::of(axis, effect, weights, term.lag_s, sensors))
     }
 
     fn of<'a>(
-        machine: &Machine,
-        error: ErrorName,
+        axis: usize,
         effect: Effect,
         weights: impl IntoIterator<Item = (&'a String, f64)>,
+        lag_s: f64,
         sensors: &[String],
-    ) -> Result<Self, ModelError> {
-        let place = |(name, weight): (&String, f64)| {
-            let place = sensors.iter().position(|sensor| sensor == name);
-            place.map(|place| (place, weight))
+    ) -> Self {
+        let input = |(name, weight): (&String, f64)| {
+            let sensor = sensors.iter().position(|sensor| sensor == name)?;
+            Some(Input {
+                sensor,
+                weight,
+                lagged_k: None,
+            })
         };
-        Ok(Self {
-            axis: machine.index_of(error.axis)?,
-            component: error.component.index(),
+        Self {
+            axis,
             effect,
-            weights: weights.into_iter().filter_map(place).collect(),
-            lag_s: 0.0,
-            lagged_k: None,
+            inputs: weights.into_iter().filter_map(input).collect(),
+            lag_s,
+            unheard_s: 0.0,
             missing_s: 0.0,
-        })
+            share: 1.0,
+        }
+    }
+
+    /// The lagged Σ w·(T − T_ref), K; 0 while a sensor has not been heard yet.
+    fn lagged_k(&self) -> f64 {
+        let inputs = self.inputs.iter();
+        let sum: Option<f64> = inputs
+            .map(|input| Some(input.weight * input.lagged_k?))
+            .sum();
+        sum.unwrap_or(0.0)
+    }
+
+    /// Whether every sensor has been heard.
+    fn has_begun(&self) -> bool {
+        self.inputs.iter().all(|input| input.lagged_k.is_some())
     }
 }
 

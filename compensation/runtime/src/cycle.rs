@@ -269,7 +269,7 @@ impl Cycle {
         let begun = Instant::now();
         let since_start = now.saturating_duration_since(self.start);
         let last = self.last.replace(since_start).unwrap_or(since_start);
-        let dt = since_start.saturating_sub(last).min(self.period * 5);
+        let passed = since_start.saturating_sub(last);
         let patience = self.paths[self.selector.active()].patience();
         self.read(self.selector.active(), now + patience, since_start);
         self.hear_standbys(since_start);
@@ -291,7 +291,7 @@ impl Cycle {
             self.read(active, deadline, since_start);
         }
         let (computes, read) = (own_clock(), Instant::now());
-        self.thermal(since_start, dt);
+        self.thermal(since_start, passed);
         let output = self.decide(since_start, asked, notes, switched);
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
@@ -337,10 +337,12 @@ impl Cycle {
 
     /// Temperatures, the lags, and the model with them: in every cycle, since work that is done seldom finds nothing
     /// of it in the caches and makes the longest cycles.
-    fn thermal(&mut self, since_start: Duration, dt: Duration) {
+    fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        self.degraded = self.model.warm(dt, &self.report.sensors);
+        // A sensor that was not asked since the program stood is not missing.
+        let dt = passed.min(self.period * 5);
+        self.degraded = (self.model).warm(dt, passed - dt, &self.report.sensors);
     }
 
     /// The correction that the model asks for at a place, mm and rad; `None` while a position is not known.

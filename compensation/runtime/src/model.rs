@@ -153,6 +153,11 @@ impl Model {
         self.thermal.is_degraded()
     }
 
+    /// Lets time pass in which the program stood: see [`ThermalState::stand`]. Allocates nothing.
+    pub fn stand(&mut self, stood_s: f64) {
+        self.thermal.stand(stood_s);
+    }
+
     /// Goes on with the lags of the thermal terms of another model where the terms are driven by the same temperatures.
     /// Allocates nothing.
     pub fn carry_over(&mut self, from: &Self) {

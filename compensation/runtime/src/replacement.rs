@@ -33,14 +33,20 @@ impl Replacement {
         self.model.carry_over(&from.model);
     }
 
-    /// Lets the thermal terms go on by `dt` with the temperatures of a cycle. Whether a term has to do without its
-    /// sensor. Allocates nothing.
-    pub(crate) fn warm(&mut self, dt: Duration, sensors: &[SensorReport; MAX_SENSORS]) -> bool {
+    /// Lets the thermal terms go on by `dt` with the temperatures of a cycle, after the program has stood for `stood`
+    /// besides. Whether a term has to do without its sensor. Allocates nothing.
+    pub(crate) fn warm(
+        &mut self,
+        dt: Duration,
+        stood: Duration,
+        sensors: &[SensorReport; MAX_SENSORS],
+    ) -> bool {
         for (degc, place) in self.degc.iter_mut().zip(&self.places) {
             *degc = place
                 .and_then(|place| sensors.get(place))
                 .and_then(|sensor| sensor.degc);
         }
+        self.model.stand(stood.as_secs_f64());
         self.model.step(dt.as_secs_f64(), &self.degc)
     }
 }

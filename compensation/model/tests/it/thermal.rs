@@ -155,8 +155,86 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     );
     thermal.step(1e6, &missing);
     assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "gone");
-    thermal.step(1.0, &warm);
+    thermal.step(150.0, &warm);
+    assert!(thermal.is_degraded(), "comes in again");
+    assert!((tilt_y(&machine, &thermal) - 0.5e-5).abs() < 1e-15);
+    thermal.step(450.0, &warm);
+    assert!(!thermal.is_degraded());
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "back");
+}
+
+/// The machine has cooled down while its sensor was silent. Before, the term went back to its value of hours ago in one
+/// step when the sensor was heard again, and needed hours to be right.
+#[test]
+fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
+    let (machine, mut thermal) = state_of(THREE_AXES);
+    let at = |spindle: Option<f64>| [Some(20.0), Some(20.0), spindle];
+    thermal.step(0.0, &at(Some(40.0)));
+    assert!((tilt_y(&machine, &thermal) - 4e-5).abs() < 1e-15);
+    for _ in 0..36_000 {
+        thermal.step(1.0, &at(None));
+    }
+    assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "faded");
+    for _ in 0..3600 {
+        thermal.step(1.0, &at(Some(20.0)));
+        assert!(tilt_y(&machine, &thermal).abs() < 1e-12);
+    }
+    // A short silence: the lag goes on over it, with the temperature that is heard afterwards.
+    let (_, mut thermal) = state_of(THREE_AXES);
+    thermal.step(0.0, &at(Some(20.0)));
+    thermal.step(200.0, &at(None));
+    thermal.step(100.0, &at(Some(30.0)));
+    let expected = 2e-5 * (1.0 - (-0.5_f64).exp());
+    assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
+}
+
+/// The program stood for ten minutes: no sensor is missing for that, and the lags know that time has passed.
+#[test]
+fn lags_go_on_over_a_time_in_which_the_program_stood() {
+    let (machine, mut thermal) = state_of(THREE_AXES);
+    let at = |spindle: Option<f64>| [Some(20.0), Some(20.0), spindle];
+    thermal.step(0.0, &at(Some(20.0)));
+    thermal.step(0.0, &at(Some(30.0)));
+    thermal.stand(600.0);
+    thermal.step(1.0, &at(None));
+    assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "held");
+    thermal.step(1.0, &at(Some(30.0)));
+    assert!(!thermal.is_degraded());
+    let expected = 2e-5 * (1.0 - (-602.0_f64 / 600.0).exp());
+    assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
+}
+
+/// A scale that has grown by 100 µm over a metre takes the carriage 100 µm too far along the direction of its axis, in
+/// whatever way that points. Before, the growth was along X of MCS: the wrong way on a reversed axis.
+#[test]
+fn a_scale_grows_along_the_direction_of_its_axis() {
+    use volcomp_vocabulary::AxisName;
+
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    for (direction, along) in [
+        ([1.0, 0.0, 0.0], [0.1, 0.0, 0.0]),
+        ([-1.0, 0.0, 0.0], [-0.1, 0.0, 0.0]),
+        ([1.0, 1.0, 0.0], [0.1 * half, 0.1 * half, 0.0]),
+    ] {
+        for structure in ["w b X Y Z t", "w X' b Y Z t"] {
+            let (machine, mut thermal) = state_of(&format!(
+                "structure = \"{structure}\"\n[axes.X]\ntravel = [0.0, 1000.0]\ndirection = {direction:?}\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = 10.0\n"
+            ));
+            assert_eq!(machine.axes()[0].name, AxisName::X);
+            let temperatures = steady(&thermal, &[Some(30.0)]);
+            let mut compiled = machine.compile(Tolerance::default()).unwrap();
+            thermal.step(0.0, &[Some(30.0)]);
+            thermal.apply(&mut compiled);
+            let state = State::from_coordinates(&[1000.0, 0.0, 0.0]);
+            let of_source = machine.error_at(&state, Form::Exact, &temperatures);
+            let of_source: [f64; 3] = of_source.position_mm.into();
+            for found in [compiled.evaluate(&state).position_mm, of_source] {
+                for (found, expected) in found.into_iter().zip(along) {
+                    assert!((found - expected).abs() < 1e-6, "{direction:?}: {found}");
+                }
+            }
+        }
+    }
 }
 
 /// The machine file is read again in the middle of warming up. Before, every lag began anew, and the correction jumped
@@ -195,7 +273,16 @@ fn lags_are_carried_over_to_the_same_terms() {
     // A difference of two sensors does not know the reference.
     let (other, _) = z_um(&text(3.0, 600.0, 22.0), Some(&before));
     assert!((other - warm).abs() < 1e-9, "{other}");
-    // Another lag is another quantity: it begins anew.
-    let (anew, _) = z_um(&text(3.0, 60.0, 20.0), Some(&before));
-    assert!(anew.abs() < 1e-9, "{anew}");
+    // Another lag and other weights: the lagged temperatures of the sensors are as they were, and go on from there.
+    let (other, _) = z_um(&text(3.0, 60.0, 20.0), Some(&before));
+    assert!((other - warm).abs() < 1e-9, "{other}");
+    let heavier = text(3.0, 600.0, 20.0).replace("spindle = 1.0", "spindle = 1.001");
+    let (heavier, _) = z_um(&heavier, Some(&before));
+    assert!((heavier - 1.001 * warm).abs() < 1e-9, "{heavier}");
+    // Of two terms of one sensor that one counts whose lag is nearer.
+    let two = text(3.0, 600.0, 20.0)
+        + "[[thermal.drift]]\nerror = \"EYZ\"\nsensors = { spindle = 1.0 }\num_per_k = 0.0\nlag_s = 5.0\n";
+    let (_, before) = z_um(&two, None);
+    let (near, _) = z_um(&text(3.0, 599.0, 20.0), Some(&before));
+    assert!((near - warm).abs() < 1e-9, "{near}");
 }

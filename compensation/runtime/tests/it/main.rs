@@ -7,6 +7,7 @@ mod ends_of_travel;
 mod errors;
 mod held;
 mod left;
+mod lags;
 mod left_out;
 mod limited;
 mod plan;
