@@ -342,7 +342,9 @@ impl Cycle {
             .read(since_start, self.start, &mut self.report.sensors);
         // A sensor that was not asked since the program stood is not missing.
         let dt = passed.min(self.period * 5);
-        self.degraded = (self.model).warm(dt, passed - dt, &self.report.sensors);
+        self.degraded = self
+            .model
+            .warm(dt, passed.saturating_sub(dt), &self.report.sensors);
     }
 
     /// The correction that the model asks for at a place, mm and rad; `None` while a position is not known.
