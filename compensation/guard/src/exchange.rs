@@ -28,6 +28,9 @@ pub struct Inputs {
     pub interlocks: Reasons,
     /// The correction that the model wants; `None`: it has none.
     pub wanted: Option<Wanted>,
+    /// Positions are old and the machine moves: what is held would become worse than nothing, and is to go out as fast as
+    /// the slew allows. Counts while positions are stale.
+    pub let_go: bool,
     /// The request of a person or a program since the last cycle, if there was one.
     pub request: Option<Request>,
     /// Why arming is forbidden; empty where it is allowed.

@@ -85,6 +85,8 @@ reasons! {
     /// Rotary axes have turned two linear axes nearly into one direction: linear corrections are more than ten times the
     /// error, or one of the axes is left out.
     LINEAR_NEAR_SINGULAR = 55, "linear axes nearly in one direction";
+    /// Positions are so old for the speed of the axes that only a part of the correction, or none, is better than nothing.
+    LET_GO = 56, "positions too old for the speed: a part of the correction let go";
     /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
     NOT_RELOADED = 30, "files on disk not taken over";
     /// The gateway was faulted when it ended, and nobody has acknowledged it since.
@@ -135,6 +137,7 @@ impl Reasons {
             | Self::SINGULAR.0
             | Self::NEAR_SINGULAR.0
             | Self::LINEAR_NEAR_SINGULAR.0
+            | Self::LET_GO.0
             | Self::NOT_RELOADED.0
             | Self::DISARMED_BY_PERSON.0
             | Self::MUST_CONFIRM.0

@@ -4,6 +4,7 @@
 //! the thermal lags of the model.
 
 mod choice;
+mod lag;
 mod standby;
 
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
 use volcomp_vocabulary::{PerAxis, PerChannel};
 
-use self::standby::Standby;
+use self::{lag::Lag, standby::Standby};
 use crate::{
     asked::Asked,
     error::{LimitsRefusal, PlanError, StartError},
@@ -52,6 +53,7 @@ pub struct Cycle {
     /// Whether no path was left with a correction before the start, as far as that was written down, or a person says.
     left_nothing: bool,
     standby: Standby,
+    lag: Lag,
     /// Where the machine was commanded in this cycle; `None` while a position is not known.
     commanded: Option<State>,
     last: Option<Duration>,
@@ -120,6 +122,7 @@ impl Cycle {
             degraded: false,
             left_nothing: false,
             standby: Standby::default(),
+            lag: Lag::default(),
             commanded: None,
             last: None,
             start: Instant::now(),
@@ -384,10 +387,17 @@ impl Cycle {
         let place = Place::seen_by(&self.paths, &self.readers, active, axes, now);
         let (wanted, of_model) = self.wanted(&place);
         notes |= of_model | Reasons::FALLBACK.when(active != 0) | self.standby_notes(now);
+        let kept = wanted.map(|wanted| self.kept(&place, &wanted, now));
         let path = &self.paths[active];
         let wanted = wanted.map(|wanted| in_channel(path, &wanted));
         self.report.wanted =
             wanted.map_or(PerAxis::ZERO, |wanted| in_machine(path, &wanted.full()));
+        let wanted = wanted.zip(kept).map(|(wanted, kept)| Wanted {
+            position: wanted.position.map(|share| kept.part * share),
+            rotary: wanted.rotary.map(|share| kept.part * share),
+            ..wanted
+        });
+        notes |= kept.map_or(Reasons::NONE, |kept| kept.notes);
         let takes_over = (switched && self.guard.state().is_armed()).then_some(Request::TakeOver);
         let reading = path.reading.as_ref().map(|snapshot| Reading {
             taken: place.oldest.or(path.taken()).unwrap_or_default(),
@@ -406,6 +416,7 @@ impl Cycle {
             known: *path.known(),
             interlocks: self.interlocks.reasons(),
             wanted,
+            let_go: kept.is_some_and(|kept| kept.let_go),
             request: asked.request.or(takes_over),
             forbids: asked.forbids,
         });
@@ -414,6 +425,28 @@ impl Cycle {
         let unproven = (0..path.count()).any(unproven);
         output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
         output
+    }
+
+    /// What the age of the positions leaves of what is wanted.
+    fn kept(&mut self, place: &Place, wanted: &ModelWanted, now: Duration) -> lag::Kept {
+        self.lag.see(place, &self.model);
+        let path = &self.paths[self.selector.active()];
+        let (limits, output) = (self.guard.limits(), self.guard.output());
+        let seconds = |i: usize| (output[i] / limits.axes[i].slew_per_s).abs();
+        let way_out = (0..limits.count).map(seconds).fold(0.0, f64::max);
+        let asked = lag::Asked {
+            model: &self.model,
+            correctors: &path.correctors,
+            limits,
+            state: &self.commanded.unwrap_or_default(),
+            wanted,
+            applied: &in_machine(path, &output),
+            way_out: Duration::try_from_secs_f64(way_out).unwrap_or(Duration::MAX),
+        };
+        let age = place
+            .oldest
+            .map_or(Duration::MAX, |taken| now.saturating_sub(taken));
+        self.lag.kept(&asked, age, now)
     }
 
     /// From which direction each axis came, from positions without correction.

@@ -44,7 +44,7 @@ impl Guard {
             request: inputs.request,
             interlocked: !inputs.interlocks.is_empty(),
             stale: age > self.limits.hold,
-            lost: age > self.limits.zero_after,
+            lost: age > self.limits.zero_after || inputs.let_go && age > self.limits.hold,
             unconfirmed,
             does_not_land,
             beyond: values.as_ref().is_some_and(beyond),

@@ -87,6 +87,10 @@ impl Guard {
                     | Reasons::WARN.when(followed.warned)
             }
             State::RampingOut(_) | State::Faulted(_) => {
+                let mut limits = limits;
+                if inputs.let_go {
+                    limits.ramp = Duration::ZERO;
+                }
                 self.vector.advance_line(&limits, dt_s);
                 Reasons::NONE
             }

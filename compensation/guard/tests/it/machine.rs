@@ -500,6 +500,7 @@ impl Machine {
             known: *way.read_back.known(),
             interlocks: self.interlocks.reasons(),
             wanted: self.wanted,
+            let_go: false,
             request: request.or(takes_over),
             forbids: self.forbids,
         });

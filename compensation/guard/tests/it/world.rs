@@ -240,6 +240,7 @@ impl World {
             known: *self.known(),
             interlocks: self.interlocks.reasons(),
             wanted: self.target.map(Wanted::linear),
+            let_go: false,
             request,
             forbids: self.forbids,
         })

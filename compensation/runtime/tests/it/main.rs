@@ -6,6 +6,7 @@ mod embed;
 mod ends_of_travel;
 mod errors;
 mod held;
+mod lag;
 mod lags;
 mod left;
 mod left_out;

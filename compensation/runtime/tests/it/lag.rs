@@ -1,0 +1,320 @@
+//! Late positions at speed: a rotary table that turns at 33 rpm, positions 0 to 500 ms old. What is written is never worse
+//! than nothing, and the state tells why it let go.
+
+use std::{
+    f64::consts::TAU,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_model::{Fading, Machine};
+use volcomp_port::{
+    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
+};
+use volcomp_runtime::{
+    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PositionReader,
+    ReaderPlan, Report, Sensors, WithoutBarrier,
+    guard::{Reasons, Request},
+};
+use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel, Um, Urad};
+
+use crate::rig::{PERIOD, alone};
+
+const RPM: f64 = 33.0;
+/// One step of the correction, mm.
+const STEP: f64 = 1e-4;
+const NAMES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+
+/// A rotary table under X, with errors that go round once and twice in a turn, and others that stand.
+const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
+axes.X = { travel = [-400.0, 400.0] }
+axes.Y = { travel = [-400.0, 400.0] }
+axes.Z = { travel = [-400.0, 400.0] }
+axes.C = { travel = [0.0, 360.0], modulo = 360.0, point = [0.0, 0.0, -100.0] }
+[errors]
+EXC = { fourier = [3.0, 20.0, 4.0, 5.0, 2.0], period = 360.0 }
+EYC = { fourier = [-2.0, 3.0, 18.0], period = 360.0 }
+EZC = { fourier = [6.0, 4.0, 3.0], period = 360.0 }
+EAC = { fourier = [0.0, 10.0, 6.0], period = 360.0 }
+EXX = 4.0
+EYY = -5.0
+";
+
+/// A control whose linear axes stand and that takes corrections at once; or one that is only read, and tells where the
+/// table was `age` ago, or where it stood when it fell silent.
+struct Late {
+    description: Description,
+    clock: Clock,
+    by: Arc<By>,
+}
+
+#[derive(Default)]
+struct By {
+    age_us: AtomicU64,
+    /// Since when nothing new is told, µs; 0: it is.
+    silent_since_us: AtomicU64,
+    applied: Mutex<PerChannel<f64>>,
+}
+
+/// Where the table is at a time, rad.
+fn turned(at: Duration) -> f64 {
+    (RPM / 60.0 * TAU * at.as_secs_f64()).rem_euclid(TAU)
+}
+
+impl Controller for Late {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
+        let age = Duration::from_micros(self.by.age_us.load(Ordering::Relaxed));
+        let silent = Duration::from_micros(self.by.silent_since_us.load(Ordering::Relaxed));
+        let now = self.clock.elapsed();
+        let until = if silent.is_zero() { now } else { silent };
+        let (taken, positions) = if self.description.axes.is_empty() {
+            let taken = until.saturating_sub(age);
+            (taken, PerChannel::leading([turned(taken)]))
+        } else {
+            (now, PerChannel::leading([150.0, -80.0, 60.0]))
+        };
+        Ok(Snapshot {
+            positions,
+            taken: self.clock.start() + taken,
+            uncertainty: Duration::ZERO,
+            state: ControllerState {
+                referenced: true,
+                ..ControllerState::default()
+            },
+            applied: Some(*self.by.applied.lock().expect("no panic")),
+            report: None,
+        })
+    }
+
+    fn apply(&mut self, correction: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
+        *self.by.applied.lock().expect("no panic") = *correction;
+        Ok(())
+    }
+}
+
+struct Table {
+    cycle: Cycle,
+    model: Model,
+    clock: Clock,
+    by: Arc<By>,
+}
+
+impl Table {
+    fn new(hold: Duration) -> Self {
+        let clock = Clock::manual();
+        let machine = Machine::parse(MACHINE, "m").expect("valid");
+        let model = Model::new(&machine, Fading::default()).expect("compiles");
+        let guard = GuardSettings {
+            without_barrier: WithoutBarrier {
+                linear: Um(150.0),
+                rotary: Urad(30.0),
+            },
+            hold,
+            ..GuardSettings::new(AxisSettings::new(Um(150.0), Um(500.0)))
+        };
+        let axis = |name| Axis {
+            name,
+            includes_correction: false,
+            resolution: Displacement::from_micro(AxisName::X.kind(), STEP * 1e3),
+            largest: None,
+        };
+        let description = Description {
+            device: "late".to_owned(),
+            channel: "late".to_owned(),
+            axes: NAMES.map(axis).to_vec(),
+            reads: Vec::new(),
+            heartbeat: Heartbeat::Watched,
+            barrier: false,
+            tells_applied: true,
+            shown: ShownStates::ALL,
+            sees_other_gateways: true,
+            shortest_cycle: Duration::from_millis(1),
+        };
+        let table = Description {
+            axes: Vec::new(),
+            reads: vec![AxisName::C],
+            ..description.clone()
+        };
+        let plan = PathPlan::new(description.clone(), &model, &guard, &alone(), PERIOD);
+        let reads = ReaderPlan::new(table.clone(), &model, &alone()).expect("fits");
+        let by = Arc::new(By::default());
+        let late = |description| {
+            Box::new(Late {
+                description,
+                clock: clock.clone(),
+                by: Arc::clone(&by),
+            })
+        };
+        let path = ControlPath::new(late(description), &plan.expect("fits")).expect("fits");
+        let reader = PositionReader::new(late(table), &reads);
+        let sensors = Sensors::new(Vec::new(), guard.temperatures);
+        let boxed = Box::new(model.clone());
+        let cycle = Cycle::new(boxed, vec![path], guard.hand_back, sensors, PERIOD);
+        Self {
+            cycle: cycle
+                .and_then(|cycle| cycle.with_readers(vec![reader]))
+                .expect("a path and a reader")
+                .with_start(clock.start()),
+            model,
+            clock,
+            by,
+        }
+    }
+
+    fn step(&mut self, request: Option<Request>) -> Report {
+        self.clock.advance(PERIOD);
+        let asked = Asked {
+            request,
+            ..Asked::default()
+        };
+        self.cycle
+            .run(self.clock.now(), &asked, &mut || Duration::ZERO);
+        *self.cycle.report()
+    }
+
+    /// How far the tool is off where the table really is, without correction and with the one that is applied, mm: right
+    /// after the write and right before the next one, the larger one.
+    fn off(&self) -> [[f64; 2]; 2] {
+        let applied = *self.by.applied.lock().expect("no panic");
+        [Duration::ZERO, PERIOD].map(|later| {
+            let mut state = State::default();
+            let mut correction = PerAxis::ZERO;
+            let at = [150.0, -80.0, 60.0, turned(self.clock.elapsed() + later)];
+            let names = NAMES.into_iter().chain([AxisName::C]);
+            for (i, name) in names.enumerate() {
+                let axis = self.model.index_of(name).expect("an axis");
+                (state.q[axis], correction[axis]) = (at[i], applied[i]);
+            }
+            let errors = self.model.errors(&state, &correction);
+            errors.map(|error| Vector3::from(error.position_mm).norm())
+        })
+    }
+
+    fn armed(age: Duration, hold: Duration) -> Self {
+        let mut table = Self::new(hold);
+        let us = u64::try_from(age.as_micros()).expect("short");
+        table.by.age_us.store(us, Ordering::Relaxed);
+        for _ in 0..100 {
+            table.step(None);
+        }
+        table.step(Some(Request::Arm));
+        table
+    }
+}
+
+/// What rounding, the slew of a cycle and the steps of the model may add, mm.
+const ROUNDING: f64 = 3.0 * STEP + 2e-5;
+
+/// Positions that always come so late: the tool is never further off than without correction. `hold_ms` is 200, the most
+/// that a configuration may state; older positions do not correct at all.
+#[test]
+fn a_correction_by_late_positions_is_never_worse_than_nothing() {
+    let hold = Duration::from_millis(200);
+    println!("age | rms without | rms with | part that is left | let go");
+    let mut lefts = Vec::new();
+    for age_ms in (0..=200).step_by(20).chain([250, 300, 400, 500]) {
+        let mut table = Table::armed(Duration::from_millis(age_ms), hold);
+        for _ in 0..700 {
+            table.step(None);
+        }
+        let (mut squares, mut count, mut told, mut worst) = ([0.0, 0.0], 0, 0, f64::NEG_INFINITY);
+        for _ in 0..1000 {
+            let report = table.step(None);
+            // At 200 ms each cycle may find them too old.
+            let state = if age_ms <= 180 {
+                "compensating"
+            } else {
+                report.state.name()
+            };
+            assert_eq!(
+                report.state.name(),
+                state,
+                "{age_ms} ms: {:?}",
+                report.reasons
+            );
+            for [without, with] in table.off() {
+                squares[0] += without * without;
+                squares[1] += with * with;
+                count += 1;
+                worst = worst.max(with - without);
+            }
+            told += usize::from(report.reasons.contains(Reasons::LET_GO));
+        }
+        let [without, with] = squares.map(|sum: f64| (sum / f64::from(count)).sqrt());
+        let left = with / without;
+        println!(
+            "{age_ms} ms | {:.2} µm | {:.2} µm | {left:.3} | {told} of 1000, worst {:.3} µm",
+            without * 1e3,
+            with * 1e3,
+            worst * 1e3
+        );
+        assert!(
+            worst <= ROUNDING,
+            "{age_ms} ms: {worst} mm worse than without"
+        );
+        assert!(told == 0 || told == 1000, "{age_ms} ms: told {told} times");
+        lefts.push((age_ms, left, told > 0));
+    }
+    // The table of the book.
+    for (age_ms, expected) in [(0, 0.03), (20, 0.1), (40, 0.17), (100, 0.4), (200, 1.0)] {
+        let (_, left, _) = lefts
+            .iter()
+            .find(|(age, _, _)| *age == age_ms)
+            .expect("measured");
+        assert!(*left <= expected, "{age_ms} ms: {left} is left");
+    }
+    assert!(!lefts[0].2, "nothing is let go where positions are fresh");
+    assert!(lefts.iter().any(|(age, _, told)| *age == 160 && *told));
+}
+
+/// Positions that stop to come while the table turns on: what is held goes out before it is worse than nothing, and comes
+/// in again when they come.
+#[test]
+fn what_is_held_at_speed_goes_out_before_it_is_worse_than_nothing() {
+    for silent_ms in (0..=500).step_by(50) {
+        for begins_ms in [0, 450, 900, 1350] {
+            let mut table = Table::armed(Duration::ZERO, Duration::from_millis(50));
+            for _ in 0..400 + begins_ms / 4 {
+                table.step(None);
+            }
+            let now = u64::try_from(table.clock.elapsed().as_micros()).expect("short");
+            table.by.silent_since_us.store(now, Ordering::Relaxed);
+            let mut told = false;
+            let mut look = |table: &mut Table, began: f64| {
+                let report = table.step(None);
+                for [without, with] in table.off() {
+                    let worse = with - without.max(began);
+                    assert!(
+                        worse <= ROUNDING,
+                        "silent for {silent_ms} ms from {begins_ms} ms on: {worse} mm worse, {:?} {:?}",
+                        report.state,
+                        report.reasons
+                    );
+                }
+                told |= report.reasons.contains(Reasons::LET_GO);
+            };
+            for _ in 0..silent_ms / 4 {
+                look(&mut table, 0.0);
+            }
+            table.by.silent_since_us.store(0, Ordering::Relaxed);
+            // A ramp is no worse than where it began.
+            let began = table.off()[1][1];
+            for _ in 0..400 {
+                look(&mut table, began);
+            }
+            assert!(told || silent_ms < 250, "{silent_ms} ms: not told");
+            assert!(!told || silent_ms > 0, "{silent_ms} ms: told");
+            assert_eq!(table.step(None).state.name(), "compensating");
+            let [[without, with], _] = table.off();
+            assert!(with < 0.3 * without, "it corrects again: {with} {without}");
+        }
+    }
+}
