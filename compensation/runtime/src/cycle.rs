@@ -496,14 +496,12 @@ impl Cycle {
         let applied = known
             .confirmed
             .map_or(PerChannel::ZERO, |confirmed| confirmed.values);
-        report.correction = PerAxis::ZERO;
-        report.sent = PerAxis::ZERO;
+        report.correction = in_machine(path, &applied);
+        report.sent = in_machine(path, &output.correction);
         report.proven = PerAxis::default();
         let shown = &self.guard.verdict().axes;
         for i in 0..path.count() {
             report.proven[path.machine_axis[i]] = path.corrects(i).then_some(shown[i]);
-            report.correction[path.machine_axis[i]] = applied[i];
-            report.sent[path.machine_axis[i]] = output.correction[i];
         }
         let hold = self.guard.limits().hold;
         report.correction_known = known

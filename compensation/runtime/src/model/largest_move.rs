@@ -49,11 +49,9 @@ impl LargestMove {
 /// The places along each axis, mm and rad, at which a curve of a machine has a node.
 pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
     let mut nodes = vec![Vec::new(); machine.axes().len()];
-    let mut add = |axis: usize, places: &[f64]| {
-        if let (Some(nodes), Some(joint)) = (nodes.get_mut(axis), machine.axes().get(axis)) {
-            let kind = joint.name.kind();
-            let place = |q: &f64| Displacement::from_coordinate(kind, *q).mm_or_rad();
-            nodes.extend(places.iter().map(place));
+    let mut add = |axis: usize, coordinates: &[f64]| {
+        if let Some(nodes) = nodes.get_mut(axis) {
+            nodes.extend(places(machine, axis, coordinates));
         }
     };
     for (name, curve) in machine.errors() {
@@ -75,6 +73,16 @@ pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
     nodes
 }
 
+/// Coordinates of an axis, mm or deg, in mm or rad; none for an axis that is not there.
+fn places(machine: &Machine, axis: usize, coordinates: &[f64]) -> Vec<f64> {
+    let Some(axis) = machine.axes().get(axis) else {
+        return Vec::new();
+    };
+    let kind = axis.name.kind();
+    let place = |q: &f64| Displacement::from_coordinate(kind, *q).mm_or_rad();
+    coordinates.iter().map(place).collect()
+}
+
 /// The nodes of a grid over two axes, mm and rad.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct GridNodes {
@@ -89,15 +97,7 @@ pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
         for field in curve.fields() {
             let Field::Grid(grid) = field else { continue };
             let axes = grid.axes();
-            let mut nodes = [Vec::new(), Vec::new()];
-            for ((axis, from), into) in axes.into_iter().zip(grid.nodes()).zip(&mut nodes) {
-                let Some(joint) = machine.axes().get(axis) else {
-                    continue;
-                };
-                let kind = joint.name.kind();
-                let place = |q: &f64| Displacement::from_coordinate(kind, *q).mm_or_rad();
-                into.extend(from.iter().map(place));
-            }
+            let nodes = [0, 1].map(|side| places(machine, axes[side], &grid.nodes()[side]));
             let grid = GridNodes { axes, nodes };
             if !grids.contains(&grid) {
                 grids.push(grid);
