@@ -6,16 +6,14 @@ use std::{
 };
 
 use volcomp_model::Machine;
-use volcomp_port::{
-    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
-};
+use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, Sensors,
     guard::{Request, State},
 };
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um};
+use volcomp_vocabulary::{AxisName, PerChannel, Um};
 
-use crate::rig::{PERIOD, alone};
+use crate::rig::{PERIOD, alone, referenced, without_barrier};
 
 /// The error of X changes by 0.5 µm in 1 mm.
 const MACHINE: &str = "structure = \"w X' Y' b Z t\"
@@ -56,17 +54,11 @@ impl Controller for Way {
 
     fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
         let (x, words) = self.with(|plant| (plant.x, plant.words))?;
-        Ok(Snapshot {
-            positions: PerChannel::leading([x]),
-            taken: self.clock.now(),
-            uncertainty: Duration::ZERO,
-            state: ControllerState {
-                referenced: true,
-                ..ControllerState::default()
-            },
-            applied: Some(words),
-            report: None,
-        })
+        Ok(referenced(
+            PerChannel::leading([x]),
+            self.clock.now(),
+            Some(words),
+        ))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
@@ -75,27 +67,6 @@ impl Controller for Way {
             plant.largest = plant.largest.max(change);
             plant.words = *corrections;
         })
-    }
-}
-
-fn description(device: &str) -> Description {
-    let axis = |name| Axis {
-        name,
-        includes_correction: false,
-        resolution: Displacement::Length(Mm(0.001)),
-        largest: None,
-    };
-    Description {
-        device: device.to_owned(),
-        channel: "one".to_owned(),
-        axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
-        reads: Vec::new(),
-        heartbeat: Heartbeat::Watched,
-        barrier: false,
-        tells_applied: true,
-        shown: ShownStates::ALL,
-        sees_other_gateways: true,
-        shortest_cycle: Duration::from_millis(1),
     }
 }
 
@@ -110,7 +81,8 @@ fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     let machine = Machine::parse(MACHINE, "m").expect("valid");
     let model = Model::new(&machine, guard.fading).expect("compiles");
     let paths = [true, false].map(|is_first| {
-        let description = description(if is_first { "first" } else { "second" });
+        let device = if is_first { "first" } else { "second" };
+        let description = without_barrier(device, &[AxisName::X, AxisName::Y, AxisName::Z]);
         let plan = PathPlan::new(description.clone(), &model, &guard, &alone(), PERIOD);
         let way = Way {
             is_first,

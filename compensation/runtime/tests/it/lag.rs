@@ -12,9 +12,7 @@ use std::{
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{
-    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
-};
+use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PositionReader,
     ReaderPlan, Report, Sensors, WithoutBarrier,
@@ -22,7 +20,7 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel, Um, Urad};
 
-use crate::rig::{PERIOD, alone};
+use crate::rig::{PERIOD, alone, referenced, without_barrier};
 
 const RPM: f64 = 33.0;
 /// One step of the correction, mm.
@@ -81,17 +79,11 @@ impl Controller for Late {
         } else {
             (now, PerChannel::leading([150.0, -80.0, 60.0]))
         };
-        Ok(Snapshot {
+        Ok(referenced(
             positions,
-            taken: self.clock.start() + taken,
-            uncertainty: Duration::ZERO,
-            state: ControllerState {
-                referenced: true,
-                ..ControllerState::default()
-            },
-            applied: Some(*self.by.applied.lock().expect("no panic")),
-            report: None,
-        })
+            self.clock.start() + taken,
+            Some(*self.by.applied.lock().expect("no panic")),
+        ))
     }
 
     fn apply(&mut self, correction: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
@@ -120,24 +112,10 @@ impl Table {
             hold,
             ..GuardSettings::new(AxisSettings::new(Um(150.0), Um(500.0)))
         };
-        let axis = |name| Axis {
-            name,
-            includes_correction: false,
-            resolution: Displacement::from_micro(AxisName::X.kind(), STEP * 1e3),
-            largest: None,
-        };
-        let description = Description {
-            device: "late".to_owned(),
-            channel: "late".to_owned(),
-            axes: NAMES.map(axis).to_vec(),
-            reads: Vec::new(),
-            heartbeat: Heartbeat::Watched,
-            barrier: false,
-            tells_applied: true,
-            shown: ShownStates::ALL,
-            sees_other_gateways: true,
-            shortest_cycle: Duration::from_millis(1),
-        };
+        let mut description = without_barrier("late", &NAMES);
+        for axis in &mut description.axes {
+            axis.resolution = Displacement::Length(Um(STEP * 1e3).to_mm());
+        }
         let table = Description {
             axes: Vec::new(),
             reads: vec![AxisName::C],

@@ -5,15 +5,15 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_port::{
-    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
-};
+use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Sensors,
     guard::{Reasons, Request, State},
     machine::Machine,
 };
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um};
+use volcomp_vocabulary::{AxisName, PerAxis, PerChannel, Um};
+
+use crate::rig::{referenced, without_barrier};
 
 const PERIOD: Duration = Duration::from_millis(4);
 const MACHINE: &str = "structure = \"w X' Y' b Z t\"
@@ -39,17 +39,7 @@ impl Controller for Way {
         if self.silent {
             return Err(Fault::NotConnected);
         }
-        Ok(Snapshot {
-            positions: PerChannel::ZERO,
-            taken: self.clock.now(),
-            uncertainty: Duration::ZERO,
-            state: ControllerState {
-                referenced: true,
-                ..ControllerState::default()
-            },
-            applied: None,
-            report: None,
-        })
+        Ok(referenced(PerChannel::ZERO, self.clock.now(), None))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
@@ -61,23 +51,9 @@ impl Controller for Way {
 }
 
 fn description(name: &str, tells_applied: bool) -> Description {
-    let axis = |name| Axis {
-        name,
-        includes_correction: false,
-        resolution: Displacement::Length(Mm(0.001)),
-        largest: None,
-    };
     Description {
-        device: name.to_owned(),
-        channel: "one".to_owned(),
-        axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
-        reads: Vec::new(),
-        heartbeat: Heartbeat::Watched,
-        barrier: false,
         tells_applied,
-        shown: ShownStates::ALL,
-        sees_other_gateways: true,
-        shortest_cycle: Duration::from_millis(1),
+        ..without_barrier(name, &[AxisName::X, AxisName::Y, AxisName::Z])
     }
 }
 

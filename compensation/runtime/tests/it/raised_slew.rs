@@ -10,16 +10,14 @@ use std::{
 };
 
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{
-    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
-};
+use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Sensors,
     WithoutBarrier, guard::Request,
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
 
-use crate::rig::PERIOD;
+use crate::rig::{PERIOD, referenced, without_barrier};
 
 /// Tells positions that contain the correction as it was eight readings ago; words can be read back at once.
 struct Lagging {
@@ -42,17 +40,7 @@ impl Controller for Lagging {
         let command = f64::from_bits(self.command_mm.load(Ordering::Relaxed));
         let mut positions = PerChannel::ZERO;
         positions[0] = ((command + contained) * 1e3).round() * 1e-3;
-        Ok(Snapshot {
-            positions,
-            taken: self.clock.now(),
-            uncertainty: Duration::ZERO,
-            state: ControllerState {
-                referenced: true,
-                ..ControllerState::default()
-            },
-            applied: Some(applied),
-            report: None,
-        })
+        Ok(referenced(positions, self.clock.now(), Some(applied)))
     }
 
     fn apply(&mut self, correction: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
@@ -78,23 +66,8 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
         ramp: Duration::from_millis(100),
         ..GuardSettings::new(AxisSettings::new(Um(100.0), Um(slew)))
     };
-    let description = Description {
-        device: "lagging".to_owned(),
-        channel: "lagging".to_owned(),
-        axes: vec![Axis {
-            name: AxisName::X,
-            includes_correction: true,
-            resolution: Displacement::Length(Mm(0.001)),
-            largest: None,
-        }],
-        reads: Vec::new(),
-        heartbeat: Heartbeat::Watched,
-        barrier: false,
-        tells_applied: true,
-        shown: ShownStates::ALL,
-        sees_other_gateways: true,
-        shortest_cycle: Duration::from_millis(1),
-    };
+    let mut description = without_barrier("lagging", &[AxisName::X]);
+    description.axes[0].includes_correction = true;
     let ten = Displacement::Length(Mm(10.0));
     let settings = PathSettings {
         fixed: [(AxisName::Y, ten), (AxisName::Z, ten)].into(),

@@ -10,13 +10,16 @@ use std::{
 };
 
 use volcomp_model::Machine;
-use volcomp_port::{Axis, Clock, Controller, Description, Fault, Snapshot, simulated};
+use volcomp_port::{
+    Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
+    simulated,
+};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report,
     Sensors, WithoutBarrier,
     guard::{Limits, Request},
 };
-use volcomp_vocabulary::{AxisName, Displacement, PerChannel, Um, Urad};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const NAMES: [AxisName; 5] = [
@@ -42,6 +45,48 @@ pub(crate) fn guard() -> GuardSettings {
         rotary: Urad(2000.0),
     };
     guard
+}
+
+/// A control without a barrier that tells all it can, with these axes in steps of 1 µm, whose positions are without the
+/// correction.
+pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
+    let axis = |&name: &AxisName| Axis {
+        name,
+        includes_correction: false,
+        resolution: Displacement::Length(Mm(0.001)),
+        largest: None,
+    };
+    Description {
+        device: device.to_owned(),
+        channel: "one".to_owned(),
+        axes: axes.iter().map(axis).collect(),
+        reads: Vec::new(),
+        heartbeat: Heartbeat::Watched,
+        barrier: false,
+        tells_applied: true,
+        shown: ShownStates::ALL,
+        sees_other_gateways: true,
+        shortest_cycle: Duration::from_millis(1),
+    }
+}
+
+/// What a referenced control without a barrier tells.
+pub(crate) fn referenced(
+    positions: PerChannel<f64>,
+    taken: Instant,
+    applied: Option<PerChannel<f64>>,
+) -> Snapshot {
+    Snapshot {
+        positions,
+        taken,
+        uncertainty: Duration::ZERO,
+        state: ControllerState {
+            referenced: true,
+            ..ControllerState::default()
+        },
+        applied,
+        report: None,
+    }
 }
 
 /// A control that stands at a place, coordinates in mm and deg in the order of [`NAMES`].
