@@ -71,7 +71,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     let first: Status = observe::status(&facts, &Report::default(), &Times::default());
     let switch = handle.disarm_switch();
     let stops = switch.clone();
-    let signals = Heard::new(move || stops.disarm())?;
+    let signals = Heard::new(move || stops.end())?;
     let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
     let (asks, asked) = sync_channel(64);
     let address = listener

@@ -69,8 +69,10 @@ pub enum Request {
     Arm,
     /// Correct in place of another path, in the middle of work: without the test shift.
     TakeOver,
-    /// Ramp to zero and stop writing.
+    /// Ramp to zero and stop writing, also what was left over before.
     Disarm,
+    /// The program ends: ramp to zero, but leave alone what was found and never written here.
+    End,
     /// The cause of a fault is mended.
     Acknowledge,
     /// The model or what it is applied to has changed: ramp to the new one.
@@ -95,8 +97,8 @@ pub(crate) struct Facts {
     pub(crate) changed: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,
-    /// Another gateway was seen, or whether there is one is still being looked at.
-    pub(crate) not_alone: bool,
+    /// What is applied may be another gateway's, or nobody knows what a control that cannot be asked was left with.
+    pub(crate) foreign: bool,
     /// The ramp has reached its end.
     pub(crate) ramped: bool,
     /// The correction is confirmed to be zero on every axis.
@@ -155,7 +157,7 @@ impl State {
             if facts.beyond {
                 return Self::Faulted(Cause::BeyondLimit);
             }
-            if facts.request == Some(Request::Disarm) {
+            if matches!(facts.request, Some(Request::Disarm | Request::End)) {
                 return Self::RampingOut(End::Disarmed);
             }
             if facts.does_not_stick || facts.does_not_land {
@@ -191,8 +193,8 @@ impl State {
 
     fn disarmed(self, facts: &Facts) -> Self {
         match facts.request {
-            // It may be the correction of another gateway, which is at work.
-            Some(Request::Disarm) if facts.not_alone => self,
+            // Another gateway may be at work with it, or nobody knows what it is.
+            Some(Request::Disarm) if facts.foreign => self,
             Some(Request::Arm | Request::TakeOver | Request::Disarm) if facts.beyond => {
                 if facts.unconfirmed {
                     self

@@ -80,6 +80,8 @@ struct Shared {
     cycles: AtomicU64,
     /// How often disarming was ordered.
     disarms: AtomicU64,
+    /// Disarming is ordered because the program ends.
+    ends: AtomicBool,
     /// When the last cycle was done, ns since the thread was started.
     told_ns: AtomicU64,
 }
@@ -93,6 +95,13 @@ impl DisarmSwitch {
     /// Disarms from the next cycle on. Requests to arm that were made before are not carried out any more.
     pub fn disarm(&self) {
         self.0.disarms.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Disarms from the next cycle on because the program ends: what was found and never written by it is left alone.
+    pub fn end(&self) {
+        self.0.ends.store(true, Ordering::Relaxed);
+        // Who sees that it is ordered sees why.
+        self.0.disarms.fetch_add(1, Ordering::Release);
     }
 
     /// How often disarming was ordered so far.
@@ -398,10 +407,14 @@ impl Control {
             notes: Reasons::from_bits(self.shared.notes.load(Ordering::Relaxed))
                 | Reasons::OVERRUNS.when(overrunning),
         };
-        let disarms = self.shared.disarms.load(Ordering::Relaxed);
+        let disarms = self.shared.disarms.load(Ordering::Acquire);
         if disarms != self.disarms {
             self.disarms = disarms;
-            asked.request = Some(Request::Disarm);
+            asked.request = Some(if self.shared.ends.load(Ordering::Relaxed) {
+                Request::End
+            } else {
+                Request::Disarm
+            });
         }
         let now = Instant::now();
         while asked.request.is_none() && self.retired.slots() > 0 {
@@ -438,7 +451,7 @@ impl Sent {
     /// Disarming never expires.
     fn holds(&self, request: Request, now: Instant, disarms: u64) -> bool {
         match request {
-            Request::Disarm => true,
+            Request::Disarm | Request::End => true,
             Request::Arm | Request::TakeOver => now <= self.until && self.disarms == disarms,
             Request::Acknowledge | Request::Switched => now <= self.until,
         }

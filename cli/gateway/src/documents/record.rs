@@ -50,11 +50,11 @@ fn is_zero(count: &u64) -> bool {
 pub struct Details {
     /// The hash of the machine file that corrects.
     pub model: String,
-    /// The correction that is applied to each linear axis when the record is made, µm; empty before the first cycle.
+    /// The correction that is applied to each linear axis when the record is made, µm; empty while that is not known.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub output_um: ByAxis,
-    /// The correction that is applied to each rotary axis when the record is made, µrad.
+    /// The correction that is applied to each rotary axis when the record is made, µrad; empty while that is not known.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub output_urad: ByAxis,
@@ -134,10 +134,10 @@ pub struct StateChange {
 pub struct Stop {
     /// The state at the end.
     pub state: StateName,
-    /// The correction that stayed applied to each linear axis, µm.
+    /// The correction that stayed applied to each linear axis, µm; empty where that is not known.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub left_um: ByAxis,
-    /// The correction that stayed applied to each rotary axis, µrad.
+    /// The correction that stayed applied to each rotary axis, µrad; empty where that is not known.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub left_urad: ByAxis,
 }

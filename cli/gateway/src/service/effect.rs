@@ -6,7 +6,7 @@ use volcomp_guard::{End, Request, State};
 pub(super) fn has_taken(request: Request, state: State) -> bool {
     match request {
         Request::Arm | Request::TakeOver | Request::Switched => state.is_armed(),
-        Request::Disarm => !state.is_armed(),
+        Request::Disarm | Request::End => !state.is_armed(),
         Request::Acknowledge => !matches!(state, State::Faulted(_)),
     }
 }
@@ -17,7 +17,7 @@ pub(super) fn refusal(request: Request, state: State) -> &'static str {
         (Request::Acknowledge, _) => {
             "still faulted: a fault ends when no interlock stands against it and it is known what the control applies"
         }
-        (Request::Disarm, _) => "not disarmed yet",
+        (Request::Disarm | Request::End, _) => "not disarmed yet",
         (_, State::Faulted(_)) => "not armed: acknowledge the fault first",
         (_, State::RampingOut(End::Disarmed)) => {
             "not armed: the correction still ramps to zero, and something stands against arming"

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_guard::{Reasons, State};
+use volcomp_guard::{Cause, Reasons, State};
 use volcomp_port::Description;
 use volcomp_runtime::{DisarmSwitch, Handle, Model, Report, monotonic};
 use volcomp_vocabulary::PerAxis;
@@ -20,7 +20,8 @@ use crate::{
     },
     config::Config,
     documents::{
-        Broken, Details, Event, LastOutput, Standing, Start, StateChange, StateName, Status, Stop,
+        Broken, ByAxis, Details, Event, LastOutput, Standing, Start, StateChange, StateName,
+        Status, Stop,
     },
     error::GatewayError,
     observe::{self, Facts},
@@ -216,7 +217,7 @@ impl Service {
     /// Ramps to zero for at most the configured time, then ends the control thread. `hurry` tells to end it at once.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
         // Stopping waits for nothing: all else comes after the order.
-        self.switch.disarm();
+        self.switch.end();
         let guard = self.parts.config.guard.as_ref();
         let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
@@ -230,8 +231,12 @@ impl Service {
             let report = self.parts.handle.report();
             // Two cycles: the order may have come in the middle of one.
             let seen = report.cycle > before.cycle + 2;
-            let at_rest = report.state == State::Disarmed
-                || matches!(report.state, State::Faulted(_)) && report.correction == PerAxis::ZERO;
+            // A correction beyond the limit waits for a person.
+            let at_rest = match report.state {
+                State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
+                State::Faulted(_) => report.correction == PerAxis::ZERO,
+                _ => false,
+            };
             if seen && at_rest {
                 break;
             }
@@ -243,7 +248,7 @@ impl Service {
         let report = *self.parts.handle.report();
         self.write_output(&report, true);
         self.write_standing();
-        let [left_um, left_urad] = observe::correction(&self.parts.model, &report);
+        let [left_um, left_urad] = self.applied(&report);
         let stop = Stop {
             state: report.state.into(),
             left_um,
@@ -262,13 +267,18 @@ impl Service {
         self.clerk.record(entry)
     }
 
-    fn entry(&mut self, who: &str, what: &str, event: Event) -> Entry {
-        let report = *self.parts.handle.report();
-        let [output_um, output_urad] = if report.cycle > 0 {
-            observe::correction(&self.parts.model, &report)
+    /// The correction that is applied, µm and µrad; empty where it is not known.
+    fn applied(&self, report: &Report) -> [ByAxis; 2] {
+        if report.cycle > 0 && report.correction_known {
+            observe::correction(&self.parts.model, report)
         } else {
             Default::default()
-        };
+        }
+    }
+
+    fn entry(&mut self, who: &str, what: &str, event: Event) -> Entry {
+        let report = *self.parts.handle.report();
+        let [output_um, output_urad] = self.applied(&report);
         let details = Details {
             model: self.parts.model.hash.clone(),
             output_um,

@@ -252,3 +252,32 @@ fn a_second_signal_leaves_at_once() {
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"what\":\"stopped\"") && audit.contains("\"left_um\""));
 }
+
+/// A gateway that never corrected took out what it had found when it was merely ended, although that may be the correction
+/// of another gateway.
+#[test]
+fn its_end_leaves_alone_what_it_has_only_found() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    // 20 µm on X.
+    let words = [20, 0, 0, 0, 0, 0];
+    let area = volcomp_focas::PmcArea::R;
+    control.world().write(area, 100, &words);
+    let config = configuration(dir.path(), &control, "");
+    let found = |state: &serde_json::Value| {
+        let reasons = state["reasons"].to_string();
+        reasons.contains("a correction is applied") && !reasons.contains("watching the control")
+    };
+    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait(found).expect("it is told");
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    assert_eq!(control.world().shifts(), [0.020, 0.0, 0.0]);
+    // A person leads it out.
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait(found).expect("it is told");
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    let is_zero = |state: &serde_json::Value| state["correction_um"]["X"] == 0.0;
+    program.wait(is_zero).expect("ramped out");
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+}

@@ -14,6 +14,13 @@ use crate::{
 /// So many confirmed corrections of an axis in a row that were not sent, without one between that was, make a fault.
 const MOST_ADOPTED: u32 = 3;
 
+/// The reasons for which what is applied is left alone, until it was written here.
+const FOREIGN: [Reasons; 3] = [
+    Reasons::WATCHING,
+    Reasons::OTHER_GATEWAY,
+    Reasons::LEFT_UNKNOWN,
+];
+
 impl Guard {
     pub(super) fn facts(
         &mut self,
@@ -51,8 +58,9 @@ impl Guard {
             changed,
             forbidden: !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID))
                 .is_empty(),
-            not_alone: known.reasons.contains(Reasons::WATCHING)
-                || known.reasons.contains(Reasons::OTHER_GATEWAY),
+            foreign: FOREIGN
+                .into_iter()
+                .any(|reason| known.reasons.contains(reason)),
             ramped: self.vector.is_ramped(),
             zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
             proves: (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0),

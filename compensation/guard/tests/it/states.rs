@@ -289,9 +289,15 @@ fn disarming_leads_out_nothing_beyond_the_limit() {
     let lies = |world: &mut World| world.lie = Some(axes(1.5, 0.0));
     let holds = |world: &mut World| world.clear(axes(1.5, 0.0));
     let told: [&dyn Fn(&mut World); 2] = [&lies, &holds];
-    for (tell, armed) in told
+    let requests = [
+        (false, Request::Disarm),
+        (false, Request::End),
+        (true, Request::Disarm),
+        (true, Request::End),
+    ];
+    for (tell, (armed, request)) in told
         .into_iter()
-        .flat_map(|tell| [(tell, false), (tell, true)])
+        .flat_map(|tell| requests.map(|request| (tell, request)))
     {
         let mut world = World::new(&limits());
         if armed {
@@ -310,8 +316,13 @@ fn disarming_leads_out_nothing_beyond_the_limit() {
         }
         let before = world.applied;
         world.largest_step = 0.0;
-        let told = world.decide(Some(Request::Disarm));
-        assert_eq!(told.state, State::Faulted(Cause::BeyondLimit), "{armed}");
+        let told = world.decide(Some(request));
+        let expected = if armed || request == Request::Disarm {
+            State::Faulted(Cause::BeyondLimit)
+        } else {
+            State::Disarmed
+        };
+        assert_eq!(told.state, expected, "{armed}, {request:?}");
         for _ in 0..500 {
             let out = world.run(Duration::ZERO);
             assert!(!out.write, "{armed}: {:?}", out.reasons);
@@ -336,8 +347,11 @@ fn disarming_takes_no_other_gateways_correction_out() {
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));
-    // What nobody else is seen to write is led out by a person.
+    // Nothing moves it and nobody is seen: the end of the program leaves it, a person leads it out.
     world.run(8 * SECOND);
+    world.request(Request::End);
+    assert_eq!(world.run(SECOND).state, State::Disarmed);
+    assert_eq!(world.applied, axes(0.020, 0.0));
     world.request(Request::Disarm);
     assert_eq!(world.run(2 * SECOND).state, State::Disarmed);
     assert_eq!(world.applied, PerChannel::ZERO);

@@ -102,6 +102,14 @@ fn disarming_overtakes_what_waits() {
     switch.disarm();
     after_cycles(&mut handle, 3);
     assert!(!handle.report().state.is_armed());
+    // So does the end of the program.
+    after_cycles(&mut handle, 200);
+    assert!(handle.send(Order::Request(Request::Arm)));
+    after_cycles(&mut handle, 5);
+    assert!(handle.report().state.is_armed());
+    switch.end();
+    after_cycles(&mut handle, 3);
+    assert!(!handle.report().state.is_armed());
 }
 
 #[test]
