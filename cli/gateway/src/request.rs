@@ -1,9 +1,21 @@
 //! The requests of a person or a program to the service.
 
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+        mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel},
+    },
+    time::Duration,
+};
+
 use tokio::sync::oneshot;
 use volcomp_runtime::DisarmSwitch;
 
 use crate::documents::Answer;
+
+/// The largest number of requests that wait for the service, and of requests to disarm besides.
+const WAITING: usize = 64;
 
 /// The action that somebody asks the service for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,6 +58,71 @@ impl Asked {
             answer,
             disarms: switch.count(),
         }
+    }
+}
+
+/// Where requests to the service go. As many places again are for disarming alone, so that other requests never keep it
+/// from being written down.
+#[derive(Clone)]
+pub struct Asks {
+    asked: SyncSender<Asked>,
+    /// The number of requests that wait, but for disarming.
+    others: Arc<AtomicUsize>,
+}
+
+/// The requests that wait for the service, in their order.
+pub struct Queue {
+    asked: Receiver<Asked>,
+    others: Arc<AtomicUsize>,
+}
+
+/// Where requests go, and where they come out.
+#[must_use]
+pub fn queue() -> (Asks, Queue) {
+    let (send, asked) = sync_channel(2 * WAITING);
+    let others = Arc::new(AtomicUsize::new(0));
+    let asks = Asks {
+        asked: send,
+        others: Arc::clone(&others),
+    };
+    (asks, Queue { asked, others })
+}
+
+impl Asks {
+    /// Hands a request to the service.
+    ///
+    /// # Errors
+    /// Too many wait, or the service has ended: the request comes back.
+    pub fn try_send(&self, asked: Asked) -> Result<(), TrySendError<Asked>> {
+        if asked.ask == Ask::Disarm {
+            return self.asked.try_send(asked);
+        }
+        let more = |waiting| (waiting < WAITING).then_some(waiting + 1);
+        let place = self
+            .others
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
+        if place.is_err() {
+            return Err(TrySendError::Full(asked));
+        }
+        let sent = self.asked.try_send(asked);
+        if sent.is_err() {
+            self.others.fetch_sub(1, Ordering::Relaxed);
+        }
+        sent
+    }
+}
+
+impl Queue {
+    /// The next request, waited for.
+    ///
+    /// # Errors
+    /// None came in this time, or nobody can ask any more.
+    pub fn recv_timeout(&self, wait: Duration) -> Result<Asked, RecvTimeoutError> {
+        let asked = self.asked.recv_timeout(wait)?;
+        if asked.ask != Ask::Disarm {
+            self.others.fetch_sub(1, Ordering::Relaxed);
+        }
+        Ok(asked)
     }
 }
 

@@ -4,7 +4,7 @@ use std::{
     io::Write,
     net::TcpListener,
     path::Path,
-    sync::{Arc, atomic::AtomicUsize, mpsc::sync_channel},
+    sync::{Arc, atomic::AtomicUsize},
     time::Duration,
 };
 
@@ -25,7 +25,7 @@ use crate::{
     plan::{Opened, Plan},
     process::Process,
     published::published,
-    request::{Ask, Asked},
+    request::{Ask, Asked, Asks, queue},
     service::{Parts, Service, standing},
     signals::{Heard, Signal},
     times::Times,
@@ -73,7 +73,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     let stops = switch.clone();
     let signals = Heard::new(move || stops.end())?;
     let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
-    let (asks, asked) = sync_channel(64);
+    let (asks, asked) = queue();
     let address = listener
         .local_addr()
         .map_err(|e| GatewayError::system("dashboard", e))?;
@@ -111,12 +111,7 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
 }
 
 /// Turns until SIGTERM or SIGINT; SIGHUP reloads. A second signal ends a stop at once.
-fn until_stopped(
-    service: &mut Service,
-    signals: &Heard,
-    asks: &std::sync::mpsc::SyncSender<Asked>,
-    switch: &DisarmSwitch,
-) {
+fn until_stopped(service: &mut Service, signals: &Heard, asks: &Asks, switch: &DisarmSwitch) {
     loop {
         while let Some(signal) = signals.next() {
             if signal == Signal::Stop {

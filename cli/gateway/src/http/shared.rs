@@ -3,13 +3,12 @@
 use std::sync::{
     Arc,
     atomic::{AtomicUsize, Ordering},
-    mpsc::SyncSender,
 };
 
 use volcomp_runtime::DisarmSwitch;
 
 use super::tokens::Tokens;
-use crate::{published::Published, request::Asked};
+use crate::{published::Published, request::Asks};
 
 /// The largest number of event streams at one time.
 pub(super) const MAX_STREAMS: usize = 16;
@@ -21,7 +20,7 @@ pub struct Dashboard {
     /// The number of configured controllers.
     pub controllers: usize,
     /// Where requests to the service go.
-    pub asks: SyncSender<Asked>,
+    pub asks: Asks,
     /// The order to disarm, which waits for no service.
     pub switch: DisarmSwitch,
     /// Who may do what.

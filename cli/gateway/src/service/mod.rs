@@ -4,7 +4,7 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, mpsc::Receiver},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -27,7 +27,7 @@ use crate::{
     observe::{self, Facts},
     options::Options,
     published::Publisher,
-    request::Asked,
+    request::{Asked, Queue},
     simulate::Truth,
     times::Times,
 };
@@ -87,7 +87,7 @@ pub struct Service {
     unconfirmed: Option<Comparing>,
     switch: DisarmSwitch,
     publisher: Publisher,
-    asked: Receiver<Asked>,
+    asked: Queue,
     /// Requests to arm and to reload, one after the other.
     waiting: VecDeque<Asked>,
     underway: Vec<Underway>,
@@ -127,7 +127,7 @@ impl Service {
         parts: Parts,
         audit: AuditLog,
         publisher: Publisher,
-        asked: Receiver<Asked>,
+        asked: Queue,
     ) -> Result<Self, GatewayError> {
         let now = Instant::now();
         let clerk = Clerk::start(audit).map_err(|e| GatewayError::system("audit log", e))?;

@@ -7,7 +7,6 @@ use std::{
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicUsize, Ordering},
-        mpsc::sync_channel,
     },
     thread::JoinHandle,
     time::{Duration, Instant},
@@ -20,6 +19,7 @@ use volcomp_gateway::{
     http::{self, Dashboard, Tokens},
     options::Options,
     published::published,
+    request::queue,
     service::{Parts, Service},
     simulate::{self, Simulation},
 };
@@ -40,14 +40,17 @@ struct Gateway {
     address: SocketAddr,
     hangs: HangSwitch,
     ends: Arc<AtomicBool>,
+    /// The service does nothing meanwhile, as on a computer without time for it.
+    stands: Arc<AtomicBool>,
+    dir: tempfile::TempDir,
     service: Option<JoinHandle<()>>,
     _runtime: tokio::runtime::Runtime,
-    _dir: tempfile::TempDir,
 }
 
 impl Drop for Gateway {
     fn drop(&mut self) {
         self.hangs.set(false);
+        self.stands.store(false, Ordering::Relaxed);
         self.ends.store(true, Ordering::Relaxed);
         if let Some(service) = self.service.take() {
             let _ = service.join();
@@ -75,7 +78,7 @@ fn gateway() -> Gateway {
     let (handle, _) = start(cycle, Realtime::default()).expect("a thread");
     let model = Arc::new(model);
     let (publisher, published) = published(first(), Arc::clone(&model), handle.pulse());
-    let (asks, asked) = sync_channel(64);
+    let (asks, asked) = queue();
     let tokens = format!("anna operate {OPERATE}\n");
     let dashboard = Dashboard {
         published,
@@ -102,9 +105,15 @@ fn gateway() -> Gateway {
     let mut service = Service::new(parts, audit, publisher, asked).expect("a thread");
     let ends = Arc::new(AtomicBool::new(false));
     let end = Arc::clone(&ends);
+    let stands = Arc::new(AtomicBool::new(false));
+    let is_still = Arc::clone(&stands);
     let service = std::thread::spawn(move || {
         while !end.load(Ordering::Relaxed) {
-            service.turn();
+            if is_still.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(5));
+            } else {
+                service.turn();
+            }
         }
     });
     let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -123,9 +132,10 @@ fn gateway() -> Gateway {
         address,
         hangs,
         ends,
+        stands,
+        dir,
         service: Some(service),
         _runtime: runtime,
-        _dir: dir,
     }
 }
 
@@ -261,4 +271,43 @@ fn a_silent_control_thread_is_told_and_what_was_asked_meanwhile_expires() {
     );
     gateway.hangs.set(false);
     gateway.wait_for("disarmed");
+}
+
+/// Sixty-four requests that wait for the service: a disarming was carried out, but neither written down nor remembered, so
+/// that the gateway armed by itself after a restart.
+#[test]
+fn disarming_is_written_down_whatever_waits() {
+    let gateway = gateway();
+    gateway.wait(|state| state["positions_mm"]["X"].is_number());
+    gateway.stands.store(true, Ordering::Relaxed);
+    std::thread::sleep(Duration::from_millis(200));
+    let text = |what: &str| {
+        format!(
+            "POST /api/{what} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {OPERATE}\r\nContent-Length: 0\r\n\r\n"
+        )
+    };
+    let ask = |what: &str| {
+        let mut stream = gateway.connect();
+        stream.write_all(text(what).as_bytes()).expect("sent");
+        stream
+    };
+    let mut waiting = Vec::new();
+    for _ in 0..64 {
+        waiting.push(ask("acknowledge"));
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    // One more finds no place; each further connection ends the oldest one.
+    let refused = gateway.request("POST", "/api/acknowledge");
+    assert_eq!(refused.status, 503, "{}", refused.body);
+    let disarming = ask("disarm");
+    std::thread::sleep(Duration::from_millis(100));
+    gateway.stands.store(false, Ordering::Relaxed);
+    let state = gateway.wait(|_| gateway.dir.path().join("standing.json").exists());
+    let standing = std::fs::read_to_string(gateway.dir.path().join("standing.json"));
+    let standing = standing.expect("written");
+    assert!(
+        standing.contains("\"disarmed_by\":\"anna\""),
+        "{standing} {state}"
+    );
+    drop((waiting, disarming));
 }
