@@ -127,6 +127,27 @@ fn what_is_not_remembered_is_not_zero() {
     }
 }
 
+/// What lines were left with is unknown: disarming has nothing to lead out, and said "ramping-out" until somebody
+/// acknowledged.
+#[test]
+fn disarming_does_not_ramp_out_what_is_unknown() {
+    let mut world = World::blind(&limits());
+    let none = PerChannel::from_fn(|_| f64::NAN);
+    let now = world.now;
+    world
+        .read_back
+        .restore(now, &none, Duration::ZERO, &limits());
+    for request in [Request::Disarm, Request::End] {
+        world.request(request);
+        let out = world.run(SECOND);
+        assert!(out.reasons.contains(Reasons::LEFT_UNKNOWN));
+        assert_eq!((out.state, out.write), (State::Disarmed, false));
+    }
+    world.request(Request::Acknowledge);
+    world.request(Request::Arm);
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+}
+
 /// Lines that still carried what they had at the first outage of another path began at zero at the second: a step of all
 /// that they carried.
 #[test]
