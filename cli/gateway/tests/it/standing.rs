@@ -6,7 +6,7 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{
     controlled::{configuration, control},
-    program::{Program, change, path},
+    program::{MACHINE, Program, change, path, token_file},
 };
 
 fn started(config: &Path) -> Program {
@@ -139,4 +139,51 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
         .expect("past");
     assert_eq!(program.arm().status, 200);
     program.wait_for("compensating");
+}
+
+/// Nobody knows what lines that are not reached were left with. An orderly end of a run that never knew it wrote down zero,
+/// which the next run took for true.
+#[test]
+fn what_is_unknown_stays_unknown_over_an_orderly_end() {
+    let dir = tempfile::tempdir().expect("writable");
+    std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
+    token_file(dir.path());
+    let config = dir.path().join("G.toml");
+    let text = r#"
+machine = "machine.toml"
+cycle_ms = 20.0
+[guard]
+limit_um = 30.0
+slew_um_per_s = 500.0
+hold_ms = 200
+zero_after_ms = 3000
+[[controller]]
+url = "modbus://127.0.0.1:1?profile=ADAM-6050"
+axes = ["X"]
+fixed = { Y = 0.0, Z = 0.0 }
+unwatched = true
+unseen = ["referenced", "alarm", "emergency_stop"]
+[controller.digital]
+position_bits = 8
+position_mm_per_count = 10.0
+correction_bits = 6
+[dashboard]
+token_file = "tokens"
+"#;
+    std::fs::write(&config, text).expect("writable");
+    let unknown = "what the control was left with is unknown";
+    for run in 0..3 {
+        let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+        let told = program.wait(|state| says(state, unknown));
+        let told = told.unwrap_or_else(|state| panic!("run {run}: {state}"));
+        assert_eq!(told["correction_known"], false, "{told}");
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0));
+        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+        let stopped = audit
+            .lines()
+            .rfind(|line| line.contains("\"what\":\"stopped\""));
+        let stopped = stopped.expect("written");
+        assert!(stopped.contains("\"left_um\":{}"), "{stopped}");
+    }
 }
