@@ -3,10 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use sha2::{Digest, Sha256};
+use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, Model};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::Um;
 
 use crate::documents::{ConfirmedLimits, LimitChanges, Question};
+
+/// The key of the largest step of the tool tip with which a rotary axis is corrected: which axes correct depends on it.
+const ROTARY_STEP: &str = "rotary_step_um";
 
 /// The limits, rates and accelerations of a configuration by their keys. An acceleration that is not limited has none.
 pub(crate) fn limits(guard: &GuardSettings) -> ConfirmedLimits {
@@ -18,10 +22,12 @@ pub(crate) fn limits(guard: &GuardSettings) -> ConfirmedLimits {
         ]
     };
     let rotary = guard.rotary.map(|rotary| of("urad", rotary.map(|x| x.0)));
+    let rotary_step = (guard.rotary).map(|_| (ROTARY_STEP.to_owned(), guard.rotary_step.0));
     let without = guard.without_barrier;
     let all = of("um", guard.linear.map(|x| x.0))
         .into_iter()
         .chain(rotary.into_iter().flatten())
+        .chain(rotary_step)
         .chain([
             ("limit_without_barrier_um".to_owned(), without.linear.0),
             ("limit_without_barrier_urad".to_owned(), without.rotary.0),
@@ -42,8 +48,12 @@ pub(crate) fn changes(old: &ConfirmedLimits, new: &ConfirmedLimits) -> LimitChan
 pub(crate) struct Judge {
     /// The present temperatures by the name of the sensor, °C.
     pub degc: BTreeMap<String, f64>,
-    /// The axes that each controller writes.
-    pub written: Vec<Vec<AxisName>>,
+    /// The model that runs, with its lags of now.
+    pub running: Model,
+    /// The controllers: the axes that each of them writes, and the steps of their corrections.
+    pub controllers: Vec<Description>,
+    /// Rotary axes whose steps move the tool tip by more are not corrected.
+    pub rotary_step: Um,
     /// Moves of linear axes up to this need no confirmation, µm.
     pub confirm_um: f64,
     /// Moves of rotary axes up to this need no confirmation, µrad.
@@ -54,7 +64,8 @@ pub(crate) struct Judge {
 
 impl Judge {
     /// The question that a person must confirm before `new` takes the place of `old`; `None` where there is none, or it
-    /// is confirmed. The move of the correction is judged at the reference temperature and at the present ones.
+    /// is confirmed. The move of the correction is judged at the reference temperature, at the present ones when they have
+    /// been steady for long, and as the machine is now, with the lags of the model that runs.
     pub(crate) fn question(
         &self,
         [old, new]: [&Model; 2],
@@ -62,10 +73,22 @@ impl Judge {
         to: &ConfirmedLimits,
     ) -> Option<Question> {
         let degc = |name: &str| self.degc.get(name).copied();
-        let written = || self.written.iter().map(Vec::as_slice);
-        let cold = old.largest_move(new, written());
-        let warm = old.warmed(degc).largest_move(&new.warmed(degc), written());
-        let worst = cold.max(warm);
+        let steps = match limits.get(ROTARY_STEP) {
+            Some(&[before, after]) => [before, after].map(|step| step.map_or(self.rotary_step, Um)),
+            None => [self.rotary_step; 2],
+        };
+        let of = |model: &Model, controller: &Description, step: Um| {
+            model.correctors_of(controller, step.to_mm())
+        };
+        let ways = || {
+            let controllers = self.controllers.iter();
+            let controllers = controllers.filter(|controller| !controller.axes.is_empty());
+            controllers.map(|it| [of(old, it, steps[0]), of(new, it, steps[1])])
+        };
+        let cold = old.largest_move(new, ways());
+        let warm = old.warmed(degc).largest_move(&new.warmed(degc), ways());
+        let [old_now, new_now] = [old, new].map(|model| model.in_place_of(&self.running, degc));
+        let worst = cold.max(warm).max(old_now.largest_move(&new_now, ways()));
         let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let moves =
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
@@ -97,4 +120,76 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
         digest.update(format!("\n{key} = {value}"));
     }
     format!("sha256:{}", crate::hex(&digest.finalize()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use volcomp_model::{Fading, Machine};
+    use volcomp_port::{Axis, Heartbeat, ShownStates};
+    use volcomp_vocabulary::{AxisName, Displacement, Urad};
+
+    use super::*;
+
+    fn model() -> Model {
+        let text = "structure = \"w X' b Y Z A t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[axes.A]\ntravel = [0.0, 90.0]\n[tool]\ntip = [0.0, 0.0, -100.0]\n[errors]\nEAA = 200.0\n";
+        let machine = Machine::parse(text, "m").expect("valid");
+        Model::new(&machine, Fading::default()).expect("compiles")
+    }
+
+    fn controller() -> Description {
+        let axis = |name: AxisName| Axis {
+            name,
+            includes_correction: false,
+            resolution: Displacement::from_micro(name.kind(), 1.0),
+            largest: None,
+        };
+        Description {
+            device: "control".to_owned(),
+            channel: "one".to_owned(),
+            axes: [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A]
+                .map(axis)
+                .to_vec(),
+            reads: Vec::new(),
+            heartbeat: Heartbeat::Watched,
+            barrier: false,
+            tells_applied: true,
+            shown: ShownStates::ALL,
+            sees_other_gateways: true,
+            shortest_cycle: Duration::from_millis(1),
+        }
+    }
+
+    fn settings(rotary_step: f64) -> GuardSettings {
+        let mut guard = GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)));
+        guard.rotary = Some(AxisSettings::new(Urad(300.0), Urad(500.0)));
+        guard.rotary_step = Um(rotary_step);
+        guard
+    }
+
+    /// Half a step of A moves the tip by 0.05 µm: with less allowed A is not corrected any more, and the axes move.
+    #[test]
+    fn another_rotary_step_is_a_question_with_its_move() {
+        let [old, new] = [10.0, 0.01].map(|step| limits(&settings(step)));
+        let judge = Judge {
+            degc: BTreeMap::new(),
+            running: model(),
+            controllers: vec![controller()],
+            rotary_step: Um(0.01),
+            confirm_um: 5.0,
+            confirm_urad: Some(5.0),
+            confirmed: None,
+        };
+        assert!(
+            judge
+                .question([&model(); 2], changes(&old, &old), &old)
+                .is_none()
+        );
+        let question = judge.question([&model(); 2], changes(&old, &new), &new);
+        let question = question.expect("A falls out of the correction");
+        assert_eq!(question.limits["rotary_step_um"], [Some(10.0), Some(0.01)]);
+        let urad = question.worst_corner_urad.expect("the same axes");
+        assert!(urad > 199.0, "{urad}");
+    }
 }

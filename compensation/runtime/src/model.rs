@@ -2,6 +2,7 @@
 
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
 use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
+use volcomp_port::Description;
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, Rad, is_within};
 
 use crate::report::ToolError;
@@ -234,6 +235,18 @@ impl Model {
         correctors
     }
 
+    /// The axes that correct on the path of a controller: see [`correctors_of_path`](Self::correctors_of_path).
+    pub fn correctors_of(&self, controller: &Description, most: Mm) -> Correctors {
+        let written: Vec<AxisName> = controller.axes.iter().map(|axis| axis.name).collect();
+        let mut steps = PerAxis::ZERO;
+        for axis in &controller.axes {
+            if let Some(place) = self.index_of(axis.name) {
+                steps[place] = axis.step();
+            }
+        }
+        self.correctors_of_path(&written, &steps, most)
+    }
+
     /// A pose (mm, rad in machine order) within the travels in which rotary axes have turned two of the linear axes that
     /// correct nearly into one direction; `None` where there is none. Looked for at 25 places of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
@@ -342,9 +355,23 @@ impl Model {
     #[must_use]
     pub fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut warm = self.clone();
-        let degc: Vec<Option<f64>> = self.sensors().iter().map(|name| degc(name)).collect();
-        warm.step(0.0, &degc);
+        warm.begin(degc);
         warm
+    }
+
+    /// The machine as it is when this model takes the place of one that runs: with the lags of that one where it has them,
+    /// and with these temperatures (°C, by the name of the sensor).
+    #[must_use]
+    pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
+        let mut taken = self.clone();
+        taken.carry_over(running);
+        taken.begin(degc);
+        taken
+    }
+
+    fn begin(&mut self, degc: impl Fn(&str) -> Option<f64>) {
+        let degc: Vec<Option<f64>> = self.sensors().iter().map(|name| degc(name)).collect();
+        self.step(0.0, &degc);
     }
 }
 
@@ -404,7 +431,8 @@ mod tests {
         let (old, new) = (model(0.0), model(400.0));
         assert!(old.largest_move(&new, []).linear < Mm(0.02));
         let written = [AxisName::X, AxisName::Y, AxisName::Z];
-        let moved = old.largest_move(&new, [&written[..]]).linear;
+        let way = [&old, &new].map(|model| model.correctors_among(&written));
+        let moved = old.largest_move(&new, [way]).linear;
         assert!((moved - Mm(0.08)).abs() < Mm(1e-3), "{moved}");
     }
 }

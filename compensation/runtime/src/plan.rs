@@ -97,7 +97,7 @@ impl PathPlan {
             steps[*place] = axis.step();
         }
         let rotary_step = guard.rotary_step.to_mm();
-        let correctors = model.correctors_of_path(&axes, &steps, rotary_step);
+        let correctors = model.correctors_of(&description, rotary_step);
         let left_out = left_out(model, &axes, &correctors, &steps);
         if correctors.linear().is_empty() && correctors.rotary().is_empty() {
             return Err(PlanError::NothingToCorrect {

@@ -14,9 +14,7 @@ use std::{
 use volcomp_document::ReadError;
 use volcomp_guard::{Reasons, Request, State};
 use volcomp_model::{Fading, Machine, ModelError};
-use volcomp_port::Description;
 use volcomp_runtime::Model;
-use volcomp_vocabulary::AxisName;
 
 use super::{
     Service,
@@ -63,12 +61,11 @@ impl Service {
         let guard = self.parts.config.guard.as_ref()?;
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let degc = sensors.filter_map(|(name, sensor)| Some((name.clone(), sensor.degc?)));
-        let names = |controller: &Description| -> Vec<AxisName> {
-            controller.axes.iter().map(|axis| axis.name).collect()
-        };
         Some(Judge {
             degc: degc.collect::<BTreeMap<_, _>>(),
-            written: self.parts.controllers.iter().map(names).collect(),
+            running: self.lags.model().clone(),
+            controllers: self.parts.controllers.clone(),
+            rotary_step: guard.rotary_step,
             confirm_um: guard.linear.confirm.0,
             confirm_urad: guard.rotary.as_ref().map(|rotary| rotary.confirm.0),
             confirmed,

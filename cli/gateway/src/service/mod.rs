@@ -34,6 +34,7 @@ use crate::{
 
 mod arming;
 mod effect;
+mod lags;
 mod reload;
 mod requests;
 pub(crate) mod standing;
@@ -41,6 +42,7 @@ mod watchdog;
 mod worker;
 
 use arming::Comparing;
+use lags::Lags;
 use requests::Underway;
 use watchdog::Watchdog;
 use worker::Worker;
@@ -108,6 +110,7 @@ pub struct Service {
     auto_arm_done: bool,
     auto_arm_after: Instant,
     output: LatestOutput,
+    lags: Lags,
     watchdog: Watchdog,
 }
 
@@ -157,6 +160,7 @@ impl Service {
                 correction: PerAxis::ZERO,
                 receipt: None,
             },
+            lags: Lags::new(&parts.model, &parts.sensors),
             watchdog: Watchdog::new(
                 sd_notify::watchdog_enabled(),
                 parts.config.cycle,
@@ -361,6 +365,7 @@ impl Service {
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
         }
         let report = *self.parts.handle.report();
+        self.lags.follow(&report);
         let cycle_at = self.parts.handle.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
         if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.sent {

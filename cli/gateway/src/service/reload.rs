@@ -150,6 +150,7 @@ impl Service {
             let copy = Arc::new(model.clone());
             let replacement = Replacement::new(Box::new(model), &self.parts.sensors);
             let _ = self.parts.handle.send(Order::Model(Box::new(replacement)));
+            self.lags.replace(&copy, &self.parts.sensors);
             self.publisher.set_model(Arc::clone(&copy));
             self.parts.model = copy;
         }

@@ -6,7 +6,7 @@ use volcomp_model::{
     Machine,
     curve::{ErrorCurve, Field},
 };
-use volcomp_vocabulary::{AxisName, Direction, Displacement, Mm, PerAxis, Rad};
+use volcomp_vocabulary::{Direction, Displacement, Mm, PerAxis, Rad};
 
 use super::Model;
 
@@ -168,12 +168,13 @@ impl Pair<'_> {
 impl Model {
     /// How far the correction moves at the worst point of the work space when `other` takes the place of this model:
     /// at corners, middles, and at every node of the curves and grids of both, from either direction of approach.
-    /// `written` names the axes that each controller writes: which axes a correction moves depends on them, so the
-    /// correction of all axes and that of each controller are compared. Infinite where the axes of the machines differ.
-    pub fn largest_move<'a>(
-        &'a self,
+    /// `ways` are the axes that correct on the path of each controller, with this model and with the other one: which axes
+    /// a correction moves depends on them, so the correction of all axes and that of each path are compared. Infinite where
+    /// the axes of the machines differ.
+    pub fn largest_move(
+        &self,
         other: &Self,
-        written: impl IntoIterator<Item = &'a [AxisName]>,
+        ways: impl IntoIterator<Item = [Correctors; 2]>,
     ) -> LargestMove {
         if self.axes != other.axes {
             return LargestMove {
@@ -181,10 +182,11 @@ impl Model {
                 rotary: Rad(f64::INFINITY),
             };
         }
-        let mut sets: Vec<&[AxisName]> = Vec::new();
-        for names in written.into_iter().chain([&self.axes[..]]) {
-            if !sets.contains(&names) {
-                sets.push(names);
+        let all = [self, other].map(|model| model.correctors_among(&model.axes));
+        let mut sets: Vec<[Correctors; 2]> = Vec::new();
+        for pair in ways.into_iter().chain([all]) {
+            if !sets.contains(&pair) {
+                sets.push(pair);
             }
         }
         let space = Space::of(self, other);
@@ -194,16 +196,18 @@ impl Model {
                 rotary: Rad(f64::INFINITY),
             };
         }
-        sets.iter().fold(LargestMove::NONE, |worst, names| {
-            let mut pair = Pair {
-                models: [self, other],
-                correctors: [self.correctors_among(names), other.correctors_among(names)],
-                worst,
-                left: STATES / sets.len() + space.node_states(),
-            };
-            space.look(&mut pair);
-            pair.worst
-        })
+        let left = STATES / sets.len() + space.node_states();
+        sets.into_iter()
+            .fold(LargestMove::NONE, |worst, correctors| {
+                let mut pair = Pair {
+                    models: [self, other],
+                    correctors,
+                    worst,
+                    left,
+                };
+                space.look(&mut pair);
+                pair.worst
+            })
     }
 }
 

@@ -116,3 +116,24 @@ fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
         assert!((before - after).abs() < 0.02, "{before} µm, {after} µm");
     }
 }
+
+/// A machine file without the term whose sensor has cooled down, while the lag is still warm: cold and settled nothing
+/// moves, now Z does. Before, only those two were compared.
+#[test]
+fn a_change_is_judged_with_the_lags_of_now() {
+    let cold = |_: &str| Some(20.0);
+    let mut running = model(3600.0, 1.0);
+    running.step(0.0, &[Some(26.0)]);
+    running.step(1.0, &[Some(20.0)]);
+    let machine = Machine::parse(
+        "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 250.0]\n",
+        "m",
+    );
+    let old = model(3600.0, 1.0);
+    let new = Model::new(&machine.expect("valid"), Fading::default()).expect("compiles");
+    let settled = old.warmed(cold).largest_move(&new.warmed(cold), []);
+    assert!(settled.linear < Mm(1e-6), "{}", settled.linear);
+    let now = |model: &Model| model.in_place_of(&running, cold);
+    let moved = now(&old).largest_move(&now(&new), []).linear;
+    assert!((moved - Mm(0.06)).abs() < Mm(1e-4), "{moved}");
+}

@@ -5,10 +5,10 @@ use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Fading, Machine};
 use volcomp_port::{Axis, Clock, Controller, Description};
 use volcomp_runtime::{
-    Model, PathPlan, PlanError, WhyLeftOut,
+    AxisSettings, Model, PathPlan, PlanError, Replacement, WhyLeftOut,
     guard::{Reasons, Request},
 };
-use volcomp_vocabulary::{AxisName, Displacement, Um};
+use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
 
 use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine};
 
@@ -176,4 +176,45 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
             assert!(output.abs() <= 0.25 + 1e-6, "{name}: {output}");
         }
     }
+}
+
+/// A tool that is 1 mm longer: half a step of B at its lever is above what is allowed now, and B is not corrected any more.
+/// Before, the change was compared with B correcting in both models, and was told as 0 µm.
+#[test]
+fn a_rotary_axis_that_falls_out_of_the_correction_is_told_as_a_move() {
+    let machine = |length: f64| {
+        let text = format!(
+            "structure = \"w C' X' b Y Z B t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\npoint = [400.0, 300.0, -120.0]\n[axes.B]\ntravel = [-110.0, 110.0]\npoint = [400.0, 300.0, 120.0]\n[axes.C]\ntravel = [0.0, 360.0]\npoint = [400.0, 300.0, 0.0]\nmodulo = 360.0\n[tool]\ngauge = [400.0, 300.0, 0.0]\nlength = {length:?}\n[errors]\nEBZ = -160.0\n"
+        );
+        Machine::parse(&text, "m").expect("valid")
+    };
+    let (old, new) = (machine(120.0), machine(121.0));
+    let mut settings = guard();
+    settings.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
+    // The steps of the simulated control are 1e-8 rad: half of one at 240.5 mm.
+    settings.rotary_step = Um(0.5 * 1e-8 * 240.5 * 1e3);
+    let place = [-100.0, 0.0, 200.0, 50.0, 300.0];
+    let mut rig = Rig::of(&old, &settings, place, &NAMES);
+    rig.run(10);
+    rig.step(Some(Request::Arm));
+    let before = rig.run(2000);
+    let [old, new] = [&old, &new].map(|m| Model::new(m, Fading::default()).expect("compiles"));
+    let controller = control(place, &Clock::manual()).description().clone();
+    let most = settings.rotary_step.to_mm();
+    let way = [&old, &new].map(|model| model.correctors_of(&controller, most));
+    let told = old.largest_move(&new, [way]);
+    rig.cycle
+        .swap_model(&mut Replacement::new(Box::new(new), &[]));
+    rig.step(Some(Request::Switched));
+    let after = rig.run(3000);
+    let moved = |name: AxisName| {
+        let axis = old.index_of(name).expect("an axis");
+        (after.correction[axis] - before.correction[axis]).abs()
+    };
+    let linear = [AxisName::X, AxisName::Y, AxisName::Z].map(moved);
+    let linear = linear.into_iter().fold(0.0, f64::max);
+    let rotary = moved(AxisName::B).max(moved(AxisName::C));
+    assert!(linear > 0.03 && rotary > 1e-4, "{linear} mm, {rotary} rad");
+    assert!(told.linear.0 > linear - 1e-3, "{} of {linear}", told.linear);
+    assert!(told.rotary.0 > rotary - 1e-6, "{:?}", told.rotary);
 }
