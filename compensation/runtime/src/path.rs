@@ -180,6 +180,12 @@ impl ControlPath {
         taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
+    /// Whether its positions were young enough when it told them.
+    pub(crate) fn told_fresh(&self) -> bool {
+        self.answered
+            .is_some_and(|answered| self.is_young(self.taken, answered))
+    }
+
     /// When something was sent to it last.
     pub(crate) fn sent_at(&self) -> Option<Duration> {
         self.sent

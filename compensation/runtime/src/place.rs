@@ -15,6 +15,8 @@ pub(crate) struct Place {
     pub(crate) known: u16,
     /// When the oldest position that was shown held; `None`: none was shown.
     pub(crate) oldest: Option<Duration>,
+    /// When the oldest of those held that the path does not show itself; `None`: it shows all that are known.
+    pub(crate) oldest_of_others: Option<Duration>,
 }
 
 impl Place {
@@ -34,10 +36,14 @@ impl Place {
             let fresh = || paths.iter().filter(|other| other.is_fresh(now));
             let others = || fresh().find_map(|other| other.position_of(axis));
             let read = || readers.iter().find_map(|reader| reader.position_of(axis));
-            let seen = path.position_of(axis).or_else(read).or_else(others);
-            if let Some((seen, taken)) = seen {
+            let own = path.position_of(axis);
+            if let Some((seen, taken)) = own.or_else(read).or_else(others) {
                 *position = seen;
-                place.oldest = Some(place.oldest.map_or(taken, |oldest| oldest.min(taken)));
+                let older = |than: Option<Duration>| Some(than.map_or(taken, |it| it.min(taken)));
+                place.oldest = older(place.oldest);
+                if own.is_none() {
+                    place.oldest_of_others = older(place.oldest_of_others);
+                }
             } else if let Some(fixed) = fixed {
                 *position = fixed;
             } else {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{MAX_PATHS, PathHealth, Reasons, Scheme, State as GuardState};
+use volcomp_guard::{End, MAX_PATHS, PathHealth, Reasons, Scheme, State as GuardState};
 
 use super::Cycle;
 use crate::place::Place;
@@ -14,11 +14,14 @@ impl Cycle {
         let axes = self.model.axes.len();
         let place = Place::seen_by(&self.paths, &self.readers, index, axes, now);
         let complete = place.is_complete(axes);
-        // One that stands by is asked less often than positions grow old.
+        // One that stands by is asked less often than positions grow old: its own count as of when it told them. A path
+        // that would find positions as old as the active one does is no better.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)
         } else {
-            path.answers(now)
+            let others = place.oldest_of_others;
+            let is_fresh = others.is_none() || path.is_young(others, now);
+            path.answers(now) && path.told_fresh() && is_fresh
         };
         PathHealth {
             usable: complete && is_young,
@@ -54,9 +57,11 @@ impl Cycle {
     /// another one than before.
     pub(super) fn select(&mut self, now: Duration) -> (Reasons, bool) {
         let state = self.guard.state();
-        // A fault is for a person to look at; a stop is held, not fled from.
-        let stays =
-            matches!(state, GuardState::Faulted(_)) || !self.interlocks.reasons().is_empty();
+        // A fault is for a person to look at; a stop is held, not fled from; and to disarm, a path needs no positions.
+        let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
+        let stays = matches!(state, GuardState::Faulted(_))
+            || !self.interlocks.reasons().is_empty()
+            || disarms && self.paths[self.selector.active()].answers(now);
         if self.paths.len() < 2 || stays {
             self.standby.wanted = None;
             return (Reasons::NONE, false);

@@ -11,6 +11,7 @@ mod lags;
 mod left;
 mod left_out;
 mod limited;
+mod old_positions;
 mod plan;
 mod quiet;
 mod raised_slew;
