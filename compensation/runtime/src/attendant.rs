@@ -65,7 +65,8 @@ impl Device {
     }
 
     /// Starts the thread. Until [`hand_over`](Self::hand_over) it asks nothing.
-    pub(crate) fn attend(&mut self, name: &str) -> io::Result<()> {
+    /// It asks as often as `every`.
+    pub(crate) fn attend(&mut self, name: &str, every: Duration) -> io::Result<()> {
         let (given_in, given) = RingBuffer::new(1);
         let (back_in, back) = RingBuffer::new(1);
         let (heard_in, heard) = RingBuffer::new(ANSWERS);
@@ -75,6 +76,7 @@ impl Device {
             given,
             back: back_in,
             heard: heard_in,
+            every,
         };
         // The operating system shows so many letters.
         let name = name.chars().take(15).collect();
@@ -161,6 +163,7 @@ struct Asks {
     given: Consumer<Given>,
     back: Producer<Box<dyn Controller>>,
     heard: Producer<Heard>,
+    every: Duration,
 }
 
 impl Asks {
@@ -188,7 +191,7 @@ impl Asks {
                 answered: Instant::now(),
                 read,
             });
-            self.rest(asked + STANDBY_EVERY);
+            self.rest(asked + self.every);
         }
         // There is one controller, so there is room for it.
         let _ = self.back.push(controller);

@@ -20,6 +20,7 @@ use volcomp_vocabulary::{PerAxis, PerChannel};
 use self::{lag::Lag, standby::Standby};
 use crate::{
     asked::Asked,
+    attendant::STANDBY_EVERY,
     error::{LimitsRefusal, PlanError, StartError},
     model::{Model, ModelWanted},
     path::ControlPath,
@@ -177,18 +178,22 @@ impl Cycle {
         }
     }
 
-    /// Lets threads of their own ask the paths that stand by, so that one that answers slowly, or hangs, costs the cycle
+    /// Lets threads of their own ask the paths that stand by and the controllers that are only read, so that one that answers slowly, or hangs, costs the cycle
     /// nothing. Without it they are asked in the cycle, after the write and for half a period at the most: for clocks that
     /// a test counts. [`start`](crate::start) calls it.
     ///
     /// # Errors
     /// The operating system gives no thread.
     pub fn attend_standbys(&mut self) -> Result<(), StartError> {
+        for reader in &mut self.readers {
+            reader.attend(self.period, self.period.max(Duration::from_millis(20)))?;
+        }
         if self.paths.len() < 2 {
             return Ok(());
         }
         for path in &mut self.paths {
-            path.device.attend(&path.description.device)?;
+            path.device
+                .attend(&path.description.device, STANDBY_EVERY)?;
         }
         self.leave_standbys(Duration::ZERO);
         Ok(())
@@ -321,8 +326,7 @@ impl Cycle {
         for index in 0..self.readers.len() {
             let deadline = self.instant() + self.period.mul_f64(0.5);
             let reader = &mut self.readers[index];
-            let answered = reader.read(deadline, self.start, since_start);
-            self.report.faults += u64::from(!answered);
+            self.report.faults += reader.read(deadline, self.start, since_start);
             self.interlocks
                 .see(self.paths.len() + index, reader.interlock());
         }

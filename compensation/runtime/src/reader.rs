@@ -1,12 +1,16 @@
 //! A controller that only tells where axes stand, and is never written to. State: what it said last.
 
-use std::time::{Duration, Instant};
+use std::{
+    io,
+    time::{Duration, Instant},
+};
 
 use volcomp_guard::Interlock;
-use volcomp_port::{Controller, Description, Snapshot};
+use volcomp_port::{Controller, Description, Fault, Snapshot};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
+    attendant::Device,
     error::PlanError,
     model::Model,
     path::interlock_of,
@@ -14,6 +18,9 @@ use crate::{
     report::PathReport,
     settings::PathSettings,
 };
+
+/// A controller that has not answered for so long says nothing of the machine any more.
+const SILENT: Duration = Duration::from_millis(500);
 
 /// A controller of a plan that is only read: checked against the machine, not opened.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +63,7 @@ impl ReaderPlan {
 
 /// A controller that is only read.
 pub struct PositionReader {
-    controller: Box<dyn Controller>,
+    device: Device,
     description: Description,
     machine_axis: PerChannel<usize>,
     reversal: PerChannel<f64>,
@@ -71,7 +78,7 @@ impl PositionReader {
     /// A reader before its first cycle: an open controller and its plan.
     pub fn new(controller: Box<dyn Controller>, plan: &ReaderPlan) -> Self {
         Self {
-            controller,
+            device: Device::new(controller),
             description: plan.description.clone(),
             machine_axis: plan.machine_axis,
             reversal: plan.reversal,
@@ -87,9 +94,36 @@ impl PositionReader {
         &self.description
     }
 
-    /// Asks the controller. `start` is when the cycle's clock began. Whether it answered.
-    pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
-        self.reading = self.controller.read(deadline).ok();
+    /// Starts a thread that asks the controller from now on, as often as `every`, each exchange taking `patience` at the
+    /// most.
+    pub(crate) fn attend(&mut self, every: Duration, patience: Duration) -> io::Result<()> {
+        self.device.attend(&self.description.device, every)?;
+        self.device.hand_over(patience);
+        Ok(())
+    }
+
+    /// Takes what the controller has answered to its thread; without one, asks it here. `start` is when the cycle's clock
+    /// began. How often it did not answer.
+    pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> u64 {
+        let mut failures = 0;
+        if let Some(controller) = self.device.in_hand() {
+            let read = controller.read(deadline);
+            failures += u64::from(!self.hear(read, start, now));
+        }
+        while let Some(heard) = self.device.heard() {
+            let answered = heard.answered.saturating_duration_since(start);
+            failures += u64::from(!self.hear(heard.read, start, answered));
+        }
+        // An exchange that hangs says nothing of the machine any more.
+        let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
+        if !self.device.is_in_hand() && self.answered.is_none_or(is_silent) {
+            self.reading = None;
+        }
+        failures
+    }
+
+    fn hear(&mut self, read: Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
+        self.reading = read.ok();
         let Some(snapshot) = &self.reading else {
             return false;
         };

@@ -28,6 +28,8 @@ errors = { EXX = { poly = [-25, 0.5] } }";
 struct Plant {
     word: PerChannel<f64>,
     is_scale_silent: bool,
+    /// For how long a scale that is silent keeps whoever asks.
+    hangs: Duration,
 }
 
 /// A way to the control, or to the scale, which is never written to.
@@ -46,6 +48,9 @@ impl Controller for Way {
         let plant = self.plant.lock().unwrap_or_else(PoisonError::into_inner);
         let is_scale = self.description.axes.is_empty();
         if is_scale && plant.is_scale_silent {
+            let hangs = plant.hangs;
+            drop(plant);
+            std::thread::sleep(hangs);
             return Err(Fault::TimedOut);
         }
         let mut positions = PerChannel::ZERO;
@@ -97,10 +102,8 @@ fn description(name: &str) -> Description {
 /// Cycles after which the scale falls silent.
 const SILENT_AT: u32 = 1000;
 
-/// Runs 3000 cycles with a request in one of them. How often the ways changed, the state at the end, and the word of X (µm)
-/// in some cycles.
-fn run(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
-    let (clock, plant) = (Clock::manual(), Arc::new(Mutex::new(Plant::default())));
+/// A cycle with both ways and the scale.
+fn cycle(clock: &Clock, plant: &Arc<Mutex<Plant>>) -> Cycle {
     let mut guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
     guard.ramp = Duration::from_millis(200);
     let machine = Machine::parse(MACHINE, "m").expect("valid");
@@ -110,7 +113,7 @@ fn run(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
         ..PathSettings::default()
     };
     let way = |description: Description| Way {
-        plant: Arc::clone(&plant),
+        plant: Arc::clone(plant),
         clock: clock.clone(),
         description,
     };
@@ -136,7 +139,14 @@ fn run(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
         PERIOD,
     );
     let cycle = cycle.expect("fits").with_clock(clock.clone());
-    let mut cycle = cycle.with_readers(vec![reader]).expect("room");
+    cycle.with_readers(vec![reader]).expect("room")
+}
+
+/// Runs 3000 cycles with a request in one of them. How often the ways changed, the state at the end, and the word of X (µm)
+/// in some cycles.
+fn run(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
+    let (clock, plant) = (Clock::manual(), Arc::new(Mutex::new(Plant::default())));
+    let mut cycle = cycle(&clock, &plant);
     let (mut changes, mut active, mut words) = (0, 0, [f64::NAN; 3]);
     for n in 0..3000 {
         clock.advance(PERIOD);
@@ -184,4 +194,37 @@ fn disarming_while_positions_are_old_takes_the_correction_out() {
     assert!((words[1].abs() - 10.0).abs() < 1.0, "{words:?}");
     assert_eq!(words[2], 0.0);
     assert!(changes <= 1, "{changes} changes");
+}
+
+/// The scale keeps whoever asks it for two seconds. Before, the cycle waited for it, and so did disarming.
+#[test]
+fn a_controller_that_is_only_read_and_hangs_costs_no_cycle() {
+    let (clock, plant) = (Clock::system(), Arc::new(Mutex::new(Plant::default())));
+    let mut cycle = cycle(&clock, &plant);
+    cycle.attend_standbys().expect("threads");
+    let mut longest = Duration::ZERO;
+    for n in 0..400 {
+        std::thread::sleep(PERIOD);
+        let mut told = plant.lock().unwrap_or_else(PoisonError::into_inner);
+        (told.is_scale_silent, told.hangs) = (n >= 250, Duration::from_secs(2));
+        drop(told);
+        let asked = Asked {
+            request: match n {
+                5 => Some(Request::Arm),
+                260 => Some(Request::Disarm),
+                _ => None,
+            },
+            ..Asked::default()
+        };
+        let begun = Instant::now();
+        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+        longest = longest.max(begun.elapsed());
+        if n == 249 {
+            assert!(cycle.report().state.is_armed(), "{:?}", cycle.report());
+        }
+    }
+    assert_eq!(cycle.report().state, State::Disarmed);
+    let word = plant.lock().unwrap_or_else(PoisonError::into_inner).word[0];
+    assert_eq!(word, 0.0);
+    assert!(longest < Duration::from_millis(500), "{longest:?}");
 }
