@@ -108,11 +108,11 @@ impl PositionReader {
         let mut failures = 0;
         if let Some(controller) = self.device.in_hand() {
             let read = controller.read(deadline);
-            failures += u64::from(!self.hear(read, start, now));
+            failures += u64::from(!self.hear(&read, start, now));
         }
         while let Some(heard) = self.device.heard() {
             let answered = heard.answered.saturating_duration_since(start);
-            failures += u64::from(!self.hear(heard.read, start, answered));
+            failures += u64::from(!self.hear(&heard.read, start, answered));
         }
         // An exchange that hangs says nothing of the machine any more.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
@@ -122,8 +122,8 @@ impl PositionReader {
         failures
     }
 
-    fn hear(&mut self, read: Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
-        self.reading = read.ok();
+    fn hear(&mut self, read: &Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
+        self.reading = (*read).ok();
         let Some(snapshot) = &self.reading else {
             return false;
         };
