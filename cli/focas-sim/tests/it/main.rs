@@ -451,6 +451,8 @@ fn the_axis_log_has_every_change() {
     let arguments = ["--no-barrier", "--axes", "X,C", "--axis-log"];
     let mut simulator = Simulator::start(&[&arguments[..], &[log.to_str().unwrap()]].concat());
     let read = || std::fs::read_to_string(&log).unwrap();
+    // What is written before the first scan would be in its line.
+    until("the first scan", || read().lines().count() > 1);
     for (line, rows) in [("write R100 251 255 1 0", 2), ("reset", 2), ("power", 3)] {
         simulator.type_line(line);
         until(line, || read().lines().count() > rows);
