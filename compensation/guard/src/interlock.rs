@@ -56,9 +56,15 @@ impl Interlocks {
     /// Why the correction must stand, empty where it may move.
     #[must_use]
     pub fn reasons(&self) -> Reasons {
-        let paths = self.said.iter().zip(self.silent);
-        paths.fold(Reasons::NONE, |all, (said, silent)| {
-            all | said.reasons() | Reasons::INTERLOCK_UNSEEN.when(said.is_set() && silent)
-        })
+        (0..MAX_PATHS).fold(Reasons::NONE, |all, path| all | self.said_by(path))
+    }
+
+    /// What the path at this place said last, and whether it has been silent since.
+    #[must_use]
+    pub fn said_by(&self, path: usize) -> Reasons {
+        let (Some(said), Some(silent)) = (self.said.get(path), self.silent.get(path)) else {
+            return Reasons::NONE;
+        };
+        said.reasons() | Reasons::INTERLOCK_UNSEEN.when(said.is_set() && *silent)
     }
 }

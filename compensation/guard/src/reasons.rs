@@ -9,112 +9,136 @@ use core::{
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Reasons(u64);
 
-macro_rules! reasons {
-    ($($(#[$doc:meta])* $name:ident = $bit:literal, $text:literal;)*) => {
-        impl Reasons {
-            $($(#[$doc])* pub const $name: Self = Self(1 << $bit);)*
+/// What a reason means for arming.
+#[derive(Clone, Copy)]
+enum Effect {
+    Forbids,
+    Informs,
+}
 
-            const ALL: &'static [(Self, &'static str)] = &[$((Self::$name, $text)),*];
+macro_rules! effect {
+    (forbids) => {
+        Effect::Forbids
+    };
+    (informs) => {
+        Effect::Informs
+    };
+}
+
+/// Each reason takes the bit of its place in the list, so no two share one; a 65th would not compile.
+macro_rules! reasons {
+    ($($(#[$doc:meta])* $name:ident = $effect:ident, $text:literal;)*) => {
+        /// The places in the list.
+        #[allow(non_camel_case_types, clippy::upper_case_acronyms)]
+        enum Place {
+            $($name,)*
+        }
+
+        impl Reasons {
+            $($(#[$doc])* pub const $name: Self = Self(1 << Place::$name as u64);)*
+
+            const ALL: &'static [(Self, Effect, &'static str)] =
+                &[$((Self::$name, effect!($effect), $text)),*];
         }
     };
 }
 
 reasons! {
     /// The wanted correction is beyond the limit.
-    LIMITED = 0, "correction limited";
+    LIMITED = informs, "correction limited";
     /// The wanted correction is beyond the warning.
-    WARN = 1, "correction above the warning";
+    WARN = informs, "correction above the warning";
     /// Slew or acceleration holds the output back.
-    SLEWING = 2, "rate limited";
+    SLEWING = informs, "rate limited";
     /// Positions are older than allowed.
-    POSITIONS_STALE = 3, "positions stale";
+    POSITIONS_STALE = forbids, "positions stale";
     /// Positions are so old that the correction goes to zero.
-    POSITIONS_LOST = 4, "positions lost";
+    POSITIONS_LOST = forbids, "positions lost";
     /// The controller does not answer.
-    NO_CONTROLLER = 5, "controller does not answer";
+    NO_CONTROLLER = forbids, "controller does not answer";
     /// Axes are not referenced.
-    NOT_REFERENCED = 6, "axes not referenced";
+    NOT_REFERENCED = forbids, "axes not referenced";
     /// The controller has an alarm.
-    CONTROLLER_ALARM = 7, "controller alarm";
+    CONTROLLER_ALARM = forbids, "controller alarm";
     /// The emergency stop is pressed.
-    EMERGENCY_STOP = 8, "emergency stop";
+    EMERGENCY_STOP = forbids, "emergency stop";
     /// A position or a correction is no finite number.
-    NOT_A_NUMBER = 9, "not a number";
+    NOT_A_NUMBER = forbids, "not a number";
     /// The correction that the controller has applied is not the one that was written: ramping from there.
-    READ_BACK = 10, "controller's correction changed";
+    READ_BACK = informs, "controller's correction changed";
     /// A correction that was written is not found when it is read back, several times in a row.
-    DOES_NOT_STICK = 11, "correction does not stick";
+    DOES_NOT_STICK = forbids, "correction does not stick";
     /// Positions do not contain the correction as configured.
-    CONTRADICTION = 12, "positions contradict includes_correction";
+    CONTRADICTION = forbids, "positions contradict includes_correction";
     /// Arming waits until the axes stand still.
-    WAITING_FOR_STANDSTILL = 13, "waiting for standstill";
+    WAITING_FOR_STANDSTILL = informs, "waiting for standstill";
     /// Whether positions contain the correction is not proven for every axis.
-    NOT_PROVEN = 14, "not proven what positions contain";
+    NOT_PROVEN = informs, "not proven what positions contain";
     /// A correction is applied while disarmed.
-    CORRECTION_LEFT = 15, "a correction is applied";
+    CORRECTION_LEFT = informs, "a correction is applied";
     /// A temperature that the model uses is missing.
-    DEGRADED = 16, "degraded";
+    DEGRADED = informs, "degraded";
     /// A position is outside the range that was measured.
-    OUTSIDE_RANGE = 17, "outside the measured range";
+    OUTSIDE_RANGE = informs, "outside the measured range";
     /// Nobody ramps the correction out when the gateway stops.
-    UNWATCHED = 18, "unwatched";
+    UNWATCHED = informs, "unwatched";
     /// The audit log cannot be written.
-    AUDIT = 19, "audit log cannot be written";
+    AUDIT = forbids, "audit log cannot be written";
     /// An axis of the machine has a position from no controller.
-    AXIS_UNKNOWN = 20, "a machine axis has no position";
+    AXIS_UNKNOWN = forbids, "a machine axis has no position";
     /// Another gateway corrects this controller.
-    OTHER_GATEWAY = 21, "another gateway";
+    OTHER_GATEWAY = forbids, "another gateway";
     /// The limits are not configured.
-    NO_LIMITS = 22, "limits are not configured";
+    NO_LIMITS = forbids, "limits are not configured";
     /// Cycles take longer than their time.
-    OVERRUNS = 23, "cycle overruns";
+    OVERRUNS = informs, "cycle overruns";
     /// Another controller path stands in.
-    FALLBACK = 24, "fallback controller";
+    FALLBACK = informs, "fallback controller";
     /// No other path may take over, since nobody knows what the silent one still applies.
-    OTHER_CHANNEL_UNKNOWN = 25, "another path may still hold a correction";
+    OTHER_CHANNEL_UNKNOWN = informs, "another path may still hold a correction";
     /// Whether a second gateway is there cannot be seen.
-    CANNOT_SEE_OTHERS = 26, "cannot see other gateways";
+    CANNOT_SEE_OTHERS = informs, "cannot see other gateways";
     /// The program is stopping.
-    STOPPING = 27, "stopping";
+    STOPPING = forbids, "stopping";
     /// The pose is within about 1° of one in which the tool axis cannot be corrected in one direction: that direction
     /// is left as it is.
-    SINGULAR = 28, "singular pose";
+    SINGULAR = informs, "singular pose";
     /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
     /// axis.
-    NEAR_SINGULAR = 29, "near a singular pose";
+    NEAR_SINGULAR = informs, "near a singular pose";
     /// Rotary axes have turned two linear axes nearly into one direction: linear corrections are more than ten times the
     /// error, or one of the axes is left out.
-    LINEAR_NEAR_SINGULAR = 55, "linear axes nearly in one direction";
+    LINEAR_NEAR_SINGULAR = informs, "linear axes nearly in one direction";
     /// Positions are so old for the speed of the axes that only a part of the correction, or none, is better than nothing.
-    LET_GO = 56, "positions too old for the speed: a part of the correction let go";
+    LET_GO = informs, "positions too old for the speed: a part of the correction let go";
     /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
-    NOT_RELOADED = 30, "files on disk not taken over";
+    NOT_RELOADED = informs, "files on disk not taken over";
     /// The gateway was faulted when it ended, and nobody has acknowledged it since.
-    FAULTED_BEFORE = 48, "faulted before the restart: acknowledge it";
+    FAULTED_BEFORE = forbids, "faulted before the restart: acknowledge it";
     /// A person disarmed it: it does not arm by itself, also after a restart.
-    DISARMED_BY_PERSON = 49, "disarmed by a person: it does not arm by itself";
+    DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
     /// The machine file or the limits are not those that were confirmed last.
-    MUST_CONFIRM = 50, "machine file or limits must be confirmed";
+    MUST_CONFIRM = informs, "machine file or limits must be confirmed";
     /// Nothing in the control tells a late or foreign write from one that is meant now.
-    NO_BARRIER = 31, "no barrier";
+    NO_BARRIER = informs, "no barrier";
     /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
-    BARRIER_UNFIT = 32, "the control's barrier does not fit the limits";
+    BARRIER_UNFIT = forbids, "the control's barrier does not fit the limits";
     /// What the control tells is no report of a barrier of this machine and these axes, in this order.
-    BARRIER_STRANGE = 40, "no barrier for this machine and these axes";
+    BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
     /// Whether another gateway writes, or how fast the control scans, is being looked at before the first write.
-    WATCHING = 33, "watching the control";
+    WATCHING = forbids, "watching the control";
     /// The correction that the control applies has not been confirmed for too long.
-    UNCONFIRMED = 34, "applied correction not confirmed";
+    UNCONFIRMED = forbids, "applied correction not confirmed";
     /// The control applies a correction beyond the limit, and nothing here has asked for it.
-    BEYOND_LIMIT = 35, "a correction beyond the limit was found";
+    BEYOND_LIMIT = forbids, "a correction beyond the limit was found";
     /// An interlock was seen on a path that says nothing any more.
-    INTERLOCK_UNSEEN = 36, "interlock not seen to clear";
+    INTERLOCK_UNSEEN = forbids, "interlock not seen to clear";
     /// What a control that cannot be asked was left with is not known.
-    LEFT_UNKNOWN = 37, "what the control was left with is unknown";
+    LEFT_UNKNOWN = forbids, "what the control was left with is unknown";
     /// Another path shows a correction that it should not have.
-    STANDBY_HOLDS = 38, "a standby path holds a correction";
+    STANDBY_HOLDS = informs, "a standby path holds a correction";
     /// Another path does not answer.
-    STANDBY_SILENT = 39, "a standby path does not answer";
+    STANDBY_SILENT = informs, "a standby path does not answer";
 }
 
 impl Reasons {
@@ -122,29 +146,17 @@ impl Reasons {
     pub const NONE: Self = Self(0);
 
     /// The reasons that only inform: none of them forbids arming.
-    pub const DOES_NOT_FORBID: Self = Self(
-        Self::WARN.0
-            | Self::LIMITED.0
-            | Self::SLEWING.0
-            | Self::NOT_PROVEN.0
-            | Self::CORRECTION_LEFT.0
-            | Self::DEGRADED.0
-            | Self::OUTSIDE_RANGE.0
-            | Self::UNWATCHED.0
-            | Self::OVERRUNS.0
-            | Self::FALLBACK.0
-            | Self::CANNOT_SEE_OTHERS.0
-            | Self::SINGULAR.0
-            | Self::NEAR_SINGULAR.0
-            | Self::LINEAR_NEAR_SINGULAR.0
-            | Self::LET_GO.0
-            | Self::NOT_RELOADED.0
-            | Self::DISARMED_BY_PERSON.0
-            | Self::MUST_CONFIRM.0
-            | Self::NO_BARRIER.0
-            | Self::STANDBY_HOLDS.0
-            | Self::STANDBY_SILENT.0,
-    );
+    pub const DOES_NOT_FORBID: Self = {
+        let (mut informing, mut place) = (0, 0);
+        while place < Self::ALL.len() {
+            let (reason, effect, _) = Self::ALL[place];
+            if matches!(effect, Effect::Informs) {
+                informing |= reason.0;
+            }
+            place += 1;
+        }
+        Self(informing)
+    };
 
     /// Whether the set holds no reason.
     pub fn is_empty(self) -> bool {
@@ -182,8 +194,8 @@ impl Reasons {
     pub fn texts(self) -> impl Iterator<Item = &'static str> {
         Self::ALL
             .iter()
-            .filter(move |(reason, _)| self.contains(*reason))
-            .map(|(_, text)| *text)
+            .filter(move |(reason, ..)| self.contains(*reason))
+            .map(|(.., text)| *text)
     }
 }
 

@@ -526,8 +526,9 @@ impl Cycle {
         let paths = self.paths.iter().map(|path| path.report(since_start));
         let readers = self.readers.iter();
         let readers = readers.map(|reader| reader.report(since_start));
-        for (into, told) in report.paths.iter_mut().zip(paths.chain(readers)) {
-            *into = told;
+        for (place, told) in paths.chain(readers).enumerate().take(report.paths.len()) {
+            report.paths[place] = told;
+            report.paths[place].reasons |= self.interlocks.said_by(place);
         }
     }
 }

@@ -28,7 +28,7 @@ pub(super) fn refusal(request: Request, state: State) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use super::{has_taken, refusal};
+    use super::has_taken;
     use volcomp_guard::{Cause, End, Hold, Phase, Request, State};
 
     /// Every state with every request: whether the request has what it asks for.
@@ -55,9 +55,6 @@ mod tests {
         for (state, expected) in table {
             let found = [arm, disarm, acknowledge].map(|request| has_taken(request, state));
             assert_eq!(found, expected, "{state:?}");
-            for request in [arm, disarm, acknowledge] {
-                assert!(has_taken(request, state) || refusal(request, state).len() > 10);
-            }
         }
     }
 }

@@ -301,8 +301,7 @@ impl Service {
                 | audit
                 | Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before()),
         );
-        let degraded = Reasons::DEGRADED.when(self.trouble.is_some());
-        handle.note(audit | degraded | self.tells | standing);
+        handle.note(audit | self.tells | standing);
     }
 
     /// Whether the log is written as it should; where it was not, it is tried again.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 use volcomp_guard::{Hold, Reasons, Request, SensorFlaw, State};
-use volcomp_runtime::{Order, Report};
+use volcomp_runtime::{Order, PathReport, Report};
 
 use super::{
     Service,
@@ -265,34 +265,34 @@ impl Service {
 /// Who asks where nobody does.
 const AUTO_ARM: &str = "auto_arm";
 
+/// Why a correction stands until a control says otherwise.
+const STOPS: [Reasons; 3] = [
+    Reasons::NOT_REFERENCED,
+    Reasons::CONTROLLER_ALARM,
+    Reasons::EMERGENCY_STOP,
+];
+
 /// Whether anything waits for a person to acknowledge it.
 fn has_to_be_acknowledged(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
-    let waiting = [
-        Reasons::NOT_REFERENCED,
-        Reasons::CONTROLLER_ALARM,
-        Reasons::EMERGENCY_STOP,
-        Reasons::LEFT_UNKNOWN,
-    ];
+    let has = |reason| report.reasons.contains(reason);
     let state = report.state;
     matches!(state, State::Faulted(_) | State::Holding(Hold::Interlocked))
-        || waiting
-            .into_iter()
-            .any(|reason| report.reasons.contains(reason))
+        || STOPS.into_iter().any(has)
+        || has(Reasons::LEFT_UNKNOWN)
         || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
 }
 
-/// Whether a fault from before the start may not end yet: an interlock is seen, or it is not known what a control that can
-/// be asked applies. What a person alone can know does not stand against it.
+/// Whether a fault from before the start may not end yet: a controller that answers shows an interlock, or it is not known
+/// what a control that can be asked applies. What a person alone can know does not stand against it: that an interlock of
+/// a controller that is silent now is over, and what lines were left with.
 fn may_not_end(report: &Report) -> bool {
-    let has = |reason| report.reasons.contains(reason);
-    let stopped = [
-        Reasons::NOT_REFERENCED,
-        Reasons::CONTROLLER_ALARM,
-        Reasons::EMERGENCY_STOP,
-    ];
-    let is_seen = stopped.into_iter().any(has) && !has(Reasons::INTERLOCK_UNSEEN);
-    is_seen || !(report.correction_known || has(Reasons::LEFT_UNKNOWN))
+    let shows = |path: &PathReport| {
+        let is_stopped = STOPS.into_iter().any(|stop| path.reasons.contains(stop));
+        is_stopped && !path.reasons.contains(Reasons::INTERLOCK_UNSEEN)
+    };
+    let is_left = report.reasons.contains(Reasons::LEFT_UNKNOWN);
+    report.paths.iter().any(shows) || !(report.correction_known || is_left)
 }
 
 /// Gives the answer to whoever asked.
@@ -369,5 +369,26 @@ fn in_words(answer: &Answer) -> String {
         }
         Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
         Answer::Refusal(refusal) => refusal.error.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An alarm of a controller that fell silent is for the person to judge; an emergency stop that another one shows now
+    /// is not.
+    #[test]
+    fn a_fault_stays_while_any_controller_shows_an_interlock() {
+        let mut report = Report {
+            correction_known: true,
+            ..Report::default()
+        };
+        report.paths[0].reasons = Reasons::CONTROLLER_ALARM | Reasons::INTERLOCK_UNSEEN;
+        report.reasons = report.paths[0].reasons;
+        assert!(!may_not_end(&report));
+        report.paths[1].reasons = Reasons::EMERGENCY_STOP;
+        report.reasons |= Reasons::EMERGENCY_STOP;
+        assert!(may_not_end(&report));
     }
 }
