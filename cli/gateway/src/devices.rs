@@ -149,7 +149,7 @@ impl ControllerDevice {
     pub fn settings(&self, config: &ControllerConfig, period: Duration) -> PathSettings {
         let is_digital = matches!(self.kind, Kind::Lines(_));
         let behind = match self.kind {
-            Kind::Can(_) => CAN_READ_BACK,
+            Kind::Can(_) => CAN_READ_BACK.min(longest_read_back(period)),
             Kind::Focas(_) | Kind::Lines(_) => period,
         };
         // A frame waits for the control's scan, and is seen in the report after another one.
@@ -174,9 +174,7 @@ impl ControllerDevice {
                     .map(|name| (*name, focas.position_step(*name)))
                     .collect(),
             },
-            read_back_cycles: usize::try_from(cycles)
-                .unwrap_or(usize::MAX)
-                .clamp(1, volcomp_runtime::guard::MOST_READ_BACK_CYCLES),
+            read_back_cycles: usize::try_from(cycles).unwrap_or(usize::MAX).max(1),
             barrier: config.barrier.map(|barrier| BarrierSettings {
                 machine: barrier.machine,
                 scan: barrier.scan,

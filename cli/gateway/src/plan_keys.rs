@@ -80,21 +80,24 @@ fn limits(device: &str, axis: Option<AxisName>, error: &LimitsError) -> String {
     let unit = kind.micro_unit();
     let key = match error.what {
         Quantity::Resolution => format!("resolution_{unit}"),
-        Quantity::Limit => format!("limit_{unit}"),
-        Quantity::Warn => format!("warn_{unit}"),
-        Quantity::Slew => format!("slew_{unit}_per_s"),
-        Quantity::Accel => format!("accel_{unit}_per_s2"),
-        Quantity::TestShift => format!("test_shift_{unit}"),
+        Quantity::Limit => format!("[guard] limit_{unit}"),
+        Quantity::Warn => format!("[guard] warn_{unit}"),
+        Quantity::Slew => format!("[guard] slew_{unit}_per_s"),
+        Quantity::Accel => format!("[guard] accel_{unit}_per_s2"),
+        Quantity::TestShift => format!("[guard] test_shift_{unit}"),
         Quantity::Axes => "axes".to_owned(),
         Quantity::Period => "cycle_ms".to_owned(),
-        Quantity::Hold => "hold_ms".to_owned(),
-        Quantity::ZeroAfter => "zero_after_ms".to_owned(),
-        Quantity::ReadBack => "read-back, cycles".to_owned(),
+        Quantity::Hold => "[guard] hold_ms".to_owned(),
+        Quantity::ZeroAfter => "[guard] zero_after_ms".to_owned(),
+        Quantity::ReadBack => {
+            "cycles until a correction is read back, from [controller.barrier] scan_ms and cycle_ms"
+                .to_owned()
+        }
     };
     let of = axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
     let found = error.found();
     let expected = error.expected;
-    format!("{device}: [guard] {key}{of}: found {found}, expected {expected}")
+    format!("{device}: {key}{of}: found {found}, expected {expected}")
 }
 
 #[cfg(test)]

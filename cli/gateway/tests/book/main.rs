@@ -172,7 +172,10 @@ fn every_reason_is_in_the_chapter() {
         .texts()
         .filter(|text| told.get(text) != Some(&!informing.contains(text)))
         .collect();
-    assert!(missing.is_empty(), "gateway.md does not say whether these forbid arming: {missing:?}");
+    assert!(
+        missing.is_empty(),
+        "gateway.md does not say whether these forbid arming: {missing:?}"
+    );
 }
 
 /// The names of the tests in the table of hazards.

@@ -340,6 +340,14 @@ pub(crate) const CASES: &[Wrong] = &[
         )],
         "key `report` is missing",
     ),
+    // So many cycles later nothing of a write is remembered.
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "barrier = { machine = 1, scan_ms = 100.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
+        )],
+        "cycles until a correction is read back, from [controller.barrier] scan_ms and cycle_ms: found 52, expected 1 to 32",
+    ),
     wrong(
         &[(
             "heartbeat = { pmc = \"R\", at = 120 }",
