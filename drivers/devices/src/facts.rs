@@ -50,6 +50,9 @@ pub struct ModuleFacts {
     pub profile: String,
     /// The parts of the profile that nobody has compared with a real module yet, in words.
     pub unproven: Vec<String>,
+    /// Whether the module tells the levels of its outputs; `None`: it has none. Where it does not, outputs that carry no
+    /// correction are switched off when a correction is written.
+    pub outputs_told: Option<bool>,
 }
 
 /// The traffic that was seen on a CAN bus.

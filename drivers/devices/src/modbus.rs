@@ -138,10 +138,11 @@ fn module(address: &Address) -> Result<(Bus, DigitalModule), DeviceError> {
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let profile = profile(address)?;
     let mut probe = Probe::of(&address.text);
-    probe.facts = Some(Facts::Module(ModuleFacts {
+    let mut facts = ModuleFacts {
         profile: profile.name.clone(),
         unproven: profile.unproven.clone(),
-    }));
+        outputs_told: None,
+    };
     let deadline = Instant::now() + at_most;
     let nobody = || {
         let ports: Vec<String> = serial_ports().into_iter().map(|port| port.device).collect();
@@ -186,6 +187,8 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         probe.inputs = (0..digital.inputs)
             .map(|line| levels >> line & 1 == 1)
             .collect();
+        facts.outputs_told = (digital.outputs > 0).then(|| lines.tells_outputs());
     }
+    probe.facts = Some(Facts::Module(facts));
     Ok(probe)
 }

@@ -24,13 +24,31 @@ pub struct DigitalAxis {
     pub name: AxisName,
     /// The word in which the control shows the position.
     pub position: PositionWord,
-    /// Where only the low bits of the position are shown: the position at which the axis stands when the first word
-    /// is read. `None`: the word holds the whole position.
-    pub low_bits_from: Option<Displacement>,
+    /// How the position is followed where only its low bits are shown. `None`: the word holds the whole position.
+    pub low_bits: Option<LowBits>,
     /// The word in which the control takes the correction.
     pub correction: CorrectionWord,
     /// Whether shown positions contain the correction.
     pub includes_correction: bool,
+}
+
+/// How a position is followed of which only the low bits are shown. It is known as long as the axis cannot have moved by
+/// half of what the word can say between two words that were read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct LowBits {
+    /// The position at which the axis stands when the first word is read, such as its reference.
+    pub from: Displacement,
+    /// The most that the axis moves in one second.
+    pub most_per_s: Displacement,
+}
+
+impl LowBits {
+    /// The longest time between two words after which the position is still known.
+    fn within(&self, word: &PositionWord) -> Duration {
+        let seconds = 0.5 * word.range() / self.most_per_s.mm_or_rad();
+        Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+    }
 }
 
 impl DigitalAxis {
@@ -40,7 +58,7 @@ impl DigitalAxis {
         Self {
             name,
             position: PositionWord::PUBLISHED,
-            low_bits_from: None,
+            low_bits: None,
             correction: CorrectionWord::PUBLISHED,
             includes_correction: false,
         }
@@ -50,7 +68,15 @@ impl DigitalAxis {
     /// description.
     fn check(&self) -> Result<(), String> {
         let (kind, position) = (self.name.kind(), self.position);
-        let known = self.low_bits_from.unwrap_or(position.zero);
+        let known = self.low_bits.map_or(position.zero, |low| low.from);
+        if let Some(LowBits { most_per_s, .. }) = self.low_bits
+            && !(most_per_s.kind() == kind && most_per_s.mm_or_rad() > 0.0)
+        {
+            return Err(format!(
+                "axis {}: found that it moves at most {most_per_s} in a second, expected more than 0 and the unit of its positions",
+                self.name
+            ));
+        }
         if position.is_of(kind) && known.kind() == kind {
             return Ok(());
         }
@@ -68,7 +94,11 @@ impl DigitalAxis {
 }
 
 /// A control that shows positions on lines and takes corrections on others. Where several axes share the
-/// lines, each is read and corrected when the control shows it.
+/// lines, each is read and corrected when the control shows it, and writing fails with [`Fault::Unfinished`] until all of
+/// them have what was asked for.
+///
+/// A position of low bits that was not read for too long is not known any more, and reading it fails: the axis goes to its
+/// reference and the controller is made anew.
 ///
 /// Lines say nothing of the control's state: the description shows no state, which whoever corrects must accept, and the
 /// snapshots have it as referenced and without alarm. Lines have no memory that a second gateway could be seen in, and
@@ -161,9 +191,9 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
-    /// The corrections of the last writes that the device confirmed, axis by axis, once there was one; with a latch,
-    /// those at whose levels it was turned. A write that failed changes nothing here.
-    pub fn sent(&self) -> Option<PerChannel<f64>> {
+    /// The corrections of the last writes that the device confirmed, axis by axis, `None` for an axis that was not written
+    /// yet; with a latch, those at whose levels it was turned. A write that failed changes nothing here.
+    pub fn sent(&self) -> &PerChannel<Option<f64>> {
         self.outputs.taken()
     }
 
@@ -175,6 +205,17 @@ impl<D: DigitalIo> DigitalController<D> {
     /// The port, for what it can do besides.
     pub fn io_mut(&mut self) -> &mut D {
         &mut self.io
+    }
+
+    /// Whether every axis was written with its correction.
+    fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
+        let asked = self.axes.iter().zip(corrections);
+        asked
+            .zip(self.outputs.taken())
+            .all(|((axis, asked), taken)| {
+                let sent = axis.correction.encode(*asked).sent;
+                *taken == Some(sent)
+            })
     }
 
     /// Takes note of what the device confirmed of our writes.
@@ -192,10 +233,22 @@ impl<D: DigitalIo> DigitalController<D> {
         let Some((axis, seen)) = self.axes.get(index).zip(self.seen.get_mut(index)) else {
             return Err(Fault::Protocol("an axis is shown that is not configured"));
         };
-        let mut unwrapper = seen.and_then(|seen| seen.unwrapper).or_else(|| {
-            let known = axis.low_bits_from?;
-            Some(Unwrapper::new(axis.position, shown.word, known.mm_or_rad()))
-        });
+        let mut unwrapper = None;
+        if let Some(low) = &axis.low_bits {
+            // After too long a pause it stays unknown, since what was seen last grows older still.
+            let is_lost = |seen: &Seen| {
+                taken.saturating_duration_since(seen.taken) >= low.within(&axis.position)
+            };
+            if seen.as_ref().is_some_and(is_lost) {
+                return Err(Fault::Protocol(
+                    "a position of low bits was not read for too long: it must be referenced again",
+                ));
+            }
+            let begun = seen.and_then(|seen| seen.unwrapper);
+            unwrapper = Some(begun.unwrap_or_else(|| {
+                Unwrapper::new(axis.position, shown.word, low.from.mm_or_rad())
+            }));
+        }
         let coded = match &mut unwrapper {
             Some(unwrapper) => unwrapper.follow(shown.word),
             None => axis.position.decode(shown.word),
@@ -246,8 +299,9 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         })
     }
 
-    /// Writes the correction of the axis that is shown; the others follow when they are. With a latch a correction takes
-    /// two calls: its word with the first, the latch with the next.
+    /// Writes the correction of the axis that is shown; the others follow when they are, and until all of them have it the
+    /// answer is [`Fault::Unfinished`]. With a latch a correction takes two calls: its word with the first, the latch with
+    /// the next.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);
@@ -267,6 +321,10 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         );
         self.wrote |= written.is_ok();
         self.note();
-        written
+        written?;
+        if self.axes.len() > 1 && !self.has_all(corrections) {
+            return Err(Fault::Unfinished);
+        }
+        Ok(())
     }
 }

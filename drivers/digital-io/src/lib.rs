@@ -10,7 +10,7 @@ mod wiring;
 mod words;
 
 pub use coherent::{Coherence, read_coherent};
-pub use controller::{DigitalAxis, DigitalController};
+pub use controller::{DigitalAxis, DigitalController, LowBits};
 #[cfg(feature = "gpio")]
 pub use gpio::{GpioPort, LineSet};
 pub use panel::{Panel, PanelWord};

@@ -23,8 +23,7 @@ pub(crate) struct Outputs {
     latching: Latching,
     /// The last level of the latch that was written, as a bit.
     latch: u64,
-    taken: PerChannel<f64>,
-    has_taken: bool,
+    taken: PerChannel<Option<f64>>,
     /// What the control has taken of the only axis, as far as the device tells the levels of its outputs.
     carried: Option<PerChannel<f64>>,
 }
@@ -34,15 +33,15 @@ impl Outputs {
         Self {
             latching: Latching::Taken,
             latch: 0,
-            taken: PerChannel::ZERO,
-            has_taken: false,
+            taken: PerChannel::from_fn(|_| None),
             carried: None,
         }
     }
 
-    /// The corrections that the control's inputs carried last with a confirmed write, axis by axis.
-    pub(crate) fn taken(&self) -> Option<PerChannel<f64>> {
-        self.has_taken.then_some(self.taken)
+    /// The corrections that the control's inputs carried last with a confirmed write, axis by axis; `None` for an axis
+    /// that was not written yet.
+    pub(crate) fn taken(&self) -> &PerChannel<Option<f64>> {
+        &self.taken
     }
 
     /// The correction that the lines carry now, from before the first write on, as far as the device tells; where several
@@ -55,7 +54,8 @@ impl Outputs {
     /// the latch alone.
     ///
     /// # Errors
-    /// See [`DigitalIo::write`]. What was sent does not advance then.
+    /// See [`DigitalIo::write`]. What was sent does not advance then. Nothing is written while the levels of outputs that
+    /// carry nothing are not known, unless the device cannot tell them.
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -64,6 +64,12 @@ impl Outputs {
         deadline: Instant,
     ) -> Result<(), Fault> {
         let confirmed = io.confirmed();
+        let has_others = wiring.leaves_outputs(io.outputs());
+        if confirmed.is_none() && has_others && io.tells_outputs() {
+            return Err(Fault::Unsupported(
+                "writing beside outputs whose levels are not known",
+            ));
+        }
         let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed);
         io.write(levels, deadline)?;
         (self.latching, self.latch) = (next, levels & wiring.latch_bit());
@@ -123,8 +129,7 @@ impl Outputs {
             self.carried = Some(carried);
         }
         if wrote {
-            self.taken[index] = correction;
-            self.has_taken = true;
+            self.taken[index] = Some(correction);
         }
     }
 }

@@ -69,6 +69,16 @@ impl Panel {
         }
     }
 
+    /// The lines to the control have these levels, as another program has left them.
+    pub fn left_at(&self, levels: u64) {
+        self.inside().outputs = levels;
+    }
+
+    /// The levels of the lines to the control.
+    pub fn levels(&self) -> u64 {
+        self.inside().outputs
+    }
+
     /// What the lines to the control carry.
     pub fn word(&self) -> PanelWord {
         self.inside().word()

@@ -135,6 +135,12 @@ impl Wiring {
         self.latch.map_or(0, |line| 1 << line)
     }
 
+    /// Whether some of so many outputs carry nothing.
+    pub(crate) fn leaves_outputs(&self, outputs: u32) -> bool {
+        let there = u64::MAX.checked_shr(64 - outputs.min(64)).unwrap_or(0);
+        there & !self.used_outputs() != 0
+    }
+
     /// The inputs that must agree between two readings.
     pub(crate) fn used_inputs(&self) -> u64 {
         self.inputs().fold(0, |used, line| used | 1 << line)

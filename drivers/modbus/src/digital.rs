@@ -13,7 +13,7 @@ use volcomp_port::{Backoff, DeviceError, DigitalIo, Fault, InputLevels, Unopened
 
 use crate::{
     bus::{Bus, no_thread},
-    exchange::{Exchanger, Image, OUTPUT_TRIES, Wanted},
+    exchange::{Exchanger, Image, Wanted},
     profile::{Digital, Profile},
 };
 
@@ -115,8 +115,12 @@ impl ModbusDigital {
             wanted: taken,
             images: into,
             stop: Arc::clone(&stop),
-            image: Image::default(),
-            tries_left: if outputs > 0 { OUTPUT_TRIES } else { 0 },
+            image: Image {
+                cannot_tell: outputs == 0,
+                ..Image::default()
+            },
+            tries: 0,
+            skips: false,
         };
         std::thread::Builder::new()
             .name("modbus-io".to_owned())
@@ -261,5 +265,9 @@ impl DigitalIo for ModbusDigital {
 
     fn confirmed(&self) -> Option<u64> {
         self.images.output_buffer().outputs
+    }
+
+    fn tells_outputs(&self) -> bool {
+        !self.images.output_buffer().cannot_tell
     }
 }

@@ -21,8 +21,12 @@ use crate::{
 /// So many equal answers tell what the outputs of a module are: one wrong answer is not believed.
 const EQUAL_ANSWERS: u32 = 3;
 
-/// Connections in a row that may break while the modules are asked for the levels of their outputs.
-pub(crate) const OUTPUT_TRIES: u8 = 3;
+/// So many questions in a row for the levels of the outputs may break their connection or stay without an answer. Then
+/// nobody asks over this connection, or over the next one where this one broke.
+const OUTPUT_TRIES: u8 = 3;
+
+/// The exceptions by which a module says that it does not have a function, or not for these outputs.
+const NO_SUCH_FUNCTION: [u8; 2] = [1, 2];
 
 /// Outputs that are to be written.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +48,8 @@ pub(crate) struct Image {
     /// The levels that the modules confirmed last: those of the last write that all of them took, before it those that
     /// they told of themselves.
     pub(crate) outputs: Option<u64>,
+    /// A module has said that it cannot tell the levels of its outputs.
+    pub(crate) cannot_tell: bool,
     /// The last write that all modules took.
     pub(crate) taken: u64,
     /// The last write that failed, and why.
@@ -60,30 +66,33 @@ pub(crate) struct Exchanger {
     pub(crate) images: Input<Image>,
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
-    /// At so many connections in a row that broke meanwhile the modules are still asked for the levels of their outputs.
-    pub(crate) tries_left: u8,
+    /// Questions in a row for the levels of the outputs that broke the connection or were not answered.
+    pub(crate) tries: u8,
+    /// Nobody asks for them over this connection.
+    pub(crate) skips: bool,
 }
 
 impl Exchanger {
     pub(crate) async fn run(mut self) {
         let mut pause = Duration::ZERO;
         while !self.stopped() {
-            if let Ok(mut line) = self.bus.connect(self.answer_within * 4).await {
+            let mut lived = Duration::ZERO;
+            if let Ok(mut line) = self.bus.connect(self.answer_within * 4).await
+                && self.begin(&mut line).await.is_ok()
+            {
                 let born = Instant::now();
-                if self.begin(&mut line).await.is_ok() {
-                    while !self.stopped()
-                        && self.exchange(&mut line).await != Err(Unanswered::Broken)
-                    {
+                while !self.stopped() {
+                    match self.exchange(&mut line).await {
+                        Ok(()) => lived = born.elapsed(),
+                        Err(Unanswered::Broken) => break,
+                        Err(Unanswered::Silent | Unanswered::Refused(_)) => {}
                     }
-                }
-                if born.elapsed() > self.backoff.most {
-                    pause = Duration::ZERO;
                 }
             }
             self.image.connected = false;
             self.image.inputs = None;
             self.images.write(self.image);
-            pause = (pause * 2).clamp(self.backoff.first, self.backoff.most);
+            pause = self.backoff.next(pause, lived);
             let end = Instant::now() + pause;
             while !self.stopped() && Instant::now() < end {
                 tokio::time::sleep(pause.min(Duration::from_millis(20))).await;
@@ -102,56 +111,82 @@ impl Exchanger {
         if number > self.image.taken {
             self.image.failed = Some((number, Fault::Disconnected));
         }
-        if self.tries_left > 0 {
-            // Asking may break the connection: after some that broke they do without.
-            self.tries_left -= 1;
-            self.image.outputs = self.found_outputs(line).await?;
-            self.tries_left = OUTPUT_TRIES;
-        } else {
-            self.image.outputs = None;
+        self.image.outputs = None;
+        self.skips = self.tries >= OUTPUT_TRIES;
+        if self.skips {
+            self.tries = 0;
         }
+        self.ask_outputs(line).await?;
         self.image.connected = true;
         self.images.write(self.image);
         Ok(())
     }
 
-    /// The levels of the outputs as the modules tell them three times in a row; `None` where one does not tell, or tells
-    /// one thing and another.
-    async fn found_outputs(&self, line: &mut Line) -> Result<Option<u64>, Unanswered> {
-        let first = self.outputs(line).await?;
-        for _ in 1..EQUAL_ANSWERS {
-            if first.is_none() || self.outputs(line).await? != first {
-                return Ok(None);
+    /// Asks for the levels of the outputs where they are not known and the modules can tell them: what they tell three
+    /// times in a row is known.
+    async fn ask_outputs(&mut self, line: &mut Line) -> Result<(), Unanswered> {
+        let is_known = self.image.outputs.is_some() || self.image.cannot_tell;
+        if is_known || self.skips || self.tries >= OUTPUT_TRIES {
+            return Ok(());
+        }
+        self.tries += 1;
+        let mut before = None;
+        for _ in 0..EQUAL_ANSWERS {
+            let found = match self.outputs(line).await {
+                Ok(found) => found,
+                Err(Unanswered::Broken) => return Err(Unanswered::Broken),
+                Err(Unanswered::Silent) => return Ok(()),
+                Err(Unanswered::Refused(code)) => {
+                    self.image.cannot_tell = NO_SUCH_FUNCTION.contains(&code);
+                    before = None;
+                    break;
+                }
+            };
+            if before.replace(found).is_some_and(|before| before != found) {
+                before = None;
+                break;
             }
         }
-        Ok(first)
+        self.tries = 0;
+        self.image.outputs = before;
+        Ok(())
     }
 
-    /// The levels of the outputs by the modules; `None` where one does not tell.
-    async fn outputs(&self, line: &mut Line) -> Result<Option<u64>, Unanswered> {
+    /// The levels of the outputs by the modules.
+    async fn outputs(&self, line: &mut Line) -> Result<u64, Unanswered> {
         let (mut levels, mut first) = (0, 0_u32);
         for (unit, digital) in self.lines.iter().filter(|(_, d)| d.outputs > 0) {
             let request = Request::ReadCoils(digital.output_address, digital.outputs);
-            match line.ask(*unit, request, self.answer_within).await {
-                Ok(Response::ReadCoils(bits)) => levels |= gathered(&bits, digital.outputs, first),
-                Err(Unanswered::Broken) => return Err(Unanswered::Broken),
-                Ok(_) | Err(Unanswered::Silent | Unanswered::Refused(_)) => return Ok(None),
-            }
+            let Response::ReadCoils(bits) = line.ask(*unit, request, self.answer_within).await?
+            else {
+                return Err(Unanswered::Refused(0));
+            };
+            levels |= gathered(&bits, digital.outputs, first);
             first += u32::from(digital.outputs);
         }
-        Ok(Some(levels))
+        Ok(levels)
     }
 
     /// Reads all inputs, and writes all outputs where that was asked for since.
     async fn exchange(&mut self, line: &mut Line) -> Result<(), Unanswered> {
         let read = self.inputs(line).await;
-        let written = match read {
-            Err(Unanswered::Broken) => Ok(()),
-            _ => self.write(line).await,
+        let asked = match read {
+            Ok(()) => self.ask_outputs(line).await,
+            Err(_) => Ok(()),
         };
+        let written = if [read, asked].contains(&Err(Unanswered::Broken)) {
+            Ok(())
+        } else {
+            self.write(line).await
+        };
+        if [read, written].contains(&Err(Unanswered::Silent)) {
+            // A module that was silent may have been without power: what its outputs are it is asked anew.
+            self.image.outputs = None;
+            self.tries = 0;
+        }
         self.images.write(self.image);
-        // A connection that broke while it was written must not hide behind a refused reading.
-        written.and(read)
+        // A connection that broke later must not hide behind a refused reading.
+        written.and(asked).and(read)
     }
 
     async fn inputs(&mut self, line: &mut Line) -> Result<(), Unanswered> {

@@ -174,18 +174,16 @@ impl Poller {
     async fn run(mut self) {
         let mut pause = Duration::ZERO;
         while !self.stopped() {
+            let mut lived = Duration::ZERO;
             match self.config.bus.connect(self.config.answer_within * 4).await {
                 Ok(mut line) => {
                     let born = Instant::now();
                     self.rounds(&mut line).await;
-                    if born.elapsed() > self.config.backoff.most {
-                        pause = Duration::ZERO;
-                    }
+                    lived = born.elapsed();
                 }
                 Err(_) => self.all_bad(),
             }
-            let Backoff { first, most } = self.config.backoff;
-            pause = (pause * 2).clamp(first, most);
+            pause = self.config.backoff.next(pause, lived);
             self.sleep(pause).await;
         }
     }

@@ -54,6 +54,12 @@ pub trait DigitalIo: Send {
     /// The levels of the outputs that the device confirmed last: those of the last write that it took, before the first
     /// one those that it was found with. `None` where they are not known.
     fn confirmed(&self) -> Option<u64>;
+
+    /// Whether the device can tell the levels of its outputs. Where it cannot, or has said that it has no such function,
+    /// outputs that carry nothing are written as off; otherwise nothing is written until their levels are known.
+    fn tells_outputs(&self) -> bool {
+        true
+    }
 }
 
 impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
@@ -83,5 +89,9 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
 
     fn confirmed(&self) -> Option<u64> {
         (**self).confirmed()
+    }
+
+    fn tells_outputs(&self) -> bool {
+        (**self).tells_outputs()
     }
 }

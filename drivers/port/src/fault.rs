@@ -28,6 +28,10 @@ pub enum Fault {
     /// Another gateway corrects this controller.
     #[error("another gateway moves the heartbeat")]
     OtherGateway,
+    /// Not every axis has its correction yet: they get them one after the other over lines that they share. Writing the
+    /// same corrections again goes on with it.
+    #[error("not every axis is written yet")]
+    Unfinished,
     /// The device cannot do this.
     #[error("not supported: {0}")]
     Unsupported(&'static str),

@@ -19,7 +19,7 @@ use crate::{DeviceError, Fault};
 pub struct Backoff {
     /// After the first failure; doubled with every further one.
     pub first: Duration,
-    /// At the most. After a connection that lived for ten times `first` it begins anew.
+    /// At the most. After a connection that lived for longer than `first` it begins anew.
     pub most: Duration,
 }
 
@@ -34,8 +34,15 @@ impl Default for Backoff {
 }
 
 impl Backoff {
-    fn after(self, before: Duration) -> Duration {
-        (before * 2).clamp(self.first, self.most)
+    /// The pause after the one before. `lived`: how long the connection lasted that was lost; zero where none was made.
+    #[must_use]
+    pub fn next(self, before: Duration, lived: Duration) -> Duration {
+        let doubled = if lived > self.first {
+            self.first
+        } else {
+            before.saturating_mul(2).max(self.first)
+        };
+        doubled.min(self.most)
     }
 }
 
@@ -183,6 +190,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
     fn run(mut self) {
         let mut pause = Duration::ZERO;
         while !self.ends() {
+            let mut lived = Duration::ZERO;
             match (self.open)() {
                 Ok(connection) => {
                     self.note(None);
@@ -194,13 +202,11 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
                     }
                     let Some(dead) = self.dead() else { return };
                     drop(dead);
-                    if born.elapsed() > self.backoff.first * 10 {
-                        pause = Duration::ZERO;
-                    }
+                    lived = born.elapsed();
                 }
                 Err(error) => self.note(Some(error)),
             }
-            pause = self.backoff.after(pause);
+            pause = self.backoff.next(pause, lived);
             self.rest(pause);
         }
     }

@@ -97,6 +97,10 @@ pub(crate) struct Module {
     /// there are none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) not_proven: Option<String>,
+    /// Whether the module tells the levels of its outputs; left out when it has none. Where it does not, outputs that carry
+    /// no correction are switched off when a correction is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) outputs_told: Option<bool>,
 }
 
 /// The traffic that was seen on a CAN bus.
@@ -215,6 +219,7 @@ impl From<&devices::Facts> for Facts {
             devices::Facts::Module(facts) => Self::Module(Module {
                 profile: facts.profile.clone(),
                 not_proven: (!facts.unproven.is_empty()).then(|| facts.unproven.join("; ")),
+                outputs_told: facts.outputs_told,
             }),
             devices::Facts::Bus(facts) => Self::Bus(Bus {
                 frames: facts

@@ -157,11 +157,18 @@ fn told(facts: &Facts) -> String {
             facts.round_trip_max_us
         ),
         Facts::Module(facts) => {
-            let profile = format!("profile: {}\n", facts.profile);
-            match &facts.not_proven {
-                Some(parts) => format!("{profile}not proven: {parts}\n"),
-                None => profile,
-            }
+            let not_proven = match &facts.not_proven {
+                Some(parts) => format!("not proven: {parts}\n"),
+                None => String::new(),
+            };
+            let untold = match facts.outputs_told {
+                Some(false) => {
+                    "levels of the outputs: not told by the module; outputs that carry no correction are\n\
+                     switched off when a correction is written\n"
+                }
+                _ => "",
+            };
+            format!("profile: {}\n{not_proven}{untold}", facts.profile)
         }
         Facts::Bus(facts) => format!("frames: {}\nerrors: {}\n", facts.frames, facts.errors),
     }

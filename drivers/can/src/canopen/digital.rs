@@ -110,6 +110,10 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }
+
+    fn tells_outputs(&self) -> bool {
+        false
+    }
 }
 
 /// The frame with a node's output lines: process data that it receives, number 1.

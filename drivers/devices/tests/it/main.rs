@@ -192,6 +192,36 @@ fn errors_have_kinds() {
     }
 }
 
+/// A module that has no function to tell its outputs says so, and so does the probe.
+#[test]
+fn a_module_that_does_not_tell_its_outputs_is_named() {
+    use std::io::{Read, Write};
+    for tells in [true, false] {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut request = [0; 12];
+            while stream.read_exact(&mut request).is_ok() {
+                let body = match request[7] {
+                    1 if !tells => vec![0x81, 1],
+                    function => vec![function, 1, 0b101],
+                };
+                let length = u8::try_from(body.len() + 1).unwrap();
+                let answer = [&request[..4], &[0, length, request[6]], &body].concat();
+                stream.write_all(&answer).unwrap();
+            }
+        });
+        let url = format!("modbus://127.0.0.1:{port}?profile=WAVESHARE-IO-8CH");
+        let found = probe(&Address::parse(&url).unwrap(), Duration::from_secs(5)).unwrap();
+        assert_eq!(found.inputs[..3], [true, false, true]);
+        let Some(Facts::Module(module)) = found.facts else {
+            panic!("{:?}", found.facts);
+        };
+        assert_eq!(module.outputs_told, Some(tells));
+    }
+}
+
 /// Nothing is taken by listing, and a computer without any device gives empty lists.
 #[test]
 fn what_there_is_can_be_listed() {

@@ -4,149 +4,58 @@ use std::{
 };
 
 use volcomp_digital_io::{
-    Coherence, CorrectionCode, CorrectionWord, DigitalAxis, DigitalController, PositionCode,
-    PositionWord, Wiring,
+    Coherence, CorrectionCode, CorrectionWord, DigitalAxis, DigitalController, LowBits, Panel,
+    PositionCode, PositionWord, Wiring,
 };
-use volcomp_port::{Controller, DigitalIo, Fault, InputLevels, ShownStates, contract};
+use volcomp_port::{
+    Controller, Fault, MockDigitalIo, ShownStates, contract,
+    inject::{Faults, Faulty, Injection},
+};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, PerChannel, Urad};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_millis(200)
 }
 
-/// A control on the other side of the lines: shows axis after axis and takes corrections for the one it
-/// shows.
-struct Control {
-    wiring: Wiring,
-    axes: Vec<DigitalAxis>,
-    positions: Vec<f64>,
-    corrections: Vec<f64>,
-    shown: usize,
-    readings: usize,
-    hold: usize,
-    /// The levels of its inputs.
-    levels: u64,
-    /// Whether writes fail.
-    refuses: bool,
-}
-
-#[derive(Clone)]
-struct Panel(Arc<Mutex<Control>>);
-
-impl Panel {
-    fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
-        let count = axes.len();
-        Self(Arc::new(Mutex::new(Control {
-            wiring,
-            axes,
-            positions: vec![0.0; count],
-            corrections: vec![0.0; count],
-            shown: 0,
-            readings: 0,
-            hold: 5,
-            levels: 0,
-            refuses: false,
-        })))
-    }
-}
-
-impl DigitalIo for Panel {
-    fn device(&self) -> &'static str {
-        "panel"
-    }
-
-    fn inputs(&self) -> u32 {
-        20
-    }
-
-    fn outputs(&self) -> u32 {
-        10
-    }
-
-    fn shortest_cycle(&self) -> Duration {
-        Duration::from_micros(10)
-    }
-
-    fn read(&mut self, _: Instant) -> Result<InputLevels, Fault> {
-        let mut control = self.0.lock().unwrap();
-        control.readings += 1;
-        if control.readings.is_multiple_of(control.hold) {
-            control.shown = (control.shown + 1) % control.axes.len();
-        }
-        let shown = control.shown;
-        let word = control.axes[shown]
-            .position
-            .encode(control.positions[shown]);
-        let number = u32::try_from(shown).unwrap();
-        Ok(InputLevels::now(control.wiring.control_outputs(
-            word.unwrap_or(0),
-            number,
-            true,
-        )))
-    }
-
-    fn write(&mut self, levels: u64, _: Instant) -> Result<(), Fault> {
-        let mut control = self.0.lock().unwrap();
-        if control.refuses {
-            return Err(Fault::Disconnected);
-        }
-        let turned = control.levels ^ levels;
-        control.levels = levels;
-        let latch = control.wiring.latch.map_or(0, |line| 1 << line);
-        if latch != 0 {
-            if turned & latch == 0 {
-                return Ok(());
-            }
-            assert_eq!(turned, latch, "the latch turns alone");
-        }
-        let (word, axis) = control.wiring.control_inputs(levels);
-        let shown = control.shown;
-        // The ladder takes it only for the axis that it shows.
-        if usize::try_from(axis).unwrap() == shown {
-            control.corrections[shown] = control.axes[shown].correction.decode(word).unwrap();
-        }
-        Ok(())
-    }
-
-    fn confirmed(&self) -> Option<u64> {
-        Some(self.0.lock().unwrap().levels)
-    }
+/// A panel and the controller on it: two readings must agree.
+fn on_panel(wiring: &Wiring, axes: &[DigitalAxis]) -> (Panel, DigitalController<Panel>) {
+    let panel = Panel::new(wiring.clone(), axes.to_vec());
+    let controller = DigitalController::new(
+        panel.clone(),
+        "lines",
+        wiring.clone(),
+        Coherence::TwoAgree,
+        axes.to_vec(),
+    );
+    (panel, controller.unwrap())
 }
 
 #[test]
 fn the_published_scheme() {
     let axis = DigitalAxis::published(AxisName::X);
-    let panel = Panel::new(Wiring::published(), vec![axis]);
-    let mut controller = DigitalController::new(
-        panel.clone(),
-        "lines",
-        Wiring::published(),
-        Coherence::TwoAgree,
-        vec![axis],
-    )
-    .unwrap();
+    let (panel, mut controller) = on_panel(&Wiring::published(), &[axis]);
     contract::controller(&mut controller);
     // 1000 mm and back; a correction of 100 um a metre.
     for step in 0..=200 {
         let place = 1000.0 - 10.0 * f64::from(i32::abs(step - 100));
-        panel.0.lock().unwrap().positions[0] = place;
+        panel.shows(0, place);
         let snapshot = controller.read(soon()).unwrap();
         assert!((snapshot.positions[0] - place).abs() <= 1.0 / 64.0);
         let mut wanted = PerChannel::ZERO;
         wanted[0] = -1e-4 * snapshot.positions[0];
         controller.apply(&wanted, soon()).unwrap();
-        let sent = panel.0.lock().unwrap().corrections[0];
+        let sent = panel.correction().unwrap();
         // Half a micrometre, and what 1/64 mm of position makes.
         assert!(
             (sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0,
             "{sent} at {place}"
         );
-        assert_eq!(controller.sent().unwrap()[0], sent);
+        assert_eq!(controller.sent()[0], Some(sent));
     }
     assert_eq!(controller.saturated(), 0);
     controller.apply(&PerChannel([0.2; 9]), soon()).unwrap();
     assert_eq!(controller.saturated(), 1);
-    assert!((panel.0.lock().unwrap().corrections[0] - 0.127).abs() < 1e-12);
+    assert!((panel.correction().unwrap() - 0.127).abs() < 1e-12);
 }
 
 /// Three axes in turn over the same lines, each corrected only while it is shown.
@@ -171,31 +80,47 @@ fn several_axes_take_turns() {
         ..DigitalAxis::published(name)
     };
     let axes = vec![axis(AxisName::X), axis(AxisName::Y), axis(AxisName::Z)];
-    let panel = Panel::new(wiring.clone(), axes.clone());
-    panel.0.lock().unwrap().positions = vec![10.0, 20.0, 30.0];
-    let mut controller =
-        DigitalController::new(panel.clone(), "lines", wiring, Coherence::TwoAgree, axes).unwrap();
+    let (panel, mut controller) = on_panel(&wiring, &axes);
     let wanted = PerChannel::leading([0.011, -0.022, 0.033]);
+    for (axis, place) in [10.0, 20.0, 30.0].into_iter().enumerate() {
+        panel.shows(axis, place);
+        let snapshot = controller.read(Instant::now() + Duration::from_millis(10));
+        assert_eq!(snapshot.is_ok(), axis == 2, "not all are seen before");
+    }
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.positions[..4], [10.0, 20.0, 30.0, 0.0]);
-    assert_eq!(snapshot.applied, None, "lines cannot be asked");
-    for _ in 0..20 {
+    assert_eq!(
+        snapshot.applied, None,
+        "the lines carry one of the axes only"
+    );
+    for (axis, place) in [10.0, 20.0, 30.0].into_iter().enumerate() {
+        panel.shows(axis, place);
         controller.read(soon()).unwrap();
-        controller.apply(&wanted, soon()).unwrap();
+        let written = controller.apply(&wanted, soon());
+        let expected = if axis == 2 {
+            Ok(())
+        } else {
+            Err(Fault::Unfinished)
+        };
+        assert_eq!(written, expected, "axis {axis}");
+        assert_eq!(panel.word().axis, axis);
+        assert!((panel.correction().unwrap() - wanted[axis]).abs() < 1e-12);
     }
-    let taken = panel.0.lock().unwrap().corrections.clone();
-    for (taken, wanted) in taken.iter().zip(wanted) {
-        assert!((taken - wanted).abs() < 1e-12, "{taken:?}");
-    }
+    // Other corrections: the axes that are not shown do not have them yet.
+    let others = PerChannel::leading([0.011, -0.022, 0.034]);
+    assert_eq!(controller.apply(&others, soon()), Ok(()));
+    assert_eq!(
+        controller.apply(&wanted.map(|x| -x), soon()),
+        Err(Fault::Unfinished)
+    );
     // A control that stops at one axis: the others grow old.
-    panel.0.lock().unwrap().hold = usize::MAX;
     let first = controller.read(soon()).unwrap().taken;
     std::thread::sleep(Duration::from_millis(5));
     assert_eq!(controller.read(soon()).unwrap().taken, first);
 }
 
-#[test]
-fn low_bits_follow_a_long_axis() {
+/// Eight lines of 0.01 mm: the word goes round every 2.56 mm.
+fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
     let axis = DigitalAxis {
         position: PositionWord {
             bits: 8,
@@ -203,28 +128,44 @@ fn low_bits_follow_a_long_axis() {
             step: Displacement::Length(Mm(0.01)),
             zero: Displacement::Length(Mm(0.0)),
         },
-        low_bits_from: Some(Displacement::Length(Mm(0.0))),
+        low_bits: Some(LowBits {
+            from: Displacement::Length(Mm(0.0)),
+            most_per_s: Displacement::Length(Mm(most_per_s)),
+        }),
         ..DigitalAxis::published(AxisName::X)
     };
     let wiring = Wiring {
         position: (0..8).collect(),
-        correction: (0..8).collect(),
-        ..Wiring::default()
+        ..Wiring::published()
     };
-    let panel = Panel::new(wiring.clone(), vec![axis]);
-    let mut controller = DigitalController::new(
-        panel.clone(),
-        "lines",
-        wiring,
-        Coherence::TwoAgree,
-        vec![axis],
-    )
-    .unwrap();
+    on_panel(&wiring, &[axis])
+}
+
+#[test]
+fn low_bits_follow_a_long_axis() {
+    // Half of 2.56 mm is allowed within 12.8 s.
+    let (panel, mut controller) = low_bits(0.1);
     for step in 0..5000 {
         let place = f64::from(step);
-        panel.0.lock().unwrap().positions[0] = place % 2.56;
+        panel.shows(0, f64::from(step * 100 % 256) * 0.01);
         let found = controller.read(soon()).unwrap().positions[0];
         assert!((found - place).abs() < 0.011, "{found} at {place}");
+    }
+}
+
+/// Nobody reads for so long that the axis may have moved by half of what the word can say: where it is nobody knows. It was
+/// told as before, wrong by a whole turn of the word, with a fresh time.
+#[test]
+fn a_pause_does_not_lose_turns_of_low_bits() {
+    // 1.28 mm take 32 ms.
+    let (panel, mut controller) = low_bits(40.0);
+    assert!(controller.read(soon()).is_ok());
+    std::thread::sleep(Duration::from_millis(35));
+    panel.shows(0, 1.0);
+    for _ in 0..2 {
+        let found = controller.read(soon());
+        let text = found.unwrap_err().to_string();
+        assert!(text.contains("must be referenced again"), "{text}");
     }
 }
 
@@ -239,22 +180,19 @@ fn an_axis_that_is_not_configured_is_a_fault() {
     };
     let mut axis = DigitalAxis::published(AxisName::X);
     axis.correction.bits = 7;
-    let panel = Panel::new(wiring.clone(), vec![axis; 3]);
+    let three = [AxisName::X, AxisName::Y, AxisName::Z].map(|name| DigitalAxis { name, ..axis });
+    let panel = Panel::new(wiring.clone(), three.to_vec());
     let mut controller = DigitalController::new(
-        panel,
+        panel.clone(),
         "lines",
         wiring.clone(),
         Coherence::TwoAgree,
-        [AxisName::X, AxisName::Y]
-            .map(|name| DigitalAxis { name, ..axis })
-            .to_vec(),
+        three[..2].to_vec(),
     )
     .unwrap();
-    let mut faults = Vec::new();
-    for _ in 0..20 {
-        faults.extend(controller.read(soon()).err());
-    }
-    assert!(faults.contains(&Fault::Protocol("an axis is shown that is not configured")));
+    panel.shows(2, 0.0);
+    let unknown = Fault::Protocol("an axis is shown that is not configured");
+    assert_eq!(controller.read(soon()), Err(unknown));
     let strobe = DigitalController::new(
         Panel::new(wiring.clone(), vec![axis]),
         "lines",
@@ -299,7 +237,7 @@ fn units_follow_the_kind_of_the_axis() {
     controller
         .apply(&PerChannel::leading([7e-6]), soon())
         .unwrap();
-    assert!((controller.sent().unwrap()[0] - 5e-6).abs() < 1e-18);
+    assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
 /// With a latch the control takes a correction at its edge only, which comes with the write after the word; what counts as
@@ -313,35 +251,44 @@ fn a_latch_turns_one_write_after_the_word() {
     };
     let panel = Panel::new(wiring.clone(), vec![axis]);
     // As another program left the lines: the latch at 1, a tenth line that is not ours.
-    panel.0.lock().unwrap().levels = 0x305;
+    panel.left_at(0x305);
+    let taken = Arc::new(Mutex::new((panel.word(), 0)));
+    let takes = Arc::clone(&taken);
+    panel.on_write(move |word| {
+        let (before, taken) = &mut *takes.lock().unwrap();
+        if word.latch != before.latch {
+            assert_eq!(word.counts, before.counts, "the latch turns alone");
+            *taken = word.counts.unwrap();
+        }
+        *before = word;
+    });
+    let port = Faulty::new(panel.clone(), Faults::default(), 1);
+    let wire = port.remote();
     let coherence = Coherence::TwoAgree;
     let mut controller =
-        DigitalController::new(panel.clone(), "lines", wiring, coherence, vec![axis]).unwrap();
+        DigitalController::new(port, "lines", wiring, coherence, vec![axis]).unwrap();
     controller.read(soon()).unwrap();
-    assert_eq!(controller.sent(), None);
+    assert_eq!(controller.sent()[0], None);
     let mut apply = |um: f64| {
         let applied = controller.apply(&PerChannel::leading([um * 1e-3]), soon());
-        let control = panel.0.lock().unwrap();
-        let taken = (control.corrections[0] * 1e3).round();
-        let sent = controller.sent().map(|sent| (sent[0] * 1e3).round());
-        (applied.is_ok(), control.levels, taken, sent)
+        let sent = controller.sent()[0].map(|sent| (sent * 1e3).round());
+        (
+            applied.is_ok(),
+            panel.levels(),
+            taken.lock().unwrap().1,
+            sent,
+        )
     };
-    assert_eq!(apply(7.0), (true, 0x307, 0.0, None), "the word alone");
-    assert_eq!(apply(8.0), (true, 0x207, 7.0, Some(7.0)), "the latch alone");
-    assert_eq!(apply(9.0), (true, 0x209, 7.0, Some(7.0)));
-    panel.0.lock().unwrap().refuses = true;
-    let mut apply = |um: f64| {
-        let applied = controller.apply(&PerChannel::leading([um * 1e-3]), soon());
-        let sent = controller.sent().map(|sent| (sent[0] * 1e3).round());
-        (applied, panel.0.lock().unwrap().levels, sent)
-    };
+    assert_eq!(apply(7.0), (true, 0x307, 0, None), "the word alone");
+    assert_eq!(apply(8.0), (true, 0x207, 7, Some(7.0)), "the latch alone");
+    assert_eq!(apply(9.0), (true, 0x209, 7, Some(7.0)));
+    wire.inject(Injection::Disconnect { calls: 3 });
     for _ in 0..3 {
-        assert_eq!(apply(20.0), (Err(Fault::Disconnected), 0x209, Some(7.0)));
+        assert_eq!(apply(20.0), (false, 0x209, 7, Some(7.0)));
     }
-    panel.0.lock().unwrap().refuses = false;
-    assert_eq!(apply(20.0), (Ok(()), 0x309, Some(9.0)));
-    assert_eq!(apply(20.0), (Ok(()), 0x314, Some(9.0)));
-    assert_eq!(apply(20.0), (Ok(()), 0x214, Some(20.0)));
+    assert_eq!(apply(20.0), (true, 0x309, 9, Some(9.0)));
+    assert_eq!(apply(20.0), (true, 0x314, 9, Some(9.0)));
+    assert_eq!(apply(20.0), (true, 0x214, 20, Some(20.0)));
 }
 
 /// A write that failed changes nothing of what counts as sent, and a write whose deadline has passed is not made.
@@ -350,19 +297,52 @@ fn a_write_that_failed_was_not_sent() {
     let axis = DigitalAxis::published(AxisName::X);
     let wiring = Wiring::published();
     let panel = Panel::new(wiring.clone(), vec![axis]);
+    let port = Faulty::new(panel.clone(), Faults::default(), 1);
+    let wire = port.remote();
     let coherence = Coherence::TwoAgree;
     let mut controller =
-        DigitalController::new(panel.clone(), "lines", wiring, coherence, vec![axis]).unwrap();
+        DigitalController::new(port, "lines", wiring, coherence, vec![axis]).unwrap();
     assert_eq!(controller.description().shown, ShownStates::NONE);
     let um = |um: f64| PerChannel::leading([um * 1e-3]);
     controller.apply(&um(40.0), soon()).unwrap();
-    panel.0.lock().unwrap().refuses = true;
+    wire.inject(Injection::Disconnect { calls: 1 });
     let refused = controller.apply(&um(41.0), soon());
-    assert_eq!(refused, Err(Fault::Disconnected));
-    assert!((controller.sent().unwrap()[0] - 0.040).abs() < 1e-12);
-    panel.0.lock().unwrap().refuses = false;
+    assert_eq!(refused, Err(Fault::NotConnected));
+    assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
     let late = controller.apply(&um(42.0), Instant::now());
     assert_eq!(late, Err(Fault::TimedOut));
-    assert_eq!(panel.0.lock().unwrap().levels, 40);
-    assert!((controller.sent().unwrap()[0] - 0.040).abs() < 1e-12);
+    assert_eq!(panel.levels(), 40);
+    assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
+}
+
+/// Beside the lines of the correction there are others, and nobody knows their levels: nothing is written, until they are
+/// known or the device says that it cannot tell them. They were switched off.
+#[test]
+fn nothing_is_written_beside_unknown_outputs() {
+    let axis = DigitalAxis::published(AxisName::X);
+    for (outputs, tells, is_written) in [(9_u32, true, false), (9, false, true), (8, true, true)] {
+        let writes = Arc::new(Mutex::new(0));
+        let written = Arc::clone(&writes);
+        let mut port = MockDigitalIo::new();
+        port.expect_device().return_const("lines".to_owned());
+        port.expect_inputs().return_const(15_u32);
+        port.expect_outputs().return_const(outputs);
+        port.expect_shortest_cycle().return_const(Duration::ZERO);
+        port.expect_confirmed().return_const(None);
+        port.expect_tells_outputs().return_const(tells);
+        port.expect_write().returning(move |_, _| {
+            *written.lock().unwrap() += 1;
+            Ok(())
+        });
+        let wiring = Wiring::published();
+        let coherence = Coherence::Latched;
+        let controller = DigitalController::new(port, "lines", wiring, coherence, vec![axis]);
+        let applied = controller.unwrap().apply(&PerChannel::ZERO, soon());
+        assert_eq!(
+            applied.is_ok(),
+            is_written,
+            "{outputs} {tells}: {applied:?}"
+        );
+        assert_eq!(*writes.lock().unwrap(), u32::from(is_written));
+    }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 
 use serde::{Serialize, de::DeserializeOwned};
-use volcomp_digital_io::{Coherence, CorrectionCode, DigitalAxis, PositionCode, Wiring};
+use volcomp_digital_io::{Coherence, CorrectionCode, DigitalAxis, LowBits, PositionCode, Wiring};
 use volcomp_vocabulary::{AxisName, Displacement, Mm};
 
 fn round<T: Serialize + DeserializeOwned + PartialEq + Debug>(value: &T) {
@@ -17,7 +17,10 @@ fn what_is_written_is_read_as_it_was() {
     round(&axis);
     axis.position.code = PositionCode::Gray;
     axis.correction.code = CorrectionCode::SignMagnitude;
-    axis.low_bits_from = Some(Displacement::Length(Mm(512.0)));
+    axis.low_bits = Some(LowBits {
+        from: Displacement::Length(Mm(512.0)),
+        most_per_s: Displacement::Length(Mm(500.0)),
+    });
     round(&axis);
     round(&Wiring {
         parity: Some(15),

@@ -254,21 +254,28 @@ fn a_pulled_wire_comes_back() {
 #[test]
 fn digital_modules_make_one_port() {
     let Some(wire) = Wire::new() else { return };
-    let outputs = Arc::new(Mutex::new([0_u8; 2]));
+    let outputs = Arc::new(Mutex::new([0xf1, 0xf2]));
     let taken = Arc::clone(&outputs);
     let questions = Arc::new(Mutex::new(0_u32));
     let asked = Arc::clone(&questions);
+    let power = Arc::new(AtomicBool::new(true));
+    let has_power = Arc::clone(&power);
     let _modules = Modules::start(
         &wire,
         Box::new(move |question| {
             let unit = question[0];
             *asked.lock().unwrap() += 1;
+            let coils = &mut *taken.lock().unwrap();
+            if unit == 2 && !has_power.load(Ordering::Relaxed) {
+                coils[1] = 0;
+                return None;
+            }
             let answer = if question[1] == 2 {
                 vec![unit, 2, 1, 0x30 + unit]
             } else if question[1] == 1 {
-                vec![unit, 1, 1, 0xf0 + unit]
+                vec![unit, 1, 1, coils[usize::from(unit - 1)]]
             } else {
-                taken.lock().unwrap()[usize::from(unit - 1)] = question[7];
+                coils[usize::from(unit - 1)] = question[7];
                 question[..6].to_vec()
             };
             Some((Duration::ZERO, answer))
@@ -301,6 +308,16 @@ fn digital_modules_make_one_port() {
         "a thousand calls waited for {exchanged} questions"
     );
     until("it writes", || *outputs.lock().unwrap() == [0x5a, 0xa5]);
+    // One module is without power for a moment: what its outputs are then it is asked anew. They counted as written.
+    power.store(false, Ordering::Relaxed);
+    until("the loss is told", || {
+        port.read(soon) == Err(Fault::TimedOut)
+    });
+    power.store(true, Ordering::Relaxed);
+    until("it reads again", || port.read(soon).is_ok());
+    until("its outputs are known", || {
+        port.read(soon).is_ok() && port.confirmed() == Some(0x005a)
+    });
     drop(wire);
     until("the loss is told", || {
         matches!(port.read(soon), Err(Fault::NotConnected | Fault::TimedOut))

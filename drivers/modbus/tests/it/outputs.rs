@@ -1,6 +1,7 @@
 //! Outputs on a module of our own, over TCP: it can be silent or refuse, and counts what it was told.
 
 use std::{
+    collections::VecDeque,
     io::{ErrorKind, Read, Write},
     net::{SocketAddr, TcpListener, TcpStream},
     sync::{Arc, Mutex},
@@ -23,11 +24,26 @@ struct Inside {
     silent: bool,
     /// Refuses writes with exception 4.
     refuses: bool,
+    /// What it does with questions for its coils, the next one first; afterwards it answers.
+    coils_asked: VecDeque<Asked>,
+    /// How often it was asked for them.
+    questions: u32,
     /// How long reading the inputs of unit 2 takes.
     slow: Duration,
     /// Connections that the other side ended with a reset, and those that it closed.
     resets: u32,
     closes: u32,
+}
+
+/// What the module does with a question for its coils.
+#[derive(Clone, Copy, PartialEq)]
+enum Asked {
+    /// Ends the connection.
+    Breaks,
+    /// Refuses it with this exception.
+    Refuses(u8),
+    /// Tells these levels.
+    Tells(u8),
 }
 
 #[derive(Clone, Default)]
@@ -79,6 +95,16 @@ impl Module {
                     break;
                 }
                 let rest = request.split_off(length);
+                if request[7] == 1 {
+                    let next = self.0.lock().unwrap().coils_asked.front().copied();
+                    if next == Some(Asked::Breaks) {
+                        self.set(|inside| {
+                            inside.coils_asked.pop_front();
+                            inside.questions += 1;
+                        });
+                        return;
+                    }
+                }
                 if let Some(answer) = self.answer(&request) {
                     let _ = stream.write_all(&answer);
                 }
@@ -97,7 +123,14 @@ impl Module {
             return None;
         }
         let body = match function {
-            1 => vec![1, 1, inside.coils],
+            1 => {
+                inside.questions += 1;
+                match inside.coils_asked.pop_front() {
+                    Some(Asked::Refuses(exception)) => vec![0x81, exception],
+                    Some(Asked::Tells(levels)) => vec![1, 1, levels],
+                    Some(Asked::Breaks) | None => vec![1, 1, inside.coils],
+                }
+            }
             2 => vec![2, 1, inside.inputs],
             15 if inside.refuses => vec![0x8f, 4],
             15 => {
@@ -221,6 +254,43 @@ fn nothing_old_is_written_over_a_new_connection() {
     assert_eq!(port.write(10, soon()), Ok(()), "its loss was told already");
     until("it writes", || module.get(|inside| inside.writes == [10]));
     assert_eq!(module.get(|inside| inside.closes), 0);
+}
+
+/// The question for the coils goes wrong: it is asked again, over this connection or a later one, until the levels are
+/// known; of a module that refuses it as a function that it does not have they stay unknown, which is told. They were never
+/// asked again, and outputs that carry nothing were switched off.
+#[test]
+fn outputs_are_asked_for_until_they_are_known() {
+    use Asked::{Breaks, Refuses, Tells};
+    for (asked, known) in [
+        (vec![Breaks; 2], Some(0xa5)),
+        // After three that broke one connection does without; it breaks for another reason below.
+        (vec![Breaks; 5], Some(0xa5)),
+        // Busy, and one wrong answer.
+        (vec![Refuses(6), Tells(0xff)], Some(0xa5)),
+        (vec![Refuses(1)], None),
+    ] {
+        let (module, address) = Module::start();
+        let wrong = asked.len();
+        module.set(|inside| {
+            inside.coils = 0xa5;
+            inside.coils_asked = asked.into();
+        });
+        let mut port = open(address, &[1]);
+        if wrong == 5 {
+            until("it reads without asking", || reads(&mut port));
+            assert_eq!((port.confirmed(), port.tells_outputs()), (None, true));
+            assert_eq!(module.get(|inside| inside.questions), 3);
+            module.set(|inside| inside.silent = true);
+            until("the loss is told", || !reads(&mut port));
+            module.set(|inside| inside.silent = false);
+        }
+        until("it is known", || {
+            reads(&mut port) && (port.confirmed().is_some() || !port.tells_outputs())
+        });
+        assert_eq!(port.confirmed(), known);
+        assert_eq!(port.tells_outputs(), known.is_some());
+    }
 }
 
 /// The time of an image is the arrival of its oldest part: a second module that takes long makes it older.

@@ -61,4 +61,8 @@ impl<D: DigitalIo> DigitalIo for Faulty<D> {
     fn confirmed(&self) -> Option<u64> {
         self.device.confirmed()
     }
+
+    fn tells_outputs(&self) -> bool {
+        self.device.tells_outputs()
+    }
 }

@@ -56,6 +56,32 @@ fn a_lost_connection_comes_back_and_nothing_is_kept() {
     until(|| alive.load(Ordering::SeqCst) == 0);
 }
 
+/// Connections that are lost again and again, but each of which lasted longer than the first pause: the next one comes as
+/// soon as after the first loss. The pause went on doubling, up to 10 s.
+#[test]
+fn the_pause_does_not_grow_over_connections_that_worked() {
+    let backoff = Backoff {
+        first: Duration::from_millis(5),
+        most: Duration::from_secs(10),
+    };
+    let mut supply = Supply::new("test", backoff, || Ok(())).unwrap();
+    for round in 0..14 {
+        let connected = supply.wait(Duration::from_secs(2)).is_ok();
+        assert!(connected, "not again within 2 s of loss {round}");
+        std::thread::sleep(Duration::from_millis(20));
+        supply.lose();
+    }
+    // Without a connection it doubles, to the largest one.
+    let mut pause = Duration::ZERO;
+    let pauses = [5, 10, 20].map(Duration::from_millis);
+    for expected in pauses {
+        pause = backoff.next(pause, Duration::ZERO);
+        assert_eq!(pause, expected);
+    }
+    assert_eq!(backoff.next(backoff.most, Duration::ZERO), backoff.most);
+    assert_eq!(backoff.next(backoff.most, 2 * backoff.first), backoff.first);
+}
+
 /// The thread of the loop takes connections and gives them up without allocating, and without freeing what they hold.
 #[test]
 fn a_loop_neither_allocates_nor_frees() {

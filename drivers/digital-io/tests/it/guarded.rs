@@ -1,0 +1,162 @@
+//! Lines behind the guard, as whoever corrects over them uses both: what reaches the axes.
+
+use std::{
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+use volcomp_digital_io::{Coherence, DigitalAxis, DigitalController, Panel, Wiring};
+use volcomp_guard::{
+    AxisLimits, Guard, Inputs, Limits, Output, ReadBack, Reading, Request, State, Told, Wanted,
+};
+use volcomp_port::Controller;
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
+
+const PERIOD: Duration = Duration::from_millis(4);
+const GOAL: f64 = 0.025;
+
+fn limits(count: usize) -> Limits {
+    let axis = AxisLimits {
+        kind: AxisKind::Linear,
+        limit: 0.030,
+        warn: 0.030,
+        slew_per_s: 0.5,
+        accel_per_s2: f64::INFINITY,
+        resolution: 0.001,
+        includes_correction: false,
+    };
+    Limits {
+        axes: [axis; MAX_AXES],
+        count,
+        period: PERIOD,
+        hold: Duration::from_millis(200),
+        zero_after: Duration::from_millis(500),
+        ramp: Duration::from_millis(80),
+        test_shift: PerChannel::ZERO,
+        read_back_cycles: 1,
+    }
+}
+
+/// A guard that corrects over a panel.
+struct Rig {
+    panel: Panel,
+    controller: DigitalController<Panel>,
+    limits: Limits,
+    guard: Guard,
+    read_back: ReadBack,
+    now: Duration,
+}
+
+impl Rig {
+    fn new(wiring: Wiring, names: &[AxisName]) -> Self {
+        let axes: Vec<_> = names.iter().copied().map(DigitalAxis::published).collect();
+        let panel = Panel::new(wiring.clone(), axes.clone());
+        let coherence = Coherence::Latched;
+        let controller = DigitalController::new(panel.clone(), "lines", wiring, coherence, axes);
+        let limits = limits(names.len());
+        Self {
+            panel,
+            controller: controller.unwrap(),
+            guard: Guard::new(limits).unwrap(),
+            limits,
+            read_back: ReadBack::blind(None),
+            now: Duration::ZERO,
+        }
+    }
+
+    /// One cycle; `None` where the axes were not all seen yet.
+    fn cycle(&mut self, request: Option<Request>) -> Option<Output> {
+        self.now += PERIOD;
+        let now = self.now;
+        let snapshot = self.controller.read(Instant::now()).ok()?;
+        let told = snapshot.applied.map_or(Told::Nothing, Told::Values);
+        self.read_back.hear(now, now, &told, &self.limits);
+        let wanted = PerChannel::from_fn(|i| if i < self.limits.count { GOAL } else { 0.0 });
+        let out = self.guard.cycle(&Inputs {
+            now,
+            reading: Some(Reading {
+                taken: now,
+                positions: snapshot.positions,
+            }),
+            known: *self.read_back.known(),
+            wanted: Some(Wanted::linear(wanted)),
+            request,
+            ..Inputs::default()
+        });
+        if out.write {
+            let soon = Instant::now() + Duration::from_secs(1);
+            let written = self.controller.apply(&out.correction, soon);
+            self.read_back.sent(now, &out.correction, written.is_ok());
+        }
+        Some(out)
+    }
+}
+
+/// With a latch the last word was written, counted as applied, and never taken: after each disarming the control kept 1 to
+/// 3 µm while the state was disarmed and 0 was told. While it moved, two slews were taken at once.
+#[test]
+fn a_latch_is_turned_to_the_end() {
+    let wiring = Wiring {
+        latch: Some(8),
+        ..Wiring::published()
+    };
+    for disarmed_in in 150..170 {
+        let mut rig = Rig::new(wiring.clone(), &[AxisName::X]);
+        // The latch, what the control applies, and its largest step, µm.
+        let control = Arc::new(Mutex::new((false, 0_i32, 0_i32)));
+        let takes = Arc::clone(&control);
+        rig.panel.on_write(move |word| {
+            let (latch, applied, largest) = &mut *takes.lock().unwrap();
+            if word.latch != *latch {
+                let to = word.counts.unwrap();
+                *largest = (to - *applied).abs().max(*largest);
+                (*latch, *applied) = (word.latch, to);
+            }
+        });
+        let mut state = State::Disarmed;
+        for cycle in 0..400 {
+            let request = match cycle {
+                30 => Some(Request::Arm),
+                _ if cycle == disarmed_in => Some(Request::Disarm),
+                _ => None,
+            };
+            state = rig.cycle(request).unwrap().state;
+        }
+        let (_, applied, largest) = *control.lock().unwrap();
+        assert_eq!((state, applied), (State::Disarmed, 0), "{disarmed_in}");
+        assert!((1..=2).contains(&largest), "{largest} µm in one step");
+    }
+}
+
+/// Only the axis that was shown was written, and all of them counted as written: when the other one was shown, it got 20 µm
+/// in one step.
+#[test]
+fn axes_that_share_lines_make_no_steps() {
+    let wiring = Wiring {
+        select: vec![15],
+        echo: vec![8],
+        ..Wiring::published()
+    };
+    let mut rig = Rig::new(wiring, &[AxisName::X, AxisName::Y]);
+    let mut applied = [0_i32; 2];
+    let mut largest = 0;
+    for cycle in 0..3000 {
+        // The control shows them in turn, 60 ms each, and takes the correction of the one that it shows.
+        let shows = cycle / 15 % 2;
+        rig.panel.shows(shows, 100.0);
+        let request = (cycle == 30).then_some(Request::Arm);
+        let out = rig.cycle(request);
+        let word = rig.panel.word();
+        if word.axis == shows {
+            let to = word.counts.unwrap();
+            largest = largest.max((to - applied[shows]).abs());
+            applied[shows] = to;
+        }
+        if cycle == 2999 {
+            let out = out.unwrap();
+            assert_eq!(out.state, State::Compensating, "{:?}", out.reasons);
+        }
+    }
+    assert_eq!(applied, [25, 25]);
+    assert!((1..=2).contains(&largest), "{largest} µm in one step");
+}
