@@ -205,6 +205,10 @@ impl Guard {
         if self.state != before && self.state == State::Arming(Phase::Proving) {
             self.verdict = Verdict::default();
         }
+        if self.state.is_armed() && !before.is_armed() {
+            // What did not stick before does not count: it begins with what is confirmed now.
+            self.adopted = PerChannel::default();
+        }
         self.allow(&inputs, before);
         let resumes = self.stood && !facts.interlocked;
         // What has been ramped to is followed without another ramp.

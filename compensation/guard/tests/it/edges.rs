@@ -490,3 +490,34 @@ fn an_axis_that_does_not_follow_is_told() {
     }
     assert!(told > 20, "told in {told} of 100 cycles");
 }
+
+/// Answers came again and again for a moment only, and the barrier had gone to zero each time: "correction does not stick".
+/// When they came as ever a person acknowledged, and arming was a fault at once, twice of two: what had not stuck before
+/// still counted.
+#[test]
+fn after_a_fault_a_person_can_begin_again() {
+    let mut faults = 0;
+    for silent in [50, 100, 190, 250, 300, 460] {
+        for mut world in asked(&limits()).into_iter().map(World::arm) {
+            for _ in 0..20 {
+                world.answers = false;
+                world.run(Duration::from_millis(silent));
+                world.answers = true;
+                world.run(Duration::from_millis(10));
+            }
+            world.run(SECOND);
+            if world.guard.state() == State::Faulted(Cause::DoesNotStick) {
+                faults += 1;
+                world.request(Request::Acknowledge);
+                world.run(SECOND);
+                assert_eq!(world.guard.state(), State::Disarmed, "{silent} ms");
+                world.request(Request::Arm);
+            }
+            let output = world.run(2 * SECOND);
+            assert_eq!(output.state, State::Compensating, "{silent} ms");
+            assert!((world.applied[0] - 0.040).abs() < 1e-9);
+            assert!(world.largest_step <= MOST, "{}", world.largest_step);
+        }
+    }
+    assert!(faults > 0, "it was never a fault");
+}
