@@ -130,16 +130,27 @@ impl Guard {
     /// Limits that make no sense: the path before goes on.
     pub fn take_path(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check()?;
+        // What is on its way in from beyond a limit is no surprise on this path either, in whatever order its axes are.
+        let led_in = |kind| {
+            let is_led_in = |i: &usize| {
+                let axis = &self.limits.axes[*i];
+                axis.kind == kind && self.allowed[*i] > axis.limit
+            };
+            let axes = (0..self.limits.count).filter(is_led_in);
+            axes.map(|i| self.allowed[i]).fold(0.0, f64::max)
+        };
+        self.allowed = limits.of_axes(|axis| axis.limit.max(led_in(axis.kind)));
         self.limits = limits;
-        self.allowed = limits.of_axes(|axis| axis.limit);
         self.adopted = PerChannel::default();
         self.took_over = true;
         // The positions of the path before are no positions of this one: what is sent now has to wait for those.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
         self.good = self.good.map(|good| good.min(stale));
-        // What was shown, was shown of the positions of the other path.
+        // What was shown, was shown of the positions of the other path, and it was those that moved.
         self.verdict = Verdict::default();
+        self.proof = Proof::default();
+        self.moves = Moves::default();
         Ok(())
     }
 
@@ -335,6 +346,10 @@ impl Guard {
     /// Keeps the largest correction that is no surprise: more than the limit only on the way in, where it was lowered or
     /// a person has looked.
     fn allow(&mut self, inputs: &Inputs, before: State) {
+        if self.took_over {
+            // What stands on this path is not known yet.
+            return;
+        }
         let leads_out = matches!(self.state, State::RampingOut(_))
             && !matches!(before, State::RampingOut(_))
             && inputs.request == Some(Request::Acknowledge);

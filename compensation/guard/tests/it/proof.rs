@@ -375,6 +375,24 @@ fn a_frozen_position_proves_nothing_and_that_is_told() {
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
+/// The positions of another path have another zero: the difference was taken for motion of the axis.
+#[test]
+fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
+    let limits = Limits {
+        test_shift: PerChannel([SHIFT; 9]),
+        ..limits()
+    };
+    let mut world = World::new(&limits);
+    world.positions = axes(100.0, 100.0);
+    world.run(SECOND);
+    world.guard.take_path(limits).expect("good limits");
+    world.positions = axes(100.2, 100.2);
+    world.run(PERIOD);
+    world.request(Request::Arm);
+    assert_eq!(world.run(3 * SECOND).state, State::Compensating);
+    assert_eq!(world.guard.verdict().axes[..2], [NotProven; 2]);
+}
+
 /// Proven axes are not told as not proven.
 #[test]
 fn what_is_proven_is_told() {

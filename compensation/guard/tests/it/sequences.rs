@@ -169,4 +169,7 @@ fn sequences_that_failed_once() {
     }
 }
 
-const FAILED: [(u64, Kind, usize, usize, u32); 1] = [(15841279278081801058, Kind::Late, 5, 3, 700)];
+const FAILED: [(u64, Kind, usize, usize, u32); 2] = [
+    (15841279278081801058, Kind::Late, 5, 3, 700),
+    (9344477052774393391, Kind::Lossy, 5, 3, 1000),
+];

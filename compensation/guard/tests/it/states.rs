@@ -356,3 +356,28 @@ fn disarming_takes_no_other_gateways_correction_out() {
     assert_eq!(world.run(2 * SECOND).state, State::Disarmed);
     assert_eq!(world.applied, PerChannel::ZERO);
 }
+
+/// A correction beyond the limit that a person has let out: on another path it was a fault again, in which it stayed.
+#[test]
+fn what_is_led_out_from_beyond_the_limit_goes_on_over_a_change_of_paths() {
+    for found_there in [None, Some(0.500)] {
+        let mut world = World::new(&limits());
+        world.applied = axes(0.190, 0.0);
+        world.run(SECOND);
+        assert_eq!(
+            world.request(Request::Arm).state,
+            State::Faulted(Cause::BeyondLimit)
+        );
+        world.request(Request::Acknowledge);
+        world.run(5 * PERIOD);
+        // The other path has its axes in another order.
+        world.applied = axes(world.applied[1], world.applied[0]);
+        world.guard.take_path(limits()).expect("good limits");
+        world.read_back = ReadBack::plain(Duration::ZERO);
+        world.applied[1] = found_there.unwrap_or(world.applied[1]);
+        let led_out = world.run(5 * SECOND).state == State::Disarmed;
+        // More than was let out is looked at again.
+        assert_eq!(led_out, found_there.is_none());
+        assert_eq!(world.applied[1], found_there.unwrap_or(0.0));
+    }
+}
