@@ -38,6 +38,8 @@ pub struct Guard {
     allowed: PerChannel<f64>,
     /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
     stood: bool,
+    /// What is sent on for as long as an interlock lasts.
+    held: Option<PerChannel<f64>>,
     /// Another path writes from now on: what it is known to apply is where it begins.
     took_over: bool,
     proof: Proof,
@@ -58,7 +60,7 @@ pub struct Guard {
 enum Sends {
     /// Nothing is sent.
     Nothing,
-    /// What is confirmed is sent again, so that a barrier does not time out.
+    /// One confirmed value is sent on, so that a barrier does not time out.
     Confirmed,
     /// The output moves, and is sent.
     Moving,
@@ -81,6 +83,7 @@ impl Guard {
             confirmed: PerChannel::ZERO,
             allowed: limits.of_axes(|axis| axis.limit),
             stood: true,
+            held: None,
             took_over: true,
             proof: Proof::default(),
             moves: Moves::default(),
@@ -143,6 +146,7 @@ impl Guard {
         self.limits = limits;
         self.adopted = PerChannel::default();
         self.took_over = true;
+        self.held = None;
         // The positions of the path before are no positions of this one: what is sent now has to wait for those.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
@@ -231,6 +235,7 @@ impl Guard {
         }
         let mut reasons = self.reasons(&inputs, &facts) | Reasons::NOT_A_NUMBER.when(!is_number);
         let sends = self.sends(&inputs, &facts);
+        self.held = self.held.filter(|_| facts.interlocked);
         self.before = self.vector;
         let write = match sends {
             Sends::Nothing => {
@@ -238,7 +243,7 @@ impl Guard {
                 false
             }
             Sends::Confirmed => {
-                self.stand_at(&inputs.known);
+                self.hold(&inputs);
                 true
             }
             Sends::Moving => self.advance(&inputs, dt_s, &mut reasons),
@@ -277,9 +282,17 @@ impl Guard {
             .map_or(Duration::MAX, |good| now.saturating_sub(good))
     }
 
-    fn stand_at(&mut self, known: &Known) {
-        if let Some(confirmed) = &known.confirmed {
-            self.vector = Vector::at(&confirmed.values);
+    /// Stands at one confirmed value for as long as an interlock lasts. Each report is some cycles old: were each the next
+    /// goal, an axis would be led back to where it was, and then on again. Only where the control began anew, or stands
+    /// elsewhere by itself, another one is held.
+    fn hold(&mut self, inputs: &Inputs) {
+        if inputs.known.changed || self.stands_elsewhere(inputs) {
+            self.held = None;
+        }
+        let confirmed = inputs.known.confirmed.map(|confirmed| confirmed.values);
+        self.held = self.held.or(confirmed);
+        if let Some(held) = &self.held {
+            self.vector = Vector::at(held);
         }
     }
 

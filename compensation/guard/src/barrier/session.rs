@@ -5,7 +5,7 @@ use super::{Counts, Frame, Report};
 /// What a report means for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
-    /// The control's scans did not move on since the last report: it says nothing new.
+    /// The control's scans did not move on since the last report, or this one is from before it: it says nothing new.
     Old,
     /// Another sender holds the control, or this one did before its restart: nothing may be sent until the control's
     /// time-out has set it free.
@@ -66,9 +66,10 @@ impl Session {
             owner,
             ..
         } = *report;
+        let moved_on = |last: Answered| (1..1 << 15).contains(&tick.wrapping_sub(last.tick));
         if self
             .last
-            .is_some_and(|last| last.epoch == epoch && last.tick == tick)
+            .is_some_and(|last| last.epoch == epoch && !moved_on(last))
         {
             return Seen::Old;
         }
@@ -87,6 +88,11 @@ impl Session {
             landed: owner == self.owner && self.sent == Some((epoch, sequence)),
             epoch_began,
         }
+    }
+
+    /// Nothing was read for so long that the tick may have gone round: whatever report comes next is new.
+    pub fn forget(&mut self) {
+        self.last = None;
     }
 
     /// The frame that answers the last report with these values; `None` when there is no report to answer. To be sent

@@ -37,7 +37,10 @@ impl Guard {
         let since = |since: Option<Duration>| since.map(|since| now.saturating_sub(since));
         let confirmed = since(known.confirmed.map(|confirmed| confirmed.at));
         let unlanded = since(known.unlanded_since).unwrap_or_default();
-        let unconfirmed = confirmed.is_none_or(|age| age > limits.hold) || unlanded > limits.hold;
+        let interlocked = !inputs.interlocks.is_empty();
+        let unconfirmed = confirmed.is_none_or(|age| age > limits.hold)
+            || unlanded > limits.hold
+            || !interlocked && self.stands_elsewhere(inputs);
         let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
         let values = known.confirmed.map(|confirmed| confirmed.values);
         let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
@@ -49,7 +52,7 @@ impl Guard {
         };
         Facts {
             request: inputs.request,
-            interlocked: !inputs.interlocks.is_empty(),
+            interlocked,
             stale: age > self.limits.hold,
             lost: age > self.limits.zero_after || inputs.let_go && age > self.limits.hold,
             unconfirmed,
@@ -71,6 +74,12 @@ impl Guard {
             ),
             does_not_stick: self.adopted.iter().any(|times| *times >= MOST_ADOPTED),
         }
+    }
+
+    /// The control takes what is sent, and stands elsewhere for longer than `hold`.
+    pub(super) fn stands_elsewhere(&self, inputs: &Inputs) -> bool {
+        let since = inputs.known.stands_since;
+        since.is_some_and(|since| inputs.now.saturating_sub(since) > self.limits.hold)
     }
 
     /// Goes on with the proof at arming; its result once there is one.

@@ -13,7 +13,8 @@ use crate::{
 
 /// The stretch over which the control's scans are counted against the clock.
 const COUNTED: Duration = Duration::from_secs(1);
-/// A gap between two reports over which scans are not counted: the 16 bits of the tick may have gone round.
+/// A gap between two reports over which scans are not counted, and after which any tick is new: its 16 bits may have gone
+/// round.
 const GAP: Duration = Duration::from_secs(5);
 /// How far the time of a scan may be from the configured one.
 const SCAN_WITHIN: core::ops::RangeInclusive<f64> = 0.8..=1.25;
@@ -34,6 +35,10 @@ pub struct BarrierLink {
     counted: u32,
     /// Whether the time of a scan is as configured; `None`: not counted for long enough.
     scans_fit: Option<bool>,
+    /// What was sent last.
+    asked: Option<Counts>,
+    /// Where the control stands although it took what was sent, which is another value, and since when it does.
+    stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,
     /// Whether words came as a report that were none of this machine and these axes.
@@ -55,6 +60,8 @@ impl BarrierLink {
             counted_from: None,
             counted: 0,
             scans_fit: None,
+            asked: None,
+            stands: None,
             held_by_other: false,
             can_send: false,
             strange: false,
@@ -74,6 +81,12 @@ impl BarrierLink {
             // Torn, or of another machine or other axes: it says nothing.
             return Landed::Unknown;
         };
+        if self
+            .last
+            .is_some_and(|(then, _)| taken.saturating_sub(then) >= GAP)
+        {
+            self.session.forget();
+        }
         let seen = self.session.read(&report);
         if seen == Seen::Old {
             return Landed::Unknown;
@@ -90,17 +103,29 @@ impl BarrierLink {
         } = seen
         else {
             (self.held_by_other, self.can_send) = (true, false);
+            self.stands = None;
             known.changed = true;
             return Landed::Unknown;
         };
         // The first report after another's is a new beginning, too.
         known.changed = epoch_began;
         (self.held_by_other, self.can_send) = (false, true);
+        self.stands = match self.stands {
+            _ if epoch_began || self.asked == Some(report.applied) => None,
+            Some((at, since)) if at == report.applied => Some((at, since)),
+            _ => landed.then_some((report.applied, taken)),
+        };
         if landed || epoch_began {
             Landed::All
         } else {
             Landed::Unknown
         }
+    }
+
+    /// Since when the control could have moved towards what it took, and has not.
+    fn stands_since(&self) -> Option<Duration> {
+        let (_, since) = self.stands?;
+        Some(since + self.time_of(self.settings?.step_scans))
     }
 
     /// Counts the control's scans.
@@ -129,6 +154,7 @@ impl BarrierLink {
             .confirmed
             .map(|confirmed| now.saturating_sub(confirmed.at));
         // A frame that answers an older report is refused.
+        known.stands_since = self.stands_since();
         known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
         let fits = self
             .settings
@@ -167,6 +193,7 @@ impl BarrierLink {
         let settings = self.settings.filter(|_| self.can_send)?;
         let counts = counts_of(values, limits)?;
         let frame = self.session.frame(&counts)?;
+        self.asked = Some(counts);
         Some(frame.encode(&settings, words))
     }
 

@@ -70,6 +70,9 @@ pub struct Known {
     pub changed: bool,
     /// Since when something that was sent has not landed; `None`: all of it has.
     pub unlanded_since: Option<Duration>,
+    /// Since when a control with a barrier stands although it took something else: it holds by itself, and no path shows why.
+    /// `None`: it moves, or is where it is to be.
+    pub stands_since: Option<Duration>,
     /// From when on the control may act by itself, on the clock of the cycle: what was decided before is not sent then.
     /// `None`: it does not, or it tells what it does.
     pub until: Option<Duration>,

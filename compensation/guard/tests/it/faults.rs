@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Limits, Reasons, Request, State};
+use volcomp_guard::{Hold, Limits, Reasons, Request, State};
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::world::{PERIOD, STEP, World, axes, limits};
@@ -356,4 +356,40 @@ fn lost_writes_are_no_event() {
         before = world.applied[0];
     }
     assert!(before.abs() > 0.01);
+}
+
+/// The control's barrier takes frames and does not move, by a stop that no path shows: that was "compensating".
+#[test]
+fn a_barrier_that_stands_by_itself_is_told_and_goes_on() {
+    let mut world = World::guarded(&limits()).arm();
+    world.holds = true;
+    // Where it stands is where it is to be.
+    let output = world.run(Duration::from_secs(1));
+    assert_eq!(output.state, State::Compensating);
+    world.target = Some(axes(0.140, -0.020));
+    let output = world.run(limits().hold + 4 * PERIOD);
+    assert_eq!(output.state, State::Holding(Hold::Unconfirmed));
+    assert!(output.reasons.contains(Reasons::UNCONFIRMED));
+    let stood = world.run(Duration::from_secs(2));
+    assert_eq!(stood.state, State::Holding(Hold::Unconfirmed));
+    assert!((world.applied[0] - 0.040).abs() < 1e-9);
+    world.holds = false;
+    assert_eq!(world.run(Duration::from_secs(2)).state, State::Compensating);
+    assert!((world.applied[0] - 0.140).abs() < 1e-9);
+}
+
+/// One count in half a second, and a barrier that follows: it is where it is to be, or on its way.
+#[test]
+fn a_slow_correction_is_not_told_to_stand() {
+    let mut limits = limits();
+    for axis in &mut limits.axes {
+        axis.slew_per_s = 0.002;
+    }
+    let mut world = World::guarded(&limits);
+    world.request(Request::Arm);
+    for _ in 0..2000 {
+        let output = world.run(Duration::ZERO);
+        assert!(!output.reasons.contains(Reasons::UNCONFIRMED));
+    }
+    assert!(world.applied[0] > 0.01);
 }

@@ -1,6 +1,10 @@
 //! Interlocks of several paths: what one of them says holds all.
 
-use volcomp_guard::{Interlock, Interlocks, Reasons};
+use std::time::Duration;
+
+use volcomp_guard::{Interlock, Interlocks, Limits, Reasons, Request, State};
+
+use crate::world::{PERIOD, World, axes, limits};
 
 const CLEAR: Option<Interlock> = Some(Interlock {
     unreferenced: false,
@@ -41,4 +45,59 @@ fn a_person_lifts_what_a_silent_path_said_last_and_nothing_else() {
     interlocks.see(0, None);
     interlocks.acknowledge();
     assert_eq!(interlocks.reasons(), Reasons::NONE);
+}
+
+/// A stop that only another path shows, while the control's barrier goes on, and frames and reports that are some cycles on
+/// their way: each report was the next goal, and the axis was led to and fro, 27, 44, 30, 40, 34 µm.
+#[test]
+fn an_axis_stands_in_a_stop_that_another_path_shows() {
+    for late in [0, 1, 2, 4] {
+        for at in 60..70 {
+            let mut world = World::guarded(&Limits {
+                read_back_cycles: 2 * late + 2,
+                ..limits()
+            });
+            (world.sent_late, world.told_late) = (late, late);
+            world.target = Some(axes(0.140, -0.070));
+            world.request(Request::Arm);
+            world.run(at * PERIOD);
+            world.interlocks.see(1, STOP);
+            // What was on its way lands, and is led back.
+            world.run(20 * PERIOD);
+            let stands = world.applied;
+            assert!(stands[0] > 0.02, "{stands:?}");
+            for _ in 0..100 {
+                world.run(PERIOD);
+                assert_eq!(world.applied, stands, "{late} cycles late");
+            }
+            world.interlocks.see(1, CLEAR);
+            assert_eq!(world.run(Duration::from_secs(2)).state, State::Compensating);
+        }
+    }
+}
+
+/// The barrier holds in the stop, too, some cycles further on than where it was told last: it is not led back after it.
+#[test]
+fn what_the_barrier_holds_in_a_stop_is_taken_over() {
+    let mut world = World::guarded(&Limits {
+        read_back_cycles: 8,
+        ..limits()
+    });
+    (world.told_late, world.target) = (6, Some(axes(0.140, -0.070)));
+    world.request(Request::Arm);
+    world.run(60 * PERIOD);
+    world.emergency_stop = true;
+    world.run(PERIOD);
+    let stands = world.applied;
+    assert!(
+        !world
+            .run(Duration::from_secs(1))
+            .reasons
+            .contains(Reasons::UNCONFIRMED)
+    );
+    // Only the barrier is free again.
+    (world.emergency_stop, world.answers) = (false, true);
+    world.interlocks.see(1, STOP);
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.applied, stands);
 }

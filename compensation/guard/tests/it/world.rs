@@ -71,6 +71,8 @@ pub(crate) struct World {
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
     pub(crate) emergency_stop: bool,
+    /// The control's barrier holds by a stop that nothing shows.
+    pub(crate) holds: bool,
     pub(crate) answers: bool,
     /// What is told of the correction this time, instead of what is so.
     pub(crate) lie: Option<PerChannel<f64>>,
@@ -78,6 +80,9 @@ pub(crate) struct World {
     pub(crate) spoils_word: Option<(usize, u16)>,
     /// What is told of the correction is so many cycles old, but has a fresh time.
     pub(crate) told_late: usize,
+    /// So many frames to the barrier are on their way.
+    pub(crate) sent_late: usize,
+    air: VecDeque<Vec<u16>>,
     told: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize)>,
     /// The reading says nothing of the correction.
     pub(crate) hides_applied: bool,
@@ -137,10 +142,13 @@ impl World {
             referenced: true,
             alarm: false,
             emergency_stop: false,
+            holds: false,
             answers: true,
             lie: None,
             spoils_word: None,
             told_late: 0,
+            sent_late: 0,
+            air: VecDeque::new(),
             told: VecDeque::new(),
             hides_applied: false,
             tells_levels: false,
@@ -168,7 +176,7 @@ impl World {
     fn scan(&mut self) {
         while self.scanned + SCAN <= self.now {
             self.scanned += SCAN;
-            let holds = self.is_stopped();
+            let holds = self.holds || self.is_stopped();
             let Some(barrier) = &mut self.barrier else {
                 continue;
             };
@@ -264,7 +272,10 @@ impl World {
                 .read_back
                 .frame(&output.correction, &limits, &mut words);
             if let (Some(length), true) = (frame, lands) {
-                self.mailbox = words[..length].to_vec();
+                self.air.push_back(words[..length].to_vec());
+                if self.air.len() > self.sent_late {
+                    self.mailbox = self.air.pop_front().unwrap_or_default();
+                }
             }
         } else if lands {
             self.apply(output.correction);

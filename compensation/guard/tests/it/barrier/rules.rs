@@ -1,14 +1,18 @@
 //! Single rules of the barrier.
 
+use std::time::Duration;
+
 use volcomp_guard::{
+    BarrierLink, Limits, ReadBack, Told,
     barrier::{
-        Barrier, Counts, Frame, Layout, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,
-        SettingsError,
+        Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Refusal, Report, Seen, Session,
+        Settings, SettingsError,
     },
     vocabulary::{AxisName, PerChannel},
 };
 
 use super::{at_zero, settings, words};
+use crate::world::SCAN;
 
 fn values(values: &[i16]) -> Counts {
     PerChannel::from_fn(|axis| values.get(axis).copied().unwrap_or(0))
@@ -360,5 +364,67 @@ fn settings_without_sense_are_refused() {
             Barrier::start(settings, 0, 0, &Counts::default()),
             Err(expected)
         );
+    }
+}
+
+/// A report that was on its way for longer than the next one, or came twice, counted as one that moved on.
+#[test]
+fn a_report_from_before_the_last_one_says_nothing() {
+    let (_, mut sender, report) = held(settings(1));
+    let mut seen = |ticks: u16| {
+        let tick = report.tick.wrapping_add(ticks);
+        sender.read(&Report { tick, ..report })
+    };
+    assert_ne!(seen(30_000), Seen::Old);
+    assert_eq!(seen(29_999), Seen::Old);
+    assert_eq!(seen(0), Seen::Old);
+    // The tick goes round.
+    assert_ne!(seen(60_000), Seen::Old);
+    assert_ne!(seen(65_535), Seen::Old);
+    assert_ne!(seen(5), Seen::Old);
+    assert_eq!(seen(65_535), Seen::Old);
+    let next = Report {
+        epoch: report.epoch.wrapping_add(1),
+        ..report
+    };
+    assert_ne!(sender.read(&next), Seen::Old, "another epoch");
+    sender.forget();
+    assert_ne!(sender.read(&next), Seen::Old, "after a long silence");
+}
+
+/// The correction of a report that came twice was confirmed with the time of now: the position without it and the residual
+/// were shown wrong. After five seconds of silence the tick may stand anywhere.
+#[test]
+fn a_report_that_comes_again_confirms_nothing() {
+    let settings = settings(1);
+    let link = BarrierLink::new(7, settings.machine, settings.axes, SCAN);
+    let mut read_back = ReadBack::barrier(link);
+    let (limits, wanted) = (one_axis(), PerChannel::from_fn(|_| 0.015));
+    let mut hear = |at: Duration, report: &Report| {
+        let mut words = [0; REPORT_WORDS];
+        let length = report.encode(&mut words);
+        read_back.hear(at, at, &Told::Report(&words[..length]), &limits);
+        let confirmed = read_back.known().confirmed.expect("a report");
+        let mut frame = [0; FRAME_WORDS];
+        let length = read_back.frame(&wanted, &limits, &mut frame);
+        (confirmed.values[0], frame[..length.unwrap_or(0)].to_vec())
+    };
+    let mut barrier = at_zero(settings);
+    let (mut mailbox, mut reports) = (Vec::new(), Vec::new());
+    for cycle in 0..10 {
+        let report = barrier.scan(&[&mailbox], false);
+        (_, mailbox) = hear(SCAN * cycle, &report);
+        reports.push(report);
+    }
+    let [confirmed, again] = [9, 3].map(|place| hear(SCAN * 10, &reports[place]).0);
+    assert!((confirmed - 0.015).abs() < 1e-9 && again == confirmed);
+    let late = hear(SCAN * 10 + Duration::from_secs(6), &reports[3]).0;
+    assert!(late < 0.01, "{late}");
+}
+
+fn one_axis() -> Limits {
+    Limits {
+        count: 1,
+        ..crate::world::limits()
     }
 }
