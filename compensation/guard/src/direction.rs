@@ -35,22 +35,38 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
 }
 
 /// The direction of the last motion of an axis, kept while it stands: it changes only after travel over a
-/// threshold from the last extreme, so that neither noise nor a correction turns it. State: the extreme and the
-/// direction.
+/// threshold from the last extreme, so that neither noise nor a correction turns it. Of three readings the middle one
+/// counts, so that one wrong position turns nothing. State: the last readings, the extreme and the direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionMemory {
+    /// When the last reading held, and the last two positions, the older one first.
+    taken: Option<Duration>,
+    last: [Option<f64>; 2],
     extreme: Option<f64>,
     direction: Option<Direction>,
 }
 
 impl DirectionMemory {
-    /// The axis is at `position` without correction, mm or rad; `None` until it went further than the
-    /// threshold. `turn`: the position begins anew after so much travel (a rotary axis that rolls over: 2π), and between
-    /// two calls the axis goes less than half of that.
-    pub fn at(&mut self, position: f64, threshold: f64, turn: Option<f64>) -> Option<Direction> {
-        if !position.is_finite() {
+    /// The axis was at `position` without correction, mm or rad, when a reading was `taken`; `None` until it went further
+    /// than the threshold. What is told again with the same time is no other reading. `turn`: the position begins anew after
+    /// so much travel (a rotary axis that rolls over: 2π), and between two readings the axis goes less than half of that.
+    pub fn at(
+        &mut self,
+        taken: Duration,
+        position: f64,
+        threshold: f64,
+        turn: Option<f64>,
+    ) -> Option<Direction> {
+        if !position.is_finite() || self.taken.replace(taken) == Some(taken) {
             return self.direction;
         }
+        let [oldest, before] = self.last;
+        self.last = [before, Some(position)];
+        let Some((oldest, before)) = oldest.zip(before) else {
+            return self.direction;
+        };
+        let ways = [oldest, position].map(|other| shortest(other - before, turn));
+        let position = before + ways[0].min(ways[1]).max(ways[0].max(ways[1]).min(0.0));
         let extreme = *self.extreme.get_or_insert(position);
         let forward = shortest(position - extreme, turn);
         match self.direction {
@@ -70,6 +86,7 @@ impl DirectionMemory {
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {
             self.extreme = Some(position);
+            self.last = [Some(position); 2];
         }
         self.direction = Some(direction);
         self.direction

@@ -360,7 +360,7 @@ impl Cycle {
         for (q, position) in state.q.iter_mut().zip(&place.positions) {
             *q = *position;
         }
-        self.approach(&mut state, place.known);
+        self.approach(&mut state, place);
         (self.report.positions, self.report.known) = (place.positions, place.known);
         self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
         if self.commanded.is_none() {
@@ -454,10 +454,10 @@ impl Cycle {
     }
 
     /// From which direction each axis came, from positions without correction.
-    fn approach(&mut self, state: &mut State, known: u16) {
+    fn approach(&mut self, state: &mut State, place: &Place) {
         let axes = self.model.axes.len();
         for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
-            if known >> index & 1 == 0 {
+            if place.known >> index & 1 == 0 {
                 continue;
             }
             // The coarsest path that shows it; an axis that stands at a stated position does not turn.
@@ -465,7 +465,8 @@ impl Cycle {
             let readers = self.readers.iter();
             let readers = readers.filter_map(|reader| reader.reversal_of(index));
             let threshold = paths.chain(readers).fold(0.0, f64::max);
-            state.approach[index] = memory.at(state.q[index], threshold, self.model.turn_of(index));
+            let (taken, turn) = (place.taken[index], self.model.turn_of(index));
+            state.approach[index] = memory.at(taken, state.q[index], threshold, turn);
         }
     }
 

@@ -11,6 +11,8 @@ use crate::{path::ControlPath, reader::PositionReader};
 pub(crate) struct Place {
     /// Positions without correction, mm and rad.
     pub(crate) positions: PerAxis<f64>,
+    /// When each position held; zero where it is stated as fixed.
+    pub(crate) taken: PerAxis<Duration>,
     /// Which positions are known, as bits: bit 0 is the first axis.
     pub(crate) known: u16,
     /// When the oldest position that was shown held; `None`: none was shown.
@@ -39,6 +41,7 @@ impl Place {
             let own = path.position_of(axis);
             if let Some((seen, taken)) = own.or_else(read).or_else(others) {
                 *position = seen;
+                place.taken[axis] = taken;
                 let older = |than: Option<Duration>| Some(than.map_or(taken, |it| it.min(taken)));
                 place.oldest = older(place.oldest);
                 if own.is_none() {

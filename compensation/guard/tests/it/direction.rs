@@ -5,10 +5,66 @@ use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::world::{PERIOD, STEP, limits};
 
+/// A memory and the number of its readings, one in each cycle.
+#[derive(Default)]
+struct Memory {
+    memory: DirectionMemory,
+    readings: u32,
+}
+
+impl Memory {
+    fn at(&mut self, position: f64, threshold: f64, turn: Option<f64>) -> Option<Direction> {
+        self.readings += 1;
+        let taken = PERIOD * self.readings;
+        self.memory.at(taken, position, threshold, turn)
+    }
+
+    /// Two readings in a row, so that the position counts.
+    fn twice(&mut self, position: f64, threshold: f64, turn: Option<f64>) -> Option<Direction> {
+        self.at(position, threshold, turn);
+        self.at(position, threshold, turn)
+    }
+}
+
+/// One wrong position turned the direction, and the correction was wrong by the reversal value until the axis moved.
+#[test]
+fn one_wrong_position_turns_nothing() {
+    let [forward, back] = [Direction::Positive, Direction::Negative];
+    for wrong in [-1.0, 1.0, 0.02, -0.02] {
+        for (way, direction) in [(0.01, forward), (-0.01, back)] {
+            let mut memory = Memory::default();
+            let mut position = 10.0;
+            for _ in 0..10 {
+                position += way;
+                memory.at(position, 0.005, None);
+            }
+            for cycle in 0..100 {
+                let told = if cycle % 3 == 0 {
+                    position + wrong
+                } else {
+                    position
+                };
+                assert_eq!(memory.at(told, 0.005, None), Some(direction));
+                // It is no other reading for being told again.
+                for _ in 0..5 {
+                    let taken = PERIOD * memory.readings;
+                    memory.memory.at(taken, told, 0.005, None);
+                }
+            }
+            // Nor where it is the first one.
+            let mut memory = Memory::default();
+            memory.at(position + wrong, 0.005, None);
+            for _ in 0..10 {
+                assert_eq!(memory.at(position, 0.005, None), None);
+            }
+        }
+    }
+}
+
 #[test]
 fn it_turns_only_after_the_threshold_from_the_last_extreme() {
-    let mut memory = DirectionMemory::default();
-    let mut at = |position: f64| memory.at(position, 0.005, None);
+    let mut memory = Memory::default();
+    let mut at = |position: f64| memory.twice(position, 0.005, None);
     assert_eq!(at(10.0), None);
     assert_eq!(at(10.004), None, "noise");
     assert_eq!(at(10.006), Some(Direction::Positive));
@@ -30,35 +86,35 @@ fn it_turns_only_after_the_threshold_from_the_last_extreme() {
 #[test]
 fn an_axis_that_rolls_over_does_not_turn() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
-        let mut memory = DirectionMemory::default();
+        let mut memory = Memory::default();
         let mut position = 3.0_f64;
-        memory.at(position, 8.7e-6, Some(TAU));
+        memory.twice(position, 8.7e-6, Some(TAU));
         for _ in 0..20_000 {
             position = (position + step).rem_euclid(TAU);
-            assert_eq!(memory.at(position, 8.7e-6, Some(TAU)), Some(direction));
+            assert_eq!(memory.twice(position, 8.7e-6, Some(TAU)), Some(direction));
         }
         // Back by more than the threshold, over the end of the turn.
         position = (-0.5 * step.signum() * 1e-5_f64).rem_euclid(TAU);
-        memory.commanded(position, direction);
+        memory.memory.commanded(position, direction);
         let back = (position - 1e-5 * step.signum()).rem_euclid(TAU);
-        assert_eq!(memory.at(back, 8.7e-6, Some(TAU)), Some(-direction));
+        assert_eq!(memory.twice(back, 8.7e-6, Some(TAU)), Some(-direction));
     }
 }
 
 #[test]
 fn what_the_control_commands_counts_at_once() {
-    let mut memory = DirectionMemory::default();
+    let mut memory = Memory::default();
     assert_eq!(
-        memory.commanded(5.0, Direction::Negative),
+        memory.memory.commanded(5.0, Direction::Negative),
         Some(Direction::Negative)
     );
-    assert_eq!(memory.at(5.004, 0.005, None), Some(Direction::Negative));
+    assert_eq!(memory.twice(5.004, 0.005, None), Some(Direction::Negative));
     assert_eq!(
-        memory.commanded(f64::NAN, Direction::Positive),
+        memory.memory.commanded(f64::NAN, Direction::Positive),
         Some(Direction::Positive)
     );
-    assert_eq!(memory.at(5.0, 0.005, None), Some(Direction::Positive));
-    assert_eq!(memory.at(4.994, 0.005, None), Some(Direction::Negative));
+    assert_eq!(memory.twice(5.0, 0.005, None), Some(Direction::Positive));
+    assert_eq!(memory.twice(4.994, 0.005, None), Some(Direction::Negative));
 }
 
 fn axis(includes_correction: bool) -> AxisLimits {
@@ -92,15 +148,15 @@ fn the_threshold_is_that_of_the_kind_of_the_steps_or_of_the_lag() {
 /// read-back does: how often the direction turns at standstill.
 fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     let slew = limits().axes[0].slew_per_s * PERIOD.as_secs_f64();
-    let mut memory = DirectionMemory::default();
+    let mut memory = Memory::default();
     let mut output = 0.0_f64;
     let mut history = VecDeque::from(vec![0.0; lag]);
     let mut turns = 0;
     let mut before = None;
     for cycle in 0..2000_u32 {
-        // Forward by 1 mm, back by 6 µm, then it stands.
+        // Forward by 1 mm, a short while after that back by 6 µm, then it stands.
         let commanded =
-            0.01 * f64::from(cycle.min(100)) - 0.006 * f64::from(cycle.saturating_sub(100).min(1));
+            0.01 * f64::from(cycle.min(100)) - 0.006 * f64::from(cycle.saturating_sub(110).min(1));
         history.push_back(output);
         let contained = history.pop_front().expect("just pushed");
         let reported = ((commanded + contained) / STEP).round() * STEP;
@@ -133,7 +189,7 @@ fn a_reversal_is_not_fed_back_at_standstill() {
 fn a_flickering_count_turns_nothing() {
     let step = 0.031_25;
     let threshold = reversal_threshold(&axis(false), step, Duration::ZERO);
-    let mut memory = DirectionMemory::default();
+    let mut memory = Memory::default();
     memory.at(99.0, threshold, None);
     let mut turns = 0;
     let mut before = memory.at(100.0, threshold, None);
