@@ -140,7 +140,15 @@ enum Did {
     Moved,
 }
 
-/// The test shift of all axes at once: state of the guard. The correction goes one way by the shift, then the other
+/// What is shown of axes, and which of them follow by another amount than they were shifted by.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Shown {
+    axes: PerChannel<Proven>,
+    scaled: PerChannel<bool>,
+}
+
+/// The test shift: state of the guard. All rotary axes are shifted first, and the linear axes follow them, so that the tool
+/// tip stays where it is; then all linear axes. The correction goes one way by the shift, then the other
 /// way, and stands in between; creep or a slow position so does not look like an answer to it. Where the machine goes on
 /// meanwhile, the correction goes back to where the proof began, which it does anew at the next standstill: a shift that
 /// stays would be an error of the part.
@@ -155,13 +163,25 @@ pub struct Proof {
     /// Positions before the leg, and after the first one.
     stood: [PerChannel<f64>; 2],
     attempts: u8,
+    /// How the linear axes follow each rotary axis, mm for each rad.
+    follow: PerChannel<PerChannel<f64>>,
+    /// What was shown of the rotary axes; `None`: they are not shifted yet.
+    rotary: Option<Shown>,
 }
 
 impl Proof {
     /// The correction (mm, rad) to move to during the proof, which began at `from`.
     #[must_use]
     pub fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
-        at_leg(self.leg, from, limits)
+        self.at(self.leg, from, limits)
+    }
+
+    /// How the linear axes follow each rotary axis where the axes are, so that the tool tip stays
+    /// ([`Wanted::follow`](crate::Wanted)). It counts as of when a shift begins.
+    pub fn follows(&mut self, follow: &PerChannel<PerChannel<f64>>) {
+        if self.leg == Leg::Begin {
+            self.follow = *follow;
+        }
     }
 
     /// A reading at `now`, the correction that is applied, and what it was when the proof began: the verdict, once
@@ -217,7 +237,7 @@ impl Proof {
         }
     }
 
-    /// The verdict, or another attempt.
+    /// The verdict, or another attempt, or the linear axes after the rotary ones.
     fn judge(
         &mut self,
         now: Duration,
@@ -227,22 +247,24 @@ impl Proof {
         moves: &Moves,
     ) -> Option<Verdict> {
         let [begin, first, second] =
-            [Leg::Begin, Leg::First, Leg::Second].map(|leg| at_leg(leg, from, limits));
+            [Leg::Begin, Leg::First, Leg::Second].map(|leg| self.at(leg, from, limits));
         let [before, between] = self.stood;
-        let mut axes = PerChannel::default();
-        let mut scaled = PerChannel::default();
+        let kind = self.kind(limits);
+        let mut shown = self.rotary.unwrap_or_default();
         let (mut unclear, mut moved) = (false, false);
-        for i in (0..limits.count.min(MAX_AXES)).filter(|&i| shift(limits, i) > 0.0) {
+        // An axis that could not be shifted shows nothing.
+        let is_shifted = |i: &usize| first[*i] != begin[*i] && second[*i] != first[*i];
+        for i in of_kind(kind, limits).filter(is_shifted) {
             let shares = [
                 way(limits, i, before[i], between[i]) / (first[i] - begin[i]),
                 way(limits, i, between[i], positions[i]) / (second[i] - first[i]),
             ];
-            axes[i] = match shares.map(did) {
+            shown.axes[i] = match shares.map(did) {
                 [Did::Followed, Did::Followed] => Proven::Contained,
                 [Did::Stayed, Did::Stayed] if moves.lately(now, i) => Proven::NotContained,
                 [Did::Stayed, Did::Stayed] => Proven::NotProven,
                 _ if is_one_factor(shares) => {
-                    scaled[i] = true;
+                    shown.scaled[i] = true;
                     Proven::NotProven
                 }
                 both => {
@@ -257,12 +279,59 @@ impl Proof {
         } else {
             self.attempts + 1
         };
-        let is_scaled = scaled.iter().any(|scaled| *scaled);
+        let is_scaled = shown.scaled.iter().any(|scaled| *scaled);
         if unclear && !is_scaled && attempts < MOST_ATTEMPTS {
             self.begin_anew(attempts, positions);
             return None;
         }
-        Some(Verdict::of(axes, &scaled, limits))
+        let verdict = Verdict::of(shown.axes, &shown.scaled, limits);
+        let goes_on = kind == AxisKind::Rotary && of_kind(AxisKind::Linear, limits).count() > 0;
+        if goes_on && !verdict.is_contradiction() {
+            self.rotary = Some(shown);
+            self.begin_anew(0, positions);
+            return None;
+        }
+        Some(verdict)
+    }
+
+    /// The kind of the axes that are shifted now.
+    fn kind(&self, limits: &Limits) -> AxisKind {
+        if self.rotary.is_none() && of_kind(AxisKind::Rotary, limits).count() > 0 {
+            AxisKind::Rotary
+        } else {
+            AxisKind::Linear
+        }
+    }
+
+    /// Where the correction stands in a leg: the axes that are shifted within their limits, both ways from where they began,
+    /// the first one towards zero; near the limit inwards and back. The linear axes follow the rotary ones; where their
+    /// limits leave no place for that, nothing is shifted.
+    fn at(&self, leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
+        let within = |i: usize| {
+            let most = limits.axes[i].reachable();
+            from[i].clamp(-most, most)
+        };
+        let begin = PerChannel::from_fn(|i| if i < limits.count { within(i) } else { from[i] });
+        let kind = self.kind(limits);
+        let mut goal = begin;
+        for i in of_kind(kind, limits) {
+            goal[i] = at_leg(leg, i, begin[i], limits);
+        }
+        if kind == AxisKind::Linear {
+            return goal;
+        }
+        let shifts = PerChannel::from_fn(|i| goal[i] - begin[i]);
+        for i in (0..limits.count.min(MAX_AXES)).filter(|i| limits.axes[*i].kind != kind) {
+            let axis = &limits.axes[i];
+            let follows: f64 = (0..limits.count)
+                .map(|r| self.follow[r][i] * shifts[r])
+                .sum();
+            goal[i] += libm::round(follows / axis.resolution) * axis.resolution;
+            if follows != 0.0 && goal[i].abs() > axis.reachable() * (1.0 + 1e-9) {
+                return begin;
+            }
+        }
+        goal
     }
 
     /// Whether the machine moves an axis that does not stand yet: no answer to a shift comes so late, or goes so far. `needed`:
@@ -288,6 +357,8 @@ impl Proof {
         *self = Self {
             attempts,
             positions: *positions,
+            rotary: self.rotary,
+            follow: self.follow,
             ..Self::default()
         };
     }
@@ -327,25 +398,19 @@ fn shift(limits: &Limits, axis: usize) -> f64 {
     (libm::round(limits.test_shift[axis] / step) * step).min(of_axis.reachable())
 }
 
-/// Where the correction stands in a leg of the proof: within the limit, both ways from where it began, the first one
-/// towards zero; near the limit inwards and back.
-fn at_leg(leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
-    PerChannel::from_fn(|i| {
-        if i >= limits.count {
-            return from[i];
-        }
-        let most = limits.axes[i].reachable();
-        let begin = from[i].clamp(-most, most);
-        let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, i);
-        let outwards = if (begin - inwards).abs() > most * (1.0 + 1e-9) {
-            begin
-        } else {
-            begin - inwards
-        };
-        match leg {
-            Leg::Begin => begin,
-            Leg::First => begin + inwards,
-            Leg::Second => outwards,
-        }
-    })
+/// The axes of a kind that have a test shift.
+fn of_kind(kind: AxisKind, limits: &Limits) -> impl Iterator<Item = usize> {
+    let axes = 0..limits.count.min(MAX_AXES);
+    axes.filter(move |&i| limits.axes[i].kind == kind && shift(limits, i) > 0.0)
+}
+
+/// Where the correction of an axis that began at `begin` stands in a leg.
+fn at_leg(leg: Leg, axis: usize, begin: f64, limits: &Limits) -> f64 {
+    let most = limits.axes[axis].reachable();
+    let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, axis);
+    match leg {
+        Leg::First => begin + inwards,
+        Leg::Second if (begin - inwards).abs() <= most * (1.0 + 1e-9) => begin - inwards,
+        Leg::Begin | Leg::Second => begin,
+    }
 }

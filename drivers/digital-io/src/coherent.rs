@@ -11,7 +11,8 @@ use crate::wiring::Wiring;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
     /// Two readings one after the other agree. Lines that stay skewed for longer than a reading takes can
-    /// still agree on a wrong word: use Gray code, a parity or a strobe.
+    /// still agree on a wrong word, and so does a port that tells one image until its next exchange (Modbus): use Gray
+    /// code, a parity or a strobe.
     TwoAgree,
     /// The strobe stands at 1, before and after, and the readings agree.
     Strobe,

@@ -95,6 +95,9 @@ impl Guard {
         if self.state != State::Arming(Phase::Proving) || disturbed {
             return None;
         }
+        if let Some(wanted) = &inputs.wanted {
+            self.proof.follows(&wanted.follow);
+        }
         let (from, limits) = (&self.from, &self.limits);
         self.verdict = self
             .proof

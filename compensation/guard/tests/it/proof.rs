@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
-use volcomp_guard::{Limits, Moves, Proof, Proven, Reasons, Request, State, Verdict};
+use volcomp_guard::{AxisLimits, Limits, Moves, Proof, Proven, Reasons, Request, State, Verdict};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use Proven::{Contained, NotContained, NotProven};
@@ -408,4 +408,74 @@ fn what_is_proven_is_told() {
     assert_eq!(output.state, State::Compensating);
     assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
     assert_eq!(world.guard.verdict().axes[..2], [NotContained; 2]);
+}
+
+const COUNT_RAD: f64 = 17.453_292_519_943_295e-6;
+
+/// X, and a table that is turned by four counts of 0.001° where X is shifted by 5 µm.
+fn with_table(includes_correction: bool) -> Limits {
+    let mut limits = limits();
+    limits.axes[1] = AxisLimits {
+        kind: AxisKind::Rotary,
+        limit: 400e-6,
+        warn: 400e-6,
+        slew_per_s: 2e-3,
+        resolution: COUNT_RAD,
+        ..limits.axes[0]
+    };
+    limits.test_shift = axes(SHIFT, 4.0 * COUNT_RAD);
+    for axis in &mut limits.axes {
+        axis.includes_correction = includes_correction;
+    }
+    limits
+}
+
+/// Arms a machine whose table turns under a tool so far from its centre; how far the tip was off during the proof, mm, and
+/// how far the table was turned, rad.
+fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
+    (world.target, world.follow[1][0]) = (Some(PerChannel::ZERO), lever_mm);
+    world.run(PERIOD);
+    world.positions = axes(1.0, 1.0);
+    world.run(PERIOD);
+    world.request(Request::Arm);
+    let (mut off, mut turned) = (0.0_f64, 0.0_f64);
+    for _ in 0..2000 {
+        if world.run(Duration::ZERO).state == State::Compensating {
+            break;
+        }
+        off = off.max((world.applied[0] - lever_mm * world.applied[1]).abs());
+        turned = turned.max(world.applied[1].abs());
+    }
+    assert_eq!(world.guard.state(), State::Compensating);
+    [off, turned]
+}
+
+/// X and a table under a tool 400 mm from its centre were shifted at once: the tip was 33 µm off.
+#[test]
+fn the_tip_stays_while_a_rotary_axis_is_shifted() {
+    for includes_correction in [true, false] {
+        let mut world = World::new(&with_table(includes_correction));
+        world.really_includes = includes_correction;
+        let [off, turned] = proves(&mut world, 400.0);
+        // The shift of X, or half a step of the table and of X.
+        assert!(off < SHIFT + 1e-9, "{off}");
+        assert!((turned - 4.0 * COUNT_RAD).abs() < 1e-9, "{turned}");
+        let truth = if includes_correction {
+            Contained
+        } else {
+            NotContained
+        };
+        assert_eq!(world.guard.verdict().axes[..2], [truth; 2]);
+    }
+}
+
+/// Where the linear axes have no room to follow, a rotary axis is not shifted, and that is told.
+#[test]
+fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
+    let mut world = World::new(&with_table(false));
+    let [_, turned] = proves(&mut world, 3000.0);
+    assert!(turned == 0.0);
+    assert_eq!(world.guard.verdict().axes[..2], [NotContained, NotProven]);
+    let output = world.run(PERIOD);
+    assert!(output.reasons.contains(Reasons::NOT_PROVEN));
 }

@@ -67,6 +67,8 @@ pub(crate) struct World {
     pub(crate) mailbox: Vec<u16>,
     scanned: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
+    /// How linear axes follow rotary ones, as in [`Wanted`].
+    pub(crate) follow: PerChannel<PerChannel<f64>>,
     pub(crate) positions: PerChannel<f64>,
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
@@ -138,6 +140,7 @@ impl World {
             mailbox: Vec::new(),
             scanned: now,
             target: Some(axes(0.040, -0.020)),
+            follow: PerChannel::default(),
             positions: PerChannel::ZERO,
             referenced: true,
             alarm: false,
@@ -247,7 +250,10 @@ impl World {
             reading: self.reading(),
             known: *self.known(),
             interlocks: self.interlocks.reasons(),
-            wanted: self.target.map(Wanted::linear),
+            wanted: self.target.map(|target| Wanted {
+                follow: self.follow,
+                ..Wanted::linear(target)
+            }),
             let_go: false,
             request,
             forbids: self.forbids,
