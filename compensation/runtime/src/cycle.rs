@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use volcomp_guard::{
     DirectionMemory, Guard, Inputs, Interlocks, Limits, Output, Reading, Reasons, Request,
-    Selector, Wanted,
+    Selector, State as GuardState, Wanted,
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
@@ -282,7 +282,12 @@ impl Cycle {
         self.read(self.selector.active(), now + patience, since_start);
         self.hear_standbys(since_start);
         if asked.request == Some(Request::Acknowledge) {
-            self.sensors.acknowledge();
+            // Where there was a stop or a fault, that is what the person has looked at: a sensor that jumped asks again.
+            let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
+                || asked.forbids.contains(Reasons::FAULTED_BEFORE);
+            if !is_fault && self.interlocks.reasons().is_empty() {
+                self.sensors.acknowledge();
+            }
             self.interlocks.acknowledge();
             self.left_nothing = true;
             for path in &mut self.paths {

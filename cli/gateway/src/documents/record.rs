@@ -179,6 +179,9 @@ pub struct Standing {
     pub disarmed_by: Option<String>,
     /// The reasons of a fault that nobody has acknowledged; null where there is none.
     pub faulted: Option<Vec<String>>,
+    /// The names of the sensors that jumped and are not believed again.
+    #[serde(default)]
+    pub jumped: Vec<String>,
 }
 
 /// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations with which it was armed last,

@@ -365,6 +365,7 @@ impl Service {
         }
         let report = *self.parts.handle.report();
         self.lags.follow(&report);
+        self.stand_jumped(&report);
         let cycle_at = self.parts.handle.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
         if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.sent {

@@ -5,7 +5,8 @@ use std::{
     time::Instant,
 };
 
-use volcomp_guard::{Reasons, State};
+use volcomp_guard::{Reasons, SensorFlaw, State};
+use volcomp_runtime::Report;
 
 use super::{RETRY, Service};
 use crate::{audit::clerk::Receipt, documents::Standing};
@@ -25,14 +26,29 @@ pub(crate) fn read(dir: &Path) -> Standing {
         tracing::error!("{}: {error}: it does not arm by itself", path.display());
         Standing {
             disarmed_by: Some(SOMEBODY.to_owned()),
-            faulted: None,
+            ..Standing::default()
         }
     };
-    match std::fs::read_to_string(&path) {
+    let standing = match std::fs::read_to_string(&path) {
         Ok(text) => serde_json::from_str(&text).unwrap_or_else(|e| unread(e.to_string())),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Standing::default(),
         Err(e) => unread(e.to_string()),
+    };
+    with_jumps(standing)
+}
+
+/// After a start nothing is known of what a sensor told before it jumped, and its first reading is believed: that it is
+/// right a person has to say first.
+fn with_jumps(mut standing: Standing) -> Standing {
+    let jumped = std::mem::take(&mut standing.jumped);
+    if !jumped.is_empty() {
+        let what = format!(
+            "temperature that jumped before the restart: {}",
+            jumped.join(", ")
+        );
+        standing.faulted.get_or_insert_default().push(what);
     }
+    standing
 }
 
 impl Service {
@@ -82,6 +98,14 @@ impl Service {
         } else if matches!(before, State::Faulted(_)) {
             self.stand(|standing| standing.faulted = None);
         }
+    }
+
+    /// A sensor that jumped is out for longer than the gateway runs.
+    pub(super) fn stand_jumped(&mut self, report: &Report) {
+        let sensors = self.parts.sensors.iter().zip(&report.sensors);
+        let jumped = sensors.filter(|(_, told)| told.flaw == Some(SensorFlaw::Jumped));
+        let jumped = jumped.map(|(name, _)| name.clone()).collect();
+        self.stand(|standing| standing.jumped = jumped);
     }
 
     /// The fault from before the start, which nobody has acknowledged: the guards know nothing of it.

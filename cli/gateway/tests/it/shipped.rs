@@ -13,14 +13,14 @@ use volcomp_test_support::Running;
 use crate::program::{Program, change, path};
 
 /// The simulated control with the last line of its report; ended when it is dropped.
-struct Control {
+pub(crate) struct Control {
     _running: Running,
-    address: String,
+    pub(crate) address: String,
     report: Arc<Mutex<Option<Value>>>,
 }
 
 impl Control {
-    fn start(folder: &Path, arguments: &[&str]) -> Self {
+    pub(crate) fn start(folder: &Path, arguments: &[&str]) -> Self {
         let (running, line, output) = Running::start_and_hear(
             Command::new(simulator())
                 .args(arguments)
@@ -45,9 +45,14 @@ impl Control {
         control
     }
 
+    /// The last line of its report.
+    pub(crate) fn report(&self) -> Option<Value> {
+        self.report.lock().expect("nobody panics").clone()
+    }
+
     /// How far the tool misses, µm: without and with the correction.
     fn misses_um(&self) -> Option<[f64; 2]> {
-        let report = self.report.lock().expect("nobody panics").clone()?;
+        let report = self.report()?;
         let length = |name: &str| {
             let vector = report[name]["position_um"].as_array()?;
             let squares = vector.iter().map(|x| x.as_f64().map(|x| x * x));
@@ -90,7 +95,7 @@ fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
 }
 
 /// A folder with the files of the folder of examples.
-fn copied_examples() -> (tempfile::TempDir, PathBuf) {
+pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = dir.path().join("examples");
     std::fs::create_dir(&examples).expect("writable");

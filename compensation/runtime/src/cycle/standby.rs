@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Confirmed, MAX_PATHS, Reasons};
+use volcomp_guard::{Confirmed, MAX_PATHS, Reasons, Scheme};
 use volcomp_vocabulary::PerAxis;
 
 use super::Cycle;
@@ -125,9 +125,12 @@ impl Cycle {
                 self.standby.holds[index] = self.standby.tells_another(path, confirmed);
             }
             let report = path.report(now);
+            // What lines were left with the control keeps beside what another path writes, unless it lets go by itself.
+            let keeps = report.scheme == Scheme::Blind
+                && path.read_back.zero_by_itself(&path.limits()).is_none();
             let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
             notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)
-                | Reasons::STANDBY_HOLDS.when(report.holds && self.standby.holds[index]);
+                | Reasons::STANDBY_HOLDS.when(report.holds && (keeps || self.standby.holds[index]));
         }
         notes
     }

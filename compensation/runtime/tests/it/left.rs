@@ -1,7 +1,10 @@
 //! What the run before may have left on a path that does not answer.
 
 use std::{
-    sync::{Arc, Mutex},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
     time::{Duration, Instant},
 };
 
@@ -24,7 +27,7 @@ errors = { EXX = { poly = [-25, 0.5] } }";
 type Plant = Arc<Mutex<(f64, f64)>>;
 
 struct Way {
-    silent: bool,
+    silent: Arc<AtomicBool>,
     plant: Plant,
     clock: Clock,
     description: Description,
@@ -36,10 +39,12 @@ impl Controller for Way {
     }
 
     fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
-        if self.silent {
+        if self.silent.load(Ordering::Relaxed) {
             return Err(Fault::NotConnected);
         }
-        Ok(referenced(PerChannel::ZERO, self.clock.now(), None))
+        let applied = PerChannel::leading([self.plant.lock().expect("fits").0]);
+        let told = self.description.tells_applied.then_some(applied);
+        Ok(referenced(PerChannel::ZERO, self.clock.now(), told))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
@@ -57,8 +62,51 @@ fn description(name: &str, tells_applied: bool) -> Description {
     }
 }
 
-/// Words that can be read back, which do not answer, and lines, with -25 µm on X. `remembered`: what was written down of
-/// X, mm. Gives the state, its reasons, and the largest change of X by one write, mm.
+/// Words that can be read back, which do not answer while this is set, and lines, each with its plant.
+fn two_ways(plants: [&Plant; 2], clock: &Clock, silent: &Arc<AtomicBool>) -> Cycle {
+    let guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
+    let model = Model::new(
+        &Machine::parse(MACHINE, "left").expect("fits"),
+        guard.fading,
+    )
+    .expect("fits");
+    let names = [("words", true), ("lines", false)].into_iter().zip(plants);
+    let ways = names.map(|((name, tells), plant)| {
+        let description = description(name, tells);
+        let settings = PathSettings::default();
+        let plan =
+            PathPlan::new(description.clone(), &model, &guard, &settings, PERIOD).expect("fits");
+        let way = Way {
+            silent: if tells {
+                Arc::clone(silent)
+            } else {
+                Arc::default()
+            },
+            plant: Arc::clone(plant),
+            clock: clock.clone(),
+            description,
+        };
+        ControlPath::new(Box::new(way), &plan).expect("fits")
+    });
+    let sensors = Sensors::new(Vec::new(), guard.temperatures);
+    let paths = ways.collect();
+    Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
+        .expect("fits")
+        .with_clock(clock.clone())
+}
+
+/// One cycle.
+fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) {
+    clock.advance(PERIOD);
+    let asked = Asked {
+        request,
+        ..Asked::default()
+    };
+    cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+}
+
+/// Words that do not answer, and lines, with -25 µm on X. `remembered`: what was written down of X, mm. Gives the state, its
+/// reasons, and the largest change of X by one write, mm.
 fn run(remembered: Option<f64>, acknowledged: bool) -> (State, Reasons, f64) {
     let clock = Clock::manual();
     let applied = if remembered == Some(0.0) || acknowledged {
@@ -67,46 +115,19 @@ fn run(remembered: Option<f64>, acknowledged: bool) -> (State, Reasons, f64) {
         -0.025
     };
     let plant = Arc::new(Mutex::new((applied, 0.0)));
-    let guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
-    let model = Model::new(
-        &Machine::parse(MACHINE, "left").expect("fits"),
-        guard.fading,
-    )
-    .expect("fits");
-    let ways = [("words", true), ("lines", false)].map(|(name, tells)| {
-        let description = description(name, tells);
-        let settings = PathSettings::default();
-        let plan =
-            PathPlan::new(description.clone(), &model, &guard, &settings, PERIOD).expect("fits");
-        let way = Way {
-            silent: tells,
-            plant: Arc::clone(&plant),
-            clock: clock.clone(),
-            description,
-        };
-        ControlPath::new(Box::new(way), &plan).expect("fits")
-    });
-    let sensors = Sensors::new(Vec::new(), guard.temperatures);
-    let paths = Vec::from(ways);
-    let mut cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
-        .expect("fits")
-        .with_clock(clock.clone());
+    let silent = Arc::new(AtomicBool::new(true));
+    let mut cycle = two_ways([&plant; 2], &clock, &silent);
     if let Some(x) = remembered {
         let last = PerAxis::from_fn(|axis| if axis == 0 { x } else { 0.0 });
         cycle.restore(&last, Duration::from_secs(1));
     }
     for n in 0..500 {
-        clock.advance(PERIOD);
         let request = match n {
             50 if acknowledged => Some(Request::Acknowledge),
             100 => Some(Request::Arm),
             _ => None,
         };
-        let asked = Asked {
-            request,
-            ..Asked::default()
-        };
-        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+        step(&mut cycle, &clock, request);
     }
     let report = cycle.report();
     (report.state, report.reasons, plant.lock().expect("fits").1)
@@ -130,4 +151,33 @@ fn lines_do_not_take_over_while_a_silent_way_may_hold_a_correction() {
         assert_eq!(state, State::Compensating, "{remembered:?}: {reasons:?}");
         assert!(change <= 0.002 + 1e-9, "{remembered:?}: {change} mm");
     }
+}
+
+/// The first way corrects again, and the lines keep what they were left with: nothing told it, also not when all was disarmed.
+#[test]
+fn what_lines_keep_after_a_hand_back_is_told() {
+    let clock = Clock::manual();
+    let (words, lines) = (Plant::default(), Plant::default());
+    let silent = Arc::new(AtomicBool::new(true));
+    let mut cycle = two_ways([&words, &lines], &clock, &silent);
+    cycle.restore(&PerAxis::ZERO, Duration::from_secs(1));
+    for n in 0..500 {
+        step(&mut cycle, &clock, (n == 100).then_some(Request::Arm));
+    }
+    let correction = |plant: &Plant| (plant.lock().expect("fits").0 * 1e3).round();
+    assert_eq!((correction(&words), correction(&lines)), (0.0, 25.0));
+    silent.store(false, Ordering::Relaxed);
+    for _ in 0..2500 {
+        step(&mut cycle, &clock, None);
+    }
+    assert_eq!(cycle.report().active, 0, "{:?}", cycle.report().reasons);
+    assert_eq!((correction(&words), correction(&lines)), (25.0, 25.0));
+    let holds = |cycle: &Cycle| cycle.report().reasons.contains(Reasons::STANDBY_HOLDS);
+    assert!(holds(&cycle));
+    for n in 0..500 {
+        step(&mut cycle, &clock, (n == 0).then_some(Request::Disarm));
+    }
+    assert_eq!(cycle.report().state, State::Disarmed);
+    assert_eq!((correction(&words), correction(&lines)), (0.0, 25.0));
+    assert!(holds(&cycle));
 }
