@@ -11,6 +11,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 use crate::Limits;
 use cycle::Cycle;
 use motion::{is_on_grid, linear_word, rotary_word, span, within};
+use wanted::reach;
 pub use wanted::{Followed, Wanted};
 
 /// Nearer than so many steps an axis is where it is to be.
@@ -51,14 +52,17 @@ pub struct Vector {
     rate: PerChannel<f64>,
     /// The part of the rate of each linear axis that follows the rotary axes.
     following: PerChannel<f64>,
-    /// The slew that held for each axis in the last cycle, 0 before the first one.
+    /// The slew and the acceleration that held for each axis in the last cycle, 0 before the first one.
     slew: PerChannel<f64>,
+    accel: PerChannel<f64>,
     /// Where the rotary axes go to: whole steps.
     goal: PerChannel<f64>,
     /// Where the linear axes were to be in the last cycle.
     target: PerChannel<f64>,
-    /// How far the position share is from what is wanted: what is left of the ramp.
+    /// How far the position share is from what is wanted, and linear axes from a limit that was lowered: what is left of
+    /// the ramp.
     offset: PerChannel<f64>,
+    excess: PerChannel<f64>,
     motion: Motion,
 }
 
@@ -179,23 +183,36 @@ impl Vector {
     }
 
     /// How far each axis may go in this cycle. An axis that a lowered limit left outside comes in at the old slew
-    /// or the new one, whichever is lower.
+    /// or the new one, whichever is lower. A lowered acceleration holds once all axes stand: what moves may need the one
+    /// that it began with to stop before it is beyond what is wanted.
     fn cycle<'a>(&mut self, limits: &'a Limits, dt_s: f64) -> Cycle<'a> {
         let mut spans = PerChannel([[0.0; 2]; MAX_AXES]);
+        let mut reach = reach(limits);
+        let stands = self.rate.iter().all(|rate| *rate == 0.0);
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
-            let outside = self.smooth[i].abs() > axis.reachable() + ARRIVED_STEPS * axis.resolution;
+            let outside = self.smooth[i].abs() > reach[i];
             let slew = if outside && self.slew[i] > 0.0 {
                 axis.slew_per_s.min(self.slew[i])
             } else {
                 axis.slew_per_s
             };
+            let accel = if stands {
+                axis.accel_per_s2
+            } else {
+                axis.accel_per_s2.max(self.accel[i])
+            };
             self.slew[i] = slew;
-            spans[i] = span(self.smooth[i], self.rate[i], slew, axis, dt_s);
+            self.accel[i] = accel;
+            let (at, rate) = (self.smooth[i], self.rate[i]);
+            spans[i] = span(at, rate, slew, accel, axis.reachable(), dt_s);
+            reach[i] = reach[i].max(at.abs());
         }
         Cycle {
             limits,
             dt_s,
             spans,
+            reach,
+            accel: self.accel,
         }
     }
 
@@ -214,7 +231,9 @@ impl Vector {
         }
         let left = |rates| 1.0 - (cycle.accel_over_all(rates) * cycle.dt_s).min(1.0);
         let (moving, alone) = (left(&moving), left(&alone));
-        if moving == 0.0 && alone == 0.0 {
+        // What needed the acceleration of before stands before the new one holds.
+        let lowered = |i: usize| cycle.accel[i] > cycle.limits.axes[i].accel_per_s2;
+        if moving == 0.0 && alone == 0.0 && !cycle.places().any(lowered) {
             return false;
         }
         for i in cycle.places() {

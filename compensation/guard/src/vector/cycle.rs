@@ -11,6 +11,10 @@ pub(super) struct Cycle<'a> {
     pub(super) dt_s: f64,
     /// How far each axis may go, downwards and upwards, mm or rad.
     pub(super) spans: PerChannel<[f64; 2]>,
+    /// How far from zero each axis may be, mm or rad: within its limit, or where a limit that was lowered has left it.
+    pub(super) reach: PerChannel<f64>,
+    /// The acceleration of each axis, 1/s² of mm or rad: its limit, or a higher one that it began to move with.
+    pub(super) accel: PerChannel<f64>,
 }
 
 /// What may move in a cycle by one factor from 0 to 1.
@@ -43,7 +47,7 @@ impl Cycle<'_> {
     pub(super) fn accel_over(&self, ways: &PerChannel<f64>, kind: AxisKind) -> f64 {
         self.of_kind(kind)
             .filter(|i| ways[*i] != 0.0)
-            .map(|i| self.limits.axes[i].accel_per_s2 / ways[i].abs())
+            .map(|i| self.accel[i] / ways[i].abs())
             .fold(f64::INFINITY, f64::min)
     }
 

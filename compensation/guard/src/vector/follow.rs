@@ -6,9 +6,19 @@ use super::{
     ARRIVED_STEPS, Motion, SMALLEST_PART, Vector,
     cycle::{Advance, Cycle},
     motion::{braking_part, stopping_part, stopping_rate, within},
-    wanted::{Followed, Wanted},
+    wanted::{Followed, Wanted, reach},
 };
 use crate::Limits;
+
+/// The position share of a cycle.
+struct Share {
+    /// What is wanted of it and what is left of the ramp, mm.
+    position: PerChannel<f64>,
+    /// The part of it that the axes can carry.
+    part: f64,
+    /// The rotary shares as they stand, rad; zero at all other places.
+    rotary: PerChannel<f64>,
+}
 
 impl Vector {
     /// Goes towards what is wanted for `dt_s`: by a ramp, and where it leads after that. Nothing moves where a number
@@ -33,9 +43,18 @@ impl Vector {
                 ..wanted.judged(1.0, limits)
             };
         }
+        if begins {
+            self.goal = self.output;
+        }
         let (left, rate) = self.ramp(wanted, &cycle);
-        let position = self.position_share(wanted);
-        self.goal = wanted.rotary_goal(&position, &self.goal, limits);
+        let share = self.share(wanted, &cycle);
+        // What a lowered limit left outside comes in with the ramp, and takes no room from the rotary axes.
+        let position = if self.excess == PerChannel::ZERO {
+            &share.position
+        } else {
+            &wanted.position
+        };
+        self.goal = wanted.rotary_goal(position, &self.goal, limits);
 
         let ways = self.rotary_ways(&cycle);
         let (ramp_accel, accel) = self.accels(wanted, &ways, &cycle);
@@ -48,13 +67,13 @@ impl Vector {
         let eased = ramp.min(stopping_part(ramp_accel, dt_s)).max(braking);
         let turning = cycle.part(&ways, &self.rate, ramp, accel);
         let mut most = cycle.advance(&ways, turning, eased);
-        let mut factor = self.factor(wanted, &position, &most, &cycle);
+        let mut factor = self.factor(wanted, &share, &most, &cycle);
         if factor.is_none() {
             // Not faster than in the cycle before: what moved then can be braked, or go on.
             let turns = cycle.going(&ways, &self.rate).max(0.0);
             let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
             most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
-            factor = self.factor(wanted, &position, &most, &cycle);
+            factor = self.factor(wanted, &share, &most, &cycle);
         }
         let mut turned = PerChannel::ZERO;
         for i in cycle.of_kind(AxisKind::Rotary) {
@@ -82,32 +101,84 @@ impl Vector {
 
     /// What is left of the ramp, which begins here if it has not, and how much of it passes in a second.
     fn ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> (f64, f64) {
+        if matches!(self.motion, Motion::Begins | Motion::Line { .. }) {
+            let following = wanted.following(&self.rotary(cycle));
+            let reach = reach(cycle.limits);
+            (self.offset, self.excess) = (PerChannel::ZERO, PerChannel::ZERO);
+            for i in cycle.of_kind(AxisKind::Linear) {
+                self.offset[i] = self.smooth[i] - following[i] - wanted.position[i];
+                self.excess[i] = (self.smooth[i].abs() - reach[i]).max(0.0);
+            }
+            self.target = self.smooth;
+            self.motion = Motion::Ramps {
+                left: 1.0,
+                rate: 0.0,
+            };
+        }
+        let part = self.reachable_offset(wanted, cycle);
+        self.offset = self.offset.map(|offset| part * offset);
         match self.motion {
             Motion::Ramps { left, rate } => (left, rate),
-            Motion::Follows => (0.0, 0.0),
-            Motion::Begins | Motion::Line { .. } => {
-                let following = wanted.following(&self.rotary(cycle));
-                self.offset = PerChannel::ZERO;
-                for i in cycle.of_kind(AxisKind::Linear) {
-                    self.offset[i] = self.smooth[i] - following[i] - wanted.position[i];
-                }
-                self.target = self.smooth;
-                self.goal = self.output;
-                (1.0, 0.0)
+            _ => (0.0, 0.0),
+        }
+    }
+
+    /// The position share with what is left of the ramp, and the part of it that the axes can carry.
+    fn share(&self, wanted: &Wanted, cycle: &Cycle) -> Share {
+        let position = PerChannel::from_fn(|i| wanted.position[i] + self.offset[i]);
+        let rotary = self.rotary(cycle);
+        Share {
+            part: self.part(1.0, wanted, &position, &rotary, cycle),
+            position,
+            rotary,
+        }
+    }
+
+    /// The part of a position share that the axes can carry when this is left of what now is left of the ramp: a limit
+    /// that was lowered comes in with the ramp.
+    fn part(
+        &self,
+        left: f64,
+        wanted: &Wanted,
+        position: &PerChannel<f64>,
+        rotary: &PerChannel<f64>,
+        cycle: &Cycle,
+    ) -> f64 {
+        let mut reach = reach(cycle.limits);
+        for (reach, excess) in reach.iter_mut().zip(&self.excess) {
+            *reach += left * excess;
+        }
+        wanted.position_part(position, rotary, &reach)
+    }
+
+    /// The part of the offset with which no position share is more than the axes can carry, wherever the rotary axes are:
+    /// the whole one but where a ramp began with something wanted that no machine asks for.
+    fn reachable_offset(&self, wanted: &Wanted, cycle: &Cycle) -> f64 {
+        let mut part = 1.0_f64;
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let following = cycle.of_kind(AxisKind::Rotary);
+            let following: f64 = following
+                .map(|r| wanted.follow[r][i].abs() * cycle.reach[r])
+                .sum();
+            let (offset, reach) = (self.offset[i], cycle.reach[i] + following);
+            if offset != 0.0 {
+                part = part.min((reach.copysign(offset) - wanted.position[i]) / offset);
             }
         }
+        part.max(0.0)
     }
 
     fn pass_ramp(&mut self, before: f64, passed: f64, dt_s: f64) {
         let left = before * (1.0 - passed);
         if left > SMALLEST_PART {
             self.offset = self.offset.map(|offset| offset * (1.0 - passed));
+            self.excess = self.excess.map(|excess| excess * (1.0 - passed));
             self.motion = Motion::Ramps {
                 left,
                 rate: (before - left) / dt_s,
             };
         } else {
-            self.offset = PerChannel::ZERO;
+            (self.offset, self.excess) = (PerChannel::ZERO, PerChannel::ZERO);
             self.motion = Motion::Follows;
         }
     }
@@ -119,11 +190,6 @@ impl Vector {
             rotary[i] = self.smooth[i];
         }
         rotary
-    }
-
-    /// The position share with what is left of the ramp.
-    fn position_share(&self, wanted: &Wanted) -> PerChannel<f64> {
-        PerChannel::from_fn(|i| wanted.position[i] + self.offset[i])
     }
 
     /// The ways of the rotary axes to their goal, zero at all other places.
@@ -140,7 +206,8 @@ impl Vector {
     fn accels(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> (f64, f64) {
         let rotary = cycle.accel_over(ways, AxisKind::Rotary);
         let following = cycle.accel_over(&wanted.following(ways), AxisKind::Linear);
-        let ramp = cycle.accel_over(&self.offset, AxisKind::Linear);
+        let passing = PerChannel::from_fn(|i| self.offset[i].abs() + self.excess[i]);
+        let ramp = cycle.accel_over(&passing, AxisKind::Linear);
         if cycle.of_kind(AxisKind::Rotary).next().is_some() {
             (0.5 * ramp, rotary.min(0.5 * following))
         } else {
@@ -153,23 +220,29 @@ impl Vector {
     fn factor(
         &self,
         wanted: &Wanted,
-        position: &PerChannel<f64>,
+        share: &Share,
         advance: &Advance,
         cycle: &Cycle,
     ) -> Option<f64> {
-        let rotary = self.rotary(cycle);
-        let part = wanted.position_part(position, &rotary, cycle.limits);
         let at = |ways: &PerChannel<f64>| {
-            wanted.following(&PerChannel::from_fn(|i| rotary[i] + ways[i]))
+            wanted.following(&PerChannel::from_fn(|i| share.rotary[i] + ways[i]))
+        };
+        let left = 1.0 - advance.ramp;
+        let later = PerChannel::from_fn(|i| share.position[i] - advance.ramp * self.offset[i]);
+        let part = if self.excess == PerChannel::ZERO {
+            share.part
+        } else {
+            self.part(left, wanted, &later, &share.rotary, cycle)
         };
         let (least, most) = (at(&advance.least), at(&advance.most));
         let (mut low, mut high) = (0.0_f64, 1.0_f64);
         for i in cycle.of_kind(AxisKind::Linear) {
-            let limit = cycle.limits.axes[i].reachable();
+            let limit = cycle.limits.axes[i].reachable().max(self.smooth[i].abs());
             let rounding = 1e-9 * cycle.step(i);
             let [lowest, highest] = cycle.spans[i].map(|way| self.smooth[i] + way);
-            let base = part * position[i] + least[i];
-            let along = most[i] - least[i] - part * advance.ramp * self.offset[i];
+            let base = share.part * share.position[i] + least[i];
+            let passed = share.part * share.position[i] - part * later[i];
+            let along = most[i] - least[i] - passed;
             // What is beyond a limit that can be reached is cut there.
             let highest = if highest >= limit - rounding {
                 f64::INFINITY
@@ -197,24 +270,22 @@ impl Vector {
     /// The linear axes go where they belong for the rotary shares as they are now, as far as they can. Whether one of
     /// them is not there at the end, and the part of the position share that the limits leave.
     fn slide(&mut self, wanted: &Wanted, cycle: &Cycle) -> (bool, f64) {
-        let position = self.position_share(wanted);
-        let rotary = self.rotary(cycle);
-        let part = wanted.position_part(&position, &rotary, cycle.limits);
-        let following = wanted.following(&rotary);
+        let share = self.share(wanted, cycle);
+        let following = wanted.following(&share.rotary);
         let mut behind = false;
         for i in cycle.of_kind(AxisKind::Linear) {
             let axis = &cycle.limits.axes[i];
-            let limit = axis.reachable();
-            let whole = part * position[i] + following[i];
+            let limit = axis.reachable().max(self.smooth[i].abs());
+            let whole = share.part * share.position[i] + following[i];
             let target = within([-limit, limit], whole);
             // On the way with the target, and back to it as fast as can be stopped there.
             let gap = self.target[i] - self.smooth[i];
-            let back = stopping_rate(gap.abs(), axis.accel_per_s2, cycle.dt_s) * cycle.dt_s;
+            let back = stopping_rate(gap.abs(), cycle.accel[i], cycle.dt_s) * cycle.dt_s;
             let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);
             self.advance(i, way, cycle);
             self.target[i] = target;
             behind |= (whole - self.smooth[i]).abs() > 2.0 * ARRIVED_STEPS * axis.resolution;
         }
-        (behind, part)
+        (behind, share.part)
     }
 }

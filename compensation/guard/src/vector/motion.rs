@@ -30,12 +30,10 @@ fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
 }
 
 /// How far an axis that stands at `at` and moves at `rate` may go in a cycle, downwards and upwards (mm or rad): within
-/// slew and acceleration, and so that it never passes its limit. Outside the limit it goes inwards only.
-pub(super) fn span(at: f64, rate: f64, slew: f64, axis: &AxisLimits, dt_s: f64) -> [f64; 2] {
-    let limit = axis.reachable();
+/// slew and acceleration, and so that it never passes its `limit`. Outside the limit it goes inwards only.
+pub(super) fn span(at: f64, rate: f64, slew: f64, accel: f64, limit: f64, dt_s: f64) -> [f64; 2] {
     let (up, down) = (limit - at, limit + at);
-    let accel = axis
-        .accel_per_s2
+    let accel = accel
         .max(needed_to_stop(up, rate, dt_s))
         .max(needed_to_stop(down, -rate, dt_s));
     // Slew comes before acceleration, the limit before both.

@@ -98,9 +98,10 @@ impl Wanted {
         before: &PerChannel<f64>,
         limits: &Limits,
     ) -> PerChannel<f64> {
+        let reach = reach(limits);
         let following = self.following(&self.rotary);
         let along = PerChannel::from_fn(|i| following[i] + self.rotary[i]);
-        let Some(part) = largest_part(position, &along, limits) else {
+        let Some(part) = largest_part(position, &along, &reach) else {
             return PerChannel::ZERO;
         };
         let exact = self.rotary.map(|share| part * share);
@@ -116,7 +117,7 @@ impl Wanted {
                 .max(-most)
                 .min(most)
         });
-        if self.fits(position, &rounded, limits) {
+        if self.fits(position, &rounded, &reach) {
             return rounded;
         }
         // Rounding passed the limit of a linear axis: towards zero.
@@ -125,28 +126,33 @@ impl Wanted {
             let steps = exact[i] / step;
             libm::trunc(steps + steps.signum() * ROUNDING_STEPS) * step
         });
-        if self.fits(position, &truncated, limits) {
+        if self.fits(position, &truncated, &reach) {
             return truncated;
         }
         exact
     }
 
-    fn fits(&self, position: &PerChannel<f64>, rotary: &PerChannel<f64>, limits: &Limits) -> bool {
+    fn fits(
+        &self,
+        position: &PerChannel<f64>,
+        rotary: &PerChannel<f64>,
+        reach: &PerChannel<f64>,
+    ) -> bool {
         let following = self.following(rotary);
         let all = PerChannel::from_fn(|i| position[i] + following[i] + rotary[i]);
-        largest_part(&all, &PerChannel::ZERO, limits).is_some()
+        largest_part(&all, &PerChannel::ZERO, reach).is_some()
     }
 
-    /// The largest part of the position share that leaves every linear axis within its limit while the rotary axes
+    /// The largest part of a position share that leaves every linear axis within its reach while the rotary axes
     /// stand at `rotary`. Where none does, the one between what the axes would allow alone, so that nothing jumps.
     pub(super) fn position_part(
         &self,
         position: &PerChannel<f64>,
         rotary: &PerChannel<f64>,
-        limits: &Limits,
+        reach: &PerChannel<f64>,
     ) -> f64 {
         let following = self.following(rotary);
-        let [least, most] = parts(&following, position, limits);
+        let [least, most] = parts(&following, position, reach);
         let part = if least <= most || least.is_infinite() {
             most
         } else {
@@ -167,25 +173,35 @@ fn rotary_of(limits: &Limits, value: impl Fn(usize) -> f64) -> PerChannel<f64> {
     })
 }
 
-/// The largest part t in [0, 1] with which `base` + t·`along` is within the limit of every axis.
-fn largest_part(base: &PerChannel<f64>, along: &PerChannel<f64>, limits: &Limits) -> Option<f64> {
-    let [least, most] = parts(base, along, limits);
+/// How far each axis may be from zero, mm and rad: its last step within the limit.
+pub(super) fn reach(limits: &Limits) -> PerChannel<f64> {
+    let mut reach = PerChannel([f64::INFINITY; MAX_AXES]);
+    for (reach, axis) in reach.iter_mut().zip(&limits.axes).take(limits.count) {
+        *reach = axis.reachable() + ROUNDING_STEPS * axis.resolution;
+    }
+    reach
+}
+
+/// The largest part t in [0, 1] with which `base` + t·`along` is within the reach of every axis.
+fn largest_part(
+    base: &PerChannel<f64>,
+    along: &PerChannel<f64>,
+    reach: &PerChannel<f64>,
+) -> Option<f64> {
+    let [least, most] = parts(base, along, reach);
     (least <= most).then_some(most)
 }
 
-/// The least and the largest part t in [0, 1] with which `base` + t·`along` is within the limit of every axis; the
+/// The least and the largest part t in [0, 1] with which `base` + t·`along` is within the reach of every axis; the
 /// least is above the largest where there is none.
-fn parts(base: &PerChannel<f64>, along: &PerChannel<f64>, limits: &Limits) -> [f64; 2] {
+fn parts(base: &PerChannel<f64>, along: &PerChannel<f64>, reach: &PerChannel<f64>) -> [f64; 2] {
     let (mut least, mut most) = (0.0_f64, 1.0_f64);
-    for i in 0..limits.count.min(MAX_AXES) {
-        let axis = &limits.axes[i];
-        let limit = axis.reachable() + ROUNDING_STEPS * axis.resolution;
-        let (base, along) = (base[i], along[i]);
+    for ((base, along), reach) in base.iter().zip(along).zip(reach) {
         if along.abs() > 1e-300 {
-            let (low, high) = ((-limit - base) / along, (limit - base) / along);
+            let (low, high) = ((-reach - base) / along, (reach - base) / along);
             least = least.max(low.min(high));
             most = most.min(low.max(high));
-        } else if base.abs() > limit {
+        } else if base.abs() > *reach {
             least = f64::INFINITY;
         }
     }

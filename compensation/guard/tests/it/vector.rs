@@ -1,8 +1,6 @@
 //! The correction of all axes as one vector, against its limits and in any cycles; what it does to the tool of a
 //! machine is tested with the runtime.
 
-use std::time::Duration;
-
 use proptest::prelude::*;
 use volcomp_guard::{AxisLimits, Limits, Vector, Wanted};
 use volcomp_vocabulary::{AxisKind, PerChannel};
@@ -10,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, PerChannel};
 use crate::world::limits;
 
 /// X, Y, Z, A and C: limits of 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
-fn five(accel_s: f64) -> Limits {
+pub(crate) fn five(accel_s: f64) -> Limits {
     let mut limits = limits();
     limits.count = 5;
     for (i, axis) in limits.axes.iter_mut().enumerate() {
@@ -30,13 +28,13 @@ fn five(accel_s: f64) -> Limits {
     limits
 }
 
-fn three() -> Limits {
+pub(crate) fn three() -> Limits {
     let mut limits = five(0.0);
     limits.count = 3;
     limits
 }
 
-fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
+pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
     PerChannel::leading(values)
 }
 
@@ -330,114 +328,6 @@ proptest! {
     }
 }
 
-/// How long a line takes, s.
-fn line_s(limits: &Limits, from: &PerChannel<f64>, to: &PerChannel<f64>) -> f64 {
-    let mut vector = Vector::at(from);
-    vector.begin_line(to);
-    for cycle in 1..100_000 {
-        let arrived = vector.advance_line(limits, 0.004);
-        // All axes by one factor.
-        let part = |i: usize| (vector.smooth()[i] - from[i]) / (to[i] - from[i]);
-        for i in 1..limits.count {
-            assert!((part(i) - part(0)).abs() < 1e-6, "{i}: {vector:?}");
-        }
-        if arrived {
-            assert_eq!(vector.output(), *to);
-            assert!(vector.advance_line(limits, 0.004), "it stays there");
-            return 0.004 * f64::from(cycle);
-        }
-    }
-    panic!("{vector:?}");
-}
-
-#[test]
-fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
-    let from = of([0.100, -0.050, 0.020, 100e-6, -50e-6]);
-    let to = of([0.0, 0.010, 0.0, 0.0, 0.0]);
-    let limits = five(0.0);
-    let ramp_s = line_s(&limits, &from, &to);
-    assert!((ramp_s - 0.5).abs() < 0.005, "{ramp_s}");
-    // 50 µrad at 50 µrad/s.
-    let mut slow = limits;
-    slow.axes[4].slew_per_s = 50e-6;
-    let slow_s = line_s(&slow, &from, &to);
-    assert!((slow_s - 1.0).abs() < 0.01, "{slow_s}");
-    // A tenth of a second to the slew of 0.1 mm/s.
-    let mut eased = limits;
-    eased.axes[0].slew_per_s = 0.1;
-    eased.axes[0].accel_per_s2 = 1.0;
-    let eased_s = line_s(&eased, &from, &to);
-    assert!((1.09..1.3).contains(&eased_s), "{eased_s}");
-    // Twenty cycles at the least.
-    let mut short = limits;
-    short.ramp = Duration::ZERO;
-    short
-        .axes
-        .iter_mut()
-        .for_each(|axis| axis.slew_per_s *= 10.0);
-    let short_s = line_s(&short, &from, &to);
-    assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
-}
-
-/// The line ends on the step that it was given, also from a value off the grid.
-#[test]
-fn a_correction_off_the_grid_goes_to_zero() {
-    let limits = five(0.0);
-    let mut vector = Vector::at(&of([0.0004, -0.1237, 0.0, 2.4e-6, 0.0]));
-    assert_eq!(vector.output()[0], 0.0004);
-    vector.begin_line(&PerChannel::ZERO);
-    while !vector.advance_line(&limits, 0.004) {}
-    assert_eq!(vector.output(), PerChannel::ZERO);
-}
-
-#[test]
-fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
-    let limits = five(0.0);
-    let mut follow = PerChannel::default();
-    follow[3] = of([0.0, 200.0, -100.0]);
-    let wanted = Wanted {
-        position: of([0.030, -0.020, 0.010]),
-        rotary: of([0.0, 0.0, 0.0, 50e-6]),
-        follow,
-    };
-    for from in [PerChannel::ZERO, of([0.020, 0.030, -0.040, -40e-6, 35e-6])] {
-        let mut vector = Vector::at(&from);
-        let mut cycles = 0;
-        while !vector.is_ramped() {
-            let before = vector.smooth();
-            let followed = vector.follow(&wanted, &limits, 0.004);
-            assert!(!followed.slewing, "{followed:?}");
-            cycles += 1;
-            for i in 0..5 {
-                let most = (wanted.full()[i] - from[i]).abs() / 120.0 + 1e-6;
-                assert!((vector.smooth()[i] - before[i]).abs() <= most);
-            }
-        }
-        assert!((124..=126).contains(&cycles), "{cycles}");
-        for i in 0..5 {
-            let step = limits.axes[i].resolution;
-            assert!((vector.output()[i] - wanted.full()[i]).abs() < 0.51 * step);
-        }
-    }
-}
-
-/// A ramp that the slew of one axis allows in two seconds only takes two seconds for all axes, and it is said.
-#[test]
-fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
-    let mut limits = three();
-    limits.axes[1].slew_per_s = 0.010;
-    let mut vector = Vector::default();
-    let mut cycles = 0;
-    while !vector.is_ramped() {
-        let followed = vector.follow(&Wanted::linear(of([0.1, 0.02, -0.05])), &limits, 0.004);
-        let [x, y, z, ..] = vector.smooth().0;
-        assert!((x - 5.0 * y).abs() < 1e-9 && (z + 2.5 * y).abs() < 1e-9);
-        assert!(!followed.behind && (followed.slewing || vector.is_ramped()));
-        cycles += 1;
-    }
-    assert!((499..=502).contains(&cycles), "{cycles}");
-}
-
 /// What no machine sends moves nothing, and no call panics.
 #[test]
 fn what_is_no_number_moves_nothing() {
@@ -481,44 +371,4 @@ fn a_limit_takes_the_same_part_of_every_share() {
     }
     assert_eq!(vector.output(), of([0.150, -0.050, 0.010]));
     assert!(followed.limited && followed.warned && !followed.slewing);
-}
-
-/// A line ended with a last motion that was forgotten: what began in the next cycle accelerated by it more than it may.
-#[test]
-fn what_begins_after_a_line_begins_with_its_last_rate() {
-    let limits = five(0.118);
-    // Back to where it came from.
-    let wanted = Wanted::linear(of([0.260, 0.0, 0.0]));
-    for from_um in 1..150_u32 {
-        for dt in [0.004, 0.0013, 0.020] {
-            let mut vector = Vector::at(&of([f64::from(from_um) * 1e-3, -0.004, 0.0]));
-            vector.begin_line(&PerChannel::ZERO);
-            let mut rates = PerChannel::ZERO;
-            let mut moves = |vector: &mut Vector, on_line: bool| {
-                let before = vector.smooth();
-                let arrived = if on_line {
-                    vector.advance_line(&limits, dt)
-                } else {
-                    vector.follow(&wanted, &limits, dt);
-                    false
-                };
-                for (i, axis) in limits.axes.iter().enumerate().take(3) {
-                    let rate = (vector.smooth()[i] - before[i]) / dt;
-                    let most = axis.accel_per_s2 * dt * (1.0 + 1e-9);
-                    let change = (rate - rates[i]).abs();
-                    assert!(
-                        change <= most,
-                        "{from_um} µm, {dt} s, {i}: {change} of {most}"
-                    );
-                    rates[i] = rate;
-                }
-                arrived
-            };
-            while !moves(&mut vector, true) {}
-            vector.begin_ramp();
-            for _ in 0..20 {
-                moves(&mut vector, false);
-            }
-        }
-    }
 }

@@ -43,7 +43,7 @@ fn ramps_to_zero() {
 /// outside comes in at the old slew or the new one, whichever is lower, and once it is in the bound holds again.
 #[test]
 fn limits_lowered_in_motion() {
-    over_all_types("lowered", 0.3, |cell, rng, seen| {
+    over_all_types("lowered", 0.25, |cell, rng, seen| {
         let (moves, restarts) = (rng.random_bool(0.5), rng.random_bool(0.5));
         let mut scene = Scene::new(cell, rng, moves, restarts);
         for _ in 0..rng.random_range(1..40) {
@@ -63,7 +63,13 @@ fn limits_lowered_in_motion() {
             axis.slew_per_s *= part();
             axis.accel_per_s2 *= part();
         }
+        scene.vector.begin_ramp();
+        // The ramp begins once what moved stands.
+        let mut begun = false;
         for _ in 0..80 {
+            if !begun {
+                scene.begins();
+            }
             let before = scene.vector;
             let dt_s = scene.tick(rng);
             scene.time_s += dt_s;
@@ -88,6 +94,7 @@ fn limits_lowered_in_motion() {
             seen.cycles += 1;
             seen.slewing += usize::from(scene.followed.slewing);
             seen.behind += usize::from(scene.followed.behind);
+            begun |= !scene.followed.behind;
             if !scene.followed.behind {
                 scene.judge(&state, seen);
             }

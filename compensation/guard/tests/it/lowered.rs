@@ -1,0 +1,142 @@
+//! Limits and accelerations that are lowered while the correction is applied: the whole vector comes in on one line.
+
+use volcomp_guard::{Limits, Vector, Wanted};
+use volcomp_vocabulary::PerChannel;
+
+use crate::vector::{five, of, three};
+
+const CYCLE_S: f64 = 0.004;
+
+/// X follows A with 500 mm for each rad, and no position is wanted beside: the tip misses by X − 500·A.
+fn led_by_a() -> Wanted {
+    let mut follow = PerChannel::default();
+    follow[3] = of([500.0]);
+    Wanted {
+        rotary: of([0.0, 0.0, 0.0, 200e-6]),
+        follow,
+        ..Wanted::default()
+    }
+}
+
+/// X and A of a tilting head in fine steps.
+fn tilting(rotary_slew: f64) -> Limits {
+    let mut limits = five(0.0);
+    for (i, axis) in limits.axes.iter_mut().enumerate().take(5) {
+        axis.resolution = if i < 3 { 1e-5 } else { 1e-7 };
+    }
+    limits.axes[3].limit = 400e-6;
+    limits.axes[3].slew_per_s = rotary_slew;
+    limits
+}
+
+fn with_accel(limits: &Limits, accel_per_s2: f64) -> Limits {
+    let mut limits = *limits;
+    for axis in &mut limits.axes {
+        axis.accel_per_s2 = accel_per_s2;
+    }
+    limits
+}
+
+/// The most by which the tip misses (mm) on the way within limits that were lowered, as the guard does it.
+fn misses_most(wanted: &Wanted, before: &Limits, after: &Limits) -> (f64, Vector) {
+    let mut vector = Vector::at(&PerChannel::ZERO);
+    for _ in 0..2000 {
+        vector.follow(wanted, before, CYCLE_S);
+    }
+    vector.begin_ramp();
+    let mut most = 0.0_f64;
+    for _ in 0..2000 {
+        vector.follow(wanted, after, CYCLE_S);
+        let output = vector.output();
+        most = most.max((output[0] - 500.0 * output[3]).abs());
+    }
+    (most, vector)
+}
+
+/// X alone came in at its slew, 30 µm ahead of what A then took half a second for: the tip was 50 µm off.
+#[test]
+fn a_lowered_linear_limit_takes_the_rotary_axes_along() {
+    for rotary_slew in [2000e-6, 500e-6, 250e-6, 50e-6] {
+        let before = tilting(rotary_slew);
+        let mut after = before;
+        after.axes[0].limit = 0.030;
+        let (most, vector) = misses_most(&led_by_a(), &before, &after);
+        assert!(most < 1e-4, "{rotary_slew}: {most}");
+        let [x, a] = [vector.output()[0], vector.output()[3]];
+        assert!(
+            (x - 0.030).abs() < 1e-5 && (a - 60e-6).abs() < 1e-7,
+            "{x} {a}"
+        );
+    }
+}
+
+#[test]
+fn a_lowered_rotary_limit_takes_the_linear_axes_along() {
+    let before = tilting(2000e-6);
+    let mut after = before;
+    after.axes[3].limit = 50e-6;
+    let (most, vector) = misses_most(&led_by_a(), &before, &after);
+    assert!(most < 1e-4, "{most}");
+    assert!((vector.output()[0] - 0.025).abs() < 1e-5);
+}
+
+/// Without rotary axes: one factor for all, on the way in too.
+#[test]
+fn a_lowered_limit_takes_the_same_part_of_every_share() {
+    let wanted = Wanted::linear(of([0.100, -0.050, 0.020]));
+    let before = three();
+    let mut after = before;
+    after.axes[0].limit = 0.030;
+    let mut vector = Vector::at(&wanted.position);
+    for _ in 0..200 {
+        vector.follow(&wanted, &before, CYCLE_S);
+    }
+    vector.begin_ramp();
+    let mut cycles = 0;
+    while !vector.is_ramped() {
+        vector.follow(&wanted, &after, CYCLE_S);
+        let [x, y, z, ..] = vector.smooth().0;
+        assert!((x + 2.0 * y).abs() < 1e-9 && (x - 5.0 * z).abs() < 1e-9);
+        cycles += 1;
+    }
+    assert!((124..=126).contains(&cycles), "{cycles}");
+    assert_eq!(vector.output(), of([0.030, -0.015, 0.006]));
+}
+
+/// What moves brakes as hard as it was allowed to until it stands: with the lowered acceleration it ran 105 µm, and up
+/// to the limit, beyond what is wanted.
+#[test]
+fn a_lowered_acceleration_does_not_overshoot() {
+    let wanted = Wanted::linear(of([0.091, -0.040, 0.0]));
+    for (cycles, part) in [(10, 0.1), (30, 0.025), (40, 0.005), (20, 0.005)] {
+        let before = Limits {
+            ramp: std::time::Duration::from_millis(100),
+            ..with_accel(&three(), 20.0)
+        };
+        let after = with_accel(&before, 20.0 * part);
+        let mut vector = Vector::at(&PerChannel::ZERO);
+        let mut rate = 0.0;
+        let mut follow = |vector: &mut Vector, limits: &Limits, accel_per_s2: f64| {
+            let stood = vector.smooth()[0];
+            vector.follow(&wanted, limits, CYCLE_S);
+            let now = (vector.smooth()[0] - stood) / CYCLE_S;
+            let most = accel_per_s2 * CYCLE_S * (1.0 + 1e-6);
+            assert!((now - rate).abs() <= most, "{rate} to {now}");
+            rate = now;
+            now == 0.0
+        };
+        for _ in 0..cycles {
+            follow(&mut vector, &before, 20.0);
+        }
+        vector.begin_ramp();
+        let (mut most, mut stood) = (0.0_f64, false);
+        for _ in 0..20_000 {
+            let accel_per_s2 = if stood { 20.0 * part } else { 20.0 };
+            stood |= follow(&mut vector, &after, accel_per_s2);
+            most = most.max(vector.smooth()[0]);
+        }
+        assert!(most <= 0.091 + 1e-9, "{part} after {cycles}: {most}");
+        assert!(vector.is_ramped());
+        assert!((vector.output()[0] - 0.091).abs() < 1e-9);
+    }
+}
