@@ -91,8 +91,8 @@ pub struct Correction {
     /// Whether what the axes can correct was brought below the tolerances of the options within their number of
     /// steps. `false` also where a position or an error is no finite number.
     pub converged: bool,
-    /// A direction of the tool axis is not corrected: the pose is within about 1° of a singular one, or fewer than
-    /// two rotary axes may move.
+    /// A direction of the tool axis is corrected in part only or not at all: the pose is within about 1° of a singular one,
+    /// or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
     /// Two rotary axes or more may move, and the pose is a singular one or so near it (about 6°) that they take more
     /// than 10 times the error of the tool axis, or leave a direction of it out. See
@@ -116,15 +116,17 @@ pub fn correct<S: ErrorSource>(
     // Which directions are left out is decided on the ideal chain at the command, once.
     let nominal = Columns::at(chain, state, &goal, &correctors);
     let rank = nominal.gram.rank();
+    let mut left_out = None;
     let linear = LinearColumns::new(nominal.linear, correctors.linear().len());
     let mut corrected = *state;
     let mut iterations = 0;
     loop {
         let miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
         let columns = Columns::at(chain, &corrected, &goal, &correctors);
-        let (weighted, seen_rad) = columns
-            .gram
-            .solve(rank, &goal.normal_components(&miss.axis));
+        let axis = goal.normal_components(&miss.axis);
+        // What is not to be corrected stays as it is at the command.
+        let left_out = *left_out.get_or_insert_with(|| axis - nominal.gram.corrected(&axis));
+        let (weighted, seen_rad) = columns.gram.solve(rank, &(axis - left_out));
         let linear = linear.at(columns.linear);
         let seen_mm = linear.seen_mm(&linear.shares(&miss.position_mm));
         let done =
@@ -136,7 +138,7 @@ pub fn correct<S: ErrorSource>(
                 residual_axis: miss.axis,
                 iterations,
                 converged: done,
-                tool_axis_partial: rank < 2,
+                tool_axis_partial: nominal.gram.is_singular(),
                 near_singular: correctors.rotary().len() >= 2 && nominal.gram.is_near_singular(),
             };
         }

@@ -10,9 +10,14 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::{correctors::INDEPENDENT_ABOVE, math::sqrt};
 
-/// A direction of the tool axis whose nominal singular value is below this is not corrected (about 1° from the
+/// A direction of the tool axis whose nominal singular value is below this is corrected in part only (about 1° from the
 /// singular pose); no rotary correction is then more than 1/0.02 = 50 times the tool-axis error.
 pub const SINGULAR_BELOW: f64 = 0.02;
+
+/// A direction of the tool axis whose nominal singular value is below this is not corrected at all. Between this and
+/// [`SINGULAR_BELOW`] the part that is corrected grows from nothing to the whole, so that a rotary axis which passes the
+/// edge, or whose last digit flickers there, turns no other to and fro.
+pub const LEFT_OUT_BELOW: f64 = 0.75 * SINGULAR_BELOW;
 
 /// A pose counts as near a singular one when a nominal singular value is below this (about 6° from it): a rotary
 /// correction is then more than 1/0.1 = 10 times the tool-axis error along that direction, or left out.
@@ -70,13 +75,48 @@ impl RotaryGram {
         (half_difference, radius, [larger, smaller])
     }
 
-    /// How many of the two directions of the tool axis can be corrected: those with a singular value of
-    /// [`SINGULAR_BELOW`] or more.
+    /// How many of the two directions of the tool axis are corrected, wholly or in part: those with a singular value of
+    /// [`LEFT_OUT_BELOW`] or more.
     #[inline(always)]
     pub fn rank(&self) -> usize {
         let (_, _, squares) = self.eigenvalues();
-        let least = SINGULAR_BELOW * SINGULAR_BELOW;
+        let least = LEFT_OUT_BELOW * LEFT_OUT_BELOW;
         usize::from(squares[0] >= least) + usize::from(squares[1] >= least)
+    }
+
+    /// Whether a direction of the tool axis is not wholly corrected: one of the two singular values is below
+    /// [`SINGULAR_BELOW`], or no number.
+    #[inline(always)]
+    pub fn is_singular(&self) -> bool {
+        let (_, _, [_, smaller]) = self.eigenvalues();
+        smaller.is_nan() || smaller < SINGULAR_BELOW * SINGULAR_BELOW
+    }
+
+    /// The part of `miss` that is corrected.
+    #[inline(always)]
+    pub fn corrected(&self, miss: &Vector2<f64>) -> Vector2<f64> {
+        if !self.is_singular() {
+            return *miss;
+        }
+        let (half_difference, radius, squares) = self.eigenvalues();
+        let [first, second] = squares.map(|square| {
+            let above = sqrt(square.max(0.0)) - LEFT_OUT_BELOW;
+            (above / (SINGULAR_BELOW - LEFT_OUT_BELOW)).clamp(0.0, 1.0)
+        });
+        let vector = self.first_direction(half_difference, radius);
+        let along = vector * vector.dot(miss);
+        along * first + (miss - along) * second
+    }
+
+    /// The direction of the larger singular value.
+    #[inline(always)]
+    fn first_direction(&self, half_difference: f64, radius: f64) -> Vector2<f64> {
+        let candidate = if half_difference >= 0.0 {
+            Vector2::new(radius + half_difference, self.b)
+        } else {
+            Vector2::new(self.b, radius - half_difference)
+        };
+        candidate.try_normalize(0.0).unwrap_or_else(Vector2::x)
     }
 
     /// Whether one of the two singular values is below [`NEAR_SINGULAR_BELOW`], or no number.
@@ -101,12 +141,7 @@ impl RotaryGram {
         if rank == 0 || larger <= 0.0 {
             return (Vector2::zeros(), 0.0);
         }
-        let candidate = if half_difference >= 0.0 {
-            Vector2::new(radius + half_difference, self.b)
-        } else {
-            Vector2::new(self.b, radius - half_difference)
-        };
-        let vector = candidate.try_normalize(0.0).unwrap_or_else(Vector2::x);
+        let vector = self.first_direction(half_difference, radius);
         let along = vector.dot(miss);
         (vector * (along / larger), along.abs())
     }

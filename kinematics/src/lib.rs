@@ -26,7 +26,7 @@ pub use denavit_hartenberg::{DhRow, DhTable};
 pub use error::{ChainError, InsteadConstant, NoEffect};
 pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
 pub use given_errors::GivenErrors;
-pub use least_norm::{NEAR_SINGULAR_BELOW, SINGULAR_BELOW};
+pub use least_norm::{LEFT_OUT_BELOW, NEAR_SINGULAR_BELOW, SINGULAR_BELOW};
 pub use nalgebra;
 pub use no_effect::along_machine_axis;
 pub use pose::{

@@ -75,8 +75,8 @@ pub struct FirstOrder {
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,
-    /// A direction of the tool axis is not corrected: the pose is within about 1° of a singular one, or fewer than
-    /// two rotary axes may move.
+    /// A direction of the tool axis is corrected in part only or not at all: the pose is within about 1° of a singular one,
+    /// or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
     /// Two rotary axes or more may move, and the pose is a singular one or within about 6° of it: see
     /// [`volcomp_kinematics::NEAR_SINGULAR_BELOW`].
@@ -290,13 +290,12 @@ fn correct_axis(
     for &index in correctors.rotary() {
         gram.add(&seen(&directions.axes[index]));
     }
-    let rank = gram.rank();
-    let (weighted, _) = gram.solve(rank, &miss);
+    let (weighted, _) = gram.solve(gram.rank(), &gram.corrected(&miss));
     for &index in correctors.rotary() {
         delta[index] = -seen(&directions.axes[index]).dot(&weighted);
     }
     let near_singular = correctors.rotary().len() >= 2 && gram.is_near_singular();
-    [rank < 2, near_singular]
+    [gram.is_singular(), near_singular]
 }
 
 /// How the tip moves with the linear axes that correct.

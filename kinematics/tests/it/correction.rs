@@ -153,6 +153,40 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     }
 }
 
+/// C took nothing below 0.02 and 50 times the error of the tool axis above: one digit of A that flickered there turned it
+/// by 506 µrad to and fro.
+#[test]
+fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
+    let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());
+    let place = |name| chain.structure().index_of(name).unwrap();
+    let (c, a) = (place(AxisName::C), place(AxisName::A));
+    let mut errors = GivenErrors::default();
+    errors.motion[place(AxisName::Z)] = ErrorMotion::from_um_urad([0.0, 0.0, 0.0, 0.0, 10.0, 0.0]);
+    let turned = |a_rad: f64| {
+        let mut state = State::default();
+        state.q[a] = a_rad;
+        state.q[c] = 0.3;
+        let found = correct(&chain, &errors, &state, &CorrectionOptions::default());
+        assert!(
+            found.converged && found.residual_mm.norm() < 1e-8,
+            "{a_rad}"
+        );
+        found.delta[c]
+    };
+    let digit = 0.001_f64.to_radians();
+    let (mut most, mut largest) = (0.0_f64, 0.0_f64);
+    for step in -2000..2000 {
+        let at = f64::from(step) * digit;
+        let (here, next) = (turned(at), turned(at + digit));
+        largest = largest.max(here.abs());
+        most = most.max((next - here).abs());
+    }
+    // Between 0.86° and 1.15° it turns by 500 µrad, over 287 digits.
+    assert!(most < 3e-6, "{most}");
+    assert!((450e-6..501e-6).contains(&largest), "{largest}");
+    assert_eq!(turned(0.8_f64.to_radians()), 0.0);
+}
+
 #[test]
 fn one_rotary_axis_corrects_what_it_can() {
     let mut chain = Chain::new("w b X Y Z B t".parse().unwrap());

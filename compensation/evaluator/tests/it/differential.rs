@@ -142,11 +142,18 @@ fn by_decomposition(
             .iter()
             .filter(|value| **value >= 0.02)
             .count();
-        let solved = svd
-            .solve(&DVector::from_column_slice(error_axis.as_slice()), 0.02)
-            .unwrap();
+        let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());
         for (place, &index) in rotary.iter().enumerate() {
-            delta[index] = -solved[place];
+            // Nothing of a direction below 0.015, all of it above 0.02.
+            let directions = svd.singular_values.iter().enumerate();
+            let shares = directions.filter(|(_, value)| **value > 0.015);
+            let share: f64 = shares
+                .map(|(i, value)| {
+                    let part = ((value - 0.015) / 0.005).min(1.0);
+                    part * v_t[(i, place)] * u.column(i).dot(&error_axis) / value
+                })
+                .sum();
+            delta[index] = -share;
             error_mm += derivative(index).0 * delta[index];
         }
     }

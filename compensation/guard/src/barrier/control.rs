@@ -264,12 +264,11 @@ impl Barrier {
         }
         self.state.done += 1;
         for axis in 0..self.settings.axes.count() {
-            let (from, goal) = (
-                i64::from(self.state.from[axis]),
-                i64::from(self.state.goal[axis]),
-            );
-            let at =
-                from + (goal - from) * i64::from(self.state.done) / i64::from(self.state.steps);
+            let from = i64::from(self.state.from[axis]);
+            let way = i64::from(self.state.goal[axis]) - from;
+            // The count nearest to the line; the way from step to step is still a whole part of the way, or one more.
+            let (done, steps) = (i64::from(self.state.done), i64::from(self.state.steps));
+            let at = from + way.signum() * ((way.abs() * done + steps / 2) / steps);
             // Between two numbers of 16 bits, so it is one.
             self.state.applied[axis] = i16::try_from(at).unwrap_or(self.state.applied[axis]);
         }

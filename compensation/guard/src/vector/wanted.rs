@@ -8,6 +8,9 @@ use crate::{AxisLimits, Limits};
 /// A limit is not missed by a rounding: so many steps beyond it count as within.
 const ROUNDING_STEPS: f64 = 1e-6;
 
+/// Parts of the rotary shares that are tried where no whole steps beside them fit the limits.
+const SHARES: u32 = 8;
+
 /// What a model asks for, in channel order. Whatever the rotary shares δ_r are on their way, the linear shares that
 /// belong to them are `position` + Σ `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -120,16 +123,52 @@ impl Wanted {
         if self.fits(position, &rounded, &reach) {
             return rounded;
         }
-        // Rounding passed the limit of a linear axis: towards zero.
-        let truncated = rotary_of(limits, |i| {
-            let step = limits.axes[i].resolution;
-            let steps = exact[i] / step;
-            libm::trunc(steps + steps.signum() * ROUNDING_STEPS) * step
-        });
-        if self.fits(position, &truncated, &reach) {
-            return truncated;
+        // Rounding passed the limit of a linear axis: the nearest whole steps that do not, on the way to zero.
+        (0..=SHARES)
+            .rev()
+            .find_map(|share| {
+                let part = f64::from(share) / f64::from(SHARES);
+                let exact = exact.map(|whole| part * whole);
+                self.nearest_steps(position, &exact, limits, &reach)
+            })
+            .unwrap_or_default()
+    }
+
+    /// The whole steps beside rotary shares (rad) with which every axis is within its reach, and which are nearest to the
+    /// shares.
+    fn nearest_steps(
+        &self,
+        position: &PerChannel<f64>,
+        exact: &PerChannel<f64>,
+        limits: &Limits,
+        reach: &PerChannel<f64>,
+    ) -> Option<PerChannel<f64>> {
+        // One bit for each axis that turns: whether it goes to the step above.
+        let turning = rotary_of(limits, |i| exact[i]);
+        let all = (0..MAX_AXES)
+            .filter(|i| turning[*i] != 0.0)
+            .fold(0_usize, |all, i| all | 1 << i);
+        let mut nearest: Option<(f64, PerChannel<f64>)> = None;
+        let mut choice = 0_usize;
+        loop {
+            let mut away = 0.0;
+            let steps = rotary_of(limits, |i| {
+                let (step, share) = (limits.axes[i].resolution, exact[i]);
+                let below = libm::floor(share / step + ROUNDING_STEPS) * step;
+                let at = below + if choice >> i & 1 == 1 { step } else { 0.0 };
+                away += (at - share).abs() / step;
+                at
+            });
+            let is_nearer = nearest.is_none_or(|(least, _)| away < least);
+            if is_nearer && self.fits(position, &steps, reach) {
+                nearest = Some((away, steps));
+            }
+            choice = choice.wrapping_sub(all) & all;
+            if choice == 0 {
+                break;
+            }
         }
-        exact
+        nearest.map(|(_, steps)| steps)
     }
 
     fn fits(
@@ -163,7 +202,7 @@ impl Wanted {
 }
 
 /// A value for each rotary axis, zero for all others.
-fn rotary_of(limits: &Limits, value: impl Fn(usize) -> f64) -> PerChannel<f64> {
+fn rotary_of(limits: &Limits, mut value: impl FnMut(usize) -> f64) -> PerChannel<f64> {
     PerChannel::from_fn(|i| {
         if i < limits.count && limits.axes[i].kind == AxisKind::Rotary {
             value(i)

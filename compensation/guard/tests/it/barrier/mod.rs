@@ -9,6 +9,7 @@ mod random;
 mod rules;
 mod simulated;
 mod text;
+mod tip;
 
 use volcomp_guard::{
     barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, Settings},
