@@ -47,6 +47,11 @@ fn limits(case: &Case) -> Limits {
 }
 
 /// The most by which the tip is off (mm) by what the axes have, where nothing slews.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "small whole numbers"
+)]
 fn off(case: &Case) -> f64 {
     let limits = limits(case);
     let layout = [
