@@ -348,6 +348,16 @@ pub enum ReloadError {
         /// The key or table.
         key: FixedKey,
     },
+    /// A file that a controller is described by, such as a DBC file, says something else than when it was opened.
+    #[error(
+        "{file}: {device}: axes, steps or signals are not those with which it was opened: restart the gateway for that"
+    )]
+    OtherController {
+        /// The path of the configuration file.
+        file: String,
+        /// The device as its driver names it.
+        device: String,
+    },
     /// The machine file has other axes.
     #[error("{}: other axes than before: restart the gateway for that", machine.display())]
     OtherAxes {

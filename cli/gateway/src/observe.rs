@@ -84,15 +84,17 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         cycle: cycle(facts, report, times),
     };
     let known = |index: usize| report.known >> index & 1 == 1;
-    let all = |_: usize| true;
     let active = report.paths.get(report.active);
     let is_confirmed = active.is_some_and(|path| path.confirmed.is_some());
+    let confirmed = |index: usize| is_confirmed && is_written(report, index);
+    let sent = |index: usize| report.sent.is_some() && is_written(report, index);
     let micro = Displacement::um_or_urad;
     [status.positions_mm, status.positions_deg] =
         by_kind(model, &report.positions, known, Displacement::mm_or_deg);
     [status.correction_um, status.correction_urad] =
-        by_kind(model, &report.correction, |_| is_confirmed, micro);
-    [status.sent_um, status.sent_urad] = by_kind(model, &report.sent, all, micro);
+        by_kind(model, &report.correction, confirmed, micro);
+    let last = report.sent.unwrap_or(PerAxis::ZERO);
+    [status.sent_um, status.sent_urad] = by_kind(model, &last, sent, micro);
     [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, known, micro);
     errors(&mut status, facts, report);
     status
@@ -184,12 +186,17 @@ fn proven(model: &Model, report: &Report) -> BTreeMap<AxisName, ProvenName> {
         .collect()
 }
 
+/// Whether the path that corrects writes an axis of the machine: of the others nobody tells what they hold.
+fn is_written(report: &Report, index: usize) -> bool {
+    report.written >> index & 1 == 1
+}
+
 /// The correction that is applied, µm of linear and µrad of rotary axes.
 pub(crate) fn correction(model: &Model, report: &Report) -> [ByAxis; 2] {
     by_kind(
         model,
         &report.correction,
-        |_| true,
+        |index| is_written(report, index),
         Displacement::um_or_urad,
     )
 }

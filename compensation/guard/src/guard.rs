@@ -8,8 +8,8 @@ use core::time::Duration;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Confirmed, Inputs, Known, Limits, LimitsError, Output, Quantity, Reading, Reasons, Request,
-    Scheme, Vector, Wanted,
+    Confirmed, Inputs, Known, Limits, LimitsError, Output, Reading, Reasons, Request, Scheme,
+    Vector, Wanted,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
     read_back::is_step_equal,
@@ -100,23 +100,9 @@ impl Guard {
     /// whichever is lower.
     ///
     /// # Errors
-    /// Limits that make no sense, lie beyond a [`ceiling`](crate::ceiling), or are of another number or kind of axes: the
-    /// old ones stay.
+    /// Those of [`Limits::check_in_place_of`]: the old ones stay.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
-        limits.check()?;
-        let refused = |expected| LimitsError {
-            what: Quantity::Axes,
-            axis: None,
-            found: limits.count as f64,
-            expected,
-        };
-        if limits.count != self.limits.count {
-            return Err(refused("as many as before"));
-        }
-        let kinds = |limits: &Limits| limits.axes.map(|axis| axis.kind);
-        if kinds(&limits)[..limits.count] != kinds(&self.limits)[..limits.count] {
-            return Err(refused("axes of the same kinds as before"));
-        }
+        limits.check_in_place_of(&self.limits)?;
         let output = self.output();
         for i in 0..limits.count {
             let stands = output[i].abs().max(self.confirmed[i].abs());

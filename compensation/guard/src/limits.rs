@@ -288,6 +288,39 @@ impl Limits {
         Ok(())
     }
 
+    /// Checks every number, and that these limits can take the place of others while the same controller corrects: they are
+    /// of the same axes in the same steps.
+    ///
+    /// # Errors
+    /// The first number that is wrong.
+    pub fn check_in_place_of(&self, before: &Self) -> Result<(), LimitsError> {
+        self.check()?;
+        let refused = |expected| LimitsError {
+            what: Quantity::Axes,
+            axis: None,
+            found: self.count as f64,
+            expected,
+        };
+        if self.count != before.count {
+            return Err(refused("as many as before"));
+        }
+        let axes = self.axes.iter().zip(&before.axes).take(self.count);
+        for (place, (axis, before)) in axes.enumerate() {
+            if axis.kind != before.kind {
+                return Err(refused("axes of the same kinds as before"));
+            }
+            if axis.resolution != before.resolution {
+                return Err(LimitsError {
+                    what: Quantity::Resolution,
+                    axis: Some((place, axis.kind)),
+                    found: axis.resolution,
+                    expected: "the step of before: the control counts in it",
+                });
+            }
+        }
+        Ok(())
+    }
+
     /// The delay of the path: how long after a write its values may be read back.
     #[must_use]
     pub fn delay(&self) -> Duration {

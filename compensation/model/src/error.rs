@@ -127,6 +127,18 @@ pub enum ErrorRefusal {
         /// Value at the last node, µm or µrad.
         last: f64,
     },
+    /// On an axis with a modulo the curve jumps where the axis rolls over.
+    #[error(
+        "jumps by {:.3} where the axis rolls over, from {first:.3} to {last:.3}, expected at most {largest} µm or µrad: the axis has a modulo, so the curve must close", (last - first).abs()
+    )]
+    Jumps {
+        /// Value on the lower side of the roll-over, µm or µrad.
+        first: f64,
+        /// Value on its upper side, µm or µrad.
+        last: f64,
+        /// The largest jump that is allowed, µm or µrad.
+        largest: f64,
+    },
     /// A grid looks at an axis that the machine does not have.
     #[error("the grid looks at axis number {axis} of the chain, expected one below {axes}")]
     GridAxis {

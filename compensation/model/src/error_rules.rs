@@ -2,12 +2,18 @@
 
 use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
 use volcomp_kinematics::Joint;
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{ErrorName, brought_into};
 
 use crate::{axis::Axis, error::ErrorRefusal};
 
 /// How far the two ends of a curve that goes round may differ, µm or µrad: what rounding leaves.
 const CLOSED_WITHIN: f64 = 1e-9;
+
+/// How far the value of a curve may jump where its axis rolls over, µm or µrad: a step of most controls. What is fitted to
+/// readings closes no better.
+const LARGEST_JUMP: f64 = 1.0;
+/// So far on each side of an end of travel the values are compared, deg.
+const BESIDE: f64 = 1e-6;
 
 /// Why a location error is refused.
 pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Option<ErrorRefusal> {
@@ -41,8 +47,10 @@ pub(crate) fn curve_refusal(
             let missing = missing.map(|axis| ErrorRefusal::GridAxis { axis, axes: count });
             missing.or_else(|| open_grid(grid, goes_round))
         }
-        Field::Curve(curve) if goes_round(own) => open_ends(curve),
-        Field::Curve(_) => None,
+        Field::Curve(curve) => axes.get(own).and_then(|axis| {
+            let period = axis.modulo?;
+            open_ends(curve).or_else(|| jump(curve, axis.travel, period))
+        }),
     })
 }
 
@@ -62,6 +70,24 @@ fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRef
 /// The refusal of a curve whose ends, µm or µrad, are not the same.
 fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
+}
+
+/// The refusal of a curve whose value jumps where the axis goes over an end of its travel: a table that is parked there would
+/// be thrown to and fro by the last digit of its position.
+fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
+    let [low, high] = travel;
+    let value = |at: f64| curve.value(brought_into(travel, period, at));
+    let ends = [[low - BESIDE, low], [high, high + BESIDE]];
+    let across = ends.map(|sides| sides.map(value));
+    let jumps = across.into_iter().find(|[one, other]| {
+        // A number that is none is refused, too.
+        !((one - other).abs() <= LARGEST_JUMP)
+    })?;
+    Some(ErrorRefusal::Jumps {
+        first: jumps[0],
+        last: jumps[1],
+        largest: LARGEST_JUMP,
+    })
 }
 
 /// On an axis that goes round, a curve given by nodes must close.

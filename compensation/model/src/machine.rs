@@ -175,7 +175,7 @@ impl Machine {
     /// # Errors
     /// An axis that is not there, or [`ModelError::Refused`]: the name of a location error, numbers that are not
     /// finite, a grid over an axis that is not there, or, along an axis with `modulo`, nodes whose first and last
-    /// value differ.
+    /// value differ, or a curve that jumps by more than 1 µm or 1 µrad where the axis rolls over.
     pub fn set_error(&mut self, name: ErrorName, curve: ErrorCurve) -> Result<(), ModelError> {
         let index = self.index_of(name.axis)?;
         if let Some(reason) = curve_refusal(name, &curve, index, &self.axes) {

@@ -6,13 +6,12 @@
 mod choice;
 mod lag;
 mod standby;
+mod told;
+mod wanted;
 
 use std::time::{Duration, Instant};
 
-use volcomp_guard::{
-    DirectionMemory, Guard, Inputs, Interlocks, Limits, Output, Reading, Reasons, Request,
-    Selector, State as GuardState, Wanted,
-};
+use volcomp_guard::{DirectionMemory, Guard, Interlocks, Limits, Output, Request, Selector};
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
 use volcomp_vocabulary::{PerAxis, PerChannel};
@@ -21,10 +20,10 @@ use self::{lag::Lag, standby::Standby};
 use crate::{
     asked::Asked,
     attendant::STANDBY_EVERY,
-    error::{LimitsRefusal, PlanError, StartError},
-    model::{Model, ModelWanted},
+    error::{OrderRefusal, PlanError, StartError},
+    model::Model,
     path::ControlPath,
-    place::Place,
+    plan::check_together,
     reader::PositionReader,
     replacement::Replacement,
     report::Report,
@@ -71,8 +70,8 @@ impl Cycle {
     ///
     /// # Errors
     /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]:
-    /// another period than that for which a path was planned. [`PlanError::Channels`]: paths whose corrections would add
-    /// up.
+    /// another period than that for which a path was planned. Those of
+    /// [`PathPlan::check_together`](crate::PathPlan::check_together).
     pub fn new(
         model: Box<Model>,
         paths: Vec<ControlPath>,
@@ -86,26 +85,21 @@ impl Cycle {
         else {
             return Err(PlanError::Paths { found: paths.len() });
         };
-        let channel = &first.description.channel;
         for path in &paths {
-            let description = &path.description;
             // A plan has checked the period, so none that makes no sense comes through.
             let planned = path.limits().period;
             if planned != period {
                 return Err(PlanError::Period {
-                    device: description.device.clone(),
+                    device: path.description.device.clone(),
                     found: period,
                     planned,
                 });
             }
-            if description.channel != *channel {
-                return Err(PlanError::Channels {
-                    device: description.device.clone(),
-                    found: description.channel.clone(),
-                    expected: channel.clone(),
-                });
-            }
         }
+        check_together(|| {
+            let paths = paths.iter();
+            paths.map(|path| (&path.description, path.goes_to_zero))
+        })?;
         let guard = Guard::new(first.limits()).map_err(|source| PlanError::Limits {
             device: first.description.device.clone(),
             axis: None,
@@ -169,9 +163,8 @@ impl Cycle {
         for path in &mut self.paths {
             let limits = path.limits();
             let mut applied = PerChannel::ZERO;
-            let places = applied.iter_mut().zip(path.machine_axis);
-            for (into, machine_axis) in places.take(limits.count) {
-                *into = correction[machine_axis];
+            for (into, axis) in applied.iter_mut().zip(path.written()) {
+                *into = correction[axis];
             }
             path.read_back
                 .restore(Duration::ZERO, &applied, age, &limits);
@@ -222,7 +215,13 @@ impl Cycle {
     }
 
     /// Takes another model from the next cycle on; `replacement` holds the old one afterwards, to be freed elsewhere.
-    pub fn swap_model(&mut self, replacement: &mut Replacement) {
+    ///
+    /// # Errors
+    /// A model with other axes, or with the same in another order: the old one stays.
+    pub fn swap_model(&mut self, replacement: &mut Replacement) -> Result<(), OrderRefusal> {
+        if replacement.axes != self.model.axes {
+            return Err(OrderRefusal::OtherAxes);
+        }
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         for path in &mut self.paths {
@@ -231,26 +230,27 @@ impl Cycle {
         let limits = self.paths[self.selector.active()].limits();
         // Only test shifts become zero or are again what was accepted before, so a guard does not refuse them.
         let _ = self.guard.set_limits(limits);
+        Ok(())
     }
 
     /// Takes other limits for the path at `index`. Allocates nothing.
     ///
     /// # Errors
-    /// Limits that make no sense, of another number of axes or of another period, or for a path that is not there: the
-    /// old ones stay.
-    pub fn set_limits(&mut self, index: usize, limits: &Limits) -> Result<(), LimitsRefusal> {
+    /// Limits that make no sense, of other axes, other steps or another period, or for a path that is not there: the old
+    /// ones stay.
+    pub fn set_limits(&mut self, index: usize, limits: &Limits) -> Result<(), OrderRefusal> {
         let paths = self.paths.len();
         let Some(path) = self.paths.get_mut(index) else {
-            return Err(LimitsRefusal::NoSuchPath { path: index, paths });
+            return Err(OrderRefusal::NoSuchPath { path: index, paths });
         };
         if limits.period != self.period {
-            return Err(LimitsRefusal::Period {
+            return Err(OrderRefusal::Period {
                 path: index,
                 found: limits.period,
                 expected: self.period,
             });
         }
-        let refused = |source| LimitsRefusal::Limits {
+        let refused = |source| OrderRefusal::Limits {
             path: index,
             source,
         };
@@ -359,122 +359,6 @@ impl Cycle {
             .warm(dt, passed.saturating_sub(dt), &self.report.sensors);
     }
 
-    /// The correction that the model asks for at a place, mm and rad; `None` while a position is not known.
-    fn wanted(&mut self, place: &Place) -> (Option<ModelWanted>, Reasons) {
-        let mut state = State::default();
-        for (q, position) in state.q.iter_mut().zip(&place.positions) {
-            *q = *position;
-        }
-        self.approach(&mut state, place);
-        (self.report.positions, self.report.known) = (place.positions, place.known);
-        self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
-        if self.commanded.is_none() {
-            let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
-            return (None, unknown);
-        }
-        let path = &self.paths[self.selector.active()];
-        let applied = in_machine(path, &self.guard.output());
-        let wanted = self.model.wanted(&state, &path.correctors, &applied);
-        let outside = self.model.is_outside_range(&state);
-        let notes = Reasons::SINGULAR.when(wanted.singular)
-            | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
-            | Reasons::LINEAR_NEAR_SINGULAR.when(wanted.linear_near_singular)
-            | Reasons::OUTSIDE_RANGE.when(outside);
-        (Some(wanted), notes)
-    }
-
-    /// What the model asks for, what the guard makes of it. `switched`: another path corrects than in the cycle before.
-    fn decide(
-        &mut self,
-        now: Duration,
-        asked: &Asked,
-        mut notes: Reasons,
-        switched: bool,
-    ) -> Output {
-        let active = self.selector.active();
-        let axes = self.model.axes.len();
-        let place = Place::seen_by(&self.paths, &self.readers, active, axes, now);
-        let (wanted, of_model) = self.wanted(&place);
-        notes |= of_model | Reasons::FALLBACK.when(active != 0) | self.standby_notes(now);
-        let kept = wanted.map(|wanted| self.kept(&place, &wanted, now));
-        let path = &self.paths[active];
-        let wanted = wanted.map(|wanted| in_channel(path, &wanted));
-        self.report.wanted =
-            wanted.map_or(PerAxis::ZERO, |wanted| in_machine(path, &wanted.full()));
-        let wanted = wanted.zip(kept).map(|(wanted, kept)| Wanted {
-            position: wanted.position.map(|share| kept.part * share),
-            rotary: wanted.rotary.map(|share| kept.part * share),
-            ..wanted
-        });
-        notes |= kept.map_or(Reasons::NONE, |kept| kept.notes);
-        let takes_over = (switched && self.guard.state().is_armed()).then_some(Request::TakeOver);
-        let reading = path.reading.as_ref().map(|snapshot| Reading {
-            taken: place.oldest.or(path.taken()).unwrap_or_default(),
-            positions: snapshot.positions,
-        });
-        let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
-        if place.oldest.is_some_and(lost) {
-            // What held so long ago is not told as if it were so.
-            self.report.known = 0;
-            self.report.wanted = PerAxis::ZERO;
-            self.commanded = None;
-        }
-        let mut output = self.guard.cycle(&Inputs {
-            now,
-            reading,
-            known: *path.known(),
-            interlocks: self.interlocks.reasons(),
-            wanted,
-            let_go: kept.is_some_and(|kept| kept.let_go),
-            request: asked.request.or(takes_over),
-            forbids: asked.forbids,
-        });
-        let unproven =
-            |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
-        let unproven = (0..path.count()).any(unproven);
-        output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
-        output
-    }
-
-    /// What the age of the positions leaves of what is wanted.
-    fn kept(&mut self, place: &Place, wanted: &ModelWanted, now: Duration) -> lag::Kept {
-        self.lag.see(place, &self.model);
-        let path = &self.paths[self.selector.active()];
-        let (limits, output) = (self.guard.limits(), self.guard.output());
-        let seconds = |i: usize| (output[i] / limits.axes[i].slew_per_s).abs();
-        let way_out = (0..limits.count).map(seconds).fold(0.0, f64::max);
-        let asked = lag::Asked {
-            model: &self.model,
-            correctors: &path.correctors,
-            limits,
-            state: &self.commanded.unwrap_or_default(),
-            wanted,
-            applied: &in_machine(path, &output),
-            way_out: Duration::try_from_secs_f64(way_out).unwrap_or(Duration::MAX),
-        };
-        let age = place
-            .oldest
-            .map_or(Duration::MAX, |taken| now.saturating_sub(taken));
-        self.lag.kept(&asked, age, now)
-    }
-
-    /// From which direction each axis came, from positions without correction.
-    fn approach(&mut self, state: &mut State, place: &Place) {
-        let axes = self.model.axes.len();
-        for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
-            if place.known >> index & 1 == 0 {
-                continue;
-            }
-            // The coarsest path that shows it; an axis that stands at a stated position does not turn.
-            let paths = self.paths.iter().filter_map(|path| path.reversal_of(index));
-            let readers = self.readers.iter();
-            let readers = readers.filter_map(|reader| reader.reversal_of(index));
-            let threshold = paths.chain(readers).fold(0.0, f64::max);
-            let (taken, turn) = (place.taken[index], self.model.turn_of(index));
-            state.approach[index] = memory.at(taken, state.q[index], threshold, turn);
-        }
-    }
-
     /// Sends the output on the path that corrects. The age of what it depends on is looked at once more.
     fn write(&mut self, output: &Output, begun: Instant, since_start: Duration) {
         if !output.write {
@@ -492,81 +376,11 @@ impl Cycle {
             let deadline = at + left.min(path.patience());
             path.send(&output.correction, deadline, now)
         });
-        if !sent {
+        if sent {
+            self.report.sent = Some(path.in_machine(&output.correction));
+        } else {
             self.guard.not_sent();
             self.report.faults += 1;
         }
-    }
-
-    fn tell(&mut self, since_start: Duration, asked: &Asked, output: &Output) {
-        let active = self.selector.active();
-        let path = &self.paths[active];
-        let report = &mut self.report;
-        let known = path.known();
-        let applied = known
-            .confirmed
-            .map_or(PerChannel::ZERO, |confirmed| confirmed.values);
-        report.correction = in_machine(path, &applied);
-        report.sent = in_machine(path, &output.correction);
-        report.proven = PerAxis::default();
-        let shown = &self.guard.verdict().axes;
-        for i in 0..path.count() {
-            report.proven[path.machine_axis[i]] = path.corrects(i).then_some(shown[i]);
-        }
-        let hold = self.guard.limits().hold;
-        report.correction_known = known
-            .confirmed
-            .is_some_and(|confirmed| since_start.saturating_sub(confirmed.at) <= hold);
-        let errors = self
-            .commanded
-            .map(|state| self.model.errors(&state, &report.correction));
-        report.error = errors.map(|[without, _]| without);
-        report.residual = errors.map(|[_, with]| with);
-        report.cycle += 1;
-        report.now = since_start;
-        report.state = output.state;
-        report.active = active;
-        report.held_back = output.held_back;
-        report.reasons =
-            output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
-        let paths = self.paths.iter().map(|path| path.report(since_start));
-        let readers = self.readers.iter();
-        let readers = readers.map(|reader| reader.report(since_start));
-        for (place, told) in paths.chain(readers).enumerate().take(report.paths.len()) {
-            report.paths[place] = told;
-            report.paths[place].reasons |= self.interlocks.said_by(place);
-        }
-    }
-}
-
-/// Values of a path's axes in machine order; zero for axes that it does not write.
-fn in_machine(path: &ControlPath, values: &PerChannel<f64>) -> PerAxis<f64> {
-    let mut machine = PerAxis::ZERO;
-    for i in 0..path.count() {
-        machine[path.machine_axis[i]] = values[i];
-    }
-    machine
-}
-
-/// What the model asks for, in the order of a path's axes; zero for axes that do not correct. A rotary axis that does not
-/// correct but still holds a share goes to zero, and the linear axes follow it all the same.
-fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
-    let of = |values: &PerAxis<f64>, i: usize| {
-        if path.corrects(i) {
-            values[path.machine_axis[i]]
-        } else {
-            0.0
-        }
-    };
-    Wanted {
-        position: PerChannel::from_fn(|i| of(&wanted.position, i)),
-        rotary: PerChannel::from_fn(|i| of(&wanted.rotary, i)),
-        follow: PerChannel::from_fn(|rotary| {
-            if rotary >= path.count() {
-                return PerChannel::ZERO;
-            }
-            let row = &wanted.follow[path.machine_axis[rotary]];
-            PerChannel::from_fn(|i| of(row, i))
-        }),
     }
 }

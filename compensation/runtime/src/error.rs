@@ -143,6 +143,18 @@ pub enum PlanError {
         /// The channel of the first controller.
         expected: String,
     },
+    /// Two controllers of which one writes an axis that the other does not, and would leave its correction there.
+    #[error(
+        "{device}: axis {axis} is not written by {other}, which may take over: a correction of {axis} would stay for good, expected the same axes on both, or a barrier or a time-out on {device} that takes it to zero"
+    )]
+    LeavesAxis {
+        /// The device as the driver names it.
+        device: String,
+        /// An axis that it writes.
+        axis: AxisName,
+        /// A device that does not.
+        other: String,
+    },
     /// The device cannot keep up with the cycle.
     #[error(
         "{device}: cycle: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
@@ -258,10 +270,15 @@ fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> Str
     )
 }
 
-/// Why a running cycle does not take other limits.
+/// Why a running cycle does not take another model, or other limits.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum LimitsRefusal {
+pub enum OrderRefusal {
+    /// The model has other axes, or the same in another order: the paths are planned for those of before.
+    #[error(
+        "model: found other axes, or another order of them, expected those of the model that runs"
+    )]
+    OtherAxes,
     /// The cycle has no path at this place.
     #[error("limits of path {path}: the cycle has {paths} paths, counted from 0")]
     NoSuchPath {

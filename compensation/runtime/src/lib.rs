@@ -15,13 +15,14 @@ mod reference;
 mod replacement;
 mod report;
 mod schedule;
+mod seen;
 mod sensors;
 mod settings;
 
 pub use asked::Asked;
 pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, Spent};
-pub use error::{LimitsRefusal, PlanError, StartError};
+pub use error::{OrderRefusal, PlanError, StartError};
 pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_error};
 pub use path::ControlPath;
 pub use plan::{LeftOut, PathPlan, SHIFT_STEPS, WhyLeftOut};

@@ -15,8 +15,9 @@ use crate::{
     clock::monotonic,
     error::PlanError,
     model::Model,
-    plan::{PathPlan, names, reversals, steps_in_machine},
+    plan::{PathPlan, left_to, names, reversals, steps_in_machine},
     report::PathReport,
+    seen::Seen,
 };
 
 /// One controller and its read-back.
@@ -26,11 +27,10 @@ pub struct ControlPath {
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// The place in the machine of each axis that it shows, and how many these are: those that it writes come first.
-    pub(crate) machine_axis: PerChannel<usize>,
-    shown: usize,
-    /// Travel after which a direction counts as turned, mm or rad, and the steps of the positions on which it depends.
-    reversal: PerChannel<f64>,
+    /// Whether the control goes to zero by itself when nothing is sent any more.
+    pub(crate) goes_to_zero: bool,
+    pub(crate) seen: Seen,
+    /// The steps of the positions, on which it depends when a direction counts as turned, mm or rad.
     position_steps: PerChannel<f64>,
     /// The letters of the axes that it writes, and those of them that correct with the model of now.
     names: Vec<AxisName>,
@@ -42,13 +42,10 @@ pub struct ControlPath {
     /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
     pub(crate) notes: Reasons,
     pub(crate) reading: Option<Snapshot>,
-    /// Positions without correction, as they held at `taken`.
-    positions: PerChannel<f64>,
-    taken: Option<Duration>,
     /// When it was asked last, and when it answered last.
     asked: Option<Duration>,
     answered: Option<Duration>,
-    /// When something was sent to it last.
+    /// When something was sent to it last that may have landed.
     sent: Option<Duration>,
 }
 
@@ -72,9 +69,12 @@ impl ControlPath {
                 None if plan.is_blind => ReadBack::blind(plan.time_out),
                 None => ReadBack::plain(plan.watch),
             },
-            machine_axis: plan.machine_axis,
-            shown: plan.description.shown_axes().count(),
-            reversal: plan.reversal,
+            seen: Seen::none_of(
+                plan.machine_axis,
+                plan.description.shown_axes().count(),
+                plan.reversal,
+            ),
+            goes_to_zero: plan.goes_to_zero(),
             position_steps: plan.position_steps,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
@@ -82,8 +82,6 @@ impl ControlPath {
             fixed: plan.fixed,
             notes: plan.notes,
             reading: None,
-            positions: PerChannel::ZERO,
-            taken: None,
             asked: None,
             answered: None,
             sent: None,
@@ -104,17 +102,17 @@ impl ControlPath {
 
     /// Chooses the axes that correct anew, for another model. Allocates nothing.
     pub(crate) fn fit_to(&mut self, model: &Model) {
-        let steps = steps_in_machine(&self.limits, &self.machine_axis);
+        let steps = steps_in_machine(&self.limits, &self.seen.machine_axis);
         self.correctors = model.correctors_of_path(&self.names, &steps, self.rotary_step);
     }
 
-    /// Takes other limits. Allocates nothing.
+    /// Takes other limits of the same axes. Allocates nothing.
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
-        limits.check()?;
+        limits.check_in_place_of(&self.limits)?;
         self.limits = *limits;
         // What a faster correction moves within the delay of the read-back is no reversal.
         let steps = self.position_steps;
-        self.reversal = reversals(&self.description, &steps, Some(limits));
+        self.seen.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
     }
 
@@ -135,7 +133,7 @@ impl ControlPath {
 
     /// Whether the axis at this place of the controller corrects.
     pub(crate) fn corrects(&self, place: usize) -> bool {
-        place < self.count() && self.correctors.contains(self.machine_axis[place])
+        place < self.count() && self.correctors.contains(self.seen.machine_axis[place])
     }
 
     /// How many axes it writes.
@@ -148,31 +146,28 @@ impl ControlPath {
         self.read_back.known()
     }
 
-    /// Its place of a machine axis whose position it tells.
-    pub(crate) fn place_of(&self, machine_axis: usize) -> Option<usize> {
-        (0..self.shown).find(|&i| self.machine_axis[i] == machine_axis)
+    /// The place in the machine of each axis that it writes, in its order.
+    pub(crate) fn written(&self) -> impl Iterator<Item = usize> {
+        self.seen.machine_axis.into_iter().take(self.count())
     }
 
-    /// Where it last saw a machine axis, and when.
-    pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
-        let place = self.place_of(machine_axis)?;
-        Some((self.positions[place], self.taken?))
+    /// Values of its axes in machine order; zero for axes that it does not write.
+    pub(crate) fn in_machine(&self, values: &PerChannel<f64>) -> PerAxis<f64> {
+        let mut machine = PerAxis::ZERO;
+        for (axis, value) in self.written().zip(values) {
+            machine[axis] = *value;
+        }
+        machine
     }
 
-    /// The travel after which a machine axis that it shows counts as turned, mm or rad.
-    pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
-        self.place_of(machine_axis)
-            .map(|place| self.reversal[place])
-    }
-
-    /// When its positions held.
-    pub(crate) fn taken(&self) -> Option<Duration> {
-        self.taken
+    /// Whether it writes an axis that another path does not.
+    pub(crate) fn leaves_axes_to(&self, other: &Self) -> bool {
+        left_to(&self.description, &other.description).is_some()
     }
 
     /// Whether its positions are young enough to correct with.
     pub(crate) fn is_fresh(&self, now: Duration) -> bool {
-        self.is_young(self.taken, now)
+        self.is_young(self.seen.taken, now)
     }
 
     /// Whether positions that held at `taken` are young enough for this path to correct with.
@@ -183,10 +178,10 @@ impl ControlPath {
     /// Whether its positions were young enough when it told them.
     pub(crate) fn told_fresh(&self) -> bool {
         self.answered
-            .is_some_and(|answered| self.is_young(self.taken, answered))
+            .is_some_and(|answered| self.is_young(self.seen.taken, answered))
     }
 
-    /// When something was sent to it last.
+    /// When something was sent to it last that may have landed.
     pub(crate) fn sent_at(&self) -> Option<Duration> {
         self.sent
     }
@@ -281,10 +276,7 @@ impl ControlPath {
                 *position -= applied.map_or(f64::NAN, |applied| applied[place]);
             }
         }
-        if positions.iter().take(self.shown).all(|q| q.is_finite()) {
-            self.positions = positions;
-            self.taken = Some(taken);
-        }
+        self.seen.take(&positions, taken);
     }
 
     /// Sends a correction (mm, rad). Whether it was sent without a failure.
@@ -313,7 +305,10 @@ impl ControlPath {
         };
         // A slow control has it only when it has answered.
         let now = now + begun.elapsed();
-        self.sent = Some(now);
+        // On lines a write that failed has not landed.
+        if sent.is_ok() || self.known().scheme != volcomp_guard::Scheme::Blind {
+            self.sent = Some(now);
+        }
         self.read_back.sent(now, correction, sent.is_ok());
         sent.is_ok()
     }
@@ -323,7 +318,7 @@ impl ControlPath {
         let known = self.known();
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),
-            positions: self.taken.map(|then| now.saturating_sub(then)),
+            positions: self.seen.taken.map(|then| now.saturating_sub(then)),
             confirmed: known
                 .confirmed
                 .map(|confirmed| now.saturating_sub(confirmed.at)),

@@ -36,9 +36,13 @@ impl Place {
         let positions = place.positions.iter_mut().zip(path.fixed).enumerate();
         for (axis, (position, fixed)) in positions.take(axes) {
             let fresh = || paths.iter().filter(|other| other.is_fresh(now));
-            let others = || fresh().find_map(|other| other.position_of(axis));
-            let read = || readers.iter().find_map(|reader| reader.position_of(axis));
-            let own = path.position_of(axis);
+            let others = || fresh().find_map(|other| other.seen.position_of(axis));
+            let read = || {
+                readers
+                    .iter()
+                    .find_map(|reader| reader.seen.position_of(axis))
+            };
+            let own = path.seen.position_of(axis);
             if let Some((seen, taken)) = own.or_else(read).or_else(others) {
                 *position = seen;
                 place.taken[axis] = taken;

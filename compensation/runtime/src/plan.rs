@@ -152,10 +152,59 @@ impl PathPlan {
         })
     }
 
+    /// Checks that the paths to one machine may take each other's place: their corrections go to one place, and none of them
+    /// leaves a correction on an axis that another does not write, unless its control takes it to zero by itself.
+    ///
+    /// # Errors
+    /// The first two that do not go together.
+    pub fn check_together(plans: &[Self]) -> Result<(), PlanError> {
+        check_together(|| {
+            let plans = plans.iter();
+            plans.map(|plan| (&plan.description, plan.goes_to_zero()))
+        })
+    }
+
+    /// Whether the control takes a correction to zero by itself when nothing is sent any more.
+    pub(crate) fn goes_to_zero(&self) -> bool {
+        self.barrier.is_some() || self.is_blind && self.time_out.is_some()
+    }
+
     /// Whether the axis at this place of the controller corrects. The others are written with zero.
     pub fn corrects(&self, place: usize) -> bool {
         place < self.description.axes.len() && self.correctors.contains(self.machine_axis[place])
     }
+}
+
+/// The rules of [`PathPlan::check_together`] for paths, each with whether its control goes to zero by itself.
+pub(crate) fn check_together<'a, I>(paths: impl Fn() -> I) -> Result<(), PlanError>
+where
+    I: Iterator<Item = (&'a Description, bool)>,
+{
+    for (path, goes_to_zero) in paths() {
+        for (other, _) in paths() {
+            if path.channel != other.channel {
+                return Err(PlanError::Channels {
+                    device: other.device.clone(),
+                    found: other.channel.clone(),
+                    expected: path.channel.clone(),
+                });
+            }
+            if let Some(axis) = left_to(path, other).filter(|_| !goes_to_zero) {
+                return Err(PlanError::LeavesAxis {
+                    device: path.device.clone(),
+                    axis,
+                    other: other.device.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// An axis that a controller writes and another one does not.
+pub(crate) fn left_to(path: &Description, other: &Description) -> Option<AxisName> {
+    let mut axes = path.axes.iter().map(|axis| axis.name);
+    axes.find(|name| other.axes.iter().all(|axis| axis.name != *name))
 }
 
 /// The place in the machine of an axis of a controller.

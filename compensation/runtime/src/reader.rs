@@ -16,6 +16,7 @@ use crate::{
     path::interlock_of,
     plan::{place_in, position_steps, reversals},
     report::PathReport,
+    seen::Seen,
     settings::PathSettings,
 };
 
@@ -65,11 +66,7 @@ impl ReaderPlan {
 pub struct PositionReader {
     device: Device,
     description: Description,
-    machine_axis: PerChannel<usize>,
-    reversal: PerChannel<f64>,
-    shown: usize,
-    positions: PerChannel<f64>,
-    taken: Option<Duration>,
+    pub(crate) seen: Seen,
     answered: Option<Duration>,
     reading: Option<Snapshot>,
 }
@@ -80,11 +77,11 @@ impl PositionReader {
         Self {
             device: Device::new(controller),
             description: plan.description.clone(),
-            machine_axis: plan.machine_axis,
-            reversal: plan.reversal,
-            shown: plan.description.shown_axes().count(),
-            positions: PerChannel::ZERO,
-            taken: None,
+            seen: Seen::none_of(
+                plan.machine_axis,
+                plan.description.shown_axes().count(),
+                plan.reversal,
+            ),
             answered: None,
             reading: None,
         }
@@ -128,31 +125,9 @@ impl PositionReader {
             return false;
         };
         self.answered = Some(now);
-        // What is no number is no position.
-        if snapshot
-            .positions
-            .iter()
-            .take(self.shown)
-            .all(|q| q.is_finite())
-        {
-            self.positions = snapshot.positions;
-            self.taken = Some(snapshot.taken.saturating_duration_since(start));
-        }
+        let taken = snapshot.taken.saturating_duration_since(start);
+        self.seen.take(&snapshot.positions, taken);
         true
-    }
-
-    /// Where it last saw a machine axis, and when.
-    pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
-        Some((self.positions[self.place_of(machine_axis)?], self.taken?))
-    }
-
-    /// The travel after which a machine axis that it shows counts as turned, mm or rad.
-    pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
-        Some(self.reversal[self.place_of(machine_axis)?])
-    }
-
-    fn place_of(&self, machine_axis: usize) -> Option<usize> {
-        (0..self.shown).find(|&i| self.machine_axis[i] == machine_axis)
     }
 
     /// What it said of the machine in the last reading; `None`: it did not answer.
@@ -164,7 +139,7 @@ impl PositionReader {
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),
-            positions: self.taken.map(|then| now.saturating_sub(then)),
+            positions: self.seen.taken.map(|then| now.saturating_sub(then)),
             ..PathReport::default()
         }
     }

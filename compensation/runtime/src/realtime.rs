@@ -16,7 +16,7 @@ use crate::{
     asked::Asked,
     clock::{Deadlines, monotonic, thread_time},
     cycle::Cycle,
-    error::{LimitsRefusal, StartError},
+    error::{OrderRefusal, StartError},
     reference::reference_work,
     replacement::Replacement,
     report::{Change, Report, Timing},
@@ -58,7 +58,7 @@ pub struct Handle {
     retired: Consumer<Retired>,
     timings: Consumer<Timing>,
     changes: Consumer<Change>,
-    refusals: Consumer<LimitsRefusal>,
+    refusals: Consumer<OrderRefusal>,
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
@@ -203,8 +203,8 @@ impl Handle {
         std::iter::from_fn(|| self.changes.pop().ok()).collect()
     }
 
-    /// The orders of other limits that were refused since the last call: the old limits hold on.
-    pub fn refusals(&mut self) -> impl Iterator<Item = LimitsRefusal> + '_ {
+    /// The orders of another model or other limits that were refused since the last call: the old ones hold on.
+    pub fn refusals(&mut self) -> impl Iterator<Item = OrderRefusal> + '_ {
         std::iter::from_fn(|| self.refusals.pop().ok())
     }
 
@@ -336,7 +336,7 @@ struct Control {
     retired: Producer<Retired>,
     timings: Producer<Timing>,
     changes: Producer<Change>,
-    refusals: Producer<LimitsRefusal>,
+    refusals: Producer<OrderRefusal>,
     reports: triple_buffer::Input<Report>,
     shared: Arc<Shared>,
     /// When the thread was started.
@@ -426,8 +426,11 @@ impl Control {
                     asked.request = Some(request).filter(|_| sent.holds(request, now, disarms));
                 }
                 Order::Model(mut replacement) => {
-                    self.cycle.swap_model(&mut replacement);
-                    asked.request = Some(Request::Switched);
+                    match self.cycle.swap_model(&mut replacement) {
+                        Ok(()) => asked.request = Some(Request::Switched),
+                        // Where the ring is full, sixty-three others tell the same.
+                        Err(refusal) => drop(self.refusals.push(refusal)),
+                    }
                     // There is room: the loop looked for it.
                     let _ = self.retired.push(Retired::Model(replacement));
                 }
@@ -435,7 +438,6 @@ impl Control {
                     match self.cycle.set_limits(path, &limits) {
                         // Other limits are reached by a ramp, as another model is.
                         Ok(()) => asked.request = Some(Request::Switched),
-                        // Where the ring is full, sixty-three others tell the same.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
                     let _ = self.retired.push(Retired::Limits(limits));

@@ -52,20 +52,24 @@ pub struct Report {
     pub known: u16,
     /// The correction that the model asks for, mm and rad.
     pub wanted: PerAxis<f64>,
-    /// The correction that the control is known to apply, mm and rad; see `correction_known`.
+    /// The correction that the control is known to apply, mm and rad; see `correction_known`. It is told of the axes in
+    /// `written`, and zero for all others.
     pub correction: PerAxis<f64>,
+    /// The axes that the path which corrects writes: bit 0 is the first axis of the machine.
+    pub written: u16,
     /// Whether that was confirmed within the time for which positions may be held. Otherwise `correction` is what was
     /// confirmed last.
     pub correction_known: bool,
-    /// The correction that was sent last, mm and rad.
-    pub sent: PerAxis<f64>,
+    /// The correction that was sent last without a failure, mm and rad; `None`: none since the start.
+    pub sent: Option<PerAxis<f64>>,
     /// What the last test shift showed of each axis that the active path corrects; `None`: the axis is not corrected.
     pub proven: PerAxis<Option<Proven>>,
     /// The paths in the order of preference, then the controllers that are only read; places beyond are not used.
     pub paths: [PathReport; MAX_PATHS],
     /// The error of the model without correction; `None` while a position is not known.
     pub error: Option<ToolError>,
-    /// The error that the model leaves with the applied correction; `None` while a position is not known.
+    /// The error that the model leaves with `correction`, axes that are not written holding none; `None` while a position is
+    /// not known.
     pub residual: Option<ToolError>,
     /// Cycles so far in which slew or acceleration limits held the output back.
     pub held_back: u64,
@@ -89,8 +93,9 @@ impl Default for Report {
             known: 0,
             wanted: PerAxis::ZERO,
             correction: PerAxis::ZERO,
+            written: 0,
             correction_known: false,
-            sent: PerAxis::ZERO,
+            sent: None,
             proven: PerAxis::default(),
             paths: [PathReport::default(); MAX_PATHS],
             error: None,

@@ -8,10 +8,14 @@ use volcomp_digital_io::{
 };
 use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
+use volcomp_guard::barrier::LARGEST_MACHINE;
 use volcomp_port::ShownStates;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
-use super::{BarrierConfig, ControllerConfig, DigitalConfig, ThermometerConfig, is_blank, kinds};
+use super::{
+    BarrierConfig, ControllerConfig, ControllerKind, DigitalConfig, ThermometerConfig, is_blank,
+    kinds,
+};
 
 pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
     kinds::check(section)?;
@@ -138,11 +142,32 @@ fn barrier(controller: &Section<'_>, section: &Section<'_>) -> Result<BarrierCon
     };
     let scan_ms = section.require("scan_ms")?.number_in(0.1..=100.0)?;
     Ok(BarrierConfig {
-        machine: section.require("machine")?.whole(0..=u16::MAX)?,
+        machine: section.require("machine")?.whole(0..=LARGEST_MACHINE)?,
         scan: Duration::from_secs_f64(scan_ms * 1e-3),
         frame: words("frame")?,
         report: words("report")?,
     })
+}
+
+/// Refuses lines without a latch beside a barrier: without an edge it never takes their words.
+pub(super) fn check_latches(
+    root: &Section<'_>,
+    controllers: &[ControllerConfig],
+) -> Result<(), InputError> {
+    let has_barrier = controllers.iter().any(|one| one.barrier.is_some());
+    let never_taken = |one: &&ControllerConfig| {
+        let kind = Address::parse(&one.url).map(|url| ControllerKind::of(url.scheme));
+        kind.is_ok_and(|kind| kind == ControllerKind::Lines)
+            && !one.axes.is_empty()
+            && one.digital.latch.is_none()
+    };
+    match controllers.iter().find(never_taken).filter(|_| has_barrier) {
+        None => Ok(()),
+        Some(lines) => Err(root.error(format!(
+            "{}: digital.latch: missing, expected the line that the gateway turns once the word has settled: the barrier of the control takes words of lines at its edges only",
+            lines.url
+        ))),
+    }
 }
 
 /// The axes that a controller writes, and those that it only reads.

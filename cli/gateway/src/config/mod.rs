@@ -23,7 +23,7 @@ mod kinds;
 mod stated;
 
 pub use controller::MissingKey;
-use controller::{controller, thermometer};
+use controller::{check_latches, controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
@@ -240,6 +240,7 @@ impl Config {
                 volcomp_guard::MAX_PATHS
             )));
         }
+        check_latches(root, &controllers)?;
         let [shortest_ms, longest_ms] = [ceiling::SHORTEST_CYCLE, ceiling::LONGEST_CYCLE]
             .map(|cycle| cycle.as_secs_f64() * 1e3);
         let cycle_ms = root.number_or("cycle_ms", shortest_ms..=longest_ms, 4.0)?;

@@ -107,19 +107,19 @@ pub struct Status {
     /// `correction_urad` are what was confirmed last, and what is applied now is not known.
     #[serde(default)]
     pub correction_known: bool,
-    /// The correction that the control was last confirmed to apply to each linear axis, µm; empty where none was ever
-    /// confirmed.
+    /// The correction that the control was last confirmed to apply to each linear axis that the controller which corrects
+    /// writes, µm; empty where none was ever confirmed.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub correction_um: ByAxis,
     /// The correction that the control was last confirmed to apply to each rotary axis, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub correction_urad: ByAxis,
-    /// The correction of each linear axis that was sent last, µm.
+    /// The correction of each linear axis that was sent last without a failure, µm; empty where none was since the start.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub sent_um: ByAxis,
-    /// The correction of each rotary axis that was sent last, µrad.
+    /// The correction of each rotary axis that was sent last without a failure, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub sent_urad: ByAxis,
@@ -143,8 +143,8 @@ pub struct Status {
     /// machines with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error_axis_urad: Option<[f64; 3]>,
-    /// The position error that the model leaves with the applied correction, µm in workpiece axes; null while the
-    /// applied correction is not known.
+    /// The position error that the model leaves with the applied correction, axes that are not written holding none, µm in
+    /// workpiece axes; null while the applied correction is not known.
     pub residual_um: Option<[f64; 3]>,
     /// The direction error of the tool axis that the model leaves with the applied correction, µrad in workpiece
     /// axes; only on machines with rotary axes.

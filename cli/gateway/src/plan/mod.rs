@@ -93,7 +93,10 @@ impl Plan {
         };
         let model = Model::new(&machine, guard.fading)?;
         let paths = paths(&config, &devices, &model, &guard)?;
-        one_channel(&config, &paths)?;
+        PathPlan::check_together(&paths).map_err(|source| GatewayError::Plan {
+            file: config.file.clone(),
+            source,
+        })?;
         let readers = positions::readers(&config, &devices, &model)?;
         positions::check_known(&config, &model, &paths, &readers)?;
         let described = paths.iter().map(|path| &path.description);
@@ -135,6 +138,13 @@ impl Plan {
         &self.paths
     }
 
+    /// The controllers as their drivers describe them: those that write, then those that are only read.
+    pub(crate) fn descriptions(&self) -> impl Iterator<Item = &Description> {
+        let readers = self.readers.iter().map(|reader| &reader.description);
+        let paths = self.paths.iter().map(|path| &path.description);
+        paths.chain(readers)
+    }
+
     /// The limits and times that hold for every controller.
     pub(crate) fn guard(&self) -> &GuardSettings {
         &self.guard
@@ -149,6 +159,7 @@ impl Plan {
             file: self.config.file.clone(),
             source,
         };
+        let described = self.descriptions().cloned().collect();
         let (controllers, thermometers, truth) =
             self.devices.open().map_err(GatewayError::Device)?;
         let mut controllers = controllers.into_iter();
@@ -173,7 +184,7 @@ impl Plan {
         .and_then(|cycle| cycle.with_readers(readers))
         .map_err(plan)?;
         Ok(Opened {
-            controllers: cycle.descriptions().cloned().collect(),
+            controllers: described,
             config: self.config,
             cycle,
             model: Arc::new(self.model),
@@ -396,28 +407,6 @@ fn paths(
                 path(description, &settings)
             })
             .collect(),
-    }
-}
-
-/// Refuses controllers whose corrections would add up: only one writes at a time.
-fn one_channel(config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
-    let Some((first, others)) = paths.split_first() else {
-        return Ok(());
-    };
-    let expected = &first.description.channel;
-    match others
-        .iter()
-        .find(|path| path.description.channel != *expected)
-    {
-        None => Ok(()),
-        Some(path) => Err(GatewayError::Plan {
-            file: config.file.clone(),
-            source: PlanError::Channels {
-                device: path.description.device.clone(),
-                found: path.description.channel.clone(),
-                expected: expected.clone(),
-            },
-        }),
     }
 }
 

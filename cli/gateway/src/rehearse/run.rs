@@ -342,7 +342,7 @@ impl<'a> Run<'a> {
 
     /// The gateway is gone for a time, without having ramped out, and starts with what it wrote down.
     fn restart(&mut self, gone: Duration) -> Result<(), GatewayError> {
-        let sent: PerAxis<f64> = self.cycle.report().sent;
+        let applied: PerAxis<f64> = self.cycle.report().correction;
         self.owner = self.owner.wrapping_add(1).max(1);
         let cycle = cycle(
             self.plan,
@@ -354,7 +354,7 @@ impl<'a> Run<'a> {
         self.cycle = cycle;
         self.rig.clock.advance(gone);
         lock(&self.rig.way).device.control.plant().pass();
-        self.cycle.restore(&sent, gone);
+        self.cycle.restore(&applied, gone);
         Ok(())
     }
 

@@ -368,7 +368,7 @@ impl Service {
         self.stand_jumped(&report);
         let cycle_at = self.parts.handle.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
-        if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.sent {
+        if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.correction {
             self.write_output(&report, false);
         }
     }
@@ -412,12 +412,12 @@ impl Service {
             // What was not known at the end is not known at the next start.
             ended: ended && report.correction_known,
             monotonic_s: monotonic().as_secs_f64(),
-            correction: report.sent.to_vec(),
+            correction: report.correction.to_vec(),
         };
         let path = self.parts.config.audit_dir.join("output.json");
         self.output = LatestOutput {
             at: Instant::now(),
-            correction: report.sent,
+            correction: report.correction,
             receipt: (serde_json::to_string(&output).ok()).map(|text| self.clerk.keep(path, text)),
         };
     }

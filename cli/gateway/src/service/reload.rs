@@ -9,6 +9,7 @@ use std::{
 };
 
 use volcomp_guard::Reasons;
+use volcomp_port::Description;
 use volcomp_runtime::{Model, Order, Replacement};
 
 use super::{
@@ -50,7 +51,8 @@ impl Service {
         let old = self.parts.config.clone();
         let options = self.parts.options.clone();
         let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
-        let work = move || plan_again(&options, &old, &model, &limits, judge.as_ref());
+        let opened = self.parts.controllers.clone();
+        let work = move || plan_again(&options, &old, &opened, &model, &limits, judge.as_ref());
         let told = self.worker.begin(work).ok_or_else(disk_silent)?;
         Ok(Step::Reading(Reading {
             told,
@@ -168,6 +170,7 @@ impl Service {
 fn plan_again(
     options: &Options,
     old: &Config,
+    opened: &[Description],
     model: &Model,
     limits: &ConfirmedLimits,
     judge: Option<&Judge>,
@@ -183,6 +186,14 @@ fn plan_again(
     can_change(old, &config)?;
     let new_limits = identity::limits(guard);
     let plan = Plan::new(config)?;
+    let mut controllers = plan.descriptions().zip(opened);
+    if let Some((other, _)) = controllers.find(|(now, opened)| now != opened) {
+        return Err(ReloadError::OtherController {
+            file: plan.config.file.clone(),
+            device: other.device.clone(),
+        }
+        .into());
+    }
     if plan.model.axes != model.axes {
         let machine = plan.config.machine;
         return Err(ReloadError::OtherAxes { machine }.into());
@@ -228,5 +239,46 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
             key,
         }),
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A DBC file was changed while the gateway ran: the step of 1 µm became 0.1 µm for the limits, while the open controller
+    /// and the control kept the old one, and each correction was ten times too large.
+    #[test]
+    fn another_step_in_a_dbc_file_needs_a_restart() {
+        let dir = tempfile::tempdir().expect("writable");
+        let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text);
+        let dbc = include_str!("../../../../drivers/can/volcomp.dbc");
+        let steps = |step: &str| dbc.replace("@1- (1,0) [-2048|2047] \"um\"", step);
+        let machine = "structure = \"w X' b Y Z t\"\naxes = { X.travel = [0, 100], Y.travel = [0, 100], Z.travel = [0, 100] }\nerrors = { EYX = 20.0 }\n";
+        write("machine.toml", machine).expect("writable");
+        write("steps.dbc", dbc).expect("writable");
+        let gateway = "machine = \"machine.toml\"\n[guard]\nlimit_um = 30\nslew_um_per_s = 500\nhold_ms = 200\nzero_after_ms = 2000\n[[controller]]\nurl = \"can://can9?dbc=DBC\"\naxes = [\"X\", \"Y\", \"Z\"]\nunwatched = true\n";
+        let path = dir.path().join("steps.dbc");
+        let gateway = gateway.replace("DBC", &path.display().to_string());
+        write("gateway.toml", &gateway).expect("writable");
+        let options = Options {
+            config: Some(dir.path().join("gateway.toml")),
+            ..Options::default()
+        };
+        let config = options.configuration().expect("right");
+        let running = Plan::new(config.clone()).expect("right");
+        let opened: Vec<Description> = running.descriptions().cloned().collect();
+        let limits = ConfirmedLimits::new();
+        let again = || plan_again(&options, &config, &opened, &running.model, &limits, None);
+        assert!(again().is_ok(), "nothing changed");
+        let finer = steps("@1- (0.1,0) [-204.8|204.7] \"um\"");
+        assert_ne!(finer, dbc);
+        write("steps.dbc", &finer).expect("writable");
+        let refused = again().err().map(|error| error.to_string());
+        let refused = refused.expect("another step");
+        assert!(
+            refused.contains("can://can9") && refused.contains("restart the gateway"),
+            "{refused}"
+        );
     }
 }

@@ -288,7 +288,8 @@ fn a_reload_keeps_the_lags() {
     let names = volcomp_port::Thermometer::names(&simulation.thermometer).to_vec();
     let model = volcomp_runtime::Model::new(&simulation.model, fading).expect("built in");
     let mut replacement = volcomp_runtime::Replacement::new(Box::new(model), &names);
-    assert_no_alloc::assert_no_alloc(|| bench.cycle.swap_model(&mut replacement));
+    let taken = assert_no_alloc::assert_no_alloc(|| bench.cycle.swap_model(&mut replacement));
+    assert_eq!(taken, Ok(()));
     let after = bench.step(PERIOD, None).wanted;
     for (before, after) in before.iter().zip(&after) {
         // The machine moves on by 4 mm.

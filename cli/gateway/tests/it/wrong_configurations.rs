@@ -204,6 +204,30 @@ pub(crate) const CASES: &[Wrong] = &[
         )],
         "the DBC file has no words of a barrier",
     ),
+    // To the checksum the machine 65535 is the machine 0.
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "[controller.barrier]\nmachine = 65535\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }",
+        )],
+        "machine: found 65535",
+    ),
+    // A barrier never takes the words of lines without a latch.
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "[controller.barrier]\nmachine = 7\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]",
+        )],
+        "gpio://?position=a:0-14&correction=b:0-7: digital.latch: missing",
+    ),
+    // Two ways of which one would leave its correction on an axis that the other does not write.
+    wrong(
+        &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "heartbeat = { pmc = \"R\", at = 120 }\n[[controller]]\nurl = \"focas://127.0.0.2:1\"\naxes = [\"X\", \"Y\"]\nreads = [\"Z\"]\nunwatched = true",
+        )],
+        "axis Z is not written by focas://127.0.0.2:1, which may take over",
+    ),
     // Positions beyond the word: 15 lines of 1/128 mm are 256 mm.
     wrong(
         &[

@@ -28,7 +28,7 @@ pub use lines::Lines;
 pub use program::{Program, Protection};
 pub use report::{REPORT_WORDS, Refusal, Report};
 pub use session::{Answered, Seen, Session};
-pub use settings::{Settings, SettingsError};
+pub use settings::{LARGEST_MACHINE, Settings, SettingsError};
 
 /// One value for each axis of a channel, in counts of that axis.
 pub type Counts = volcomp_vocabulary::PerChannel<i16>;

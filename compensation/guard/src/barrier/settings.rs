@@ -4,12 +4,15 @@ use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};
 
 use super::{Counts, Layout};
 
+/// The largest number of a machine. The checksum counts modulo 65535, so a machine 65535 would be the machine 0.
+pub const LARGEST_MACHINE: u16 = 65_534;
+
 /// The settings of a barrier: they belong to the machine and are made by its builder, not by the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Settings {
     /// The axes that are corrected, in the order of the words.
     pub axes: Layout,
-    /// A number that tells this machine from others; it starts the checksum.
+    /// A number that tells this machine from others, at most [`LARGEST_MACHINE`]; it starts the checksum.
     pub machine: u16,
     /// The largest correction of each axis in either direction, counts.
     pub limit: Counts,
@@ -34,6 +37,12 @@ pub enum SettingsError {
     Twice {
         /// The axis that was found again.
         axis: AxisName,
+    },
+    /// The number of the machine is beyond the largest.
+    #[error("number of the machine: found {found}, expected 0 to {LARGEST_MACHINE}")]
+    Machine {
+        /// The number that was found.
+        found: u16,
     },
     /// The limit or the rate of one axis.
     #[error("axis {axis} (counted from 0): found {found} counts, expected at least 1")]
@@ -64,6 +73,10 @@ impl Settings {
     /// # Errors
     /// The first setting that makes no sense.
     pub fn check(&self) -> Result<(), SettingsError> {
+        if self.machine > LARGEST_MACHINE {
+            let found = self.machine;
+            return Err(SettingsError::Machine { found });
+        }
         for axis in 0..self.axes.count() {
             for found in [self.limit[axis], self.rate[axis]] {
                 if found < 1 {

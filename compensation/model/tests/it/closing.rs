@@ -1,4 +1,4 @@
-//! On an axis with `modulo`, what is given by nodes must end with the value that it starts with.
+//! On an axis with `modulo`, a curve must end where it starts.
 
 use volcomp_model::Machine;
 
@@ -54,5 +54,45 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
             told.contains(expected) && told.starts_with("m.toml:8: "),
             "{told}"
         );
+    }
+}
+
+/// A table parked at 0.000° whose last digit flickers was thrown to and fro by 160 µm.
+#[test]
+fn curves_of_every_kind_close_where_the_axis_rolls_over() {
+    for (curve, jump) in [
+        (
+            "{ chebyshev = [0.0, 80.0], domain = [0.0, 360.0] }",
+            "160.000",
+        ),
+        ("{ poly = [0.0, 0.5] }", "180.000"),
+        ("{ fourier = [0.0, 80.0, 80.0], period = 250.0 }", "124.9"),
+        (
+            "{ bspline = { knots = [0, 0, 0, 0, 360, 360, 360, 360], coefficients = [0, 10, 70, 80], degree = 3 } }",
+            "80.000",
+        ),
+        (
+            "{ forward = { poly = [1.0] }, backward = { poly = [0.0, 0.5] } }",
+            "180.000",
+        ),
+    ] {
+        let told = parsed(&format!("EXC = {curve}")).expect_err(curve);
+        let expected = format!("jumps by {jump}");
+        assert!(
+            told.contains(&expected) && told.starts_with("m.toml:8: ") && told.contains("EXC"),
+            "{told}"
+        );
+        assert!(told.contains("expected at most 1 µm or µrad"), "{told}");
+    }
+    for curve in [
+        "{ poly = [3.0] }",
+        "{ fourier = [0.0, 80.0, 80.0], period = 360.0 }",
+        "{ fourier = [0.0, 80.0, 80.0], period = 120.0 }",
+        // What is fitted to readings closes within their scatter.
+        "{ chebyshev = [0.0, 0.4], domain = [0.0, 360.0] }",
+        "{ poly = [0.0, -0.5, 0.0013888888888888888] }",
+    ] {
+        let told = parsed(&format!("EXC = {curve}"));
+        assert!(told.is_ok(), "{curve}: {told:?}");
     }
 }

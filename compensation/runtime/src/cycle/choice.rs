@@ -29,19 +29,21 @@ impl Cycle {
         }
     }
 
-    /// Whether what the axes get is known once this path writes: it tells it itself, or nothing can be left of the path
-    /// before.
+    /// Whether what the axes get is known once this path writes: it tells it itself, of all axes that the path before
+    /// wrote, or nothing can be left of that.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
         let (path, active) = (&self.paths[index], self.selector.active());
         if index == active {
             return true;
         }
-        let known = path.known();
+        let (known, before) = (path.known(), &self.paths[active]);
         if known.scheme != Scheme::Blind {
             let other = known.reasons.contains(Reasons::OTHER_GATEWAY);
-            return known.confirmed.is_some() && !other;
+            let tells = known.confirmed.is_some() && !other;
+            if !tells || !before.leaves_axes_to(path) {
+                return tells;
+            }
         }
-        let before = &self.paths[active];
         let Some(sent) = before.sent_at() else {
             // Nothing was sent since the start: what it tells, or what was written down before.
             return match before.known().confirmed {

@@ -54,7 +54,7 @@ impl Standby {
         let limits = path.limits();
         (0..limits.count).any(|i| {
             let step = 1.01 * limits.axes[i].resolution;
-            !self.went_over(path.machine_axis[i], confirmed.values[i], step)
+            !self.went_over(path.seen.machine_axis[i], confirmed.values[i], step)
         })
     }
 }
@@ -101,15 +101,10 @@ impl Cycle {
         }
     }
 
-    /// What is to be known of the paths that stand by.
-    pub(super) fn standby_notes(&mut self, now: Duration) -> Reasons {
+    /// What is to be known of the paths that stand by. `outputs`: the correction that the axes have, in machine order.
+    pub(super) fn standby_notes(&mut self, now: Duration, outputs: &PerAxis<f64>) -> Reasons {
         let active = self.selector.active();
-        let own = &self.paths[active];
-        let mut outputs = PerAxis::ZERO;
-        for i in 0..own.count() {
-            outputs[own.machine_axis[i]] = self.guard.output()[i];
-        }
-        self.standby.turn(now, &outputs);
+        self.standby.turn(now, outputs);
         for (axis, output) in outputs.iter().enumerate() {
             self.standby.see(axis, *output);
         }

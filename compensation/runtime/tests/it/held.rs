@@ -102,7 +102,9 @@ fn another_model_takes_the_test_shift_of_the_axes_that_no_longer_correct() {
     let after = correcting("\"X\", \"Y\", \"Z\"");
     let model = Model::new(&after, Fading::default()).expect("compiles");
     let mut replacement = Replacement::new(Box::new(model), &[]);
-    rig.cycle.swap_model(&mut replacement);
+    rig.cycle
+        .swap_model(&mut replacement)
+        .expect("the same axes");
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
     }
@@ -111,7 +113,8 @@ fn another_model_takes_the_test_shift_of_the_axes_that_no_longer_correct() {
     let limits = rig.limits;
     let model = Model::new(&after, Fading::default()).expect("compiles");
     rig.cycle
-        .swap_model(&mut Replacement::new(Box::new(model), &[]));
+        .swap_model(&mut Replacement::new(Box::new(model), &[]))
+        .expect("the same axes");
     rig.cycle.set_limits(0, &limits).expect("as before");
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");

@@ -204,7 +204,8 @@ fn a_rotary_axis_that_falls_out_of_the_correction_is_told_as_a_move() {
     let way = [&old, &new].map(|model| model.correctors_of(&controller, most));
     let told = old.largest_move(&new, [way]);
     rig.cycle
-        .swap_model(&mut Replacement::new(Box::new(new), &[]));
+        .swap_model(&mut Replacement::new(Box::new(new), &[]))
+        .expect("the same axes");
     rig.step(Some(Request::Switched));
     let after = rig.run(3000);
     let moved = |name: AxisName| {

@@ -163,7 +163,8 @@ fn rotary_axes_that_correct_no_more_go_out_together_with_the_linear_ones() {
         ));
         let model = Model::new(&after, Fading::default()).expect("compiles");
         rig.cycle
-            .swap_model(&mut Replacement::new(Box::new(model), &[]));
+            .swap_model(&mut Replacement::new(Box::new(model), &[]))
+            .expect("the same axes");
         let mut worst = 0.0_f64;
         report = rig.step(Some(Request::Switched));
         for _ in 0..3000 {

@@ -5,6 +5,7 @@ mod coupled;
 mod embed;
 mod ends_of_travel;
 mod errors;
+mod fewer_axes;
 mod held;
 mod lag;
 mod lags;

@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
+use volcomp_model::Machine;
 use volcomp_port::{Axis, Clock, Controller, Description, Heartbeat};
 use volcomp_runtime::{
-    ControlPath, Cycle, GuardSettings, LimitsRefusal, Model, PathPlan, PathSettings, PlanError,
-    Sensors, guard::Quantity,
+    ControlPath, Cycle, GuardSettings, Model, OrderRefusal, PathPlan, PathSettings, PlanError,
+    Replacement, Sensors,
+    guard::{Quantity, Request, State},
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Um, Urad};
 
@@ -259,18 +261,49 @@ fn limits_that_make_no_sense_are_refused() {
     let refused = rig.cycle.set_limits(0, &wrong).expect_err("no number");
     assert!(matches!(
         refused,
-        LimitsRefusal::Limits { path: 0, source } if source.what == Quantity::Limit && source.axis.is_some_and(|(place, _)| place == 1)
+        OrderRefusal::Limits { path: 0, source } if source.what == Quantity::Limit && source.axis.is_some_and(|(place, _)| place == 1)
     ));
     let mut fewer = good;
     fewer.count -= 1;
     assert!(matches!(
         rig.cycle.set_limits(0, &fewer),
-        Err(LimitsRefusal::Limits { source, .. }) if source.what == Quantity::Axes
+        Err(OrderRefusal::Limits { source, .. }) if source.what == Quantity::Axes
+    ));
+    // The step is that of the open controller: with another one every count of it would mean something else.
+    let mut finer = good;
+    finer.axes[0].resolution *= 0.1;
+    assert!(matches!(
+        rig.cycle.set_limits(0, &finer),
+        Err(OrderRefusal::Limits { source, .. }) if source.what == Quantity::Resolution
     ));
     let missing = rig.cycle.set_limits(1, &good);
+    assert_eq!(missing, Err(OrderRefusal::NoSuchPath { path: 1, paths: 1 }));
+}
+
+/// Limits of two axes were refused and taken all the same by the path: all corrections went to zero.
+#[test]
+fn what_is_refused_changes_nothing() {
+    let mut rig = Rig::at([-100.0, 40.0, 200.0, 50.0, 300.0]);
+    rig.run(10);
+    rig.step(Some(Request::Arm));
+    let before = rig.run(2000);
+    assert_eq!(before.state, State::Compensating);
+    let mut limits = rig.limits;
+    limits.count = 2;
+    assert!(rig.cycle.set_limits(0, &limits).is_err());
+    // The paths keep the places of their axes: the correction of Y would have gone to Z, and that of Z to Y.
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/five-axis.toml");
+    let text = std::fs::read_to_string(file).expect("shipped");
+    let text = text.replace("w C' X' b Y Z B t", "w C' X' b Z Y B t");
+    let other = Machine::parse(&text, "other").expect("valid");
+    let model = Model::new(&other, guard().fading).expect("compiles");
+    let mut replacement = Replacement::new(Box::new(model), &[]);
+    let refused = rig.cycle.swap_model(&mut replacement);
+    assert_eq!(refused, Err(OrderRefusal::OtherAxes));
+    let after = rig.run(2000);
     assert_eq!(
-        missing,
-        Err(LimitsRefusal::NoSuchPath { path: 1, paths: 1 })
+        (after.state, after.correction),
+        (before.state, before.correction)
     );
 }
 

@@ -14,7 +14,9 @@ fn a_cycle_allocates_nothing() {
         rig.run(20);
         rig.step(Some(Request::Arm));
         rig.run(300);
-        rig.cycle.swap_model(&mut replacement);
+        rig.cycle
+            .swap_model(&mut replacement)
+            .expect("the same axes");
         rig.step(Some(Request::Switched));
         rig.run(300);
         rig.step(Some(Request::Disarm));

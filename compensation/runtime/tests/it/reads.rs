@@ -138,7 +138,11 @@ fn the_tip_is_corrected_where_the_axes_that_are_read_stand_now() {
             turned = [turned[0].min(at), turned[1].max(at)];
             for name in READ {
                 let axis = machine.index_of(name).expect("an axis");
-                assert_eq!(report.sent[axis], 0.0, "{name} is not written");
+                assert_eq!(
+                    report.sent.expect("it corrects")[axis],
+                    0.0,
+                    "{name} is not written"
+                );
             }
         }
         assert!(turned[1] - turned[0] > 2.5, "it turned: {turned:?}");

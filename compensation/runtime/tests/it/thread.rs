@@ -7,7 +7,7 @@ use volcomp_port::{
     inject::{HangSwitch, Hanging},
 };
 use volcomp_runtime::{
-    ControlPath, Cycle, Handle, LimitsRefusal, Model, Order, PathPlan, Pulse, Realtime, Sensors,
+    ControlPath, Cycle, Handle, Model, Order, OrderRefusal, PathPlan, Pulse, Realtime, Sensors,
     guard::{Limits, Request},
     start,
 };
@@ -149,8 +149,8 @@ fn a_thread_arms_and_ends() {
     assert_eq!(
         refusals,
         [
-            LimitsRefusal::NoSuchPath { path: 7, paths: 1 },
-            LimitsRefusal::Period {
+            OrderRefusal::NoSuchPath { path: 7, paths: 1 },
+            OrderRefusal::Period {
                 path: 0,
                 found: Duration::from_millis(1),
                 expected: PERIOD

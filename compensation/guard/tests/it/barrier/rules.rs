@@ -318,7 +318,13 @@ fn settings_without_sense_are_refused() {
     no_rate.rate[1] = 0;
     let mut negative = good;
     negative.limit[2] = -1;
+    let other_machine = Settings {
+        machine: 65_535,
+        ..good
+    };
     let cases = [
+        // To the checksum it is the machine 0.
+        (other_machine, SettingsError::Machine { found: 65_535 }),
         (no_rate, SettingsError::Counts { axis: 1, found: 0 }),
         (negative, SettingsError::Counts { axis: 2, found: -1 }),
         (
