@@ -165,6 +165,8 @@ impl ControllerDevice {
                 .collect(),
             not_driven: config.not_driven.clone(),
             unwatched: config.unwatched,
+            only_thermal: config.only_thermal,
+            hold: config.hold,
             proves: config.proves.unwrap_or(!is_digital),
             position_steps: match &self.kind {
                 Kind::Lines(lines) => [lines.position_step()].into(),

@@ -32,6 +32,7 @@ fn main() -> Result<(), LimitsError> {
         ramp: Duration::from_millis(200),
         test_shift: PerChannel::ZERO,
         read_back_cycles: 1,
+        only_thermal: false,
     };
     let mut guard = Guard::new(limits)?;
     let mut read_back = ReadBack::plain(Duration::ZERO);

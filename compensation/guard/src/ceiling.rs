@@ -17,8 +17,11 @@ pub const SLEW_PER_S_ROTARY: Rad = Rad(0.005);
 pub const SHORTEST_CYCLE: Duration = Duration::from_micros(250);
 /// The longest time of a cycle.
 pub const LONGEST_CYCLE: Duration = Duration::from_millis(100);
-/// The longest time for which a correction may be held while positions are missing.
+/// The longest time for which a correction may be held while positions are missing, and after which nothing is sent any more
+/// that was decided before.
 pub const HOLD: Duration = Duration::from_millis(200);
+/// The same for a correction of thermal terms alone, which change slowly wherever the machine goes.
+pub const HOLD_THERMAL: Duration = Duration::from_secs(5);
 
 /// The largest limit (mm or rad) and the largest rate (mm/s or rad/s) of an axis of this kind.
 pub(crate) fn of(kind: AxisKind) -> [f64; 2] {

@@ -9,7 +9,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{
     Confirmed, Inputs, Known, Limits, LimitsError, Output, Reading, Reasons, Request, Scheme,
-    Vector, Wanted,
+    Vector, Wanted, ceiling,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
     read_back::is_step_equal,
@@ -157,12 +157,11 @@ impl Guard {
         // An output that is on its way out, or stands, depends on no position. But nothing is sent that was decided
         // longer ago than positions may be held.
         let depends = matches!(self.state, State::Arming(_) | State::Compensating);
-        let age = if depends {
-            self.age(now)
-        } else {
-            now.saturating_sub(self.last_cycle.unwrap_or(now))
-        };
+        let decided = now.saturating_sub(self.last_cycle.unwrap_or(now));
+        let age = if depends { self.age(now) } else { decided };
         let young = self.limits.hold.checked_sub(age)?;
+        // Where positions may be older than that, a decision may not.
+        let young = young.min(ceiling::HOLD.checked_sub(decided)?);
         match self.until {
             Some(until) => until.checked_sub(now).map(|left| left.min(young)),
             None => Some(young),

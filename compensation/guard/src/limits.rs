@@ -35,8 +35,11 @@ pub struct Limits {
     pub count: usize,
     /// The nominal time of a cycle, from [`ceiling::SHORTEST_CYCLE`] to [`ceiling::LONGEST_CYCLE`].
     pub period: Duration,
-    /// When positions are older than this, the correction is held; at most [`ceiling::HOLD`].
+    /// When positions are older than this, the correction is held; at most [`ceiling::HOLD`], or
+    /// [`ceiling::HOLD_THERMAL`] where `only_thermal` says so.
     pub hold: Duration,
+    /// Whether the correction is that of thermal terms alone.
+    pub only_thermal: bool,
     /// When positions are older than this, the correction ramps to zero.
     pub zero_after: Duration,
     /// How long a ramp is asked to take; it takes [`Limits::ramp_taken`].
@@ -268,12 +271,15 @@ impl Limits {
                 "at least one cycle",
             );
         }
-        if self.hold > ceiling::HOLD {
-            return wrong(
-                Quantity::Hold,
-                self.hold.as_secs_f64(),
-                "at most 200 ms, the ceiling that no configuration raises",
-            );
+        let (longest, expected) = if self.only_thermal {
+            let expected = "at most 5 s, the ceiling for thermal terms alone";
+            (ceiling::HOLD_THERMAL, expected)
+        } else {
+            let expected = "at most 200 ms, the ceiling that no configuration raises";
+            (ceiling::HOLD, expected)
+        };
+        if self.hold > longest {
+            return wrong(Quantity::Hold, self.hold.as_secs_f64(), expected);
         }
         if self.zero_after < self.hold {
             return wrong(

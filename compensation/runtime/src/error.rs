@@ -155,6 +155,14 @@ pub enum PlanError {
         /// A device that does not.
         other: String,
     },
+    /// A path for thermal terms alone on a machine that has none.
+    #[error("{device}: carries thermal terms only, and the machine {machine} has none")]
+    NoThermalTerms {
+        /// The device as the driver names it.
+        device: String,
+        /// The name of the machine.
+        machine: String,
+    },
     /// The device cannot keep up with the cycle.
     #[error(
         "{device}: cycle: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"

@@ -73,6 +73,8 @@ pub struct Model {
     /// The longest lever from the line of each rotary axis to the tool tip over the work space, mm.
     levers_mm: PerAxis<f64>,
     compiled: CompiledMachine,
+    /// The same without errors: only thermal terms are put into it.
+    only_thermal: CompiledMachine,
     thermal: ThermalState,
 }
 
@@ -83,6 +85,8 @@ impl Model {
     /// Curves that cannot be compiled, thermal terms of axes that are not there.
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
         let joints = machine.chain().joints();
+        let mut without_errors = machine.clone();
+        without_errors.clear_errors();
         let axes: Vec<AxisName> = joints.iter().map(|joint| joint.name).collect();
         let model = Self {
             name: machine.name.clone(),
@@ -108,6 +112,7 @@ impl Model {
             axes,
             levers_mm: PerAxis::ZERO,
             compiled: machine.compile(Tolerance::default())?,
+            only_thermal: without_errors.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
         };
         Ok(Self {
@@ -150,7 +155,7 @@ impl Model {
     /// to do without its sensor. Allocates nothing.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) -> bool {
         self.thermal.step(dt_s, degc);
-        self.thermal.apply(&mut self.compiled);
+        self.put_thermal();
         self.thermal.is_degraded()
     }
 
@@ -163,7 +168,12 @@ impl Model {
     /// Allocates nothing.
     pub fn carry_over(&mut self, from: &Self) {
         self.thermal.carry_over(&from.thermal);
+        self.put_thermal();
+    }
+
+    fn put_thermal(&mut self) {
         self.thermal.apply(&mut self.compiled);
+        self.thermal.apply(&mut self.only_thermal);
     }
 
     /// Whether a curve is evaluated outside its range at a state.
@@ -204,7 +214,23 @@ impl Model {
         correctors: &Correctors,
         applied: &PerAxis<f64>,
     ) -> ModelWanted {
-        let parts = self.compiled.parts_of(&moved(state, applied), correctors);
+        self.wanted_by(false, state, correctors, applied)
+    }
+
+    /// The same for thermal terms alone, or for all of the model. Allocates nothing.
+    pub fn wanted_by(
+        &self,
+        only_thermal: bool,
+        state: &State,
+        correctors: &Correctors,
+        applied: &PerAxis<f64>,
+    ) -> ModelWanted {
+        let compiled = if only_thermal {
+            &self.only_thermal
+        } else {
+            &self.compiled
+        };
+        let parts = compiled.parts_of(&moved(state, applied), correctors);
         let corrects_tool_axis = correctors.rotary().len() >= 2;
         ModelWanted {
             position: parts.position,

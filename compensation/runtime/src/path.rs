@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use volcomp_guard::{
     BarrierLink, Interlock, Known, Limits, LimitsError, ReadBack, Reasons, Told,
     barrier::{FRAME_WORDS, Layout, SettingsError},
+    ceiling,
 };
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Controller, Description, Fault, Snapshot, UnfitAxes, Words};
@@ -37,6 +38,8 @@ pub struct ControlPath {
     pub(crate) correctors: Correctors,
     /// A rotary axis corrects where half its step moves the tip by this at the most.
     rotary_step: Mm,
+    /// Whether it carries the correction of thermal terms alone.
+    pub(crate) only_thermal: bool,
     /// Machine axes that stand at a stated position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
     /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
@@ -79,6 +82,7 @@ impl ControlPath {
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
             rotary_step: plan.rotary_step,
+            only_thermal: plan.only_thermal,
             fixed: plan.fixed,
             notes: plan.notes,
             reading: None,
@@ -199,7 +203,9 @@ impl ControlPath {
     /// How long an exchange with it may take. Longer than a cycle where positions may be held for longer: an answer that
     /// comes late costs a few cycles, a connection that is given up costs many.
     pub(crate) fn patience(&self) -> Duration {
-        self.limits.period.mul_f64(0.6).max(self.limits.hold / 3)
+        // However long positions may be held, a cycle waits no longer than that.
+        let hold = self.limits.hold.min(ceiling::HOLD);
+        self.limits.period.mul_f64(0.6).max(hold / 3)
     }
 
     /// Whether it answered when it was asked last, not longer ago than a path that stands by may be silent.

@@ -43,6 +43,8 @@ pub struct PathPlan {
     pub notes: Reasons,
     /// The barrier of the control, where there is one.
     pub barrier: Option<BarrierSettings>,
+    /// Whether it carries the correction of thermal terms alone.
+    pub only_thermal: bool,
     /// Whether the control cannot be asked what it applies.
     pub is_blind: bool,
     /// For how long nothing on a control without a barrier may move before the first write.
@@ -122,6 +124,12 @@ impl PathPlan {
                 shortest_ms: ms(description.shortest_cycle),
             });
         }
+        if settings.only_thermal && model.sensors().is_empty() {
+            return Err(PlanError::NoThermalTerms {
+                device: device(),
+                machine: model.name.clone(),
+            });
+        }
         let barrier = barrier(&description, settings)?;
         notes |= Reasons::NO_BARRIER.when(barrier.is_none());
         let position_steps = position_steps(&description, settings)?;
@@ -140,6 +148,7 @@ impl PathPlan {
             rotary_step,
             left_out,
             barrier,
+            only_thermal: settings.only_thermal,
             is_blind: barrier.is_none() && !description.tells_applied,
             watch: settings.watch,
             time_out: settings.time_out,
@@ -404,12 +413,14 @@ fn limits(
             *shift = wanted;
         }
     }
+    let hold = settings.hold.unwrap_or(guard.hold);
     let limits = Limits {
         axes,
         count: description.axes.len(),
         period,
-        hold: guard.hold,
-        zero_after: guard.zero_after,
+        hold,
+        only_thermal: settings.only_thermal,
+        zero_after: guard.zero_after.max(hold),
         ramp: guard.ramp,
         test_shift,
         read_back_cycles: settings.read_back_cycles,

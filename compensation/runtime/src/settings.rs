@@ -174,6 +174,11 @@ pub struct PathSettings {
     pub not_driven: BTreeSet<AxisName>,
     /// Whether it is accepted that nothing on the control's side notices when the program stops.
     pub unwatched: bool,
+    /// Whether it carries the correction of thermal terms alone, for slow controls: positions may then be held for up to 5 s.
+    pub only_thermal: bool,
+    /// Positions that are older are held on this path; `None`: those of [`GuardSettings::hold`]. Where it is longer than
+    /// [`GuardSettings::zero_after`], they ramp the correction to zero at once.
+    pub hold: Option<Duration>,
     /// Whether the test shift at arming is made.
     pub proves: bool,
     /// The smallest step that the reported position of an axis shows; of an axis that is not named, finer than that of
@@ -197,6 +202,8 @@ impl Default for PathSettings {
             fixed: BTreeMap::new(),
             not_driven: BTreeSet::new(),
             unwatched: false,
+            only_thermal: false,
+            hold: None,
             proves: true,
             position_steps: BTreeMap::new(),
             read_back_cycles: 1,

@@ -245,6 +245,7 @@ pub unsafe extern "C" fn volcomp_guard_cycle(
         ramp: Duration::from_millis(500),
         test_shift: PerChannel::ZERO,
         read_back_cycles: 2,
+        only_thermal: false,
     };
     let Ok(mut guard) = Guard::new(limits) else { return -1 };
     let mut read_back = ReadBack::plain(Duration::ZERO);

@@ -8,7 +8,7 @@ use volcomp_digital_io::{
 };
 use volcomp_document::{InputError, Section, Value};
 use volcomp_focas::{PmcAddress, PmcArea, Width};
-use volcomp_guard::barrier::LARGEST_MACHINE;
+use volcomp_guard::{barrier::LARGEST_MACHINE, ceiling};
 use volcomp_port::ShownStates;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
@@ -17,7 +17,10 @@ use super::{
     kinds,
 };
 
-pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, InputError> {
+pub(super) fn controller(
+    section: &Section<'_>,
+    cycle_ms: f64,
+) -> Result<ControllerConfig, InputError> {
     kinds::check(section)?;
     let area = |value: Value<'_>| -> Result<_, InputError> {
         let section = value.section()?;
@@ -78,6 +81,18 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         }
     }
     let not_driven = section.optional("not_driven", letters)?;
+    let only_thermal = section.optional("terms", |value| match value.texts()?[..] {
+        ["thermal"] => Ok(true),
+        _ => Err(value.error("expected [\"thermal\"], or no such key: all terms")),
+    })?;
+    let only_thermal = only_thermal.unwrap_or(false);
+    let hold_ms = section.optional("hold_ms", |value| {
+        if only_thermal {
+            value.number_in(cycle_ms..=ceiling::HOLD_THERMAL.as_secs_f64() * 1e3)
+        } else {
+            Err(value.error("found this key without terms = [\"thermal\"], expected it only there: hold_ms of [guard] holds for all others"))
+        }
+    })?;
     Ok(ControllerConfig {
         url: section.require("url")?.text()?.to_owned(),
         channel: section.optional("channel", |value| match value.text()? {
@@ -97,6 +112,8 @@ pub(super) fn controller(section: &Section<'_>) -> Result<ControllerConfig, Inpu
         unseen: section
             .optional("unseen", |value| unseen(value))?
             .unwrap_or(ShownStates::NONE),
+        only_thermal,
+        hold: hold_ms.map(|ms| Duration::from_secs_f64(ms * 1e-3)),
         proves: section.optional("test_shift", Value::truth)?,
         area: area.map(|(first, width, _)| (first, width)),
         copied: area.is_some_and(|(_, _, copied)| copied),

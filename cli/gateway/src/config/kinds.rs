@@ -18,7 +18,7 @@ pub enum ControllerKind {
 use ControllerKind::{Can, Focas, Lines};
 
 /// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
-pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 17] = [
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 19] = [
     ("url", &ControllerKind::ALL),
     ("channel", &ControllerKind::ALL),
     ("axes", &ControllerKind::ALL),
@@ -26,6 +26,8 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 17] = [
     ("fixed", &ControllerKind::ALL),
     ("not_driven", &ControllerKind::ALL),
     ("includes_correction", &ControllerKind::ALL),
+    ("terms", &ControllerKind::ALL),
+    ("hold_ms", &ControllerKind::ALL),
     ("test_shift", &ControllerKind::ALL),
     ("unwatched", &ControllerKind::ALL),
     ("unseen", &ControllerKind::ALL),

@@ -81,6 +81,10 @@ pub struct ControllerConfig {
     pub unwatched: bool,
     /// The states of the control that the device does not show, and that the machine may be corrected without.
     pub unseen: ShownStates,
+    /// Whether it carries the correction of thermal terms alone (`terms = ["thermal"]`).
+    pub only_thermal: bool,
+    /// Positions that are older are held on this path; `None`: `hold_ms` of `[guard]`.
+    pub hold: Option<Duration>,
     /// Whether the test shift at arming is made; `None`: not on digital lines.
     pub proves: Option<bool>,
     /// FOCAS: the first byte of the shifts in the PMC, and the bytes of each.
@@ -229,7 +233,10 @@ impl Config {
                 "realtime",
             ],
         )?;
-        let controllers = root.tables("controller", controller)?;
+        let [shortest_ms, longest_ms] = [ceiling::SHORTEST_CYCLE, ceiling::LONGEST_CYCLE]
+            .map(|cycle| cycle.as_secs_f64() * 1e3);
+        let cycle_ms = root.number_or("cycle_ms", shortest_ms..=longest_ms, 4.0)?;
+        let controllers = root.tables("controller", |table| controller(table, cycle_ms))?;
         if controllers.is_empty() {
             return Err(root.error("found no [[controller]], expected at least one"));
         }
@@ -241,9 +248,6 @@ impl Config {
             )));
         }
         check_latches(root, &controllers)?;
-        let [shortest_ms, longest_ms] = [ceiling::SHORTEST_CYCLE, ceiling::LONGEST_CYCLE]
-            .map(|cycle| cycle.as_secs_f64() * 1e3);
-        let cycle_ms = root.number_or("cycle_ms", shortest_ms..=longest_ms, 4.0)?;
         let audit = root.section("audit")?;
         let audit_dir = match &audit {
             Some(audit) => {

@@ -158,6 +158,9 @@ pub struct ControllerPlan {
     pub sees_other_gateways: bool,
     /// The shortest cycle that it keeps up with, ms.
     pub shortest_cycle_ms: f64,
+    /// Where it carries the correction of thermal terms alone: positions that are older are held, ms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub only_thermal_hold_ms: Option<f64>,
     /// FANUC controls: the addresses in the PMC that are written and read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pmc: Option<PmcPlan>,

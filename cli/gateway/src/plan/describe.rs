@@ -163,6 +163,7 @@ fn of_reader(description: &Description, device: &ControllerDevice) -> Controller
         watched: false,
         sees_other_gateways: false,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
+        only_thermal_hold_ms: None,
         pmc: device.pmc(),
         axes: Vec::new(),
         held: Vec::new(),
@@ -241,6 +242,9 @@ fn of_controller(
         watched: !path.notes.contains(Reasons::UNWATCHED),
         sees_other_gateways: description.sees_other_gateways,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
+        only_thermal_hold_ms: path
+            .only_thermal
+            .then(|| round(path.limits.hold.as_secs_f64() * 1e3)),
         pmc: None,
         axes,
         held,

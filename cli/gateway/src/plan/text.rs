@@ -176,6 +176,10 @@ impl Lines {
             "  shortest cycle",
             &format!("{} ms", controller.shortest_cycle_ms),
         );
+        if let Some(ms) = controller.only_thermal_hold_ms {
+            let text = format!("thermal only, held after {ms} ms");
+            self.plain("  terms", &text);
+        }
         if let Some(pmc) = &controller.pmc {
             self.pmc(pmc);
         }

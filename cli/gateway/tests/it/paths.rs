@@ -128,6 +128,29 @@ fn an_unknown_correction_is_shown_as_unknown() {
     );
 }
 
+/// What was found in the control was told as what had been sent, and there was a whole map of errors while nobody knew where
+/// the machine stood.
+#[test]
+fn what_was_not_sent_and_is_not_known_is_not_shown() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let y = PmcAddress {
+        area: PmcArea::R,
+        at: 102,
+    };
+    control.world().set_words(y, &[21]);
+    let program = started(&configuration(dir.path(), &control, ""));
+    let state = program
+        .wait(|state| state["correction_um"]["Y"] == 21.0)
+        .expect("it finds a correction");
+    assert_eq!(state["sent_um"], json!({}), "{state}");
+    drop(control);
+    program
+        .wait(|state| state["positions_mm"] == json!({}))
+        .expect("positions are lost");
+    assert_eq!(program.get("/api/map").json()["error_um"], json!([]));
+}
+
 #[test]
 fn check_shows_the_addresses_in_the_pmc() {
     let dir = tempfile::tempdir().expect("writable");

@@ -204,6 +204,26 @@ pub(crate) const CASES: &[Wrong] = &[
         )],
         "the DBC file has no words of a barrier",
     ),
+    // A longer hold is for thermal terms alone, and a machine has to have some.
+    wrong(
+        &[("heartbeat = {", "hold_ms = 1000.0\nheartbeat = {")],
+        "found this key without terms = [\"thermal\"]",
+    ),
+    wrong(
+        &[("heartbeat = {", "terms = [\"curves\"]\nheartbeat = {")],
+        "expected [\"thermal\"]",
+    ),
+    wrong(
+        &[(
+            "heartbeat = {",
+            "terms = [\"thermal\"]\nhold_ms = 5001.0\nheartbeat = {",
+        )],
+        "hold_ms: found 5001",
+    ),
+    wrong(
+        &[("heartbeat = {", "terms = [\"thermal\"]\nheartbeat = {")],
+        "carries thermal terms only, and the machine",
+    ),
     // To the checksum the machine 65535 is the machine 0.
     wrong(
         &[(

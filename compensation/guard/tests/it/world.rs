@@ -33,6 +33,7 @@ pub(crate) fn limits() -> Limits {
         ramp: Duration::from_millis(500),
         test_shift: PerChannel::ZERO,
         read_back_cycles: 2,
+        only_thermal: false,
     }
 }
 

@@ -38,6 +38,8 @@ pub(super) struct Lag {
 pub(super) struct Asked<'a> {
     pub(super) model: &'a Model,
     pub(super) correctors: &'a Correctors,
+    /// Whether the correction is that of thermal terms alone.
+    pub(super) only_thermal: bool,
     pub(super) limits: &'a Limits,
     pub(super) state: &'a State,
     pub(super) wanted: &'a ModelWanted,
@@ -125,7 +127,8 @@ impl Asked<'_> {
         }
         let (now, then) = (
             self.wanted,
-            self.model.wanted(&there, self.correctors, self.applied),
+            self.model
+                .wanted_by(self.only_thermal, &there, self.correctors, self.applied),
         );
         // What the linear shares of now do to the position there: the levers of the rotary shares are others.
         let does = PerAxis::from_fn(|axis| {

@@ -25,7 +25,9 @@ impl Cycle {
             return (None, unknown);
         }
         let path = &self.paths[self.selector.active()];
-        let wanted = self.model.wanted(&state, &path.correctors, applied);
+        let wanted = self
+            .model
+            .wanted_by(path.only_thermal, &state, &path.correctors, applied);
         let outside = self.model.is_outside_range(&state);
         let notes = Reasons::SINGULAR.when(wanted.singular)
             | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
@@ -104,6 +106,7 @@ impl Cycle {
         let asked = lag::Asked {
             model: &self.model,
             correctors: &path.correctors,
+            only_thermal: path.only_thermal,
             limits,
             state: &self.commanded.unwrap_or_default(),
             wanted,

@@ -81,6 +81,7 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
                 ramp: Duration::from_millis(100),
                 test_shift: PerChannel::ZERO,
                 read_back_cycles: 1,
+                only_thermal: false,
             };
             let mut vector = Vector::at(&PerChannel::ZERO);
             let without = off_um(&machine, &state, &PerAxis::ZERO);

@@ -13,6 +13,7 @@ mod left;
 mod left_out;
 mod limited;
 mod old_positions;
+mod only_thermal;
 mod plan;
 mod quiet;
 mod raised_slew;

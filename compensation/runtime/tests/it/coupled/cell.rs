@@ -209,6 +209,7 @@ impl Cell {
             ramp: std::time::Duration::from_secs_f64(ramp_s),
             test_shift: PerChannel::ZERO,
             read_back_cycles: 2,
+            only_thermal: false,
         }
     }
 }
