@@ -186,13 +186,11 @@ fn plan_again(
     can_change(old, &config)?;
     let new_limits = identity::limits(guard);
     let plan = Plan::new(config)?;
-    let mut controllers = plan.descriptions().zip(opened);
-    if let Some((other, _)) = controllers.find(|(now, opened)| now != opened) {
-        return Err(ReloadError::OtherController {
-            file: plan.config.file.clone(),
-            device: other.device.clone(),
-        }
-        .into());
+    let is_other = |(now, opened): &(&Description, &Description)| now != opened;
+    let other = plan.descriptions().zip(opened).find(is_other);
+    if let Some(device) = other.map(|(now, _)| now.device.clone()) {
+        let file = plan.config.file;
+        return Err(ReloadError::OtherController { file, device }.into());
     }
     if plan.model.axes != model.axes {
         let machine = plan.config.machine;
