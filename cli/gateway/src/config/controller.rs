@@ -86,12 +86,13 @@ pub(super) fn controller(
         _ => Err(value.error("expected [\"thermal\"], or no such key: all terms")),
     })?;
     let only_thermal = only_thermal.unwrap_or(false);
+    let longest = if only_thermal {
+        ceiling::HOLD_THERMAL
+    } else {
+        ceiling::HOLD
+    };
     let hold_ms = section.optional("hold_ms", |value| {
-        if only_thermal {
-            value.number_in(cycle_ms..=ceiling::HOLD_THERMAL.as_secs_f64() * 1e3)
-        } else {
-            Err(value.error("found this key without terms = [\"thermal\"], expected it only there: hold_ms of [guard] holds for all others"))
-        }
+        value.number_in(cycle_ms..=longest.as_secs_f64() * 1e3)
     })?;
     Ok(ControllerConfig {
         url: section.require("url")?.text()?.to_owned(),

@@ -158,9 +158,12 @@ pub struct ControllerPlan {
     pub sees_other_gateways: bool,
     /// The shortest cycle that it keeps up with, ms.
     pub shortest_cycle_ms: f64,
-    /// Where it carries the correction of thermal terms alone: positions that are older are held, ms.
+    /// Whether it carries the correction of thermal terms alone.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub only_thermal: bool,
+    /// Positions that are older are held on this path, ms; null: those of the guard.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub only_thermal_hold_ms: Option<f64>,
+    pub hold_ms: Option<f64>,
     /// FANUC controls: the addresses in the PMC that are written and read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pmc: Option<PmcPlan>,

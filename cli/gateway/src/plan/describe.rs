@@ -163,7 +163,8 @@ fn of_reader(description: &Description, device: &ControllerDevice) -> Controller
         watched: false,
         sees_other_gateways: false,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
-        only_thermal_hold_ms: None,
+        only_thermal: false,
+        hold_ms: None,
         pmc: device.pmc(),
         axes: Vec::new(),
         held: Vec::new(),
@@ -242,8 +243,8 @@ fn of_controller(
         watched: !path.notes.contains(Reasons::UNWATCHED),
         sees_other_gateways: description.sees_other_gateways,
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
-        only_thermal_hold_ms: path
-            .only_thermal
+        only_thermal: path.only_thermal,
+        hold_ms: (path.limits.hold != plan.guard.hold)
             .then(|| round(path.limits.hold.as_secs_f64() * 1e3)),
         pmc: None,
         axes,

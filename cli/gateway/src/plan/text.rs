@@ -176,9 +176,11 @@ impl Lines {
             "  shortest cycle",
             &format!("{} ms", controller.shortest_cycle_ms),
         );
-        if let Some(ms) = controller.only_thermal_hold_ms {
-            let text = format!("thermal only, held after {ms} ms");
-            self.plain("  terms", &text);
+        if controller.only_thermal {
+            self.plain("  terms", "thermal only");
+        }
+        if let Some(ms) = controller.hold_ms {
+            self.plain("  hold after", &format!("{ms} ms"));
         }
         if let Some(pmc) = &controller.pmc {
             self.pmc(pmc);

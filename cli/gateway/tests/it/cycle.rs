@@ -9,7 +9,7 @@ use std::{
 use volcomp_gateway::simulate::{self, Simulation};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{Clock, Controller, Fault};
-use volcomp_runtime::{Cycle, Model, PathSettings, PlanError, Sensors};
+use volcomp_runtime::{BarrierSettings, Cycle, Model, PathSettings, PlanError, Sensors};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
 use crate::bench::{Bench, PERIOD, Seen, Watched, cycle, path, unproven};
@@ -160,7 +160,17 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             fixed: others,
             ..unproven()
         };
+        // What the first path leaves on the other axes is taken out by its barrier.
+        let protection = simulate::protection();
+        let barrier = PathSettings {
+            barrier: Some(BarrierSettings {
+                machine: protection.machine,
+                scan: protection.scan,
+            }),
+            ..unproven()
+        };
         let mut bench = Bench::through(&guard, |parts| {
+            let guarded = Simulation::with_barrier(parts.clock.clone()).expect("built in");
             let lines = volcomp_port::simulated::Machine {
                 axes: parts.controller.description().axes[..1].to_vec(),
                 program: Vec::new(),
@@ -170,17 +180,17 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
                 clock: parts.clock.clone(),
             };
             let (lines, _, _) = lines.start();
-            let first = Watched::new(parts.controller, parts.seen);
+            let first = Watched::new(guarded.controller, parts.seen);
             vec![
-                path(first, parts.model, &guard, &unproven()),
+                path(first, parts.model, &guard, &barrier),
                 path(Watched::new(lines, &second), parts.model, &guard, &settings),
             ]
         });
-        bench.run(SECOND / 2);
+        bench.run(2 * SECOND);
         bench.request(Request::Arm);
         bench.run(SECOND);
         bench.seen.lock().unwrap().fault = Some(Fault::Disconnected);
-        let report = bench.run(2 * SECOND);
+        let report = bench.run(4 * SECOND);
         assert_eq!(report.active, usize::from(stands_in), "{report:?}");
         let applied = second.lock().unwrap().applied;
         if stands_in {

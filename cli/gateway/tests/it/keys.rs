@@ -34,6 +34,8 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "fixed" => ("{ Y = 1.0 }", "X"),
         "reads" => ("[\"A\", \"C\"]", "X"),
         "not_driven" => ("[\"A\"]", "X"),
+        "terms" => ("[\"thermal\"]", "X"),
+        "hold_ms" => ("100.0", "X"),
         "includes_correction" | "test_shift" | "unwatched" => ("true", "X"),
         "resolution_um" => ("1.0", "X"),
         "resolution_urad" => ("1.0", "C"),
@@ -77,8 +79,8 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 15 keys and 5 URLs: seven keys on one kind or two of the three.
-    assert_eq!([taken, refused], [56, 19]);
+    // 17 keys and 5 URLs: seven keys on one kind or two of the three.
+    assert_eq!([taken, refused], [66, 19]);
 }
 
 /// A controller that is only read has no use for keys about corrections.

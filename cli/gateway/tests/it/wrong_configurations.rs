@@ -207,7 +207,7 @@ pub(crate) const CASES: &[Wrong] = &[
     // A longer hold is for thermal terms alone, and a machine has to have some.
     wrong(
         &[("heartbeat = {", "hold_ms = 1000.0\nheartbeat = {")],
-        "found this key without terms = [\"thermal\"]",
+        "hold_ms: found 1000",
     ),
     wrong(
         &[("heartbeat = {", "terms = [\"curves\"]\nheartbeat = {")],
