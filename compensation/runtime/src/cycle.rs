@@ -11,7 +11,10 @@ mod wanted;
 
 use std::time::{Duration, Instant};
 
-use volcomp_guard::{DirectionMemory, Guard, Interlocks, Limits, Output, Request, Selector};
+use volcomp_guard::{
+    DirectionMemory, Guard, Interlocks, Limits, Output, Reasons, Request, Selector,
+    State as GuardState,
+};
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
 use volcomp_vocabulary::{PerAxis, PerChannel};
