@@ -34,6 +34,7 @@ fn limits(count: usize) -> Limits {
         ramp: Duration::from_millis(80),
         test_shift: PerChannel::ZERO,
         read_back_cycles: 1,
+        only_thermal: false,
     }
 }
 
