@@ -121,6 +121,17 @@ impl BarrierArguments {
                 }
             }
         }
+        for (option, found, unit) in [
+            ("--limit-um", self.limit_um, count(AxisKind::Linear)),
+            ("--limit-urad", self.limit_urad, count(AxisKind::Rotary)),
+        ] {
+            let most = f64::from(i16::MAX) * unit.um_or_urad();
+            if found > most {
+                let expected =
+                    format!("{most:.0} at the most, 32767 counts as the barrier has them");
+                return Err(SimError::input(option, found.to_string(), expected));
+            }
+        }
         let protection = Protection {
             machine: self.machine_number,
             limit: Um(self.limit_um).to_mm(),

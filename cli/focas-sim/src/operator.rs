@@ -31,6 +31,26 @@ pub(crate) enum Command {
     Quit,
 }
 
+/// The commands that need more words, or take others than were found, and their forms.
+const FORMS: [(&str, &str); 13] = [
+    ("alarm", "alarm on or alarm off"),
+    ("estop", "estop on or estop off"),
+    ("unreferenced", "unreferenced on or unreferenced off"),
+    ("pause", "pause and a number of seconds, such as pause 0.5"),
+    ("freeze", "freeze on or freeze off"),
+    (
+        "write",
+        "write, a place and bytes, such as write R200 0 255",
+    ),
+    ("steps", "steps or steps reset"),
+    ("disconnect", "disconnect alone"),
+    ("clear", "clear alone"),
+    ("power", "power alone"),
+    ("reset", "reset alone"),
+    ("report", "report alone"),
+    ("quit", "quit alone"),
+];
+
 impl FromStr for Command {
     type Err = String;
 
@@ -62,12 +82,20 @@ impl FromStr for Command {
             ["report"] => Ok(Self::Report),
             ["help"] => Ok(Self::Help),
             ["quit"] => Ok(Self::Quit),
-            _ => Err(format!(
+            _ => Err(form_of(&words).map_or_else(|| format!(
                 "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, reset, write, freeze, steps, report, help, quit",
                 line.trim()
-            )),
+            ), |form| format!("found `{}`, expected {form}", line.trim()))),
         }
     }
+}
+
+/// The form of the command that the words begin with.
+fn form_of(words: &[&str]) -> Option<&'static str> {
+    let mut forms = FORMS.iter();
+    forms
+        .find(|(name, _)| words.first() == Some(name))
+        .map(|(_, form)| *form)
 }
 
 /// Bytes for R memory: `R200` and decimal numbers.
@@ -131,7 +159,14 @@ mod tests {
             Ok(Command::Write(200, vec![0, 255]))
         );
         for (line, expected) in [
-            ("write R200", "found `write R200`, expected one of alarm"),
+            (
+                "write R200",
+                "found `write R200`, expected write, a place and bytes, such as write R200 0 255",
+            ),
+            (
+                "pause",
+                "found `pause`, expected pause and a number of seconds",
+            ),
             ("write D1 0", "found `D1`, expected a place such as R200"),
             ("write R1 256", "found `256`, expected a byte"),
             ("alarm maybe", "found `maybe`, expected on or off"),
@@ -140,9 +175,9 @@ mod tests {
             ("stop", "found `stop`, expected one of alarm"),
             (
                 "steps forget",
-                "found `steps forget`, expected one of alarm",
+                "found `steps forget`, expected steps or steps reset",
             ),
-            ("freeze", "found `freeze`, expected one of alarm"),
+            ("freeze", "found `freeze`, expected freeze on or freeze off"),
         ] {
             let refused = parsed(line).err().unwrap_or_default();
             assert!(refused.contains(expected), "{line}: {refused}");

@@ -11,13 +11,14 @@ use volcomp_devices::{
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{BarrierArea, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect};
-use volcomp_guard::barrier::Layout;
-use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer, Words};
+use volcomp_guard::Limits;
+use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
 use crate::documents::{OnlinePlan, PmcPlan};
+use crate::online;
 
 /// A bridge on CAN tells what is applied in messages of its own. One that is older than this is not believed …
 const CAN_READ_BACK_WITHIN: Duration = Duration::from_millis(60);
@@ -101,19 +102,23 @@ impl ControllerDevice {
         })
     }
 
-    /// Asks a control what it tells about itself, and compares that with the configuration; `None` where its bus has
-    /// nothing to compare. Nothing is written.
+    /// Asks a control what it tells about itself, and compares that with the configuration and the limits of its guard
+    /// (`None`: it is only read); `None` where its bus has nothing to compare. Nothing is written.
     ///
     /// # Errors
     /// A control that cannot be reached, or that contradicts the configuration.
-    pub fn online(&self, own: &ControllerConfig) -> Result<Option<OnlinePlan>, DeviceError> {
+    pub fn online(
+        &self,
+        own: &ControllerConfig,
+        limits: Option<&Limits>,
+    ) -> Result<Option<OnlinePlan>, DeviceError> {
         let Kind::Focas(config) = &self.kind else {
             return Ok(None);
         };
         let found = inspect(config).map_err(|error| error.of(config.device()))?;
-        if let Some(barrier) = own.barrier {
-            check_report(config.device(), barrier.machine, &own.axes, found.report)?;
-        }
+        let barrier = own.barrier.as_ref().zip(limits).map(|(barrier, limits)| {
+            online::barrier(&config.device(), barrier, &own.axes, limits, &found.reports)
+        });
         let (shift_in_use, shift_words) = match found.shift_source {
             ShiftSource::Told { in_use, first } => (Some(in_use), Some(first)),
             ShiftSource::Untold { .. } => (None, None),
@@ -123,6 +128,7 @@ impl ControllerDevice {
             axes: found.axes.iter().map(char::to_string).collect(),
             shift_in_use,
             shift_words,
+            barrier: barrier.transpose()?,
             notes: found.notes,
         }))
     }
@@ -234,36 +240,6 @@ impl ControllerDevice {
     pub fn tells_resolution(&self) -> bool {
         matches!(self.kind, Kind::Can(_))
     }
-}
-
-/// Checks that a control tells the report of a barrier for this machine and these axes in this order.
-///
-/// # Errors
-/// It tells something else, or nothing.
-fn check_report(
-    device: String,
-    machine: u16,
-    axes: &[AxisName],
-    report: Option<Words>,
-) -> Result<(), DeviceError> {
-    // Axes that make no barrier were refused with the configuration.
-    let layout = Layout::of(axes.iter().copied()).ok();
-    let decoded = layout.zip(report).and_then(|(layout, words)| {
-        let words = words.as_slice();
-        volcomp_guard::barrier::Report::decode(machine, layout, words)
-    });
-    if decoded.is_some() {
-        return Ok(());
-    }
-    let letters: String = axes.iter().map(|name| name.letter()).collect();
-    let number = layout.map_or(0, Layout::number);
-    Err(DeviceError::protocol(
-        device,
-        "barrier.report: found no report of a barrier for this machine and these axes",
-        format!(
-            "expected one of the machine {machine} and the axes {letters} in this order: set `machine` of the barrier to {machine} and `layout` to {number}, or state `machine` and `axes` as the barrier has them"
-        ),
-    ))
 }
 
 fn can(

@@ -193,20 +193,15 @@ pub enum GatewayError {
         /// The URL of the controller that is only read.
         url: String,
     },
-    /// The correction depends on the position of an axis that nobody tells.
-    #[error(
-        "{file}: {url}: axis {axis} of {}: the correction depends on where it stands, but no [[controller]] shows it{}: name {axis} in axes where it is corrected, in reads = [\"{axis}\"] where it is not{}",
-        machine.display(),
-        if axis.is_rotary() { "" } else { " and `fixed` does not state it" },
-        if axis.is_rotary() { String::new() } else { format!(", or state fixed = {{ {axis} = … }}") }
-    )]
+    /// The correction depends on the positions of axes that nobody tells.
+    #[error("{file}: {url}: {}", unknown_positions(axes, machine))]
     PositionUnknown {
         /// The path of the configuration file.
         file: String,
-        /// The URL of the controller whose correction depends on it.
+        /// The URL of the controller whose correction depends on them.
         url: String,
-        /// The axis of the machine.
-        axis: AxisName,
+        /// The axes of the machine, at least one.
+        axes: Vec<AxisName>,
         /// The path of the machine file.
         machine: PathBuf,
     },
@@ -456,6 +451,40 @@ fn audit_dir(dir: &Path, found: &Path) -> String {
     } else {
         format!("{} is no folder", found.display())
     }
+}
+
+/// The message about axes whose positions nobody tells: what to state for each kind.
+fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
+    let list = |axes: &[AxisName], with: &str, between: &str| {
+        let words: Vec<String> = axes
+            .iter()
+            .map(|axis| format!("{with}{axis}{with}"))
+            .collect();
+        words.join(between)
+    };
+    let linear: Vec<AxisName> = axes.iter().copied().filter(|a| !a.is_rotary()).collect();
+    let (axis, they, them) = match axes {
+        [_] => ("axis", "it stands", "it"),
+        _ => ("axes", "they stand", "them"),
+    };
+    let or_fixed = if linear.is_empty() {
+        String::new()
+    } else {
+        let each: Vec<String> = linear.iter().map(|axis| format!("{axis} = …")).collect();
+        format!(", or state fixed = {{ {} }}", each.join(", "))
+    };
+    let not_fixed = if linear.len() == axes.len() {
+        " and `fixed` does not state it"
+    } else {
+        ""
+    };
+    format!(
+        "{axis} {} of {}: the correction depends on where {they}, but no [[controller]] shows {them}{not_fixed}: name {} in axes where corrected, in reads = [{}] where not{or_fixed}",
+        list(axes, "", ", "),
+        machine.display(),
+        list(axes, "", ", "),
+        list(axes, "\"", ", "),
+    )
 }
 
 impl From<ModelError> for GatewayError {

@@ -12,6 +12,7 @@ mod identity;
 mod lock;
 mod metrics;
 mod observe;
+mod online;
 pub mod options;
 pub mod plan;
 mod plan_keys;

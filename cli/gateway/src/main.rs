@@ -236,7 +236,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             json,
         }) => {
             let mut dashboard = match config {
-                Some(path) => Config::read(&path)?.dashboard,
+                Some(path) => DashboardConfig::read(&path)?,
                 None => DashboardConfig::default(),
             };
             if let Some(listen) = listen {

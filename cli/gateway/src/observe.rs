@@ -160,6 +160,9 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     }
 }
 
+/// What was confirmed longer ago is not known any more: the control may have let go of it by itself.
+const KNOWN_FOR: Duration = Duration::from_secs(2);
+
 /// How every path is.
 fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
     let ms = |age: Option<Duration>| age.map(|age| round(age.as_secs_f64() * 1e3));
@@ -173,7 +176,9 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
             answered_ms: ms(path.answered),
             positions_ms: ms(path.positions),
             confirmed_ms: ms(path.confirmed),
-            holds_correction: path.confirmed.map(|_| path.holds),
+            holds_correction: (path.confirmed)
+                .filter(|age| *age <= KNOWN_FOR)
+                .map(|_| path.holds),
             reasons: path.reasons.texts().map(str::to_owned).collect(),
         })
         .collect()

@@ -1,6 +1,6 @@
 //! The state of a gateway for a terminal of 80 columns.
 
-use crate::documents::{ByAxis, PathState, ProvenName, SchemeName, Status};
+use crate::documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status};
 
 /// The state in lines.
 pub fn text(status: &Status) -> String {
@@ -13,6 +13,9 @@ pub fn text(status: &Status) -> String {
     let controller = status.controller.as_ref();
     add("state", status.state.name().to_owned());
     add("because", status.reasons.join(", "));
+    if is_gone(status) {
+        add("look at", GONE.to_owned());
+    }
     add("machine", status.machine.name.clone());
     add(
         "controller",
@@ -20,7 +23,7 @@ pub fn text(status: &Status) -> String {
     );
     for path in &status.controllers {
         let mut title = format!("path {}", path.number + 1);
-        for line in health(path) {
+        for line in health(path, status.state == StateName::Compensating) {
             add(&std::mem::take(&mut title), line);
         }
     }
@@ -34,8 +37,8 @@ pub fn text(status: &Status) -> String {
             "correction",
             "unknown: not confirmed by the control".to_owned(),
         );
-        add("confirmed last, µm", by_axis(&status.correction_um, 1));
-        add("                µrad", by_axis(&status.correction_urad, 1));
+        add("  confirmed, µm", by_axis(&status.correction_um, 1));
+        add("  confirmed, µrad", by_axis(&status.correction_urad, 1));
     }
     for (what, title) in [
         (ProvenName::Contained, "positions contain the correction"),
@@ -74,35 +77,54 @@ pub fn text(status: &Status) -> String {
     lines.join("\n") + "\n"
 }
 
+/// Where to look when the control that corrects does not answer any more.
+const GONE: &str = "the cable and the control, which lets go by itself if it has a barrier";
+
+/// Whether the active controller has not answered for so long that its correction is not known.
+fn is_gone(status: &Status) -> bool {
+    let mut active = status.controllers.iter().filter(|path| path.active);
+    active.any(|path| path.holds_correction.is_none() && path.answered_ms.is_some())
+}
+
 /// How a controller is, in lines.
-fn health(path: &PathState) -> Vec<String> {
+fn health(path: &PathState, corrects: bool) -> Vec<String> {
     let barrier = match path.scheme {
         SchemeName::Barrier => "barrier",
         SchemeName::Plain => "no barrier",
         SchemeName::Blind => "no barrier, cannot be read back",
     };
     let holds = match path.holds_correction {
-        Some(true) => "holds a correction",
-        Some(false) => "holds no correction",
-        None => "whether it holds a correction is unknown",
+        Some(true) => "holds a correction".to_owned(),
+        Some(false) => "holds no correction".to_owned(),
+        None => format!(
+            "correction unknown, last {}",
+            since("confirmed", path.confirmed_ms)
+        ),
     };
     let ages = [
         ("answered", path.answered_ms),
         ("positions", path.positions_ms),
         ("confirmed", path.confirmed_ms),
     ];
-    let ages = ages.map(|(what, ms)| {
-        ms.map_or(format!("{what} never"), |ms| match ms {
-            ms if ms < 1e4 => format!("{what} {ms:.0} ms ago"),
-            ms => format!("{what} {:.0} s ago", ms * 1e-3),
-        })
-    });
-    let role = if path.active { "corrects" } else { "stands by" };
+    let ages = ages.map(|(what, ms)| since(what, ms));
+    let role = match (path.active, corrects) {
+        (true, true) => "corrects",
+        (true, false) => "in use",
+        (false, _) => "stands by",
+    };
     vec![
         format!("{role}, {}", path.device),
         format!("{barrier}; {holds}"),
         ages.join(", "),
     ]
+}
+
+/// "confirmed 12 ms ago".
+fn since(what: &str, ms: Option<f64>) -> String {
+    ms.map_or(format!("{what} never"), |ms| match ms {
+        ms if ms < 1e4 => format!("{what} {ms:.0} ms ago"),
+        ms => format!("{what} {:.0} s ago", ms * 1e-3),
+    })
 }
 
 fn by_axis(values: &ByAxis, digits: usize) -> String {

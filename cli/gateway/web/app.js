@@ -1,5 +1,5 @@
 "use strict";
-/* global drawLines, drawBars, drawMap */
+/* global drawLines, drawBars, drawMap, clearMap */
 
 const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000;
 // A reduction in % of an error below this says nothing: µm.
@@ -8,6 +8,8 @@ const LETTERS = "XYZABCUVW";
 const element = (id) => document.getElementById(id);
 const trend = { span_s: 120, points: [] };
 let map = null, lastHeard = 0, current = null;
+/** Whether the token that was entered may operate: the gateway said so. */
+let mayOperate = false;
 
 // The token stays in this tab only; it is never in an address.
 const token = () => sessionStorage.getItem("token") || "";
@@ -57,6 +59,7 @@ function showAxes(state) {
       make("div", "name", card).textContent = name;
       for (const [kind, shown] of [["position", unit], ["correction", small.replace("u", "µ")]]) {
         const cell = make("div", kind, card);
+        if (kind === "correction") make("small", "label", cell).textContent = "correction ";
         make("span", "value", cell);
         make("small", "", cell).textContent = ` ${shown}`;
       }
@@ -83,27 +86,27 @@ function put(cell, value) {
 const ago = (ms) => (ms < 1000 ? `${fixed(ms, 0)} ms` : `${fixed(ms / 1000, ms < 10000 ? 1 : 0)} s`);
 
 /** How each controller is: text and whether it deserves attention. */
-function healthOf(path) {
+function healthOf(path, state) {
   const { answered_ms: answered, positions_ms: positions, confirmed_ms: confirmed, holds_correction: holds } = path;
   const never = answered === null;
-  const long = confirmed > SILENT_MS;
-  const held = long ? "when that was confirmed last, it held" : "holds";
+  const role = !path.active ? "stands by" : state === "compensating" ? "corrects" : "in use";
+  const unknown = `what it applies is unknown, ${confirmed === null ? "never confirmed" : `last confirmed ${ago(confirmed)} ago`}`;
   return [
-    ["device", `${path.number + 1} ${path.active ? "corrects" : "stands by"}: ${path.device}`],
+    ["device", `${path.number + 1} ${role}: ${path.device}`],
     [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier in the control" : path.scheme === "blind" ? "no barrier, its correction cannot be read back" : "no barrier"],
     [never || answered > SILENT_MS ? "bad" : "ages", never ? "has never answered" : `answered ${ago(answered)} ago`],
     ["ages", `positions ${positions === null ? "unknown" : `${ago(positions)} old`}, correction ${confirmed === null ? "never confirmed" : `confirmed ${ago(confirmed)} ago`}`],
-    [holds === null || (holds && !path.active) ? "bad" : "ages", holds === null ? "whether it holds a correction is unknown" : `${held} ${holds ? "a" : "no"} correction`],
+    [holds === null || (holds && !path.active) ? "bad" : "ages", holds === null ? unknown : `holds ${holds ? "a" : "no"} correction`],
     ["ages", path.reasons.filter((reason) => reason !== "no barrier").join(", ")],
   ];
 }
 
-function showPaths(paths) {
+function showPaths({ controllers: paths, state }) {
   const list = element("paths");
   while (list.children.length > paths.length) list.lastChild.remove();
   paths.forEach((path, index) => {
     const item = list.children[index] || make("li", "", list);
-    healthOf(path).forEach(([kind, said], line) => {
+    healthOf(path, state).forEach(([kind, said], line) => {
       const row = item.children[line] || make("div", "", item);
       row.className = kind;
       row.textContent = said;
@@ -194,20 +197,27 @@ function showCycle(cycle) {
 
 function showMap() {
   if (!map || !current) return;
-  element("map-panel").hidden = map.axes.length < 2;
-  if (map.axes.length < 2) return;
-  const here = map.axes.map(({ name }) => current.positions_mm[name]);
-  const largest = drawMap(element("map"), map.error_um, map.axes, here.every(Number.isFinite) ? here : null);
+  if (map.axes.length < 2) {
+    // The panel stays where it was, so that nothing on the page jumps.
+    clearMap(element("map"));
+    text("map-title", "");
+    text("map-scale", "unknown: a position is missing");
+    return;
+  }
+  const isLost = element("banner").dataset.state === "lost";
+  const here = map.axes.map(({ name }) => (isLost ? undefined : current.positions_mm[name]));
+  const isHere = here.every(Number.isFinite);
+  const largest = drawMap(element("map"), map.error_um, map.axes, isHere ? here : null);
   const others = inOrder(current.machine.axes).filter((name) => !map.axes.some((axis) => axis.name === name));
   const stand = others.length ? `, at the present position of ${others.join(", ").replace(/, (?=[^,]*$)/, " and ")}` : "";
   text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}${stand}`);
-  text("map-scale", `without correction, by the model: light 0, dark ${largest} µm; the cross is where the machine stands`);
+  text("map-scale", `without correction, by the model: light 0, dark ${fixed(largest, largest < 10 ? 1 : 0)} µm; ${isHere ? "the cross is where the machine stands" : "where the machine stands is unknown"}`);
 }
 
 function showButtons(state) {
   for (const part of document.querySelectorAll("#operate > button, #token-form")) part.hidden = !state.operable;
   element("not-operable").hidden = state.operable;
-  const may = token() !== "";
+  const may = mayOperate;
   const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
   element("arm").disabled = !may || state.armed || state.state === "faulted";
   // Also while it is disarmed: something may be left over in the control, which disarming ramps out.
@@ -221,15 +231,19 @@ function show(state) {
   current = state;
   lastHeard = Date.now();
   element("banner").dataset.state = state.state;
+  const gone = state.controllers.find((path) => path.active && path.answered_ms !== null && path.holds_correction === null);
+  element("banner").classList.toggle("gone", Boolean(gone));
   text("state", state.state.replace("-", " "));
   // That there is no barrier stands in a line of its own.
-  text("reasons", state.reasons.filter((reason) => reason !== "no barrier").join(" · "));
+  const reasons = state.reasons.filter((reason) => reason !== "no barrier");
+  if (gone) reasons.push(`look at the cable and the control: what it applies is unknown, last confirmed ${gone.confirmed_ms === null ? "never" : `${ago(gone.confirmed_ms)} ago`}`);
+  text("reasons", reasons.join(" · "));
   text("machine-name", state.machine.name);
   text("controller", state.controller && !state.simulated ? `${state.controller.device}` : "");
   element("simulated").hidden = !state.simulated;
   document.title = `${state.state} – ${state.machine.name}`;
   showAxes(state);
-  showPaths(state.controllers);
+  showPaths(state);
   showTemperatures(state.temperatures);
   showError(state);
   showCycle(state.cycle);
@@ -239,16 +253,43 @@ function show(state) {
 
 /** Nothing is known any more: no number of before stays on the page. */
 function lost(why) {
+  if (element("banner").dataset.state !== "lost") text("answer", "");
   element("banner").dataset.state = "lost";
+  element("banner").classList.remove("gone");
   text("state", "no connection");
   text("reasons", why);
   for (const cell of document.querySelectorAll("#axes .position, #axes .correction")) put(cell, null);
   for (const shown of document.querySelectorAll("#axes .shown")) shown.textContent = "";
   for (const row of document.querySelectorAll("#paths li :not(.device)")) row.textContent = "";
-  for (const device of document.querySelectorAll("#paths .device")) device.nextSibling.textContent = "unknown";
+  for (const device of document.querySelectorAll("#paths .device")) {
+    device.textContent = device.textContent.replace(/ (corrects|in use|stands by): /, ": ");
+    device.nextSibling.textContent = "unknown";
+  }
   for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
   for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
   for (const button of document.querySelectorAll("#operate > button")) button.disabled = true;
+  showMap();
+}
+
+/** Asks the gateway what the token allows. */
+async function checkToken() {
+  mayOperate = false;
+  if (current) showButtons(current);
+  if (!token()) return text("answer", "no token");
+  try {
+    const response = await fetch("/api/token", { headers: headers(), cache: "no-store" });
+    const answer = await response.json();
+    if (response.ok) {
+      mayOperate = answer.role === "operate";
+      text("answer", `token of ${answer.name}, kept until this tab is closed${mayOperate ? "" : ": it allows to look, not to operate"}`);
+    } else {
+      sessionStorage.removeItem("token");
+      text("answer", `this token is refused: ${answer.error}`);
+    }
+  } catch {
+    text("answer", "the token could not be checked: the gateway does not answer");
+  }
+  if (current && element("banner").dataset.state !== "lost") showButtons(current);
 }
 
 /** The event stream, by fetch: an EventSource cannot send the token. */
@@ -368,9 +409,9 @@ element("token-form").addEventListener("submit", (event) => {
   event.preventDefault();
   sessionStorage.setItem("token", element("token").value.trim());
   element("token").value = "";
-  text("answer", token() ? "the token is kept until this tab is closed" : "no token");
-  if (current) showButtons(current);
+  checkToken();
 });
+if (token()) checkToken();
 setInterval(() => {
   if (lastHeard && Date.now() - lastHeard > LOST_AFTER_MS) lost("nothing was heard for two seconds; what the machine does now is not known here");
 }, 500);

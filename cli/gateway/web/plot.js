@@ -19,9 +19,9 @@ function surface(canvas) {
 }
 
 /** A round number that is not smaller: 1, 2 or 5 times a power of ten. */
-function roundUp(value) {
+function roundUp(value, steps = [1, 2, 5, 10]) {
   const power = 10 ** Math.floor(Math.log10(Math.max(value, 1e-9)));
-  return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.999);
+  return steps.map((step) => step * power).find((step) => step >= value * 0.999);
 }
 
 /** Series of [seconds, value or null] over the last `span` seconds up to `now`. */
@@ -91,6 +91,11 @@ function drawBars(canvas, bins) {
   });
 }
 
+/** An empty map. */
+function clearMap(canvas) {
+  surface(canvas);
+}
+
 /** Light to dark, for 0 to 1. */
 function shade(share) {
   const from = [237, 246, 250], to = [122, 16, 60];
@@ -112,7 +117,7 @@ function ticks([low, high], count) {
  */
 function drawMap(canvas, rows, [across, up], here) {
   const { context, width, height } = surface(canvas);
-  const largest = roundUp(Math.max(...rows.flat()));
+  const largest = roundUp(Math.max(...rows.flat()), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
   const left = 70, bottom = height - 40, top = 10, right = width - 14;
   const x = (mm) => left + (right - left) * (mm - across.travel[0]) / (across.travel[1] - across.travel[0]);
   const y = (mm) => bottom - (bottom - top) * (mm - up.travel[0]) / (up.travel[1] - up.travel[0]);

@@ -26,7 +26,10 @@ pub use limits::{
     AxisLimits, FEWEST_RAMP_CYCLES, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity,
 };
 pub use proof::{Moves, Proof, Proven, Verdict};
-pub use read_back::{BarrierLink, Confirmed, ControlTimeOut, Known, ReadBack, Scheme, Told};
+pub use read_back::{
+    BarrierLink, BarrierMisfit, Confirmed, ControlTimeOut, Known, ReadBack, Scheme, Told,
+    barrier_misfits, scans_fit,
+};
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{

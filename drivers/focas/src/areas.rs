@@ -86,7 +86,8 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
     let mut found = Vec::new();
     let mut take = |key, what, at: Option<PmcAddress>, points: usize, width: Width, written| {
         let Some(first) = at else { return Ok(()) };
-        if written && !first.area.is_writable() {
+        // The report is written by the ladder.
+        if (written || what == REPORT) && !first.area.is_of_ladder() {
             return Err(FocasError::NotWritable { key, at: first });
         }
         let bytes = u16::try_from(points)

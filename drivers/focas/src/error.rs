@@ -84,7 +84,7 @@ pub enum FocasError {
     /// Two blocks of bytes with a meaning of their own have bytes in common: what is written into one would change the
     /// other.
     #[error(
-        "{one} {} {other}, expected bytes that nothing else uses",
+        "{one} {} {other}",
         if one.first == one.last { "lies within" } else { "overlap" }
     )]
     Overlap {
@@ -93,12 +93,10 @@ pub enum FocasError {
         /// The other block.
         other: Block,
     },
-    /// Something is to be written into an area of the PMC that only the control writes.
-    #[error(
-        "{key}: found {at}, expected another area: F holds the signals of the control, which nobody else writes"
-    )]
+    /// Something is to be written into an area of the PMC that is not the ladder's own memory.
+    #[error("{key}: found {at}, expected a place in R or D: {}", at.area.holds())]
     NotWritable {
-        /// The key of the configuration: `area.first`, `heartbeat`, `sequence` or `barrier.frame`.
+        /// The key of the configuration: `area.first`, `heartbeat`, `sequence`, `barrier.frame` or `barrier.report`.
         key: &'static str,
         /// The address that was found.
         at: PmcAddress,

@@ -1,6 +1,9 @@
 //! What a control tells about itself when it is connected as a configuration says. Nothing is written.
 
-use std::time::{Duration, Instant};
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 use volcomp_port::Words;
 
@@ -21,13 +24,17 @@ pub struct Inspection {
     pub abilities: Abilities,
     /// What deserves to be known and is no error, in words.
     pub notes: Vec<String>,
-    /// The report of the control's barrier as it was when the control was asked; `None` where the configuration has none,
-    /// or the control did not tell.
-    pub report: Option<Words>,
+    /// Reports of the control's barrier with the times of their readings, two that are a second apart: how far the tick
+    /// moved on between them tells how long a scan takes. Empty where the configuration has no barrier, or the control did
+    /// not tell.
+    pub reports: Vec<(Instant, Words)>,
 }
 
 /// How long the reading may take.
 const READ_WITHIN: Duration = Duration::from_secs(2);
+
+/// The time between two reports of a barrier.
+const APART: Duration = Duration::from_secs(1);
 
 /// Connects, makes every check that a correction makes before its first cycle, reads once, and ends. Nothing is written.
 ///
@@ -38,7 +45,14 @@ pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     config.describe()?;
     let mut link = Link::open(config)?;
     let mut found = link.found().clone();
-    let read = link.read(Instant::now() + READ_WITHIN);
-    found.report = read.ok().and_then(|snapshot| snapshot.report);
+    let mut read = || {
+        let snapshot = link.read(Instant::now() + READ_WITHIN).ok()?;
+        Some((snapshot.taken, snapshot.report?))
+    };
+    found.reports.extend(read());
+    if !found.reports.is_empty() {
+        thread::sleep(APART);
+        found.reports.extend(read());
+    }
     Ok(found)
 }

@@ -74,7 +74,7 @@ impl Link {
                 shift_source: source,
                 abilities,
                 notes,
-                report: None,
+                reports: Vec::new(),
             },
             axes,
             corrected: config.axes.len(),

@@ -44,9 +44,27 @@ impl PmcArea {
         Self::D,
     ];
 
-    /// Whether a program outside may write to the area: not to the signals of the control itself, which it sets.
-    pub fn is_writable(self) -> bool {
-        self != Self::F
+    /// Whether the area is memory of the ladder's own, which has no meaning to the control or the machine until the ladder
+    /// gives it one. Only there a program outside may write, and a barrier report.
+    pub fn is_of_ladder(self) -> bool {
+        matches!(self, Self::R | Self::D)
+    }
+
+    /// What an area holds that is not the ladder's own memory.
+    pub(crate) fn holds(self) -> &'static str {
+        match self {
+            Self::G => {
+                "G holds the signals to the control, its emergency stop among them, which the ladder alone sets"
+            }
+            Self::F => "F holds the signals of the control, which nobody else writes",
+            Self::Y => "Y holds the outputs to the machine",
+            Self::X => "X holds the inputs from the machine",
+            Self::A => "A holds the messages to the operator",
+            Self::T => "T holds the times of the ladder's timers",
+            Self::K => "K holds the settings of the ladder",
+            Self::C => "C holds the counters of the ladder",
+            Self::R | Self::D => "it is memory of the ladder's own",
+        }
     }
 
     /// The area of a letter; `None` where there is none.

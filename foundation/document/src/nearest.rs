@@ -11,7 +11,20 @@ pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
         // Of a word as short as the slip nothing would be left.
         (slips <= most && slips < letters.len()).then_some((slips, *word))
     });
-    near.min_by_key(|(slips, _)| *slips).map(|(_, word)| word)
+    let near = near.min_by_key(|(slips, _)| *slips).map(|(_, word)| word);
+    near.or_else(|| without_suffix(&found, known))
+}
+
+/// The shortest known word that begins with the one that was found and `_`: a unit was left out, as in `limit` for
+/// `limit_um`.
+fn without_suffix<'k>(found: &[char], known: &[&'k str]) -> Option<&'k str> {
+    let found: String = found.iter().collect();
+    let longer = known.iter().copied().filter(|word| {
+        let rest = word.to_lowercase();
+        let rest = rest.strip_prefix(&found).map(str::to_owned);
+        !found.is_empty() && rest.is_some_and(|rest| rest.starts_with('_'))
+    });
+    longer.min_by_key(|word| word.len())
 }
 
 /// The least number of letters left out, added, changed, or swapped with their neighbour, that make one word the other
@@ -61,6 +74,21 @@ mod tests {
         assert_eq!(nearest("poitn", &known), Some("point"));
         assert_eq!(nearest("backlash", &known), None);
         assert_eq!(nearest("x", &["y"]), None);
+        assert_eq!(nearest("", &known), None);
+    }
+
+    #[test]
+    fn a_key_without_its_unit_is_taken_for_the_key() {
+        let known = [
+            "_um",
+            "limit_without_barrier_um",
+            "limit_um",
+            "limit_urad",
+            "hold_ms",
+        ];
+        assert_eq!(nearest("limit", &known), Some("limit_um"));
+        assert_eq!(nearest("hold", &known), Some("hold_ms"));
+        assert_eq!(nearest("lim", &known), None);
         assert_eq!(nearest("", &known), None);
     }
 }

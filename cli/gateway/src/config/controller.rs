@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, ops::RangeInclusive, time::Duration};
 
-use volcomp_devices::{Address, Scheme};
+use volcomp_devices::Scheme;
 use volcomp_digital_io::{
     Coherence, CorrectionCode, CorrectionWord, DigitalAxis, PositionCode, PositionWord,
 };
@@ -95,7 +95,7 @@ pub(super) fn controller(
         value.number_in(cycle_ms..=longest.as_secs_f64() * 1e3)
     })?;
     Ok(ControllerConfig {
-        url: section.require("url")?.text()?.to_owned(),
+        url: kinds::address(section)?.text,
         channel: section.optional("channel", |value| match value.text()? {
             name if is_blank(name) => Err(value.error(format!(
                 "found {name:?}, expected a name of visible characters"
@@ -146,8 +146,7 @@ fn barrier(controller: &Section<'_>, section: &Section<'_>) -> Result<BarrierCon
             ));
         }
     }
-    let url = controller.require("url")?;
-    let is_focas = Address::parse(url.text()?).is_ok_and(|url| url.scheme == Scheme::Focas);
+    let is_focas = kinds::address(controller)?.scheme == Scheme::Focas;
     let words = |key: &str| {
         match (section.get(key), is_focas) {
         (Some(value), true) => byte(&value).map(Some),
@@ -370,7 +369,7 @@ pub(super) fn thermometer(section: &Section<'_>) -> Result<ThermometerConfig, In
     section.allow(&["url", "names"])?;
     let names = section.require("names")?.texts()?;
     Ok(ThermometerConfig {
-        url: section.require("url")?.text()?.to_owned(),
+        url: kinds::address(section)?.text,
         names: names.into_iter().map(str::to_owned).collect(),
     })
 }

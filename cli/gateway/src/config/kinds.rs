@@ -81,14 +81,16 @@ impl ControllerKind {
     }
 }
 
-/// Refuses keys that are not known, and keys that a controller of this kind cannot use. A URL that is none is refused
-/// later, with the devices.
+/// The URL of a device; an error names the key and its line.
+pub(super) fn address(section: &Section<'_>) -> Result<Address, InputError> {
+    let url = section.require("url")?;
+    Address::parse(url.text()?).map_err(|error| url.error(error.to_string()))
+}
+
+/// Refuses keys that are not known, a URL that is none, and keys that a controller of this kind cannot use.
 pub(super) fn check(section: &Section<'_>) -> Result<(), InputError> {
     section.allow(&CONTROLLER_KEYS.map(|(key, _)| key))?;
-    let Ok(address) = Address::parse(section.require("url")?.text()?) else {
-        return Ok(());
-    };
-    let kind = ControllerKind::of(address.scheme);
+    let kind = ControllerKind::of(address(section)?.scheme);
     for (key, kinds) in CONTROLLER_KEYS {
         if let Some(value) = section.get(key).filter(|_| !kinds.contains(&kind)) {
             let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();

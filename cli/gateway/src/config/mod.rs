@@ -189,6 +189,24 @@ impl Default for DashboardConfig {
     }
 }
 
+impl DashboardConfig {
+    /// Reads the table `[dashboard]` of a configuration file and nothing else of it: a gateway that runs can be asked while
+    /// the rest of the file is being changed.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or with file, line and key what is wrong in the table.
+    pub fn read(path: &Path) -> Result<Self, GatewayError> {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let table = Document::read(path)?.decode(|root| {
+            let section = root.section("dashboard")?;
+            section
+                .map(|section| dashboard(&section, folder))
+                .transpose()
+        })?;
+        Ok(table.unwrap_or_default())
+    }
+}
+
 /// Whether a name has nothing in it that can be read, or something that cannot.
 pub(crate) fn is_blank(name: &str) -> bool {
     name.trim().is_empty() || name.contains(char::is_control)

@@ -16,8 +16,9 @@ pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
 pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use plan::{
-    AuditPlan, AxisPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
-    OnlinePlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+    AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan,
+    MachinePlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, PlanDocument, PmcPlan, SensorPlan,
+    Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,

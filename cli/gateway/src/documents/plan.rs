@@ -82,7 +82,7 @@ pub struct PlanDocument {
 }
 
 /// What a control told about itself when it was asked.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OnlinePlan {
     /// The URL of the control.
     pub url: String,
@@ -94,8 +94,42 @@ pub struct OnlinePlan {
     /// The first R address of the words from which the control takes the shifts of its axes (parameter 1280); null: the
     /// control does not tell.
     pub shift_words: Option<u32>,
+    /// The barrier as its report tells it; missing where the configuration has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub barrier: Option<OnlineBarrier>,
     /// What deserves to be known and forbids nothing, in words.
     pub notes: Vec<String>,
+}
+
+/// The barrier of a control as its report tells it. Times are scans of the control with the configured `scan_ms`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OnlineBarrier {
+    /// The number of the machine.
+    pub machine: u16,
+    /// The number of its axes in their order, as `layout` of the barrier.
+    pub layout: u32,
+    /// The gateway whose frames it takes now; 0: nobody's, the next that sends.
+    pub owner: u16,
+    /// The time of a scan as it was counted, ms; null: not counted.
+    pub scan_ms: Option<f64>,
+    /// The oldest frame that it takes, ms.
+    pub hold_ms: f64,
+    /// The time without a frame after which it ramps the correction out, ms.
+    pub time_out_ms: f64,
+    /// Its axes in their order.
+    pub axes: Vec<OnlineBarrierAxis>,
+}
+
+/// The settings of one axis of a barrier, in µm for linear and µrad for rotary axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OnlineBarrierAxis {
+    /// The letter of the axis.
+    #[schemars(with = "String")]
+    pub name: AxisName,
+    /// The largest correction that it lets through.
+    pub limit: f64,
+    /// How far it moves the correction in a second at the most.
+    pub rate_per_s: f64,
 }
 
 /// The machine of a plan.
@@ -164,11 +198,19 @@ pub struct ControllerPlan {
     /// Positions that are older are held on this path, ms; null: those of the guard.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hold_ms: Option<f64>,
+    /// The barrier in the control, as the configuration states it; missing where it states none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub barrier: Option<BarrierPlan>,
     /// FANUC controls: the addresses in the PMC that are written and read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pmc: Option<PmcPlan>,
     /// Its axes that correct, in the order X Y Z A B C U V W.
     pub axes: Vec<AxisPlan>,
+    /// The largest correction of each of them that the machine file asks for over a grid of the travels, without what
+    /// temperatures add: µm, µrad. More than the limit is not corrected.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub needs: ByAxis,
     /// Its axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
     #[schemars(with = "Vec<String>")]
     pub held: Vec<AxisName>,
@@ -179,6 +221,20 @@ pub struct ControllerPlan {
     /// Machine axes that it does not show and that stand at this position: mm, deg.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub fixed: ByAxis,
+}
+
+/// The barrier in a control, as the configuration states it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BarrierPlan {
+    /// The number of the machine, `machine` of the barrier.
+    pub machine: u16,
+    /// The number that `layout` of the barrier must have: a digit for each axis, in their order.
+    pub layout: u32,
+    /// The axes in the order of the barrier's words.
+    #[schemars(with = "Vec<String>")]
+    pub axes: Vec<AxisName>,
+    /// The time of a scan of the control, ms.
+    pub scan_ms: f64,
 }
 
 /// The addresses in the PMC of a FANUC control, as ladders name them, such as `R100`.

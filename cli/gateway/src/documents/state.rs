@@ -210,7 +210,8 @@ pub struct PathState {
     pub positions_ms: Option<f64>,
     /// How long ago the correction that it applies was confirmed last, ms; null: never.
     pub confirmed_ms: Option<f64>,
-    /// Whether the correction that was confirmed last is other than zero; null: not known.
+    /// Whether the correction that it applies is other than zero; null: not known, since nothing confirmed it in the last
+    /// two seconds.
     pub holds_correction: Option<bool>,
     /// What else is to be known of it.
     pub reasons: Vec<String>,

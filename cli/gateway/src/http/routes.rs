@@ -28,7 +28,7 @@ use super::{
     tokens::{Denied, Role},
 };
 use crate::{
-    documents::{Confirmation, Refusal, Status},
+    documents::{Confirmation, Refusal, Status, TokenPlan},
     metrics,
     request::{Ask, Asked},
 };
@@ -87,7 +87,8 @@ pub(super) fn router(dashboard: Shared) -> Router {
         .route("/api/arm", post(arm))
         .route("/api/disarm", post(disarm))
         .route("/api/acknowledge", post(acknowledge))
-        .route("/api/reload", post(reload));
+        .route("/api/reload", post(reload))
+        .route("/api/token", get(token));
     let pages = PAGES
         .iter()
         .fold(Router::new(), |router, &(path, kind, text)| {
@@ -273,6 +274,26 @@ async fn reload(
     body: Bytes,
 ) -> Response {
     operate(dashboard, from.0.ip(), &headers, &body, Ask::Reload).await
+}
+
+/// Whose token this is and what it allows, so that a wrong one is found before it is needed.
+#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
+async fn token(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+) -> Response {
+    match dashboard
+        .tokens
+        .check(from.ip(), bearer(&headers), Role::View)
+    {
+        Ok(holder) => Json(TokenPlan {
+            name: holder.name,
+            role: holder.role.name().to_owned(),
+        })
+        .into_response(),
+        Err(denied) => denied.into_response(),
+    }
 }
 
 /// Whoever may operate asks the service; the body may confirm a model.

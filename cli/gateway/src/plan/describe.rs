@@ -5,18 +5,18 @@ use std::{
     time::Duration,
 };
 
-use volcomp_guard::Reasons;
+use volcomp_guard::{Reasons, barrier::Layout};
 use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Devices, Plan, notes::notes};
+use super::{Devices, Plan, needs, notes::notes};
 use crate::{
     config::Config,
     devices::ControllerDevice,
     documents::{
-        AuditPlan, AxisPlan, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan, PlanDocument,
-        SensorPlan, Source, Stated, ThermometerPlan, TokenPlan, round,
+        AuditPlan, AxisPlan, BarrierPlan, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
+        PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan, round,
     },
 };
 
@@ -165,8 +165,10 @@ fn of_reader(description: &Description, device: &ControllerDevice) -> Controller
         shortest_cycle_ms: round(description.shortest_cycle.as_secs_f64() * 1e3),
         only_thermal: false,
         hold_ms: None,
+        barrier: None,
         pmc: device.pmc(),
         axes: Vec::new(),
+        needs: BTreeMap::new(),
         held: Vec::new(),
         reads,
         fixed: BTreeMap::new(),
@@ -246,12 +248,27 @@ fn of_controller(
         only_thermal: path.only_thermal,
         hold_ms: (path.limits.hold != plan.guard.hold)
             .then(|| round(path.limits.hold.as_secs_f64() * 1e3)),
+        barrier: barrier(path),
         pmc: None,
         axes,
+        needs: needs::largest(&plan.model, path),
         held,
         reads,
         fixed,
     }
+}
+
+/// The barrier of a path, as it was configured.
+fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
+    let settings = path.barrier?;
+    let names = path.description.axes.iter().map(|axis| axis.name);
+    let axes: Vec<AxisName> = names.collect();
+    Some(BarrierPlan {
+        machine: settings.machine,
+        layout: Layout::of(axes.iter().copied()).ok()?.number(),
+        axes,
+        scan_ms: round(settings.scan.as_secs_f64() * 1e3),
+    })
 }
 
 /// The limits of one axis, of which corrections up to `reachable` (µm, µrad) are written; step and test shift are those

@@ -22,6 +22,7 @@ use crate::{
 
 mod audit_folder;
 mod describe;
+mod needs;
 mod notes;
 mod positions;
 mod seen;
@@ -209,8 +210,10 @@ impl Plan {
             Devices::Configured { controllers, .. } => &controllers[..],
             Devices::Simulated(_) => &[],
         };
-        let configured = controllers.iter().zip(&self.config.controllers);
-        let told = configured.map(|(device, config)| device.online(config));
+        let limits = self.paths.iter().map(|path| Some(&path.limits));
+        let limits = limits.chain(std::iter::repeat(None));
+        let configured = controllers.iter().zip(&self.config.controllers).zip(limits);
+        let told = configured.map(|((device, config), limits)| device.online(config, limits));
         let told = told.collect::<Result<Vec<_>, _>>();
         let told = told.map_err(GatewayError::Device)?;
         Ok(PlanDocument {

@@ -20,6 +20,7 @@ pub(super) fn notes(
             notes.extend(ramp(plan, guard));
             for (index, controller) in controllers.iter().enumerate() {
                 notes.extend(by_axes(controller, limit));
+                notes.extend(by_axes(controller, |axis| beyond_limit(controller, axis)));
                 notes.extend(by_axes(controller, |axis| test_shift(plan, index, axis)));
             }
         }
@@ -160,6 +161,17 @@ fn limit(axis: &AxisPlan) -> Option<String> {
         axis.limit.value,
         unit = axis.unit
     ))
+}
+
+/// A limit below what the machine file asks for somewhere.
+fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
+    let (needs, unit) = (*controller.needs.get(&axis.name)?, &axis.unit);
+    (needs > axis.limit.value + axis.resolution.value).then(|| {
+        format!(
+            "the machine file asks for up to {needs} {unit} within the travels, and the limit is {} {unit}: beyond it the error is corrected only in part",
+            axis.limit.value
+        )
+    })
 }
 
 /// A test shift that is larger than it is asked to be, or is not made although it is asked for.

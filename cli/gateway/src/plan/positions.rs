@@ -3,6 +3,7 @@
 
 use volcomp_port::Description;
 use volcomp_runtime::{Model, PathPlan, ReaderPlan};
+use volcomp_vocabulary::AxisName;
 
 use super::Devices;
 use crate::{config::Config, error::GatewayError};
@@ -53,7 +54,7 @@ pub(super) fn readers(
 /// the position of every axis of the machine, which it shows itself, another controller shows, or `fixed` states.
 ///
 /// # Errors
-/// The first axis without a position.
+/// The axes without a position.
 pub(super) fn check_known(
     config: &Config,
     model: &Model,
@@ -64,15 +65,18 @@ pub(super) fn check_known(
     let of_readers = readers.iter().map(|reader| &reader.description);
     let shown: Vec<&Description> = of_paths.chain(of_readers).collect();
     for path in paths {
-        for (axis, fixed) in model.axes.iter().zip(path.fixed) {
-            if fixed.is_none() && !shown.iter().any(|description| description.shows(*axis)) {
-                return Err(GatewayError::PositionUnknown {
-                    file: config.file.clone(),
-                    url: path.description.device.clone(),
-                    axis: *axis,
-                    machine: config.machine.clone(),
-                });
-            }
+        let axes = model.axes.iter().zip(path.fixed);
+        let unknown = axes.filter(|(axis, fixed)| {
+            fixed.is_none() && !shown.iter().any(|description| description.shows(**axis))
+        });
+        let unknown: Vec<AxisName> = unknown.map(|(axis, _)| *axis).collect();
+        if !unknown.is_empty() {
+            return Err(GatewayError::PositionUnknown {
+                file: config.file.clone(),
+                url: path.description.device.clone(),
+                axes: unknown,
+                machine: config.machine.clone(),
+            });
         }
     }
     Ok(())

@@ -4,7 +4,10 @@ use std::path::Path;
 
 use crate::{
     config::Config,
-    documents::{AxisPlan, ControllerPlan, GuardPlan, PlanDocument, PmcPlan, Source, Stated},
+    documents::{
+        AxisPlan, BarrierPlan, ControllerPlan, GuardPlan, OnlineBarrier, PlanDocument, PmcPlan,
+        Source, Stated,
+    },
 };
 
 /// Lines of a label, a value, and where the value comes from.
@@ -29,7 +32,7 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
     lines.stated("cycle", &plan.cycle_ms, |ms| format!("{ms} ms"));
     lines.stated("arms itself", &plan.auto_arm, |yes| yes_no(*yes).to_owned());
     if let Some(guard) = &plan.guard {
-        lines.guard(guard);
+        lines.guard(guard, plan);
     }
     for (index, controller) in plan.controllers.iter().enumerate() {
         lines.controller(index + 1, controller, plan.guard.is_some());
@@ -67,6 +70,9 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
             _ => "not told".to_owned(),
         };
         lines.plain("  shift words", &words);
+        if let Some(barrier) = &control.barrier {
+            lines.online_barrier(barrier);
+        }
         for note in &control.notes {
             lines.note(note);
         }
@@ -116,7 +122,7 @@ impl Lines {
         self.text += "\n";
     }
 
-    fn guard(&mut self, guard: &GuardPlan) {
+    fn guard(&mut self, guard: &GuardPlan, plan: &PlanDocument) {
         let ms = |ms: &f64| format!("{ms} ms");
         let s = |s: &f64| format!("{s} s");
         self.plain("guard", "");
@@ -124,10 +130,19 @@ impl Lines {
         self.stated("  zero after", &guard.zero_after_ms, ms);
         self.stated("  ramp", &guard.ramp_s, s);
         self.stated("  stop within", &guard.stop_s, s);
-        self.stated("  half a rotary step", &guard.rotary_step_um, |um| {
-            format!("{um} µm at the tool tip")
-        });
+        if plan.machine.axes.iter().any(|axis| axis.is_rotary()) {
+            self.stated("  half a rotary step", &guard.rotary_step_um, |um| {
+                format!("{um} µm at the tool tip")
+            });
+        }
         self.stated("  hand back after", &guard.hand_back_s, s);
+        if !plan.sensors.is_empty() {
+            self.temperatures(guard);
+        }
+    }
+
+    fn temperatures(&mut self, guard: &GuardPlan) {
+        let s = |s: &f64| format!("{s} s");
         self.stated("  temperatures", &guard.range_degc, |[low, high]| {
             format!("{low} to {high} °C")
         });
@@ -156,14 +171,17 @@ impl Lines {
             return self.reads(controller);
         }
         self.stated("  channel", &controller.channel, Clone::clone);
-        self.plain(
-            "  heartbeat",
-            if controller.watched {
-                "watched"
-            } else {
-                "not watched"
-            },
-        );
+        match &controller.barrier {
+            Some(barrier) => self.barrier(barrier),
+            None => self.plain(
+                "  heartbeat",
+                if controller.watched {
+                    "watched, no barrier"
+                } else {
+                    "not watched, no barrier"
+                },
+            ),
+        }
         self.plain(
             "  other gateways",
             if controller.sees_other_gateways {
@@ -185,9 +203,13 @@ impl Lines {
         if let Some(pmc) = &controller.pmc {
             self.pmc(pmc);
         }
+        let mut axes: Vec<&AxisPlan> = controller.axes.iter().collect();
+        if let Some(barrier) = &controller.barrier {
+            axes.sort_by_key(|axis| barrier.axes.iter().position(|name| *name == axis.name));
+        }
         // Axes for which the same holds stand together.
         let mut groups: Vec<(String, &AxisPlan)> = Vec::new();
-        for axis in &controller.axes {
+        for axis in axes {
             let same = |(_, first): &&mut (String, &AxisPlan)| {
                 AxisPlan {
                     name: axis.name,
@@ -211,6 +233,9 @@ impl Lines {
             self.plain(&format!("  {axes} {letters}"), &axis.kind);
             self.axis(axis, has_limits);
         }
+        for (letters, needs) in needs(controller) {
+            self.plain(&letters, &needs);
+        }
         if !controller.held.is_empty() {
             let letters: Vec<String> = controller.held.iter().map(ToString::to_string).collect();
             let axes = if letters.len() > 1 { "axes" } else { "axis" };
@@ -223,6 +248,40 @@ impl Lines {
         for (name, at) in &controller.fixed {
             let unit = if name.is_rotary() { "deg" } else { "mm" };
             self.plain(&format!("  axis {name}"), &format!("stands at {at} {unit}"));
+        }
+    }
+
+    fn barrier(&mut self, barrier: &BarrierPlan) {
+        let letters: Vec<String> = barrier.axes.iter().map(ToString::to_string).collect();
+        self.plain("  barrier", &format!("machine {}", barrier.machine));
+        let layout = format!("{}: {} in this order", barrier.layout, letters.join(" "));
+        self.plain("    layout", &layout);
+        self.plain("    scan", &format!("{} ms", barrier.scan_ms));
+    }
+
+    fn online_barrier(&mut self, barrier: &OnlineBarrier) {
+        let (machine, layout) = (barrier.machine, barrier.layout);
+        self.plain(
+            "  barrier",
+            &format!("machine {machine}, layout {layout}: fits"),
+        );
+        let scan = barrier.scan_ms;
+        let scan = scan.map_or("not counted".to_owned(), |ms| format!("{ms} ms, counted"));
+        self.plain("    scan", &scan);
+        self.plain(
+            "    owner",
+            &match barrier.owner {
+                0 => "0: free, no gateway sends".to_owned(),
+                owner => format!("{owner}: a gateway sends, or did just before"),
+            },
+        );
+        self.plain("    oldest frame", &format!("{} ms", barrier.hold_ms));
+        self.plain("    time-out", &format!("{} ms", barrier.time_out_ms));
+        for axis in &barrier.axes {
+            let unit = AxisPlan::unit_of(axis.name.kind());
+            let (limit, rate) = (axis.limit, axis.rate_per_s);
+            let text = format!("limit {limit} {unit}, rate {rate} {unit}/s");
+            self.plain(&format!("    axis {}", axis.name), &text);
         }
     }
 
@@ -289,6 +348,20 @@ impl Lines {
             yes_no(*yes).to_owned()
         });
     }
+}
+
+/// What the machine file asks for at the most: linear axes, then rotary ones.
+fn needs(controller: &ControllerPlan) -> Vec<(String, String)> {
+    let of_kind = |rotary: bool, unit: &str| {
+        let axes = controller.needs.iter();
+        let of_kind = axes.filter(|(name, _)| name.is_rotary() == rotary);
+        let words: Vec<String> = of_kind
+            .map(|(name, most)| format!("{name} {most}"))
+            .collect();
+        (!words.is_empty()).then(|| (format!("  needs up to, {unit}"), words.join("  ")))
+    };
+    let both = [of_kind(false, "µm"), of_kind(true, "µrad")];
+    both.into_iter().flatten().collect()
 }
 
 fn yes_no(yes: bool) -> &'static str {

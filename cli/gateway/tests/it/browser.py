@@ -85,13 +85,15 @@ with sync_playwright() as playwright:
         assert wide <= size["width"], f"{wide} px do not fit {size['width']}"
         for button in page.locator("#operate button").all():
             assert button.bounding_box()["height"] >= 48
-    # A wrong token is said.
+    # A wrong token is said at once, and nothing can be pressed with it.
+    errors.clear()
     page.fill("#token", "0" * 32)
     page.click("#token-form button")
-    page.wait_for_timeout(300)
-    errors.clear()
-    page.click("#disarm")
     page.wait_for_selector("#answer:has-text('refused')", timeout=3000)
+    for button in ("arm", "disarm", "acknowledge", "reload"):
+        assert page.is_disabled(f"#{button}"), button
+    assert "the cross is where" in page.inner_text("#map-scale")
+    assert "corrects:" in page.inner_text("#paths")
     # A refused request is an error to the browser, not of the page.
     assert all("401" in error for error in errors), errors
     errors.clear()
@@ -100,6 +102,10 @@ with sync_playwright() as playwright:
     sys.stdin.readline()
     page.wait_for_selector("#banner[data-state=lost]", timeout=10000)
     assert page.is_disabled("#disarm")
+    # Nothing is told of a machine that is not heard.
+    assert "where the machine stands is unknown" in page.inner_text("#map-scale")
+    assert "corrects" not in page.inner_text("#paths"), page.inner_text("#paths")
+    assert page.inner_text("#answer") == ""
     assert all("ERR_" in error for error in errors), errors
     assert not foreign, foreign
     browser.close()

@@ -41,7 +41,7 @@ fn some(number: u64, most_ms: u64) -> Duration {
 }
 
 /// A control whose X goes to and fro, before it starts: 150 counts, 2 counts in a scan of 2 ms.
-fn world() -> World {
+pub(crate) fn world() -> World {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
     let settings = volcomp_test_support::barrier::settings(&axes).expect("sensible");
     let barrier = Barrier::new(settings).expect("sensible");
@@ -53,12 +53,12 @@ fn world() -> World {
     world
 }
 
-fn start(world: World) -> Simulator {
+pub(crate) fn start(world: World) -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
 /// A configuration that arms by itself and knows the barrier.
-fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
+pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
     let config = configuration(dir, control, "auto_arm = true");
     change(
         &config,

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::{
     controlled::{configuration, control},
-    program::path,
+    program::{change, path},
 };
 
 pub(crate) fn check(config: &Path, more: &[&str]) -> Output {
@@ -69,4 +69,60 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     drop(control);
     assert_eq!(said(&check(&config, &[])).2, Some(0));
     assert_eq!(said(&check(&config, &["--online"])).2, Some(1));
+}
+
+/// The settings of a barrier are held against the limits by the guard's own rule, and told where they fit, too. Here it
+/// has limits of 150 µm, 1 mm/s, 450 ms and a scan of 2 ms.
+#[test]
+fn a_barrier_that_would_not_arm_is_found_before_the_start() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = crate::edges::start(crate::edges::world());
+    let config = crate::edges::guarded(dir.path(), &control);
+    let (text, errors, status) = said(&check(&config, &["--online"]));
+    assert_eq!(status, Some(0), "{errors}");
+    for expected in [
+        "  barrier             machine 4711\n    layout            123: X Y Z in this order\n    scan              2 ms",
+        "  barrier             machine 4711, layout 123: fits",
+        "    owner             0: free",
+        "    axis X            limit 150 µm, rate 1000 µm/s",
+        "    time-out          450 ms",
+    ] {
+        assert!(text.contains(expected), "{expected}\n{text}");
+    }
+    let (json, ..) = said(&check(&config, &["--online", "--json"]));
+    let document: Value = serde_json::from_str(&json).expect("JSON");
+    crate::documents::validate("gateway-check.json", &document);
+    assert_eq!(document["controllers"][0]["barrier"]["layout"], 123);
+    assert_eq!(document["online"][0]["barrier"]["time_out_ms"], 450.0);
+    let counted = document["online"][0]["barrier"]["scan_ms"].as_f64();
+    assert!(counted.is_some_and(|ms| (1.6..2.5).contains(&ms)), "{json}");
+    for (from, to, expected) in [
+        (
+            "limit_um = 150.0",
+            "limit_um = 200.0",
+            "axis X: guard.limit_um asks for 200 µm, and the barrier lets 150 µm through",
+        ),
+        (
+            "slew_um_per_s = 500.0",
+            "slew_um_per_s = 600.0",
+            "guard.slew_um_per_s asks for a barrier of at least 1200 µm/s, twice the slew, and its rate is 1000 µm/s",
+        ),
+        (
+            "zero_after_ms = 3000",
+            "zero_after_ms = 400",
+            "guard.zero_after_ms: found 400 ms, and the barrier lets go after 450 ms",
+        ),
+        (
+            "scan_ms = 2.0",
+            "scan_ms = 8.0",
+            "barrier.scan_ms: found 8 ms, and the control counted",
+        ),
+    ] {
+        change(&config, from, to);
+        let (_, errors, status) = said(&check(&config, &["--online"]));
+        assert_eq!(status, Some(1), "{to}: {errors}");
+        assert!(errors.contains(expected), "{to}: {errors}");
+        change(&config, to, from);
+    }
+    assert_eq!(said(&check(&config, &["--online"])).2, Some(0));
 }

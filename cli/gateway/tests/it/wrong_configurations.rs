@@ -281,11 +281,16 @@ pub(crate) const CASES: &[Wrong] = &[
             "at = 120 }",
             "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
         )],
-        "area.first: found F100, expected another area",
+        "area.first: found F100, expected a place in R or D: F holds the signals of the control",
     ),
     wrong(
         &[("pmc = \"R\", at = 120", "pmc = \"F\", at = 120")],
-        "heartbeat: found F120, expected another area",
+        "heartbeat: found F120, expected a place in R or D",
+    ),
+    // G8.4 is the emergency stop.
+    wrong(
+        &[("pmc = \"R\", at = 120", "pmc = \"G\", at = 8")],
+        "heartbeat: found G8, expected a place in R or D: G holds the signals to the control, its emergency stop among them",
     ),
     wrong(
         &[(
@@ -299,7 +304,21 @@ pub(crate) const CASES: &[Wrong] = &[
         &[("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99")],
         "path",
     ),
-    wrong(&[("focas://127.0.0.1:1", "tcp://127.0.0.1:1")], "tcp"),
+    wrong(
+        &[("focas://127.0.0.1:1", "tcp://127.0.0.1:1")],
+        "controller[0].url: tcp://127.0.0.1:1: found the scheme `tcp`",
+    ),
+    // Before what it would mean for the other keys, and with the line.
+    wrong(
+        &[
+            ("focas://127.0.0.1:1", "192.0.2.10"),
+            (
+                "heartbeat = { pmc = \"R\", at = 120 }",
+                "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
+            ),
+        ],
+        "controller[0].url: 192.0.2.10: this is no device URL",
+    ),
     wrong(
         &[(
             FOCAS,

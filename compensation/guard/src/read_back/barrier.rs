@@ -5,7 +5,11 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known, landing::Landed};
+use super::{
+    Confirmed, Known,
+    landing::Landed,
+    misfit::{barrier_misfits, scans_fit},
+};
 use crate::{
     Limits, Reasons,
     barrier::{Counts, FRAME_WORDS, Layout, Report, Seen, Session, Settings},
@@ -16,10 +20,6 @@ const COUNTED: Duration = Duration::from_secs(1);
 /// A gap between two reports over which scans are not counted, and after which any tick is new: its 16 bits may have gone
 /// round.
 const GAP: Duration = Duration::from_secs(5);
-/// How far the time of a scan may be from the configured one.
-const SCAN_WITHIN: core::ops::RangeInclusive<f64> = 0.8..=1.25;
-/// The barrier moves at least so many times as fast as the guard, so that it follows.
-const RATE_OVER_SLEW: f64 = 2.0;
 
 /// The way to a barrier. State: the session, and how fast the control scans.
 #[derive(Clone, Debug)]
@@ -140,8 +140,7 @@ impl BarrierLink {
         let from = *self.counted_from.get_or_insert(then);
         let passed = taken.saturating_sub(from);
         if passed >= COUNTED {
-            let scans = self.scan.as_secs_f64() * f64::from(self.counted);
-            self.scans_fit = Some(SCAN_WITHIN.contains(&(scans / passed.as_secs_f64())));
+            self.scans_fit = Some(scans_fit(self.counted, passed, self.scan));
             (self.counted_from, self.counted) = (Some(taken), 0);
         }
     }
@@ -156,28 +155,16 @@ impl BarrierLink {
         // A frame that answers an older report is refused.
         known.stands_since = self.stands_since();
         known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
-        let fits = self
-            .settings
-            .is_some_and(|settings| self.fits(&settings, limits));
+        let fits = self.settings.is_some_and(|settings| {
+            barrier_misfits(&settings, self.scan, limits)
+                .next()
+                .is_none()
+        });
         known.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
             | Reasons::BARRIER_UNFIT
                 .when(self.settings.is_some() && !fits || self.scans_fit == Some(false))
             | Reasons::BARRIER_STRANGE.when(self.strange && self.settings.is_none())
             | Reasons::WATCHING.when(self.settings.is_some() && self.scans_fit.is_none());
-    }
-
-    /// Whether the barrier lets through what the guard may send, and lets go in time.
-    fn fits(&self, settings: &Settings, limits: &Limits) -> bool {
-        let step_s = self.time_of(settings.step_scans).as_secs_f64();
-        let mut axes = limits.axes.iter().take(limits.count).enumerate();
-        let axis_fits = |(i, axis): (usize, &crate::AxisLimits)| {
-            let largest = f64::from(settings.limit[i]) * axis.resolution;
-            let rate = f64::from(settings.rate[i]) * axis.resolution / step_s;
-            axis.reachable() <= largest * (1.0 + 1e-9)
-                && rate * (1.0 + 1e-9) >= RATE_OVER_SLEW * axis.slew_per_s
-        };
-        let times_fit = self.time_of(settings.time_out_scans) <= limits.zero_after;
-        times_fit && axes.all(axis_fits)
     }
 
     fn time_of(&self, scans: u16) -> Duration {

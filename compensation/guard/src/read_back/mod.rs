@@ -8,6 +8,7 @@ mod barrier;
 mod blind;
 mod echo;
 mod landing;
+mod misfit;
 
 use core::time::Duration;
 
@@ -17,6 +18,7 @@ use crate::{Limits, Reasons, barrier::FRAME_WORDS};
 
 pub use barrier::BarrierLink;
 pub use blind::ControlTimeOut;
+pub use misfit::{BarrierMisfit, barrier_misfits, scans_fit};
 
 use blind::Blind;
 use echo::Echo;

@@ -86,6 +86,10 @@ impl Cycle {
         let unproven =
             |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
         let unproven = (0..path.count()).any(unproven);
+        if !self.guard.state().is_armed() || place.oldest.is_none_or(lost) {
+            // There is no correction of which a part could be let go.
+            notes = notes.without(Reasons::LET_GO);
+        }
         output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
         output
     }

@@ -296,3 +296,33 @@ fn what_is_held_at_speed_goes_out_before_it_is_worse_than_nothing() {
         }
     }
 }
+
+/// A part of a correction is let go where something corrects: not while disarmed, and not any more when all of it has gone
+/// to zero because nothing tells positions.
+#[test]
+fn nothing_is_told_to_be_let_go_where_nothing_corrects() {
+    let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);
+    for disarms in [true, false] {
+        let mut table = Table::armed(Duration::ZERO, Duration::from_millis(50));
+        for _ in 0..400 {
+            table.step(None);
+        }
+        let now = u64::try_from(table.clock.elapsed().as_micros()).expect("short");
+        table.by.silent_since_us.store(now, Ordering::Relaxed);
+        let told = (0..100).any(|_| is_told(&table.step(None)));
+        assert!(told, "at speed");
+        if disarms {
+            table.step(Some(Request::Disarm));
+        }
+        for _ in 0..2000 {
+            table.step(None);
+        }
+        let report = table.step(None);
+        assert!(
+            !is_told(&report),
+            "{:?}: {:?}",
+            report.state,
+            report.reasons
+        );
+    }
+}

@@ -162,12 +162,11 @@ fn a_refusal_at_connection_is_told_in_words() {
 fn a_refusal_in_a_cycle_is_told_in_words() {
     let simulator = simulator(Options::default());
     let mut config = config(&simulator, &[AxisName::X]);
-    // Outputs to the machine can be read, not written.
-    config.shift.first = PmcAddress {
-        area: PmcArea::Y,
-        at: 100,
-    };
-    config.copied = true;
+    // It is only written, so that the connection does not notice that the control has no such byte.
+    config.sequence = Some(PmcAddress {
+        area: PmcArea::D,
+        at: 20_000,
+    });
     let mut controller = connected(config);
     controller.read(soon()).unwrap();
     let refused = controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap_err();

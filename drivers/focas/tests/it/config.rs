@@ -1,6 +1,6 @@
 //! Configurations that cannot be carried out are refused before anything is connected.
 
-use volcomp_focas::{FocasConfig, FocasError, PmcAddress, PmcArea, Width};
+use volcomp_focas::{BarrierArea, FocasConfig, FocasError, PmcAddress, PmcArea, Width};
 use volcomp_vocabulary::{AxisName, Displacement, Urad};
 
 fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
@@ -9,26 +9,43 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     config
 }
 
-const F100: PmcAddress = PmcAddress {
-    area: PmcArea::F,
-    at: 100,
-};
-
-/// The signals of the control are never written to; they may be read.
+/// Only the ladder's own memory is written to: not the signals between the control and the ladder (G8.4 is the emergency
+/// stop), and not those of the machine. All of it may be read. The report is what the ladder writes.
 #[test]
-fn only_what_may_be_written_is_written() {
-    let refused = |change: &dyn Fn(&mut FocasConfig), expected: &str| {
-        let found = config(change).describe().unwrap_err();
-        assert!(
-            matches!(found, FocasError::NotWritable { key, at: F100 } if key == expected),
-            "{found}"
-        );
-        assert!(found.of("focas://a").is_input());
-    };
-    refused(&|c| c.shift.first = F100, "area.first");
-    refused(&|c| c.heartbeat = Some(F100), "heartbeat");
-    refused(&|c| c.sequence = Some(F100), "sequence");
-    assert!(config(|c| c.referenced = Some(F100)).describe().is_ok());
+fn only_the_memory_of_the_ladder_is_written() {
+    for area in PmcArea::ALL {
+        let place = PmcAddress { area, at: 8 };
+        let barrier = |frame: PmcAddress, report: PmcAddress| {
+            config(|c| c.barrier = Some(BarrierArea { frame, report })).describe()
+        };
+        let elsewhere = PmcAddress {
+            area: PmcArea::R,
+            at: 500,
+        };
+        let found = [
+            ("area.first", config(|c| c.shift.first = place).describe()),
+            (
+                "heartbeat",
+                config(|c| c.heartbeat = Some(place)).describe(),
+            ),
+            ("sequence", config(|c| c.sequence = Some(place)).describe()),
+            ("barrier.frame", barrier(place, elsewhere)),
+            ("barrier.report", barrier(elsewhere, place)),
+        ];
+        for (expected, found) in found {
+            if matches!(area, PmcArea::R | PmcArea::D) {
+                assert!(found.is_ok(), "{expected}: {found:?}");
+                continue;
+            }
+            let found = found.unwrap_err();
+            assert!(
+                matches!(found, FocasError::NotWritable { key, at } if key == expected && at == place),
+                "{found}"
+            );
+            assert!(found.of("focas://a").is_input());
+        }
+        assert!(config(|c| c.referenced = Some(place)).describe().is_ok());
+    }
 }
 
 /// Addresses of the PMC have 16 bits.

@@ -291,3 +291,53 @@ fn every_small_mistake_in_the_text_is_found() {
         assert!(found.is_err(), "{right} -> {wrong}");
     }
 }
+
+/// The hardware enable of the book: where no mailbox is looked at, the correction goes to zero at the barrier's own rate
+/// after its time-out, although a gateway goes on to send.
+#[test]
+fn without_mailboxes_the_correction_goes_out_at_its_rate() {
+    let mut limit = Counts::default();
+    let mut rate = Counts::default();
+    (limit[0], rate[0]) = (150, 8);
+    let settings = Settings {
+        axes: Layout::of([AxisName::X]).expect("an axis"),
+        machine: 4711,
+        limit,
+        rate,
+        step_scans: 1,
+        hold_scans: 25,
+        time_out_scans: 50,
+    };
+    let mut control = Control::new(TEXT, &settings, 0, 0, &Counts::default());
+    let mut scan = |number: u16, enabled: bool| {
+        let mut values = Counts::default();
+        values[0] = 150;
+        let epoch = u16::try_from(control.block.get("epoch", 0)).expect("a word");
+        let frame = Frame {
+            epoch,
+            tick: number,
+            sequence: number + 1,
+            owner: 7,
+            values,
+        };
+        let boxes = if enabled {
+            vec![words(&settings, &frame)]
+        } else {
+            Vec::new()
+        };
+        control.scan(&boxes, None, false).expect("it runs");
+        control.block.get("applied", 0)
+    };
+    // The first scan is only the start: its epoch is known after it.
+    scan(0, false);
+    for number in 1..40 {
+        scan(number, true);
+    }
+    assert_eq!(scan(40, true), 150);
+    let applied: Vec<i64> = (41..41 + 69).map(|number| scan(number, false)).collect();
+    assert_eq!(applied[..49], [150; 49], "it waits for its time-out");
+    let steps = applied[48..].windows(2).map(|two| two[0] - two[1]);
+    assert!(steps.clone().all(|step| (0..=8).contains(&step)));
+    assert_eq!(applied[68], 0, "19 steps of at most 8: {applied:?}");
+    assert!(applied[67] > 0, "{applied:?}");
+}
