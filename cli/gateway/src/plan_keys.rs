@@ -97,7 +97,23 @@ fn limits(device: &str, axis: Option<AxisName>, error: &LimitsError) -> String {
     let of = axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
     let found = error.found();
     let expected = error.expected;
-    format!("{device}: {key}{of}: found {found}, expected {expected}")
+    let step = match error.what {
+        Quantity::Limit if expected.contains("step") => step_keys(kind),
+        _ => String::new(),
+    };
+    format!("{device}: {key}{of}: found {found}, expected {expected}{step}")
+}
+
+/// Where the step of an axis comes from.
+fn step_keys(kind: AxisKind) -> String {
+    let default = match kind {
+        AxisKind::Linear => "1 µm",
+        AxisKind::Rotary => "0.001°",
+    };
+    format!(
+        ", which is resolution_{} ({default} where it is not stated; on CAN the factor in the DBC file)",
+        kind.micro_unit()
+    )
 }
 
 #[cfg(test)]
@@ -119,7 +135,7 @@ mod tests {
         };
         assert_eq!(
             by_keys(&limit),
-            "focas://control: [guard] limit_um of axis Z: found 0.5 µm, expected at least one step of the controller"
+            "focas://control: [guard] limit_um of axis Z: found 0.5 µm, expected at least one step of the controller, which is resolution_um (1 µm where it is not stated; on CAN the factor in the DBC file)"
         );
         for (error, key) in [
             (

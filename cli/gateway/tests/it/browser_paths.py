@@ -18,9 +18,9 @@ with sync_playwright() as playwright:
     assert page.is_visible("#no-barrier")
     assert "no barrier" not in page.inner_text("#reasons"), "it is told once"
     first, second = page.locator("#paths li").all_inner_texts()
-    assert "1 corrects" in first and "no barrier" in first and "holds no correction" in first, first
+    assert "1 in use" in first and "no barrier" in first and "holds no correction" in first, first
     assert "2 stands by" in second and "has never answered" in second, second
-    assert "whether it holds a correction is unknown" in second, second
+    assert "what it applies is unknown, never confirmed" in second, second
     for axis in "XY":
         assert page.inner_text(f".axis[data-axis={axis}] .shown").startswith("not proven"), axis
     # Without a token there is nothing to press, and it is said why.
@@ -32,6 +32,10 @@ with sync_playwright() as playwright:
     page.wait_for_selector(".axis[data-axis=Y] .correction.unknown", timeout=10000)
     page.wait_for_selector(".axis[data-axis=Y] .position.unknown", timeout=10000)
     assert page.inner_text(".axis[data-axis=Y] .correction .value") == "unknown"
+    page.wait_for_selector("#reasons:has-text('look at the cable and the control')", timeout=10000)
+    assert "what it applies is unknown, last confirmed" in page.inner_text("#paths li:first-child")
+    # Nothing jumps: the map keeps its place.
+    assert page.is_visible("#map-panel")
     for width in (1280, 390):
         page.set_viewport_size({"width": width, "height": 844})
         page.wait_for_timeout(300)

@@ -163,6 +163,16 @@ fn elsewhere_only_with_tls_and_a_token() {
         String::from_utf8_lossy(&with.stderr)
     );
     assert!(String::from_utf8_lossy(&with.stdout).contains("disarmed"));
+    // The rest of the file is none of its business: somebody may be changing it.
+    change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
+    let changed = call(&[
+        "status",
+        "--config",
+        path(&config),
+        "--token-file",
+        path(&viewer(dir.path())),
+    ]);
+    assert_eq!(changed.status.code(), Some(0), "{changed:?}");
 }
 
 fn viewer(dir: &Path) -> std::path::PathBuf {

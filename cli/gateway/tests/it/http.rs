@@ -136,6 +136,23 @@ fn clients_that_hang_keep_nobody_from_disarming() {
     program.wait_for("disarmed");
 }
 
+/// A token is checked when it is entered, not when somebody has to stop the machine with it.
+#[test]
+fn a_token_is_told_what_it_allows() {
+    let (_dir, program) = simulated();
+    for (token, status, role) in [
+        (Some(OPERATE), 200, Some("operate")),
+        (Some(VIEW), 200, Some("view")),
+        (Some("wrong"), 401, None),
+        (None, 401, None),
+    ] {
+        let answer = program.request("GET", "/api/token", token, "");
+        assert_eq!(answer.status, status, "{token:?}");
+        assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
+        assert!(!answer.body.contains(OPERATE), "never the token itself");
+    }
+}
+
 #[test]
 fn without_tokens_nobody_operates() {
     let dir = tempfile::tempdir().expect("writable");

@@ -126,6 +126,25 @@ fn an_unknown_correction_is_shown_as_unknown() {
         text.contains("unknown: not confirmed by the control"),
         "{text}"
     );
+    // What was confirmed long ago says nothing of now.
+    let state = program
+        .wait(|state| state["controllers"][0]["holds_correction"].is_null())
+        .expect("it is not known any more");
+    assert!(
+        state["controllers"][0]["confirmed_ms"].as_f64() > Some(2000.0),
+        "{state}"
+    );
+    let metrics = program.get("/metrics").body;
+    let line = "volcomp_path_holds_correction{path=\"0\"} NaN";
+    assert!(metrics.contains(line), "{metrics}");
+    let text = volcomp_gateway::text::text(&serde_json::from_value(state).expect("a state"));
+    for words in [
+        "look at           the cable and the control",
+        "correction unknown, last confirmed",
+        "in use, focas://",
+    ] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
 }
 
 /// What was found in the control was told as what had been sent, and there was a whole map of errors while nobody knew where
