@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
+use volcomp_guard::Scheme;
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::Description;
 use volcomp_runtime::{Model, Report, ToolError};
@@ -160,7 +161,8 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     }
 }
 
-/// What was confirmed longer ago is not known any more: the control may have let go of it by itself.
+/// What was confirmed longer ago is not known any more: the control may have let go of it by itself. Of a control that
+/// cannot be asked is known what its outputs were left with; the guard forgets that where it does not hold.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 
 /// How every path is.
@@ -177,7 +179,7 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
             positions_ms: ms(path.positions),
             confirmed_ms: ms(path.confirmed),
             holds_correction: (path.confirmed)
-                .filter(|age| *age <= KNOWN_FOR)
+                .filter(|age| *age <= KNOWN_FOR || path.scheme == Scheme::Blind)
                 .map(|_| path.holds),
             reasons: path.reasons.texts().map(str::to_owned).collect(),
         })

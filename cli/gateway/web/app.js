@@ -1,7 +1,7 @@
 "use strict";
 /* global drawLines, drawBars, drawMap, clearMap */
 
-const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000;
+const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000;
 // A reduction in % of an error below this says nothing: µm.
 const LEAST_FOR_PERCENT_UM = 1;
 const LETTERS = "XYZABCUVW";
@@ -359,7 +359,10 @@ async function operate(what, body) {
     const answer = await response.json();
     if (response.status === 409 && answer.model) return confirmModel(what, answer);
     const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";
-    text("answer", response.ok ? `${what}: ${answer.state || "done"}` : `${what} refused: ${said}`);
+    const shown = response.ok ? `${what}: ${answer.state || "done"}` : `${what} refused: ${said}`;
+    text("answer", shown);
+    // The state at that moment; the banner tells that of now.
+    if (response.ok) setTimeout(() => { if (element("answer").textContent === shown) text("answer", ""); }, ANSWER_MS);
   } catch {
     text("answer", `${what}: the gateway does not answer`);
   }

@@ -78,8 +78,17 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     let dir = tempfile::tempdir().expect("writable");
     let control = crate::edges::start(crate::edges::world());
     let config = crate::edges::guarded(dir.path(), &control);
-    let (text, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(0), "{errors}");
+    // On a loaded computer the simulated control may count too few scans.
+    let fits = |more: &[&str]| {
+        let asked = [&["--online"], more].concat();
+        let mut answers = (0..20).map(|_| said(&check(&config, &asked)));
+        let (text, errors, status) = answers
+            .find(|(_, errors, _)| !errors.contains("scan_ms"))
+            .expect("scans of 2 ms");
+        assert_eq!(status, Some(0), "{errors}");
+        text
+    };
+    let text = fits(&[]);
     for expected in [
         "  barrier             machine 4711\n    layout            123: X Y Z in this order\n    scan              2 ms",
         "  barrier             machine 4711, layout 123: fits",
@@ -89,7 +98,7 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     ] {
         assert!(text.contains(expected), "{expected}\n{text}");
     }
-    let (json, ..) = said(&check(&config, &["--online", "--json"]));
+    let json = fits(&["--json"]);
     let document: Value = serde_json::from_str(&json).expect("JSON");
     crate::documents::validate("gateway-check.json", &document);
     assert_eq!(document["controllers"][0]["barrier"]["layout"], 123);
@@ -124,5 +133,5 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
         assert!(errors.contains(expected), "{to}: {errors}");
         change(&config, to, from);
     }
-    assert_eq!(said(&check(&config, &["--online"])).2, Some(0));
+    fits(&[]);
 }
