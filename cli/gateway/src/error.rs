@@ -463,9 +463,9 @@ fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
         words.join(between)
     };
     let linear: Vec<AxisName> = axes.iter().copied().filter(|a| !a.is_rotary()).collect();
-    let (axis, they, them) = match axes {
-        [_] => ("axis", "it stands", "it"),
-        _ => ("axes", "they stand", "them"),
+    let (axis, they, them, they_are) = match axes {
+        [_] => ("axis", "it stands", "it", "it is"),
+        _ => ("axes", "they stand", "them", "they are"),
     };
     let or_fixed = if linear.is_empty() {
         String::new()
@@ -479,7 +479,7 @@ fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
         ""
     };
     format!(
-        "{axis} {} of {}: the correction depends on where {they}, but no [[controller]] shows {them}{not_fixed}: name {} in axes where corrected, in reads = [{}] where not{or_fixed}",
+        "{axis} {} of {}: the correction depends on where {they}, but no [[controller]] shows {them}{not_fixed}: name {} in axes where {they_are} corrected, in reads = [{}] where {they_are} not{or_fixed}",
         list(axes, "", ", "),
         machine.display(),
         list(axes, "", ", "),

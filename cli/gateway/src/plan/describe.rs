@@ -251,7 +251,11 @@ fn of_controller(
         barrier: barrier(path),
         pmc: None,
         axes,
-        needs: needs::largest(&plan.model, path),
+        needs: if path.only_thermal {
+            BTreeMap::new()
+        } else {
+            needs::largest(&plan.model, path)
+        },
         held,
         reads,
         fixed,

@@ -574,7 +574,7 @@ pub(crate) const CASES: &[Wrong] = &[
     Wrong {
         changes: &[],
         machine: FIVE,
-        says: "in reads = [\"C\"] where it is not",
+        says: "in reads = [\"C\", \"B\"] where they are not",
     },
     // A rotary axis that turns is not where a number says.
     Wrong {
