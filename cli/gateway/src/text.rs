@@ -96,9 +96,10 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
     let holds = match path.holds_correction {
         Some(true) => "holds a correction".to_owned(),
         Some(false) => "holds no correction".to_owned(),
+        None if path.confirmed_ms.is_none() => "correction unknown, never confirmed".to_owned(),
         None => format!(
-            "correction unknown, last {}",
-            since("confirmed", path.confirmed_ms)
+            "correction unknown, {}",
+            since("last confirmed", path.confirmed_ms)
         ),
     };
     let ages = [
