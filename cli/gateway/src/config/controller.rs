@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, ops::RangeInclusive, time::Duration};
 
-use volcomp_devices::Scheme;
+use volcomp_devices::{Address, Scheme};
 use volcomp_digital_io::{
     Coherence, CorrectionCode, CorrectionWord, DigitalAxis, PositionCode, PositionWord,
 };

@@ -310,7 +310,7 @@ fn without_mailboxes_the_correction_goes_out_at_its_rate() {
     };
     let mut control = Control::new(TEXT, &settings, 0, 0, &Counts::default());
     let mut scan = |number: u16, enabled: bool| {
-        let mut values = Counts::default();
+        let mut values = [0; 9];
         values[0] = 150;
         let epoch = u16::try_from(control.block.get("epoch", 0)).expect("a word");
         let frame = Frame {
