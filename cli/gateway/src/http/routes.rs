@@ -277,7 +277,6 @@ async fn reload(
 }
 
 /// Whose token this is and what it allows, so that a wrong one is found before it is needed.
-#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
 async fn token(
     State(dashboard): State<Shared>,
     Extension(from): Extension<SocketAddr>,
