@@ -183,6 +183,12 @@ impl Guard {
         self.vector.output()
     }
 
+    /// How long it takes to let go of the correction once nothing new is to be had.
+    #[must_use]
+    pub fn time_to_zero(&self) -> Duration {
+        self.vector.time_to_zero(&self.limits)
+    }
+
     /// What the test shift of the last arming showed, axis by axis.
     pub fn verdict(&self) -> &Verdict {
         &self.verdict

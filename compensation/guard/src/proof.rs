@@ -13,7 +13,7 @@ const STILL_S: f64 = 0.25;
 /// So often it is tried again where a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this share of a shift has not moved: a count that flickers, of which a shift has four at
-/// least, is no motion.
+/// least, is no motion. So a position that follows by a tenth of the shift counts as one that stays.
 const STAYED_SHARE: f64 = 0.25 + 1e-6;
 /// A position that neither follows nor stays, by more than this share of a shift: the machine moved the axis.
 const MOVED_SHARE: f64 = 2.5;
@@ -42,7 +42,8 @@ pub struct Verdict {
     /// What is shown, axis by axis.
     pub axes: PerChannel<Proven>,
     /// The axes of which the configuration says the opposite of what is shown, or another amount: a position that follows
-    /// both ways by 2.5 times the shift, or by a tenth of it, shows that the words are in another unit.
+    /// both ways by 2.5 times the shift, or by half of it, shows that the words are in another unit. Where positions do not
+    /// contain the correction no unit shows.
     pub contradicts: PerChannel<bool>,
     /// The axes of which anything is shown.
     pub proven: PerChannel<bool>,

@@ -6,6 +6,8 @@ mod follow;
 mod motion;
 mod wanted;
 
+use core::time::Duration;
+
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 use crate::Limits;
@@ -180,6 +182,29 @@ impl Vector {
             }
         }
         arrived
+    }
+
+    /// How long a line to zero takes that begins at rest here, with the shortest ramp that there is.
+    #[must_use]
+    pub fn time_to_zero(&self, limits: &Limits) -> Duration {
+        let shortest = Limits {
+            ramp: Duration::ZERO,
+            ..*limits
+        };
+        // All axes go the whole way by one factor: at its rate it takes so long, and this is one over its acceleration, s².
+        let (mut at_rate_s, mut eased) = (shortest.ramp_taken().as_secs_f64(), 0.0_f64);
+        let axes = limits.axes.iter().zip(&self.smooth);
+        for (axis, at) in axes.take(limits.count) {
+            at_rate_s = at_rate_s.max(at.abs() / axis.slew_per_s);
+            eased = eased.max(at.abs() / axis.accel_per_s2);
+        }
+        let seconds = if eased <= at_rate_s * at_rate_s {
+            at_rate_s + eased / at_rate_s
+        } else {
+            // It brakes before it is at its rate.
+            2.0 * libm::sqrt(eased)
+        };
+        Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
     }
 
     /// How far each axis may go in this cycle. An axis that a lowered limit left outside comes in at the old slew

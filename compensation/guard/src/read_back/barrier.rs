@@ -29,8 +29,8 @@ pub struct BarrierLink {
     layout: Layout,
     scan: Duration,
     settings: Option<Settings>,
-    /// The last report, and the scans since `counted_from`.
-    last: Option<(Duration, u16)>,
+    /// When the last report held, its epoch and tick, and the scans since `counted_from`.
+    last: Option<(Duration, u16, u16)>,
     counted_from: Option<Duration>,
     counted: u32,
     /// Whether the time of a scan is as configured; `None`: not counted for long enough.
@@ -91,7 +91,7 @@ impl BarrierLink {
         if seen == Seen::Old {
             return Landed::Unknown;
         }
-        self.count(taken, report.tick);
+        self.count(taken, report.epoch, report.tick);
         self.settings = Some(report.settings);
         known.confirmed = Some(Confirmed {
             values: values_of(&report.applied, limits),
@@ -128,11 +128,13 @@ impl BarrierLink {
         Some(since + self.time_of(self.settings?.step_scans))
     }
 
-    /// Counts the control's scans.
-    fn count(&mut self, taken: Duration, tick: u16) {
-        let before = self.last.replace((taken, tick));
-        let Some((then, before)) = before.filter(|(then, _)| taken.saturating_sub(*then) < GAP)
-        else {
+    /// Counts the control's scans. With a new epoch they may begin anew: the control was switched on.
+    fn count(&mut self, taken: Duration, epoch: u16, tick: u16) {
+        let before = self.last.replace((taken, epoch, tick));
+        let goes_on = |(then, of, _): &(Duration, u16, u16)| {
+            *of == epoch && taken.saturating_sub(*then) < GAP
+        };
+        let Some((then, _, before)) = before.filter(goes_on) else {
             (self.counted_from, self.counted) = (Some(taken), 0);
             return;
         };

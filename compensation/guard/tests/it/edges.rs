@@ -7,7 +7,7 @@ use std::{f64::consts::TAU, time::Duration};
 use volcomp_guard::{Cause, Limits, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
-use crate::world::{PERIOD, World, axes, limits};
+use crate::world::{PERIOD, World, axes, barrier_from, limits};
 
 const SECOND: Duration = Duration::from_secs(1);
 /// What the guard slews in a cycle, and the barrier in a scan, with a rounding, mm.
@@ -489,6 +489,28 @@ fn an_axis_that_does_not_follow_is_told() {
         told += usize::from(output.reasons.contains(Reasons::SLEWING));
     }
     assert!(told > 20, "told in {told} of 100 cycles");
+}
+
+/// The control was switched off and on: its scans are counted anew. Their number after it was compared with the one before,
+/// and for a second it said "the control's barrier does not fit the limits" while it compensated.
+#[test]
+fn a_control_that_is_switched_on_fits_as_before() {
+    for tick in [0, 40, 30_000, 65_000] {
+        let mut world = World::guarded(&limits()).arm();
+        world.answers = false;
+        world.run(SECOND / 2);
+        world.barrier = Some(barrier_from(1000, tick));
+        world.mailbox.clear();
+        world.answers = true;
+        for _ in 0..1000 {
+            let output = world.run(Duration::ZERO);
+            for unfit in [Reasons::BARRIER_UNFIT, Reasons::WATCHING] {
+                assert!(!output.reasons.contains(unfit), "{:?}", output.reasons);
+            }
+        }
+        assert_eq!(world.guard.state(), State::Compensating);
+        assert!((world.applied[0] - 0.040).abs() < 1e-9);
+    }
 }
 
 /// Answers came again and again for a moment only, and the barrier had gone to zero each time: "correction does not stick".

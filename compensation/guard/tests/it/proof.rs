@@ -178,6 +178,28 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     }
 }
 
+/// A tenth of the shift is less than a count that flickers: the position stays. Where it should contain the correction that
+/// is a contradiction, and where it should not it is what the configuration says.
+#[test]
+fn a_position_that_follows_by_a_tenth_stays() {
+    for includes_correction in [false, true] {
+        let mut limits = limits();
+        for axis in &mut limits.axes {
+            axis.includes_correction = includes_correction;
+        }
+        let tenth = Axis {
+            contains: true,
+            factor: Some(0.1),
+            ..Axis::default()
+        };
+        let machine = [tenth, Axis::default()];
+        let (verdict, _) = Rig::new(&limits, machine, PerChannel::ZERO).prove(5 * SECOND);
+        let verdict = verdict.expect("after the first attempt");
+        assert_eq!(verdict.axes[0], NotContained);
+        assert_eq!(verdict.contradicts[0], includes_correction);
+    }
+}
+
 /// A rotary table that is parked at zero, which is also a whole turn: the shift was taken for a turn, and made again for ever.
 #[test]
 fn a_shift_over_the_roll_over_is_a_shift() {

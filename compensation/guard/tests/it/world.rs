@@ -43,6 +43,11 @@ fn layout() -> Layout {
 
 /// A barrier that fits the limits above: 1 µm/ms, hold 50 ms, time-out 200 ms.
 pub(crate) fn barrier() -> Barrier {
+    barrier_from(17, 40)
+}
+
+/// The same, switched on with this epoch and tick.
+pub(crate) fn barrier_from(epoch: u16, tick: u16) -> Barrier {
     let settings = Settings {
         axes: layout(),
         machine: MACHINE,
@@ -52,7 +57,7 @@ pub(crate) fn barrier() -> Barrier {
         hold_scans: 25,
         time_out_scans: 100,
     };
-    Barrier::start(settings, 17, 40, &PerChannel::default()).expect("good settings")
+    Barrier::start(settings, epoch, tick, &PerChannel::default()).expect("good settings")
 }
 
 /// A control, a guard and time.

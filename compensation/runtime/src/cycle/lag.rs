@@ -18,8 +18,6 @@ const BASE: Duration = Duration::from_millis(20);
 const TOLD: Duration = Duration::from_secs(2);
 /// Further ahead nobody looks.
 const LONGEST: Duration = Duration::from_secs(10);
-/// A line to zero takes so many cycles at least.
-const LINE_CYCLES: u32 = 20;
 
 /// How fast the axes go, and what is let go because of it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,7 +43,7 @@ pub(super) struct Asked<'a> {
     pub(super) wanted: &'a ModelWanted,
     /// The correction that is applied, in machine order.
     pub(super) applied: &'a PerAxis<f64>,
-    /// How long a line to zero takes at the slew of the axes.
+    /// How long a line to zero takes.
     pub(super) way_out: Duration,
 }
 
@@ -92,8 +90,7 @@ impl Lag {
         let mut ahead = age.saturating_add(limits.delay());
         if stale {
             // What is held can only go out as fast as it may.
-            let way_out = asked.way_out.max(limits.period * LINE_CYCLES);
-            ahead = ahead.saturating_add(way_out);
+            ahead = ahead.saturating_add(asked.way_out);
         }
         let ahead = ahead.min(LONGEST);
         let part = if self.speed.iter().any(|speed| *speed != 0.0) {

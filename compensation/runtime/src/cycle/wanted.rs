@@ -105,8 +105,6 @@ impl Cycle {
         self.lag.see(place, &self.model);
         let path = &self.paths[self.selector.active()];
         let (limits, output) = (self.guard.limits(), self.guard.output());
-        let seconds = |i: usize| (output[i] / limits.axes[i].slew_per_s).abs();
-        let way_out = (0..limits.count).map(seconds).fold(0.0, f64::max);
         let asked = lag::Asked {
             model: &self.model,
             correctors: &path.correctors,
@@ -115,7 +113,7 @@ impl Cycle {
             state: &self.commanded.unwrap_or_default(),
             wanted,
             applied,
-            way_out: Duration::try_from_secs_f64(way_out).unwrap_or(Duration::MAX),
+            way_out: self.guard.time_to_zero(),
         };
         let age = place
             .oldest
