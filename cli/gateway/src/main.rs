@@ -225,7 +225,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             print(&if json {
                 document(&found)?
             } else {
-                rehearse::text(&found)
+                rehearse::text(&found, columns())
             })?;
             found.verdict()
         }
@@ -289,6 +289,17 @@ fn print(text: &str) -> Result<(), GatewayError> {
         }
         _ => Ok(()),
     }
+}
+
+/// How many columns standard output has: as the environment says, or its terminal; a file gets as many as it is made for.
+fn columns() -> usize {
+    let stated = std::env::var("COLUMNS").ok();
+    let of_terminal = || rustix::termios::tcgetwinsize(std::io::stdout()).ok();
+    stated
+        .and_then(|columns| columns.parse().ok())
+        .or_else(|| of_terminal().map(|size| usize::from(size.ws_col)))
+        .filter(|columns| *columns > 0)
+        .unwrap_or(rehearse::COLUMNS)
 }
 
 fn log(form: LogForm) {

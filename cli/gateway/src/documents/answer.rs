@@ -66,6 +66,9 @@ pub struct Settled {
 pub struct Reloaded {
     /// The hash of the model that corrects now.
     pub model: String,
+    /// Whether the files say what they said before: nothing was taken, and the correction goes on without a ramp.
+    #[serde(default)]
+    pub unchanged: bool,
 }
 
 /// Why a request was refused.

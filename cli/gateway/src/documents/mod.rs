@@ -24,7 +24,10 @@ pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
     StateChange, Stop,
 };
-pub use rehearsal::{Excursion, RehearsalDocument, RehearsedAxis, RehearsedFault, RehearsedPath};
+pub use rehearsal::{
+    AxisBounds, Excursion, RehearsalDocument, RehearsedAxis, RehearsedBarrier, RehearsedFault,
+    RehearsedLimits, RehearsedPath,
+};
 pub use state::{
     ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SchemeName,
     SensorState, StateName, Status, StretchTimes, round,

@@ -9,12 +9,33 @@ use volcomp_vocabulary::AxisName;
 pub struct RehearsalDocument {
     /// Whether no rule was broken.
     pub passed: bool,
+    /// When it was begun, UTC, as ISO 8601.
+    #[serde(default)]
+    pub time: String,
+    /// The version of the program.
+    #[serde(default)]
+    pub version: String,
+    /// Who ran it: the name of the user on the computer.
+    #[serde(default)]
+    pub user: String,
+    /// The name of the computer.
+    #[serde(default)]
+    pub host: String,
     /// The name of the machine as its file states it.
     pub machine: String,
     /// The checksum of the machine file's content.
     pub hash: String,
     /// The path of the configuration file.
     pub config: String,
+    /// The checksum of the configuration file as it was read.
+    #[serde(default)]
+    pub config_hash: String,
+    /// The faults that were asked for; empty: the whole catalogue.
+    #[serde(default)]
+    pub selection: Vec<String>,
+    /// How many faults the catalogue has.
+    #[serde(default)]
+    pub catalogue: usize,
     /// The seed of all that happened by chance.
     pub seed: u64,
     /// The time of a cycle, ms.
@@ -35,10 +56,67 @@ pub struct RehearsedPath {
     pub url: String,
     /// What the simulated control was: `barrier`, `plain` (values that can be read back) or `blind` (values that cannot).
     pub scheme: String,
+    /// How old positions may be until the correction is held, ms.
+    #[serde(default)]
+    pub hold_ms: f64,
+    /// How old positions may be until the correction goes to zero, ms.
+    #[serde(default)]
+    pub zero_after_ms: f64,
+    /// The time of a ramp, s.
+    #[serde(default)]
+    pub ramp_s: f64,
+    /// The barrier in the simulated control; null: it had none.
+    #[serde(default)]
+    pub barrier: Option<RehearsedBarrier>,
+    /// The limits that held, axis by axis.
+    #[serde(default)]
+    pub limits: Vec<RehearsedLimits>,
     /// What was done to it, and what came of it.
     pub faults: Vec<RehearsedFault>,
     /// Faults of sensors that were left out, since no thermometer is configured.
     pub left_out: Vec<String>,
+}
+
+/// The barrier in a simulated control. The one in the real control has to be set alike.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RehearsedBarrier {
+    /// The number of the machine.
+    pub machine: u16,
+    /// The time of a scan, ms.
+    pub scan_ms: f64,
+    /// How old the report may be that a frame answers, ms.
+    pub hold_ms: f64,
+    /// After so much time without a frame the axes go to zero, ms.
+    pub time_out_ms: f64,
+}
+
+/// The limits of one axis, each a whole number of steps where it is a correction.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RehearsedLimits {
+    /// The letter of the axis.
+    #[schemars(with = "String")]
+    pub axis: AxisName,
+    /// Of a linear axis, µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub um: Option<AxisBounds>,
+    /// Of a rotary axis, µrad.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub urad: Option<AxisBounds>,
+}
+
+/// What holds for the correction of one axis, in µm or µrad.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AxisBounds {
+    /// The largest correction, in either direction.
+    pub limit: f64,
+    /// The largest change in a second.
+    pub slew_per_s: f64,
+    /// The largest change of the slew in a second; null: not limited.
+    pub accel_per_s2: Option<f64>,
+    /// The smallest step.
+    pub step: f64,
+    /// The rate of the barrier; null: there is none.
+    pub barrier_per_s: Option<f64>,
 }
 
 /// One fault in one phase of the correction.
@@ -62,7 +140,7 @@ pub struct RehearsedFault {
     pub state: String,
     /// How long after the fault was taken away it compensated again, s; null: not within the time of the rehearsal.
     pub compensating_after_s: Option<f64>,
-    /// What a person had to do for that, in order: `acknowledge`, `arm`.
+    /// What a person had to do for that, in order: `acknowledge`, `arm`; after six times it is given up.
     pub needed: Vec<String>,
     /// How many scans (without a barrier: writes) moved an axis in emergency stop, alarm or without reference.
     pub moved_while_held: u64,

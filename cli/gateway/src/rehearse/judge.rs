@@ -11,7 +11,7 @@ use volcomp_vocabulary::AxisKind;
 use super::{
     faults::{Act, Fault},
     machine::Rig,
-    run::GARBAGE,
+    run::{GARBAGE, MOST_ACTS},
 };
 use crate::documents::{Excursion, RehearsedAxis, RehearsedFault, round};
 
@@ -88,7 +88,7 @@ pub(super) fn judge(
         let most = if overwritten {
             limits.limit * GARBAGE
         } else {
-            limits.limit
+            limits.reachable()
         };
         let allowed = match &rig.barrier {
             Some(barrier) => f64::from(barrier.rate[place]) * limits.resolution,
@@ -139,13 +139,15 @@ pub(super) fn judge(
     }
     if findings.again.is_none() {
         let reasons: Vec<&str> = findings.reasons.texts().collect();
-        let when = if findings.ready {
-            "again"
+        let when = if !findings.ready {
+            "after the start within 30 s"
+        } else if findings.needed.len() > MOST_ACTS {
+            "again although it was acknowledged and armed again and again"
         } else {
-            "after the start"
+            "again within 30 s"
         };
         broken.push(format!(
-            "it did not compensate {when} within 30 s: {}",
+            "it did not compensate {when}: {}",
             reasons.join(", ")
         ));
     }
@@ -166,7 +168,7 @@ pub(super) fn judge(
 }
 
 /// How many µm are a mm, and how many µrad a rad.
-fn in_shown_unit(kind: AxisKind) -> f64 {
+pub(super) fn in_shown_unit(kind: AxisKind) -> f64 {
     match kind {
         AxisKind::Linear => 1e3,
         AxisKind::Rotary => 1e6,

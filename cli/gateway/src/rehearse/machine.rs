@@ -167,11 +167,7 @@ impl Rig {
             device: plan.description.device.clone(),
             source,
         };
-        let barrier = plan
-            .barrier
-            .map(|barrier| settings(plan, barrier.machine, barrier.scan))
-            .transpose()
-            .map_err(wrong)?;
+        let barrier = barrier(plan)?;
         let (control, thermometer, controls) = match (barrier, plan.barrier) {
             (Some(settings), Some(at)) => {
                 let faster = settings.rate.map(|counts| counts.saturating_mul(rate));
@@ -228,8 +224,8 @@ fn warming(name: &str) -> Warming {
     }
 }
 
-/// Through the work space, all axes at once, from the corner (a fifth of the travel from its end) where the correction is
-/// largest against its limit to the corner opposite, and back; and the acceleration for it.
+/// Through the work space, all axes at once, from the corner where the correction is largest against its limit to the
+/// corner opposite, and back; and the acceleration for it.
 fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     let (axes, written) = (
         plan.description.shown_axes().count(),
@@ -240,8 +236,7 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
         let [low, high] = ends
             .map(|ends| ends.map(Displacement::mm_or_rad))
             .unwrap_or_default();
-        let share = if corner >> place & 1 == 0 { 0.8 } else { 0.2 };
-        low + share * (high - low)
+        if corner >> place & 1 == 0 { high } else { low }
     };
     let size = |corner: usize| {
         let mut state = State::default();
@@ -272,6 +267,21 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     (program.to_vec(), feed_per_s / ACCELERATING_S)
 }
 
+/// The barrier in the control of a path; `None`: it has none.
+///
+/// # Errors
+/// Limits to which no barrier can be set.
+pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError> {
+    let wrong = |source| GatewayError::Barrier {
+        device: plan.description.device.clone(),
+        source,
+    };
+    (plan.barrier)
+        .map(|barrier| settings(plan, barrier.machine, barrier.scan))
+        .transpose()
+        .map_err(wrong)
+}
+
 /// The barrier as the machine builder sets it for these limits: the same limits, twice the slew, and times that the guard
 /// accepts.
 fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, SettingsError> {
@@ -286,7 +296,7 @@ fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, S
     let step_scans = slowest.fold(1.0, f64::max).ceil();
     let (mut limit, mut rate) = (Counts::default(), Counts::default());
     for (place, axis) in axes() {
-        limit[place] = count((axis.limit / axis.resolution + 1e-9).floor());
+        limit[place] = count((axis.reachable() / axis.resolution).round());
         // At least twice the slew: rounded up.
         rate[place] = count((in_a_scan(axis) * step_scans - 1e-9).ceil());
     }

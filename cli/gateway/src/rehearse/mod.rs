@@ -8,6 +8,7 @@
 mod faults;
 mod judge;
 mod machine;
+mod protocol;
 mod run;
 mod text;
 mod thermometer;
@@ -15,7 +16,7 @@ mod thermometer;
 use std::time::Duration;
 
 pub use faults::{CATALOGUE, Fault};
-pub use text::text;
+pub use text::{COLUMNS, text};
 use volcomp_runtime::PathPlan;
 
 use crate::{
@@ -88,6 +89,7 @@ impl Rehearsal {
                 file: plan.config.file.clone(),
             });
         }
+        let head = protocol::Head::of(&plan.config.file)?;
         let mut simulated = Duration::ZERO;
         let paths = plan.paths().iter();
         let controllers = paths
@@ -98,9 +100,18 @@ impl Rehearsal {
             .all(|path| path.faults.iter().all(|fault| fault.passed));
         Ok(RehearsalDocument {
             passed,
+            time: head.time,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            user: head.user,
+            host: head.host,
             machine: plan.model.name.clone(),
             hash: plan.model.hash.clone(),
             config: plan.config.file.clone(),
+            config_hash: head.config_hash,
+            selection: (self.faults.iter())
+                .map(|fault| fault.name.to_owned())
+                .collect(),
+            catalogue: CATALOGUE.len(),
             seed: self.seed,
             cycle_ms: plan.config.cycle.as_secs_f64() * 1e3,
             simulated_s: round(simulated.as_secs_f64()),
@@ -134,9 +145,15 @@ impl Rehearsal {
             (false, false) => "plain",
             (false, true) => "blind",
         };
+        let barrier = machine::barrier(path)?;
         Ok(RehearsedPath {
             url: path.description.device.clone(),
             scheme: scheme.to_owned(),
+            hold_ms: protocol::ms(path.limits.hold),
+            zero_after_ms: protocol::ms(path.limits.zero_after),
+            ramp_s: round(path.limits.ramp_taken().as_secs_f64()),
+            barrier: protocol::barrier(path, barrier.as_ref()),
+            limits: protocol::limits(path, barrier.as_ref()),
             faults: found,
             left_out,
         })

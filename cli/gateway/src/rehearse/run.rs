@@ -31,6 +31,8 @@ const CYCLES_BETWEEN: u64 = 100;
 const STANDING: Duration = Duration::from_secs(8);
 /// A correction that somebody else writes is so many times the limit.
 pub(super) const GARBAGE: f64 = 1.5;
+/// So often a person acknowledges and arms, and then gives up.
+pub(super) const MOST_ACTS: usize = 6;
 /// A sensor jumps by so much, K.
 const JUMP_K: f64 = 15.0;
 
@@ -198,31 +200,31 @@ impl<'a> Run<'a> {
         self.state() == ramping
     }
 
-    /// Waits until it compensates again, and does what a person has to do for that.
+    /// Waits until it compensates again, and does what a person has to do for that, as often as a person does.
     pub(super) fn recover(&mut self, most: Duration) -> (Option<Duration>, Vec<&'static str>) {
         let (begun, mut needed) = (self.elapsed(), Vec::new());
         let unseen = Reasons::INTERLOCK_UNSEEN;
-        let mut note = |what: &'static str| {
+        let note = |needed: &mut Vec<&'static str>, what| {
             if needed.last() != Some(&what) {
                 needed.push(what);
             }
         };
         let patience = Duration::from_secs(3);
-        while self.elapsed() < begun + most {
+        while self.elapsed() < begun + most && needed.len() <= MOST_ACTS {
             match self.state() {
                 State::Compensating => return (Some(self.elapsed().saturating_sub(begun)), needed),
                 State::Faulted(_) => {
-                    note("acknowledge");
+                    note(&mut needed, "acknowledge");
                     self.ask(Request::Acknowledge, Duration::from_secs(5));
                 }
                 State::Disarmed => {
-                    note("arm");
+                    note(&mut needed, "arm");
                     self.ask(Request::TakeOver, Duration::from_secs(5));
                 }
                 State::Holding(_)
                     if self.reasons().contains(unseen) && self.elapsed() > begun + patience =>
                 {
-                    note("acknowledge");
+                    note(&mut needed, "acknowledge");
                     self.ask(Request::Acknowledge, Duration::from_secs(1));
                 }
                 _ => self.step(None),

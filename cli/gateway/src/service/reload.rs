@@ -117,13 +117,19 @@ impl Service {
         if is_silent || handle.room() <= step.plan.limits().len() {
             return Progress::Done(self.not_reloaded(no_orders()));
         }
-        self.take(*step.plan);
+        let plan = *step.plan;
+        let unchanged =
+            plan.config == self.parts.config && plan.model.hash == self.parts.model.hash;
+        if !unchanged {
+            self.take(plan);
+        }
         self.tells = self.tells.without(Reasons::NOT_RELOADED);
         self.must_confirm(false);
         Progress::Done(Reply {
             status: 200,
             answer: Answer::Reloaded(Reloaded {
                 model: self.parts.model.hash.clone(),
+                unchanged,
             }),
         })
     }

@@ -4,8 +4,8 @@
 use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
-use volcomp_guard::{Hold, Reasons, Request, SensorFlaw, State};
-use volcomp_runtime::{Order, PathReport, Report};
+use volcomp_guard::{Reasons, Request, SensorFlaw, State};
+use volcomp_runtime::{Order, Report};
 
 use super::{
     Service,
@@ -94,7 +94,11 @@ impl Service {
         let report = *self.parts.handle.report();
         let from_before = self.is_faulted_from_before();
         if !(from_before || has_to_be_acknowledged(&report)) {
-            let why = "there is nothing to acknowledge: no fault, no interlock, and no temperature that jumped";
+            let why = if shows_interlock(&report) {
+                "an interlock is on: it ends at the control, and cannot be acknowledged"
+            } else {
+                "there is nothing to acknowledge: no fault, no interlock of a silent controller, and no temperature that jumped"
+            };
             let reply = settled(409, report.state, self.all_reasons(&report), Some(why));
             return finish(&asked.who, asked.answer, reply);
         }
@@ -272,27 +276,30 @@ const STOPS: [Reasons; 3] = [
     Reasons::EMERGENCY_STOP,
 ];
 
-/// Whether anything waits for a person to acknowledge it.
+/// Whether anything waits for a person to acknowledge it. An interlock that a controller shows now does not.
 fn has_to_be_acknowledged(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
     let has = |reason| report.reasons.contains(reason);
-    let state = report.state;
-    matches!(state, State::Faulted(_) | State::Holding(Hold::Interlocked))
-        || STOPS.into_iter().any(has)
+    matches!(report.state, State::Faulted(_))
+        || has(Reasons::INTERLOCK_UNSEEN)
         || has(Reasons::LEFT_UNKNOWN)
         || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
+}
+
+/// Whether a controller that answers shows an interlock.
+fn shows_interlock(report: &Report) -> bool {
+    report.paths.iter().any(|path| {
+        let is_stopped = STOPS.into_iter().any(|stop| path.reasons.contains(stop));
+        is_stopped && !path.reasons.contains(Reasons::INTERLOCK_UNSEEN)
+    })
 }
 
 /// Whether a fault from before the start may not end yet: a controller that answers shows an interlock, or it is not known
 /// what a control that can be asked applies. What a person alone can know does not stand against it: that an interlock of
 /// a controller that is silent now is over, and what lines were left with.
 fn may_not_end(report: &Report) -> bool {
-    let shows = |path: &PathReport| {
-        let is_stopped = STOPS.into_iter().any(|stop| path.reasons.contains(stop));
-        is_stopped && !path.reasons.contains(Reasons::INTERLOCK_UNSEEN)
-    };
     let is_left = report.reasons.contains(Reasons::LEFT_UNKNOWN);
-    report.paths.iter().any(shows) || !(report.correction_known || is_left)
+    shows_interlock(report) || !(report.correction_known || is_left)
 }
 
 /// Gives the answer to whoever asked.
@@ -366,6 +373,9 @@ fn in_words(answer: &Answer) -> String {
             } else {
                 format!("{state}: {}", words.join(", "))
             }
+        }
+        Answer::Reloaded(reloaded) if reloaded.unchanged => {
+            format!("model {}, nothing has changed", reloaded.model)
         }
         Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
         Answer::Refusal(refusal) => refusal.error.clone(),

@@ -7,10 +7,12 @@ use std::{
 };
 
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 use volcomp_gateway::{
     config::Config,
+    documents::RehearsedFault,
     plan::Plan,
-    rehearse::{CATALOGUE, Rehearsal, text},
+    rehearse::{CATALOGUE, COLUMNS, Rehearsal, text},
 };
 
 use crate::documents::validate;
@@ -54,6 +56,7 @@ fn rehearse(dir: &Path, arguments: &[&str]) -> Output {
         .current_dir(dir)
         .arg("rehearse")
         .args(arguments)
+        .env("USER", "anna")
         .output()
         .expect("built")
 }
@@ -78,6 +81,30 @@ fn shipped_configurations_pass() {
     let document: Value = serde_json::from_slice(&output.stdout).expect("one document");
     validate("gateway-rehearsal.json", &document);
     assert_eq!(document["passed"], true);
+    // What a protocol has to say to be filed.
+    let text = fs::read(dir.path().join("gateway.toml")).expect("written");
+    let digits = Sha256::digest(text)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect::<String>();
+    let checksum = format!("sha256:{digits}");
+    assert_eq!(document["config_hash"], checksum);
+    assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(document["user"], "anna");
+    assert!(
+        document["time"]
+            .as_str()
+            .is_some_and(|time| time.ends_with('Z'))
+    );
+    assert_eq!(document["selection"], serde_json::json!([]));
+    let path = &document["controllers"][0];
+    assert_eq!(path["barrier"]["machine"], 1);
+    assert_eq!(
+        path["limits"][0]["um"],
+        serde_json::json!({
+            "limit": 150.0, "slew_per_s": 500.0, "accel_per_s2": 20000.0, "step": 1.0, "barrier_per_s": 1000.0
+        })
+    );
     assert_eq!(document["controllers"][0]["scheme"], "barrier");
     assert_eq!(
         document["controllers"][0]["left_out"],
@@ -93,7 +120,7 @@ fn with_a_barrier_no_fault_is_excepted() {
     for seed in 1..4 {
         let found = Rehearsal::of(seed, &[]).expect("all").run(&plan);
         let found = found.expect("limits fit a barrier");
-        assert!(found.verdict().is_ok(), "{}", text(&found));
+        assert!(found.verdict().is_ok(), "{}", text(&found, COLUMNS));
         let faults = &found.controllers[0].faults;
         // Each while compensating and while ramping, those of sensors too.
         assert_eq!(faults.len(), 2 * CATALOGUE.len());
@@ -113,6 +140,39 @@ fn with_a_barrier_no_fault_is_excepted() {
     }
 }
 
+/// Whatever `hold_ms` says: reports that stay as they are, again and again for 0.4 s, end in a fault that a person can end.
+/// With 40 to 190 ms it could be acknowledged and armed ten thousand times, and was a fault again each time.
+#[test]
+fn every_hold_passes() {
+    for hold_ms in [8, 20, 40, 50, 100, 150, 190, 200] {
+        let (_dir, file) = changed(|text| {
+            let slower = text.replace("slew_um_per_s = 500.0", "slew_um_per_s = 250.0");
+            slower.replace("hold_ms = 200", &format!("hold_ms = {hold_ms}"))
+        });
+        let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
+        // All of them take long.
+        let faults = ["constant_100", "constant", "disconnect_50", "all"];
+        let names: Vec<String> = match hold_ms {
+            40 | 100 => Vec::new(),
+            _ => faults.map(str::to_owned).to_vec(),
+        };
+        let found = Rehearsal::of(1, &names).expect("in the catalogue");
+        let found = found.run(&plan).expect("limits fit a barrier");
+        assert!(
+            found.verdict().is_ok(),
+            "hold_ms = {hold_ms}\n{}",
+            text(&found, COLUMNS)
+        );
+        let by_hand = |fault: &RehearsedFault| fault.needed.len();
+        let most = found.controllers[0].faults.iter().map(by_hand).max();
+        assert!(
+            most <= Some(4),
+            "hold_ms = {hold_ms}\n{}",
+            text(&found, COLUMNS)
+        );
+    }
+}
+
 /// A barrier that goes faster than it is said to is found out, with exit status 1.
 #[test]
 fn a_barrier_that_is_faster_than_stated_fails() {
@@ -125,7 +185,7 @@ fn a_barrier_that_is_faster_than_stated_fails() {
     assert!(!found.passed);
     let error = found.verdict().expect_err("a rule was broken");
     assert_eq!(error.status(), 1);
-    let table = text(&found);
+    let table = text(&found, COLUMNS);
     assert!(
         table.contains("FAIL") && table.contains("at once, allowed are 2 µm"),
         "{table}"
@@ -160,5 +220,29 @@ fn the_table_is_for_people() {
     let named = faults.iter().flat_map(|name| ["--fault", name]);
     let arguments: Vec<&str> = ["gateway.toml"].into_iter().chain(named).collect();
     let output = rehearse(dir.path(), &arguments);
-    insta::assert_snapshot!(String::from_utf8(output.stdout).expect("UTF-8"));
+    let table = String::from_utf8(output.stdout).expect("UTF-8");
+    let (head, rest) = table
+        .split_once("machine ")
+        .expect("the head of a protocol");
+    assert!(head.starts_with("rehearsed     20") && head.contains(" UTC\nby            anna on "));
+    insta::assert_snapshot!(rest);
+}
+
+/// On a terminal of 40 columns no line is longer.
+#[test]
+fn the_table_fits_a_narrow_terminal() {
+    let (_dir, file) = changed(|text| without_barrier(&text));
+    let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
+    let faults = ["garbage", "late_write_50", "emergency_stop", "sensor_jump"];
+    let found = Rehearsal::of(1, &faults.map(str::to_owned)).expect("in the catalogue");
+    let found = found.run(&plan).expect("it runs");
+    let table = text(&found, 40);
+    // A checksum, a path and an address have no place for a break.
+    let is_long = |line: &&str| line.chars().count() > 40 && line.contains(' ');
+    let long: Vec<&str> = table.lines().filter(is_long).collect();
+    assert!(
+        long.iter().all(|line| line.starts_with("configuration")),
+        "{long:?}"
+    );
+    assert!(table.contains("(a selection: 4 of"), "{table}");
 }

@@ -38,6 +38,13 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
         .expect("the new model");
     let arming = |program: &Program| program.log().matches("state=\"arming\"").count();
     assert_eq!(arming(&program), 2, "through the ramp: {}", program.log());
+    // The same files again: nothing happens, which it says. It went through the ramp.
+    program.wait_for("compensating");
+    let same = program.post("/api/reload", "");
+    assert_eq!(same.status, 200, "{}", same.body);
+    assert_eq!(same.json()["unchanged"], true);
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(arming(&program), 2, "no ramp: {}", program.log());
     // 75 um: 409, and then with the hash.
     change(&machine, "EYX = 25.0", "EYX = 100.0");
     let asked = program.post("/api/reload", "");

@@ -31,10 +31,10 @@ const TABLE: [(Setting, [u16; 3]); 7] = [
     (Disarmed, [200, 200, 409]),
     (Arming, [200, 200, 409]),
     (Compensating, [200, 200, 409]),
-    // It is armed and goes on by itself.
-    (HoldingInAnAlarm, [200, 200, 200]),
+    // It is armed and goes on by itself. An alarm ends at the control.
+    (HoldingInAnAlarm, [200, 200, 409]),
     (RampingOut, [200, 200, 409]),
-    (RampingOutInAnAlarm, [409, 200, 200]),
+    (RampingOutInAnAlarm, [409, 200, 409]),
     (Faulted, [409, 200, 200]),
 ];
 
@@ -131,7 +131,7 @@ fn judge(setting: Setting, verb: &str, expected: u16) {
     let told = answer.json();
     assert_eq!(told["error"].is_string(), expected == 409, "{what}");
     // The state is published some cycles later.
-    let is_armed = matches!(setting, Arming | Compensating);
+    let is_armed = matches!(setting, Arming | Compensating | HoldingInAnAlarm);
     let so = program.wait(|state| match (verb, expected) {
         ("arm", 200) => state["armed"] == true,
         ("arm" | "disarm", _) => state["armed"] == false,
