@@ -244,5 +244,8 @@ fn the_table_fits_a_narrow_terminal() {
         long.iter().all(|line| line.starts_with("configuration")),
         "{long:?}"
     );
-    assert!(table.contains("(a selection: 4 of"), "{table}");
+    assert!(
+        table.contains("\nfaults        a selection: 4 of "),
+        "{table}"
+    );
 }

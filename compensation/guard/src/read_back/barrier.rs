@@ -83,7 +83,7 @@ impl BarrierLink {
         };
         if self
             .last
-            .is_some_and(|(then, _)| taken.saturating_sub(then) >= GAP)
+            .is_some_and(|(then, ..)| taken.saturating_sub(then) >= GAP)
         {
             self.session.forget();
         }
