@@ -104,7 +104,7 @@ impl Cycle {
     ) -> lag::Kept {
         self.lag.see(place, &self.model);
         let path = &self.paths[self.selector.active()];
-        let (limits, output) = (self.guard.limits(), self.guard.output());
+        let limits = self.guard.limits();
         let asked = lag::Asked {
             model: &self.model,
             correctors: &path.correctors,

@@ -118,7 +118,7 @@ fn off(case: &Case) -> f64 {
             }),
             known: *way.known(),
             wanted: Some(wanted),
-            request: (cycle == 300).then_some(Request::Arm),
+            request: (cycle == 450).then_some(Request::Arm),
             ..Inputs::default()
         });
         if out.write {
