@@ -287,8 +287,9 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
         );
         return Err(address.wrong(found, expected));
     }
-    if let Some((first, width)) = config.area {
-        (focas.shift.first, focas.shift.width) = (first, width);
+    if let Some(area) = config.area {
+        (focas.shift.first, focas.shift.width) = (area.first, area.width);
+        focas.copied = area.copied;
     }
     if let Some(um) = config.resolution_um {
         focas.shift.count_linear = Um(um).to_mm();
@@ -297,7 +298,6 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
         focas.shift.count_rotary = Urad(urad).to_rad();
     }
     focas.reads.clone_from(&config.reads);
-    focas.copied = config.copied;
     focas.heartbeat = config.heartbeat;
     focas.barrier = config.barrier.and_then(|barrier| {
         let (frame, report) = (barrier.frame?, barrier.report?);

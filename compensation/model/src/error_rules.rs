@@ -80,8 +80,9 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let ends = [[low - BESIDE, low], [high, high + BESIDE]];
     let across = ends.map(|sides| sides.map(value));
     let jumps = across.into_iter().find(|[one, other]| {
+        let jump = (one - other).abs();
         // A number that is none is refused, too.
-        !((one - other).abs() <= LARGEST_JUMP)
+        jump.is_nan() || jump > LARGEST_JUMP
     })?;
     Some(ErrorRefusal::Jumps {
         first: jumps[0],

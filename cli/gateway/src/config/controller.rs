@@ -13,8 +13,8 @@ use volcomp_port::ShownStates;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
 use super::{
-    BarrierConfig, ControllerConfig, ControllerKind, DigitalConfig, ThermometerConfig, is_blank,
-    kinds,
+    AreaConfig, BarrierConfig, ControllerConfig, ControllerKind, DigitalConfig, ThermometerConfig,
+    is_blank, kinds,
 };
 
 pub(super) fn controller(
@@ -22,24 +22,6 @@ pub(super) fn controller(
     cycle_ms: f64,
 ) -> Result<ControllerConfig, InputError> {
     kinds::check(section)?;
-    let area = |value: Value<'_>| -> Result<_, InputError> {
-        let section = value.section()?;
-        section.allow(&["pmc", "first", "width", "copied"])?;
-        let first = pmc_address(&section, "first")?;
-        let width = match section
-            .get("width")
-            .map(|w| Ok::<_, InputError>((w.count(4)?, w)))
-            .transpose()?
-        {
-            None | Some((2, _)) => Width::Word,
-            Some((1, _)) => Width::Byte,
-            Some((4, _)) => Width::Long,
-            Some((found, width)) => {
-                return Err(width.error(format!("found {found}, expected 1, 2 or 4 bytes")));
-            }
-        };
-        Ok((first, width, section.truth_or("copied", false)?))
-    };
     let fixed = match section.section("fixed")? {
         None => BTreeMap::new(),
         Some(fixed) => fixed
@@ -66,7 +48,7 @@ pub(super) fn controller(
         .section("barrier")?
         .map(|table| barrier(section, &table))
         .transpose()?;
-    let area = section.get("area").map(area).transpose()?;
+    let area = section.get("area").map(|value| area(&value)).transpose()?;
     let (written, reads) = axes(section)?;
     if written.is_empty() {
         kinds::check_reader(section)?;
@@ -81,19 +63,7 @@ pub(super) fn controller(
         }
     }
     let not_driven = section.optional("not_driven", letters)?;
-    let only_thermal = section.optional("terms", |value| match value.texts()?[..] {
-        ["thermal"] => Ok(true),
-        _ => Err(value.error("expected [\"thermal\"], or no such key: all terms")),
-    })?;
-    let only_thermal = only_thermal.unwrap_or(false);
-    let longest = if only_thermal {
-        ceiling::HOLD_THERMAL
-    } else {
-        ceiling::HOLD
-    };
-    let hold_ms = section.optional("hold_ms", |value| {
-        value.number_in(cycle_ms..=longest.as_secs_f64() * 1e3)
-    })?;
+    let (only_thermal, hold) = terms_and_hold(section, cycle_ms)?;
     Ok(ControllerConfig {
         url: kinds::address(section)?.text,
         channel: section.optional("channel", |value| match value.text()? {
@@ -114,10 +84,9 @@ pub(super) fn controller(
             .optional("unseen", |value| unseen(value))?
             .unwrap_or(ShownStates::NONE),
         only_thermal,
-        hold: hold_ms.map(|ms| Duration::from_secs_f64(ms * 1e-3)),
+        hold,
         proves: section.optional("test_shift", Value::truth)?,
-        area: area.map(|(first, width, _)| (first, width)),
-        copied: area.is_some_and(|(_, _, copied)| copied),
+        area,
         barrier,
         heartbeat,
         referenced,
@@ -127,6 +96,53 @@ pub(super) fn controller(
             .transpose()?
             .unwrap_or_default(),
     })
+}
+
+/// The words of the shifts, `{ pmc = "R", first = 100, width = 2 }`.
+fn area(value: &Value<'_>) -> Result<AreaConfig, InputError> {
+    let section = value.section()?;
+    section.allow(&["pmc", "first", "width", "copied"])?;
+    let width = match section
+        .get("width")
+        .map(|w| Ok::<_, InputError>((w.count(4)?, w)))
+    {
+        None => Width::Word,
+        Some(width) => match width? {
+            (1, _) => Width::Byte,
+            (2, _) => Width::Word,
+            (4, _) => Width::Long,
+            (found, width) => {
+                return Err(width.error(format!("found {found}, expected 1, 2 or 4 bytes")));
+            }
+        },
+    };
+    Ok(AreaConfig {
+        first: pmc_address(&section, "first")?,
+        width,
+        copied: section.truth_or("copied", false)?,
+    })
+}
+
+/// Whether the controller carries thermal terms alone, and how long it may hold.
+fn terms_and_hold(
+    section: &Section<'_>,
+    cycle_ms: f64,
+) -> Result<(bool, Option<Duration>), InputError> {
+    let only_thermal = section.optional("terms", |value| match value.texts()?[..] {
+        ["thermal"] => Ok(true),
+        _ => Err(value.error("expected [\"thermal\"], or no such key: all terms")),
+    })?;
+    let only_thermal = only_thermal.unwrap_or(false);
+    let longest = if only_thermal {
+        ceiling::HOLD_THERMAL
+    } else {
+        ceiling::HOLD
+    };
+    let hold_ms = section.optional("hold_ms", |value| {
+        value.number_in(cycle_ms..=longest.as_secs_f64() * 1e3)
+    })?;
+    let hold = hold_ms.map(|ms| Duration::from_secs_f64(ms * 1e-3));
+    Ok((only_thermal, hold))
 }
 
 /// A byte of the PMC, `{ pmc = "R", at = 120 }`.

@@ -56,6 +56,17 @@ pub struct Config {
     pub realtime: Realtime,
 }
 
+/// FOCAS: the words of the shifts in the PMC, `area`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AreaConfig {
+    /// The first byte.
+    pub first: PmcAddress,
+    /// The bytes of each word.
+    pub width: Width,
+    /// Whether a ladder copies the words on to those from which the control takes the shifts.
+    pub copied: bool,
+}
+
 /// One table `[[controller]]`: a path to the machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerConfig {
@@ -87,12 +98,10 @@ pub struct ControllerConfig {
     pub hold: Option<Duration>,
     /// Whether the test shift at arming is made; `None`: not on digital lines.
     pub proves: Option<bool>,
-    /// FOCAS: the first byte of the shifts in the PMC, and the bytes of each.
-    pub area: Option<(PmcAddress, Width)>,
+    /// FOCAS: where the words of the shifts stand in the PMC; `None`: the driver's own place.
+    pub area: Option<AreaConfig>,
     /// FOCAS: the byte that every correction counts up, for the ladder to watch.
     pub heartbeat: Option<PmcAddress>,
-    /// FOCAS: whether a ladder copies the words of the area on to those from which the control takes the shifts.
-    pub copied: bool,
     /// The barrier in the control that frames go to; `None`: corrections are written as plain values.
     pub barrier: Option<BarrierConfig>,
     /// FOCAS: the byte whose bits say which axes are referenced; `None`: the driver's own, `Some(None)`: not asked.

@@ -33,8 +33,8 @@ impl Head {
             file: config.to_owned(),
             source,
         })?;
-        let names = ["USER", "LOGNAME"].into_iter();
-        let user = names.filter_map(|name| env::var(name).ok()).next();
+        let mut names = ["USER", "LOGNAME"].into_iter();
+        let user = names.find_map(|name| env::var(name).ok());
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
         Ok(Self {
             time: utc_now(),

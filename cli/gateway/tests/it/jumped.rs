@@ -95,7 +95,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
             .contains("temperature that jumped before the restart: scale_x")
     });
     assert_eq!(told.expect("it says why")["state"], "faulted");
-    std::thread::sleep(Duration::from_millis(3000));
+    std::thread::sleep(Duration::from_secs(3));
     assert_eq!(program.state()["state"], "faulted");
     // A person has looked at it.
     assert_eq!(program.post("/api/acknowledge", "").status, 200);

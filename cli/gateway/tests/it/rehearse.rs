@@ -83,11 +83,9 @@ fn shipped_configurations_pass() {
     assert_eq!(document["passed"], true);
     // What a protocol has to say to be filed.
     let text = fs::read(dir.path().join("gateway.toml")).expect("written");
-    let digits = Sha256::digest(text)
+    let checksum = Sha256::digest(text)
         .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect::<String>();
-    let checksum = format!("sha256:{digits}");
+        .fold("sha256:".to_owned(), |all, byte| format!("{all}{byte:02x}"));
     assert_eq!(document["config_hash"], checksum);
     assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
     assert_eq!(document["user"], "anna");
