@@ -10,6 +10,7 @@ use crate::{
 
 const LENGTH: i16 = 2;
 const NUMBER: i16 = 3;
+const PROTECTED: i16 = 7;
 const NO_FUNCTION: i16 = 1;
 
 /// Payload of the answer to an opening.
@@ -281,6 +282,9 @@ fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Ans
     let (area, at, width, bytes) = pmc_range(command, options)?;
     if command.data.len() != bytes {
         return Err(Refusal::Command(LENGTH));
+    }
+    if options.write_protected {
+        return Err(Refusal::Command(PROTECTED));
     }
     // As seen on a simulated control of the maker: outputs to the machine are refused.
     if area == PmcArea::Y || !world.write(area, at, &turned(command.data, width)) {

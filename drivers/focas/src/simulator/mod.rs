@@ -43,6 +43,8 @@ pub struct Options {
     pub refuses_mix: bool,
     /// Whether a request with more than one command is refused as a whole.
     pub one_command: bool,
+    /// Whether PMC memory is protected against writing.
+    pub write_protected: bool,
     /// The largest number of sessions that are served at the same time.
     pub sessions: usize,
     /// The bytes of the pieces in which answers are sent; 0: whole.
@@ -62,6 +64,7 @@ impl Default for Options {
             one_axis: false,
             refuses_mix: false,
             one_command: false,
+            write_protected: false,
             sessions: 4,
             fragment: 0,
             latency: Duration::ZERO,

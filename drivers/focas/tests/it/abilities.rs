@@ -160,19 +160,17 @@ fn a_refusal_at_connection_is_told_in_words() {
 /// In a cycle, too, a refusal has its code and its words.
 #[test]
 fn a_refusal_in_a_cycle_is_told_in_words() {
-    let simulator = simulator(Options::default());
-    let mut config = config(&simulator, &[AxisName::X]);
-    // It is only written, so that the connection does not notice that the control has no such byte.
-    config.sequence = Some(PmcAddress {
-        area: PmcArea::D,
-        at: 20_000,
+    let simulator = simulator(Options {
+        write_protected: true,
+        ..Options::default()
     });
+    let config = config(&simulator, &[AxisName::X]);
     let mut controller = connected(config);
     controller.read(soon()).unwrap();
     let refused = controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap_err();
     assert_eq!(
         refused.to_string(),
-        "refused with code 3: EW_NUMBER, the number, address or range does not exist"
+        "refused with code 7: EW_PROT, writing is protected"
     );
     // The heartbeat of the refused write may have moved: that is no other gateway.
     assert!(controller.read(soon()).is_ok(), "the session lives on");
