@@ -106,7 +106,8 @@ impl Guard {
         let output = self.output();
         for i in 0..limits.count {
             let stands = output[i].abs().max(self.confirmed[i].abs());
-            self.allowed[i] = limits.axes[i].limit.max(stands);
+            // What was a surprise before is one with the new limits, too.
+            self.allowed[i] = limits.axes[i].limit.max(stands.min(self.allowed[i]));
         }
         self.limits = limits;
         Ok(())

@@ -55,6 +55,8 @@ pub struct Cycle {
     degraded: bool,
     /// Whether no path was left with a correction before the start, as far as that was written down, or a person says.
     left_nothing: bool,
+    /// When a stop was seen last, since the start.
+    stopped: Duration,
     standby: Standby,
     lag: Lag,
     /// Where the machine was commanded in this cycle; `None` while a position is not known.
@@ -119,6 +121,7 @@ impl Cycle {
             sensors,
             degraded: false,
             left_nothing: false,
+            stopped: Duration::ZERO,
             standby: Standby::default(),
             lag: Lag::default(),
             commanded: None,
@@ -270,6 +273,25 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
+    /// A person has looked. Where there was a stop or a fault, that is what they have looked at, and what the path that
+    /// writes was left with, which a fault waits for: a sensor that jumped, and what others were left with, ask again.
+    fn acknowledge(&mut self, since_start: Duration, asked: &Asked) {
+        let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
+            || asked.forbids.contains(Reasons::FAULTED_BEFORE);
+        let is_stop_or_fault = is_fault || !self.interlocks.reasons().is_empty();
+        self.interlocks.acknowledge();
+        let active = self.selector.active();
+        for (index, path) in self.paths.iter_mut().enumerate() {
+            if index == active || !is_stop_or_fault {
+                path.read_back.acknowledge(since_start);
+            }
+        }
+        if !is_stop_or_fault {
+            self.sensors.acknowledge();
+            self.left_nothing = true;
+        }
+    }
+
     /// Runs one cycle, begun at `now`. `own_clock` is the CPU clock of the thread.
     pub fn run(
         &mut self,
@@ -285,17 +307,7 @@ impl Cycle {
         self.read(self.selector.active(), now + patience, since_start);
         self.hear_standbys(since_start);
         if asked.request == Some(Request::Acknowledge) {
-            // Where there was a stop or a fault, that is what the person has looked at: a sensor that jumped asks again.
-            let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
-                || asked.forbids.contains(Reasons::FAULTED_BEFORE);
-            if !is_fault && self.interlocks.reasons().is_empty() {
-                self.sensors.acknowledge();
-            }
-            self.interlocks.acknowledge();
-            self.left_nothing = true;
-            for path in &mut self.paths {
-                path.read_back.acknowledge(since_start);
-            }
+            self.acknowledge(since_start, asked);
         }
         let selects = own_clock();
         let (notes, switched) = self.select(since_start);

@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 use super::{
     Confirmed, Known,
     landing::Landed,
-    misfit::{barrier_misfits, scans_fit},
+    misfit::{barrier_misfits, longest_scan, scans_fit},
 };
 use crate::{
     Limits, Reasons,
@@ -29,7 +29,9 @@ pub struct BarrierLink {
     layout: Layout,
     scan: Duration,
     settings: Option<Settings>,
-    /// When the last report held, its epoch and tick, and the scans since `counted_from`.
+    /// When the last report held, whether it was a new one or not.
+    heard: Option<Duration>,
+    /// When the last new report held, its epoch and tick, and the scans since `counted_from`.
     last: Option<(Duration, u16, u16)>,
     counted_from: Option<Duration>,
     counted: u32,
@@ -56,6 +58,7 @@ impl BarrierLink {
             layout,
             scan,
             settings: None,
+            heard: None,
             last: None,
             counted_from: None,
             counted: 0,
@@ -81,10 +84,9 @@ impl BarrierLink {
             // Torn, or of another machine or other axes: it says nothing.
             return Landed::Unknown;
         };
-        if self
-            .last
-            .is_some_and(|(then, ..)| taken.saturating_sub(then) >= GAP)
-        {
+        // Reports of a program that stands come as well, and are not new.
+        let heard = self.heard.replace(taken);
+        if heard.is_some_and(|then| taken.saturating_sub(then) >= GAP) {
             self.session.forget();
         }
         let seen = self.session.read(&report);
@@ -186,16 +188,18 @@ impl BarrierLink {
         Some(frame.encode(&settings, words))
     }
 
+    /// The scans may take as long as is accepted, and the last frame as long as the path.
     pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         let settings = self.settings?;
-        let step_s = self.time_of(settings.step_scans);
         let steps = |i: usize| {
             let (limit, rate) = (settings.limit[i], settings.rate[i].max(1));
             limit.unsigned_abs().div_ceil(rate.unsigned_abs())
         };
-        let most = (0..limits.count).map(steps).max().unwrap_or(0);
-        let waits = self.time_of(settings.hold_scans) + self.time_of(settings.time_out_scans);
-        Some(waits + step_s * u32::from(most) + limits.period)
+        let most = u32::from((0..limits.count).map(steps).max().unwrap_or(0));
+        let waits = u32::from(settings.hold_scans) + u32::from(settings.time_out_scans);
+        // A step is begun at most one step's scans late.
+        let moves = u32::from(settings.step_scans) * (most + 1);
+        Some(longest_scan(self.scan) * (waits + moves) + limits.longest_delay())
     }
 }
 

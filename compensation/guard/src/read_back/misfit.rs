@@ -75,6 +75,11 @@ pub fn barrier_misfits(
     late.into_iter().chain(axes)
 }
 
+/// The longest time of a scan that counts as the configured one.
+pub(super) fn longest_scan(scan: Duration) -> Duration {
+    scan.div_f64(*SCAN_WITHIN.start())
+}
+
 /// Whether so many scans in this time are those of a control that scans once in `scan`.
 #[must_use]
 pub fn scans_fit(scans: u32, passed: Duration, scan: Duration) -> bool {

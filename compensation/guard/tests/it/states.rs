@@ -282,6 +282,22 @@ fn a_correction_beyond_the_limit_is_led_out_by_a_person() {
     assert!(world.largest_step <= 0.002 + 1e-9, "{}", world.largest_step);
 }
 
+/// Garbage in the words, and then limits that are set again (a reload): what was found was no surprise any more, and was led
+/// out by whoever armed or disarmed.
+#[test]
+fn limits_that_are_set_again_make_nothing_expected() {
+    for request in [Request::Arm, Request::Disarm] {
+        let mut world = World::new(&limits());
+        world.clear(axes(1.5, 0.0));
+        world.run(3 * SECOND);
+        world.guard.set_limits(limits()).expect("good limits");
+        world.request(request);
+        world.run(SECOND);
+        assert_eq!(world.applied[0], 1.5, "{request:?}");
+        assert_eq!(world.guard.state().name(), "faulted");
+    }
+}
+
 /// Disarming, and so each end of the program, wrote from a read-back beyond the limit: where three readings lied it was
 /// a step of 1.5 mm, and what was found was led out although nobody had looked.
 #[test]

@@ -52,13 +52,18 @@ impl Cycle {
             };
         };
         let by_itself = before.read_back.zero_by_itself(&before.limits());
-        by_itself.is_some_and(|wait| now.saturating_sub(sent) > wait)
+        // In a stop a control holds what it applies.
+        let since = sent.max(self.stopped);
+        by_itself.is_some_and(|wait| now.saturating_sub(since) > wait)
     }
 
     /// Chooses the path that corrects from now on. Gives why another one that should correct may not, and whether it is
     /// another one than before.
     pub(super) fn select(&mut self, now: Duration) -> (Reasons, bool) {
         let state = self.guard.state();
+        if !self.interlocks.reasons().is_empty() {
+            self.stopped = now;
+        }
         // A fault is for a person to look at; a stop is held, not fled from; and to disarm, a path needs no positions.
         let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
         let stays = matches!(state, GuardState::Faulted(_))

@@ -181,3 +181,30 @@ fn what_lines_keep_after_a_hand_back_is_told() {
     assert_eq!((correction(&words), correction(&lines)), (0.0, 25.0));
     assert!(holds(&cycle));
 }
+
+/// The silent first way had -25 µm, which were written down. A person acknowledged the fault of before the restart, and with
+/// it, unasked, that nothing was left there: X went from -25 to 0 µm in one write.
+#[test]
+fn who_acknowledges_a_fault_says_nothing_of_what_is_left_elsewhere() {
+    let clock = Clock::manual();
+    let plant = Arc::new(Mutex::new((-0.025, 0.0)));
+    let silent = Arc::new(AtomicBool::new(true));
+    let mut cycle = two_ways([&plant; 2], &clock, &silent);
+    let left = PerAxis::from_fn(|axis| if axis == 0 { -0.025 } else { 0.0 });
+    cycle.restore(&left, Duration::from_secs(1));
+    for number in 0..500 {
+        clock.advance(PERIOD);
+        let asked = Asked {
+            request: match number {
+                50 => Some(Request::Acknowledge),
+                100 => Some(Request::Arm),
+                _ => None,
+            },
+            forbids: Reasons::FAULTED_BEFORE.when(number <= 50),
+            ..Asked::default()
+        };
+        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+    }
+    let largest_change = plant.lock().expect("no panic").1;
+    assert!(largest_change <= 0.002 + 1e-9, "{largest_change} mm");
+}

@@ -6,6 +6,7 @@ mod embed;
 mod ends_of_travel;
 mod errors;
 mod fewer_axes;
+mod fewer_axes_barrier;
 mod held;
 mod lag;
 mod lags;

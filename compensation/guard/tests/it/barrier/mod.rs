@@ -8,6 +8,7 @@ mod program;
 mod random;
 mod rules;
 mod simulated;
+mod slow;
 mod text;
 mod tip;
 
