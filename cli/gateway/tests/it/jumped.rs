@@ -67,13 +67,8 @@ fn quality(state: &Value) -> String {
     format!("{} {}", sensor["quality"], sensor["reason"])
 }
 
-/// A broken sensor was out, and the gateway was started again: its first reading was believed, it armed itself, and X was
-/// moved by what the sensor told.
-#[test]
-fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
-    let dir = tempfile::tempdir().expect("writable");
-    let (control, tenths, config) = bench(dir.path());
-    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+/// The sensor is heard while the machine is corrected, and then jumps.
+fn let_sensor_jump(program: &Program, tenths: &AtomicI16) {
     program.wait_for("compensating");
     program
         .wait(|state| quality(state).contains("good"))
@@ -82,6 +77,16 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     program
         .wait(|state| quality(state).contains("jumped"))
         .expect("it jumped");
+}
+
+/// A broken sensor was out, and the gateway was started again: its first reading was believed, it armed itself, and X was
+/// moved by what the sensor told.
+#[test]
+fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (control, tenths, config) = bench(dir.path());
+    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    let_sensor_jump(&program, &tenths);
     let kept = dir.path().join("audit/standing.json");
     volcomp_test_support::until("it is written down", Duration::from_secs(10), || {
         std::fs::read_to_string(&kept).is_ok_and(|text| text.contains("scale_x"))
@@ -109,14 +114,7 @@ fn acknowledging_an_alarm_believes_no_sensor() {
     let dir = tempfile::tempdir().expect("writable");
     let (control, tenths, config) = bench(dir.path());
     let program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.wait_for("compensating");
-    program
-        .wait(|state| quality(state).contains("good"))
-        .expect("it is heard");
-    tenths.store(350, Ordering::Relaxed);
-    program
-        .wait(|state| quality(state).contains("jumped"))
-        .expect("it jumped");
+    let_sensor_jump(&program, &tenths);
     control.world().alarms = vec![(1, "door".to_owned())];
     program.wait_for("holding");
     program.post("/api/acknowledge", "");
