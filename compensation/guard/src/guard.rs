@@ -38,7 +38,7 @@ pub struct Guard {
     allowed: PerChannel<f64>,
     /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
     stood: bool,
-    /// What is sent on for as long as an interlock lasts.
+    /// Where the control stands by itself while an interlock lasts: what is sent on to its barrier goes there.
     held: Option<PerChannel<f64>>,
     /// Another path writes from now on: what it is known to apply is where it begins.
     took_over: bool,
@@ -53,17 +53,6 @@ pub struct Guard {
     until: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
-}
-
-/// What a cycle does with the output.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Sends {
-    /// Nothing is sent.
-    Nothing,
-    /// One confirmed value is sent on, so that a barrier does not time out.
-    Confirmed,
-    /// The output moves, and is sent.
-    Moving,
 }
 
 impl Guard {
@@ -226,19 +215,13 @@ impl Guard {
             self.stood = false;
         }
         let mut reasons = self.reasons(&inputs, &facts) | Reasons::NOT_A_NUMBER.when(!is_number);
-        let sends = self.sends(&inputs, &facts);
-        self.held = self.held.filter(|_| facts.interlocked);
+        self.hold(&inputs, &facts);
         self.before = self.vector;
-        let write = match sends {
-            Sends::Nothing => {
-                self.vector.stop();
-                false
-            }
-            Sends::Confirmed => {
-                self.hold(&inputs);
-                true
-            }
-            Sends::Moving => self.advance(&inputs, dt_s, &mut reasons),
+        let write = if self.sends(&inputs, &facts) {
+            self.advance(&inputs, dt_s, &mut reasons)
+        } else {
+            self.vector.stop();
+            false
         };
         Output {
             correction: self.output(),
@@ -274,17 +257,15 @@ impl Guard {
             .map_or(Duration::MAX, |good| now.saturating_sub(good))
     }
 
-    /// Stands at one confirmed value for as long as an interlock lasts. Each report is some cycles old: were each the next
-    /// goal, an axis would be led back to where it was, and then on again. Only where the control began anew, or stands
-    /// elsewhere by itself, another one is held.
-    fn hold(&mut self, inputs: &Inputs) {
-        if inputs.known.changed || self.stands_elsewhere(inputs) {
+    /// In an interlock the last word is sent on to a barrier, so that it does not time out: the axis stands there already, or
+    /// what is on its way brings it there. What is confirmed lags that word, and led back to it an axis would go to and fro.
+    /// Only where the control took the word and stands elsewhere for long, since it holds by itself, the word goes there, so
+    /// that nothing moves when the control is free again.
+    fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
+        if !facts.interlocked || inputs.known.changed {
             self.held = None;
-        }
-        let confirmed = inputs.known.confirmed.map(|confirmed| confirmed.values);
-        self.held = self.held.or(confirmed);
-        if let Some(held) = &self.held {
-            self.vector = Vector::at(held);
+        } else if self.stands_elsewhere(inputs) {
+            self.held = inputs.known.confirmed.map(|confirmed| confirmed.values);
         }
     }
 
@@ -300,8 +281,10 @@ impl Guard {
         let output = self.output();
         let differs =
             |i: usize| !is_step_equal(values[i], output[i], self.limits.axes[i].resolution);
+        let interlocked = !inputs.interlocks.is_empty();
+        self.stood |= interlocked;
         // While nothing is sent the output is what is applied.
-        let idle = self.is_idle() || !inputs.interlocks.is_empty();
+        let idle = self.is_idle(inputs) || interlocked && inputs.known.changed;
         if core::mem::take(&mut self.took_over) || idle {
             self.vector = Vector::at(&values);
             self.corridor = Corridor::about(&values, &self.limits);
@@ -326,14 +309,14 @@ impl Guard {
         is_event
     }
 
-    /// Nothing is sent in this state.
-    fn is_idle(&self) -> bool {
-        matches!(
-            self.state,
-            State::Disarmed
-                | State::Holding(Hold::Interlocked)
-                | State::Faulted(Cause::BeyondLimit)
-        )
+    /// Nothing is sent in this state; in an interlock only to a barrier.
+    fn is_idle(&self, inputs: &Inputs) -> bool {
+        match self.state {
+            State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
+            _ if inputs.known.scheme == Scheme::Barrier => false,
+            State::Holding(Hold::Interlocked) => true,
+            _ => !inputs.interlocks.is_empty(),
+        }
     }
 
     /// An axis that went where it was sent, away from where the ramp began, takes what is sent.
@@ -382,19 +365,13 @@ impl Guard {
         }
     }
 
-    fn sends(&self, inputs: &Inputs, facts: &Facts) -> Sends {
+    /// Whether anything is sent: where it is, the output moves, or is sent on.
+    fn sends(&self, inputs: &Inputs, facts: &Facts) -> bool {
         let idle = matches!(
             self.state,
             State::Disarmed | State::Faulted(Cause::BeyondLimit)
         );
-        if idle || !inputs.known.writable {
-            Sends::Nothing
-        } else if !facts.interlocked {
-            Sends::Moving
-        } else if inputs.known.scheme == Scheme::Barrier {
-            Sends::Confirmed
-        } else {
-            Sends::Nothing
-        }
+        let stopped = facts.interlocked && inputs.known.scheme != Scheme::Barrier;
+        !idle && !stopped && inputs.known.writable
     }
 }

@@ -62,19 +62,16 @@ impl Guard {
     /// Moves the vector by what the state asks for. Gives what is to be told of it.
     fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
         let limits = self.limits;
+        if !inputs.interlocks.is_empty() {
+            match self.held {
+                Some(held) => self.move_to(&held, dt_s),
+                None => self.vector.stop(),
+            }
+            return Reasons::NONE;
+        }
         match self.state {
             State::Arming(Phase::Proving) => {
-                let goal = self.proof.goal(&self.from, &self.limits);
-                // Also anew where a write was not sent, and the vector is as it was before.
-                if !self.vector.leads_to(&goal) {
-                    self.vector.begin_line(&goal);
-                }
-                // A shift of some steps is no ramp of a correction: it takes the fewest cycles.
-                let limits = Limits {
-                    ramp: Duration::ZERO,
-                    ..limits
-                };
-                self.vector.advance_line(&limits, dt_s);
+                self.move_to(&self.proof.goal(&self.from, &limits), dt_s);
                 Reasons::NONE
             }
             State::Arming(Phase::Ramping) | State::Compensating => {
@@ -99,5 +96,19 @@ impl Guard {
                 Reasons::NONE
             }
         }
+    }
+
+    /// Moves the vector on a line to a goal that is some steps away: it takes the fewest cycles, not those of the ramp of a
+    /// correction.
+    fn move_to(&mut self, goal: &PerChannel<f64>, dt_s: f64) {
+        // Also anew where a write was not sent, and the vector is as it was before.
+        if !self.vector.leads_to(goal) {
+            self.vector.begin_line(goal);
+        }
+        let limits = Limits {
+            ramp: Duration::ZERO,
+            ..self.limits
+        };
+        self.vector.advance_line(&limits, dt_s);
     }
 }

@@ -101,3 +101,55 @@ fn what_the_barrier_holds_in_a_stop_is_taken_over() {
     world.run(Duration::from_secs(1));
     assert_eq!(world.applied, stands);
 }
+
+/// What was confirmed lags what was sent: it became the word when a stop began, which went back by 18 µm in one cycle, and where
+/// the barrier went on, the axis went back after it. Every word moves in any window of time by the slew and one step, and the
+/// axis goes no way twice.
+#[test]
+fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
+    let slew = limits().axes[0].slew_per_s;
+    for late in [0, 2, 4, 6] {
+        // The control holds, or only another path shows the stop; for a short while, or until it is told where it stands.
+        for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
+            let mut world = World::guarded(&Limits {
+                read_back_cycles: 2 * late + 2,
+                ..limits()
+            });
+            (world.sent_late, world.told_late) = (late, late);
+            world.target = Some(axes(0.140, -0.070));
+            world.request(Request::Arm);
+            world.run(60 * PERIOD);
+            // Times, words, and where the axis was.
+            let mut words = Vec::new();
+            let mut furthest = 0.0_f64;
+            for cycle in 0..400 {
+                let stopped = (10..10 + cycles).contains(&cycle);
+                world.emergency_stop = holds && stopped;
+                world.interlocks.see(1, if stopped { STOP } else { CLEAR });
+                let output = world.run(Duration::ZERO);
+                let applied = world.applied[0];
+                assert!(
+                    applied >= furthest,
+                    "{late} {cycles}: {applied} after {furthest}"
+                );
+                furthest = applied;
+                if output.write {
+                    words.push((world.now.as_secs_f64(), output.correction[0]));
+                }
+                if holds && stopped && cycle > 80 {
+                    let stands = (output.correction[0] - applied).abs();
+                    assert!(stands < 1e-9, "{late}: the word is {stands} mm off");
+                }
+            }
+            for (i, (then, before)) in words.iter().enumerate() {
+                for (now, word) in &words[i..] {
+                    let most = slew * (now - then) + limits().axes[0].resolution;
+                    let moved = (word - before).abs();
+                    assert!(moved <= most + 1e-9, "{late} {cycles}: {moved} of {most}");
+                }
+            }
+            assert_eq!(world.guard.state(), State::Compensating);
+            assert!((furthest - 0.140).abs() < 1e-9);
+        }
+    }
+}
