@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::Guard;
 use crate::{
-    Inputs, Reading, Reasons,
+    Inputs, Known, Reading, Reasons, ceiling,
     read_back::are_equal,
     state::{Facts, Phase, State},
 };
@@ -38,8 +38,9 @@ impl Guard {
         let confirmed = since(known.confirmed.map(|confirmed| confirmed.at));
         let unlanded = since(known.unlanded_since).unwrap_or_default();
         let interlocked = !inputs.interlocks.is_empty();
-        let unconfirmed = confirmed.is_none_or(|age| age > limits.hold)
-            || unlanded > limits.hold
+        let hold = self.hold_unconfirmed(known);
+        let unconfirmed = confirmed.is_none_or(|age| age > hold)
+            || unlanded > hold
             || !interlocked && self.stands_elsewhere(inputs);
         let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
         let values = known.confirmed.map(|confirmed| confirmed.values);
@@ -79,7 +80,15 @@ impl Guard {
     /// The control takes what is sent, and stands elsewhere for longer than `hold`.
     pub(super) fn stands_elsewhere(&self, inputs: &Inputs) -> bool {
         let since = inputs.known.stands_since;
-        since.is_some_and(|since| inputs.now.saturating_sub(since) > self.limits.hold)
+        let hold = self.hold_unconfirmed(&inputs.known);
+        since.is_some_and(|since| inputs.now.saturating_sub(since) > hold)
+    }
+
+    /// For how long what was confirmed last counts: on a path that may hold positions for longer than others, not beyond the
+    /// time after which its barrier lets go.
+    fn hold_unconfirmed(&self, known: &Known) -> Duration {
+        let most = known.lets_go_after.map(|after| after.max(ceiling::HOLD));
+        most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
     }
 
     /// Goes on with the proof at arming; its result once there is one.

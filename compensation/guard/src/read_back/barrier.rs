@@ -124,10 +124,12 @@ impl BarrierLink {
         }
     }
 
-    /// Since when the control could have moved towards what it took, and has not.
-    fn stands_since(&self) -> Option<Duration> {
+    /// Since when the control could have moved, and the last report, which is so old, shows that it has not: what was sent
+    /// when it was seen to stand has to go there, to be taken, to move it by a step, and to be told.
+    fn stands_since(&self, age: Duration, limits: &Limits) -> Option<Duration> {
         let (_, since) = self.stands?;
-        Some(since + self.time_of(self.settings?.step_scans))
+        let step = self.time_of(self.settings?.step_scans);
+        Some(since + limits.longest_delay() + step + age)
     }
 
     /// Counts the control's scans. With a new epoch they may begin anew: the control was switched on.
@@ -156,8 +158,9 @@ impl BarrierLink {
         let age = known
             .confirmed
             .map(|confirmed| now.saturating_sub(confirmed.at));
+        known.stands_since = age.and_then(|age| self.stands_since(age, limits));
+        known.lets_go_after = (self.settings).map(|settings| self.time_of(settings.time_out_scans));
         // A frame that answers an older report is refused.
-        known.stands_since = self.stands_since();
         known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
         let fits = self.settings.is_some_and(|settings| {
             barrier_misfits(&settings, self.scan, limits)

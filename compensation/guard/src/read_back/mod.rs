@@ -75,6 +75,9 @@ pub struct Known {
     /// Since when a control with a barrier stands although it took something else: it holds by itself, and no path shows why.
     /// `None`: it moves, or is where it is to be.
     pub stands_since: Option<Duration>,
+    /// How long after the last frame that it took a barrier lets go of what it applies: what was confirmed longer ago is not
+    /// known any more. `None`: no barrier tells it.
+    pub lets_go_after: Option<Duration>,
     /// From when on the control may act by itself, on the clock of the cycle: what was decided before is not sent then.
     /// `None`: it does not, or it tells what it does.
     pub until: Option<Duration>,

@@ -2,10 +2,13 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Hold, Limits, Reasons, Request, State};
+use volcomp_guard::{
+    Hold, Limits, Reasons, Request, State,
+    barrier::{Barrier, Counts, Settings},
+};
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-use crate::world::{PERIOD, STEP, World, axes, limits};
+use crate::world::{MACHINE, PERIOD, STEP, World, axes, layout, limits};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -367,7 +370,7 @@ fn a_barrier_that_stands_by_itself_is_told_and_goes_on() {
     let output = world.run(Duration::from_secs(1));
     assert_eq!(output.state, State::Compensating);
     world.target = Some(axes(0.140, -0.020));
-    let output = world.run(limits().hold + 4 * PERIOD);
+    let output = world.run(limits().hold + limits().delay() + 6 * PERIOD);
     assert_eq!(output.state, State::Holding(Hold::Unconfirmed));
     assert!(output.reasons.contains(Reasons::UNCONFIRMED));
     let stood = world.run(Duration::from_secs(2));
@@ -392,4 +395,111 @@ fn a_slow_correction_is_not_told_to_stand() {
         assert!(!output.reasons.contains(Reasons::UNCONFIRMED));
     }
     assert!(world.applied[0] > 0.01);
+}
+
+/// A way of 72 ms to the control and back: the word was one step on when a frame was seen to be taken, and the next one could
+/// not be taken for longer than `hold`. The control was told to stand elsewhere, and the correction was held.
+#[test]
+fn a_slow_way_is_no_control_that_stands() {
+    let scan_ms = Duration::from_millis;
+    for (delay_ms, scan, step_scans) in [
+        (0, scan_ms(2), 1),
+        (20, scan_ms(2), 25),
+        (40, scan_ms(8), 1),
+        (70, scan_ms(2), 1),
+        (80, scan_ms(8), 8),
+        (110, scan_ms(1), 4),
+        (150, scan_ms(2), 1),
+        (150, scan_ms(10), 10),
+    ] {
+        // A cycle that is long enough for the delay to be stated.
+        let period = Duration::from_millis(10);
+        let cycles = delay_ms / 20;
+        let limits = Limits {
+            period,
+            // Longer than a frame is on its way until it is told.
+            hold: Duration::from_millis(50).max(Duration::from_millis(
+                u64::try_from(delay_ms + 30).expect("few"),
+            )),
+            zero_after: Duration::from_secs(2),
+            read_back_cycles: 2 * cycles + 2,
+            ..limits()
+        };
+        let a_second = u16::try_from(1000 / scan.as_millis()).expect("few");
+        let in_a_step = i16::try_from(scan.as_millis()).expect("few") * step_scans;
+        let settings = Settings {
+            axes: layout(),
+            machine: MACHINE,
+            limit: PerChannel([150; MAX_AXES]),
+            rate: PerChannel([in_a_step; MAX_AXES]),
+            step_scans: step_scans.unsigned_abs(),
+            hold_scans: a_second / 2,
+            time_out_scans: a_second,
+        };
+        let barrier = Barrier::start(settings, 17, 40, &Counts::default()).expect("sensible");
+        let mut world = World::guarded_by(&limits, barrier, scan);
+        (world.sent_late, world.told_late) = (cycles, delay_ms / 10 - cycles);
+        world.tells_age = true;
+        world.cycle_after(period, Some(Request::Arm));
+        for cycle in 0..2600_u32 {
+            // Creeps by a step in 20 to 300 ms, as a table that turns slowly or a machine that warms up asks for.
+            let sign = if (cycle / 100).is_multiple_of(2) {
+                -1.0
+            } else {
+                1.0
+            };
+            let creeps = sign * STEP / f64::from(2 + cycle / 100);
+            world.target = world.target.map(|target| axes(target[0] + creeps, 0.010));
+            let output = world.cycle_after(period, None);
+            let unconfirmed = output.reasons.contains(Reasons::UNCONFIRMED);
+            assert!(
+                !unconfirmed,
+                "{delay_ms} ms, {step_scans} of {scan:?}: cycle {cycle}"
+            );
+        }
+        // Now it stands by itself.
+        (world.holds, world.target) = (true, Some(axes(0.0, 0.0)));
+        let begun = world.now;
+        while world.cycle_after(period, None).state == State::Compensating {
+            assert!(
+                world.now < begun + Duration::from_secs(2),
+                "{delay_ms} ms: not told"
+            );
+        }
+        let step = scan * u32::from(step_scans.unsigned_abs());
+        let most = limits.hold + 2 * limits.delay() + step + 8 * period;
+        assert!(world.now <= begun + most, "{delay_ms} ms: told late");
+    }
+}
+
+/// A path of thermal terms alone may hold for 5 s. For so long "compensating" was said of a barrier that had let go.
+#[test]
+fn a_barrier_that_may_have_let_go_is_not_called_compensating() {
+    let limits = Limits {
+        only_thermal: true,
+        hold: Duration::from_secs(5),
+        zero_after: Duration::from_secs(5),
+        ..limits()
+    };
+    let faults: [fn(&mut World); 3] = [
+        |world| world.answers = false,
+        |world| world.hides_applied = true,
+        |world| world.sticks = false,
+    ];
+    for fault in faults {
+        let mut world = World::guarded(&limits).arm();
+        fault(&mut world);
+        for _ in 0..1000 {
+            let stands = world.applied[0];
+            let output = world.run(Duration::ZERO);
+            // The barrier's time-out is 200 ms, and one cycle passes until a report could have told.
+            let let_go = (stands - 0.040).abs() > 1e-9;
+            let said = output.state == State::Compensating;
+            assert!(!(let_go && said), "{:?} at {stands}", output.reasons);
+        }
+        assert_eq!(world.applied, PerChannel::ZERO);
+        (world.answers, world.hides_applied, world.sticks) = (true, false, true);
+        let output = world.run(Duration::from_secs(3));
+        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+    }
 }

@@ -37,7 +37,7 @@ pub(crate) fn limits() -> Limits {
     }
 }
 
-fn layout() -> Layout {
+pub(crate) fn layout() -> Layout {
     Layout::of([AxisName::X, AxisName::Y]).expect("each once")
 }
 
@@ -72,6 +72,8 @@ pub(crate) struct World {
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Vec<u16>,
     scanned: Duration,
+    /// The control scans once in this time.
+    scan_time: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
     /// How linear axes follow rotary ones, as in [`Wanted`].
     pub(crate) follow: PerChannel<PerChannel<f64>>,
@@ -88,10 +90,12 @@ pub(crate) struct World {
     pub(crate) spoils_word: Option<(usize, u16)>,
     /// What is told of the correction is so many cycles old, but has a fresh time.
     pub(crate) told_late: usize,
+    /// What is told of the correction has the time at which it held.
+    pub(crate) tells_age: bool,
     /// So many frames to the barrier are on their way.
     pub(crate) sent_late: usize,
     air: VecDeque<Vec<u16>>,
-    told: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize)>,
+    told: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize, Duration)>,
     /// The reading says nothing of the correction.
     pub(crate) hides_applied: bool,
     /// Lines whose device tells what its outputs carry.
@@ -127,8 +131,14 @@ impl World {
 
     /// A control with a barrier.
     pub(crate) fn guarded(limits: &Limits) -> Self {
-        let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
-        let mut world = Self::of(limits, ReadBack::barrier(link), Some(barrier()));
+        Self::guarded_by(limits, barrier(), SCAN)
+    }
+
+    /// A control with this barrier, which scans once in this time.
+    pub(crate) fn guarded_by(limits: &Limits, barrier: Barrier, scan: Duration) -> Self {
+        let link = BarrierLink::new(99, MACHINE, layout(), scan);
+        let mut world = Self::of(limits, ReadBack::barrier(link), Some(barrier));
+        world.scan_time = scan;
         // The scans of the control are counted.
         world.run(Duration::from_secs(2));
         world
@@ -145,6 +155,7 @@ impl World {
             barrier,
             mailbox: Vec::new(),
             scanned: now,
+            scan_time: SCAN,
             target: Some(axes(0.040, -0.020)),
             follow: PerChannel::default(),
             positions: PerChannel::ZERO,
@@ -156,6 +167,7 @@ impl World {
             lie: None,
             spoils_word: None,
             told_late: 0,
+            tells_age: false,
             sent_late: 0,
             air: VecDeque::new(),
             told: VecDeque::new(),
@@ -183,8 +195,8 @@ impl World {
 
     /// The scans of the control that are due.
     fn scan(&mut self) {
-        while self.scanned + SCAN <= self.now {
-            self.scanned += SCAN;
+        while self.scanned + self.scan_time <= self.now {
+            self.scanned += self.scan_time;
             let holds = self.holds || self.is_stopped();
             let Some(barrier) = &mut self.barrier else {
                 continue;
@@ -222,11 +234,12 @@ impl World {
         let mut words = [0; REPORT_WORDS];
         let barrier = self.barrier.as_ref();
         let length = barrier.map_or(0, |barrier| barrier.report().encode(&mut words));
-        self.told.push_back((self.applied, words, length));
+        self.told.push_back((self.applied, words, length, self.now));
         while self.told.len() > self.told_late + 1 {
             self.told.pop_front();
         }
-        let (applied, mut words, length) = self.told[0];
+        let (applied, mut words, length, then) = self.told[0];
+        let taken = if self.tells_age { then } else { self.now };
         if let Some((word, bits)) = self.spoils_word {
             words[word % length.max(1)] ^= bits;
         }
@@ -236,7 +249,7 @@ impl World {
             None if self.known().scheme == Scheme::Blind && !self.tells_levels => Told::Nothing,
             None => Told::Values(self.lie.unwrap_or(applied)),
         };
-        self.read_back.hear(self.now, self.now, &told, &limits);
+        self.read_back.hear(self.now, taken, &told, &limits);
         let interlock = Interlock {
             unreferenced: !self.referenced,
             alarm: self.alarm,
