@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, Direction};
 
-use crate::AxisLimits;
+use crate::{AxisLimits, turn::shortest_way};
 
 /// The least travel after which a linear axis counts as turned: 5 µm.
 const REVERSAL_MM: f64 = 0.005;
@@ -34,22 +34,35 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     least.max(steps + lag)
 }
 
+/// Readings of which this many are looked at, and the number of them that must agree: so two wrong ones in any five show
+/// nothing, since one of three that agree is right.
+const READINGS: usize = 5;
+const AGREE: u32 = 3;
+/// The bits of so many readings.
+const ALL: u8 = (1 << READINGS) - 1;
+
 /// The direction of the last motion of an axis, kept while it stands: it changes only after travel over a
-/// threshold from the last extreme, so that neither noise nor a correction turns it. Of three readings the middle one
-/// counts, so that one wrong position turns nothing. State: the last readings, the extreme and the direction.
+/// threshold from the last extreme, so that neither noise nor a correction turns it. Three of the last five readings must show
+/// the travel, and the extreme is one that three of five reached: up to two wrong positions in any five turn nothing. State:
+/// the last readings, the extreme, what was seen since, and the direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionMemory {
-    /// When the last reading held, and the last two positions, the older one first.
+    /// When the last reading held.
     taken: Option<Duration>,
-    last: [Option<f64>; 2],
+    /// The last positions, as far as they count for the extreme, the newest first.
+    positions: [f64; READINGS],
+    count: usize,
     extreme: Option<f64>,
+    /// Which of the last readings since the extreme lay beyond the threshold from it, towards larger and towards smaller
+    /// positions: a bit for each, the newest in the lowest one.
+    beyond: [u8; 2],
     direction: Option<Direction>,
 }
 
 impl DirectionMemory {
     /// The axis was at `position` without correction, mm or rad, when a reading was `taken`; `None` until it went further
     /// than the threshold. What is told again with the same time is no other reading. `turn`: the position begins anew after
-    /// so much travel (a rotary axis that rolls over: 2π), and between two readings the axis goes less than half of that.
+    /// so much travel (a rotary axis that rolls over: 2π), and in four readings the axis goes less than a quarter of that.
     pub fn at(
         &mut self,
         taken: Duration,
@@ -60,43 +73,87 @@ impl DirectionMemory {
         if !position.is_finite() || self.taken.replace(taken) == Some(taken) {
             return self.direction;
         }
-        let [oldest, before] = self.last;
-        self.last = [before, Some(position)];
-        let Some((oldest, before)) = oldest.zip(before) else {
+        self.positions.rotate_right(1);
+        self.positions[0] = position;
+        self.count = (self.count + 1).min(READINGS);
+        let Some(extreme) = self.extreme else {
+            if self.count == READINGS {
+                let amid = self.amid(turn);
+                self.extreme = Some(self.reached(amid, Direction::Positive, turn));
+            }
             return self.direction;
         };
-        let ways = [oldest, position].map(|other| shortest(other - before, turn));
-        let position = before + ways[0].min(ways[1]).max(ways[0].max(ways[1]).min(0.0));
-        let extreme = *self.extreme.get_or_insert(position);
-        let forward = shortest(position - extreme, turn);
-        match self.direction {
-            Some(Direction::Positive) if forward >= 0.0 => self.extreme = Some(position),
-            Some(Direction::Negative) if forward <= 0.0 => self.extreme = Some(position),
-            _ if forward.abs() > threshold => {
-                self.direction = Direction::of(forward);
-                self.extreme = Some(position);
+        if let Some(direction) = self.direction.filter(|_| self.count >= AGREE as usize) {
+            let reached = self.reached(extreme, direction, turn);
+            if shortest_way(reached - extreme, turn) * direction.sign() > 0.0 {
+                (self.extreme, self.beyond) = (Some(reached), [0; 2]);
+                return self.direction;
             }
-            _ => {}
+        }
+        let way = shortest_way(position - extreme, turn);
+        for (seen, direction) in self.beyond.iter_mut().zip(Direction::BOTH) {
+            let is_beyond = way * direction.sign() > threshold;
+            *seen = (*seen << 1 | u8::from(is_beyond)) & ALL;
+        }
+        let agree = |(seen, direction): &(u8, Direction)| {
+            seen.count_ones() >= AGREE && self.direction != Some(*direction)
+        };
+        let turned = self.beyond.into_iter().zip(Direction::BOTH).find(agree);
+        if let Some((seen, direction)) = turned {
+            // From the one of these readings that is nearest to where it came from: the axis is there, or further on.
+            let away = |k: &usize| shortest_way(self.positions[*k] - extreme, turn).abs();
+            let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
+            let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));
+            self.begin(nearest.map(|k| self.positions[k]), direction);
         }
         self.direction
+    }
+
+    /// The position that as many of the last readings reached in a direction as must agree, seen from `origin`.
+    fn reached(&self, origin: f64, direction: Direction, turn: Option<f64>) -> f64 {
+        let way = |position: &f64| shortest_way(position - origin, turn) * direction.sign();
+        let mut positions = self.positions;
+        let counted = &mut positions[..self.count];
+        counted.sort_unstable_by(|a, b| way(b).total_cmp(&way(a)));
+        counted[AGREE as usize - 1]
+    }
+
+    /// The position from which the others are least far away: where positions begin anew, the middle one is no other than
+    /// that seen from a place among them.
+    fn amid(&self, turn: Option<f64>) -> f64 {
+        let away = |from: &f64| -> f64 {
+            let ways = self
+                .positions
+                .iter()
+                .map(|to| shortest_way(to - from, turn));
+            ways.map(f64::abs).sum()
+        };
+        let mut nearest = self.positions[0];
+        for position in &self.positions[1..] {
+            if away(position) < away(&nearest) {
+                nearest = *position;
+            }
+        }
+        nearest
+    }
+
+    /// The axis goes in this direction from here on: what was read before does not count.
+    fn begin(&mut self, extreme: Option<f64>, direction: Direction) {
+        *self = Self {
+            taken: self.taken,
+            extreme,
+            direction: Some(direction),
+            ..Self::default()
+        };
     }
 
     /// The axis is at `position`, and the control tells in which direction it is commanded: that counts at once,
     /// without a threshold.
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {
-            self.extreme = Some(position);
-            self.last = [Some(position); 2];
+            self.begin(Some(position), direction);
         }
         self.direction = Some(direction);
         self.direction
-    }
-}
-
-/// The shorter of the two ways round, where positions begin anew after a turn.
-fn shortest(way: f64, turn: Option<f64>) -> f64 {
-    match turn {
-        Some(turn) if turn > 0.0 => way - turn * libm::round(way / turn),
-        _ => way,
     }
 }

@@ -15,6 +15,7 @@ mod read_back;
 mod reasons;
 mod state;
 mod temperature;
+mod turn;
 mod vector;
 
 pub use direction::{DirectionMemory, reversal_threshold};
@@ -35,6 +36,7 @@ pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use temperature::{
     Heard, MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
 };
+pub use turn::shortest_way;
 pub use vector::{Followed, Vector, Wanted};
 
 /// The vocabulary of the public interface: axis letters, values by axis.

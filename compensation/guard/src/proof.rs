@@ -4,7 +4,7 @@ use core::{f64::consts::TAU, time::Duration};
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::Limits;
+use crate::{Limits, turn::shortest_way};
 
 /// Readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
 /// control may take to show positions anew.
@@ -367,11 +367,8 @@ impl Proof {
 
 /// How far an axis went from one reported position to another, mm or rad: a rotary axis may have rolled over between them.
 fn way(limits: &Limits, axis: usize, from: f64, to: f64) -> f64 {
-    let way = to - from;
-    match limits.axes[axis].kind {
-        AxisKind::Linear => way,
-        AxisKind::Rotary => way - TAU * libm::round(way / TAU),
-    }
+    let rolls_over = limits.axes[axis].kind == AxisKind::Rotary;
+    shortest_way(to - from, rolls_over.then_some(TAU))
 }
 
 /// Whether a position followed both ways by the same share of the shift: no machine moves an axis so.

@@ -1,5 +1,6 @@
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
+use proptest::prelude::*;
 use volcomp_guard::{AxisLimits, DirectionMemory, reversal_threshold};
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -19,9 +20,11 @@ impl Memory {
         self.memory.at(taken, position, threshold, turn)
     }
 
-    /// Two readings in a row, so that the position counts.
-    fn twice(&mut self, position: f64, threshold: f64, turn: Option<f64>) -> Option<Direction> {
-        self.at(position, threshold, turn);
+    /// Readings in a row, so that the position counts.
+    fn stays(&mut self, position: f64, threshold: f64, turn: Option<f64>) -> Option<Direction> {
+        for _ in 0..4 {
+            self.at(position, threshold, turn);
+        }
         self.at(position, threshold, turn)
     }
 }
@@ -64,7 +67,7 @@ fn one_wrong_position_turns_nothing() {
 #[test]
 fn it_turns_only_after_the_threshold_from_the_last_extreme() {
     let mut memory = Memory::default();
-    let mut at = |position: f64| memory.twice(position, 0.005, None);
+    let mut at = |position: f64| memory.stays(position, 0.005, None);
     assert_eq!(at(10.0), None);
     assert_eq!(at(10.004), None, "noise");
     assert_eq!(at(10.006), Some(Direction::Positive));
@@ -88,16 +91,16 @@ fn an_axis_that_rolls_over_does_not_turn() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
         let mut memory = Memory::default();
         let mut position = 3.0_f64;
-        memory.twice(position, 8.7e-6, Some(TAU));
+        memory.stays(position, 8.7e-6, Some(TAU));
         for _ in 0..20_000 {
             position = (position + step).rem_euclid(TAU);
-            assert_eq!(memory.twice(position, 8.7e-6, Some(TAU)), Some(direction));
+            assert_eq!(memory.stays(position, 8.7e-6, Some(TAU)), Some(direction));
         }
         // Back by more than the threshold, over the end of the turn.
         position = (-0.5 * step.signum() * 1e-5_f64).rem_euclid(TAU);
         memory.memory.commanded(position, direction);
         let back = (position - 1e-5 * step.signum()).rem_euclid(TAU);
-        assert_eq!(memory.twice(back, 8.7e-6, Some(TAU)), Some(-direction));
+        assert_eq!(memory.stays(back, 8.7e-6, Some(TAU)), Some(-direction));
     }
 }
 
@@ -108,13 +111,13 @@ fn what_the_control_commands_counts_at_once() {
         memory.memory.commanded(5.0, Direction::Negative),
         Some(Direction::Negative)
     );
-    assert_eq!(memory.twice(5.004, 0.005, None), Some(Direction::Negative));
+    assert_eq!(memory.stays(5.004, 0.005, None), Some(Direction::Negative));
     assert_eq!(
         memory.memory.commanded(f64::NAN, Direction::Positive),
         Some(Direction::Positive)
     );
-    assert_eq!(memory.twice(5.0, 0.005, None), Some(Direction::Positive));
-    assert_eq!(memory.twice(4.994, 0.005, None), Some(Direction::Negative));
+    assert_eq!(memory.stays(5.0, 0.005, None), Some(Direction::Positive));
+    assert_eq!(memory.stays(4.994, 0.005, None), Some(Direction::Negative));
 }
 
 fn axis(includes_correction: bool) -> AxisLimits {
@@ -204,4 +207,84 @@ fn a_flickering_count_turns_nothing() {
         before = direction;
     }
     assert_eq!(turns, 0);
+}
+
+/// Wrong positions of any size, at most two in any five readings in a row.
+fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
+    let wrong = prop_oneof![
+        -0.05..0.05_f64,
+        -4.0..4.0_f64,
+        Just(1e6),
+        Just(-1e6),
+        Just(1.0),
+        Just(-1.0)
+    ];
+    prop::collection::vec(prop::option::weighted(0.6, wrong), 60..200).prop_map(|mut readings| {
+        for i in 0..readings.len() {
+            let before = &readings[i.saturating_sub(4)..i];
+            if before.iter().flatten().count() >= 2 {
+                readings[i] = None;
+            }
+        }
+        readings
+    })
+}
+
+proptest! {
+    /// One wrong, one right, one wrong position turned the direction where the middle one of three readings counted.
+    #[test]
+    fn two_wrong_readings_in_five_turn_nothing(
+        wrong in wrong_readings(),
+        ways in prop::collection::vec(prop_oneof![Just(0.0), 0.0..0.02_f64, Just(0.35)], 200),
+        sign in prop_oneof![Just(1.0), Just(-1.0)],
+        rolls_over in any::<bool>(),
+    ) {
+        let turn = rolls_over.then_some(TAU);
+        let told = |position: f64| turn.map_or(position, |turn| position.rem_euclid(turn));
+        let direction = Direction::of(sign);
+        let mut memory = Memory::default();
+        let mut position = 3.0;
+        let mut went = 0.0;
+        for (wrong, way) in wrong.iter().zip(&ways) {
+            // In four readings less than a quarter of a turn.
+            position += way * sign;
+            went += way;
+            let found = memory.at(told(position + wrong.unwrap_or(0.0)), 0.005, turn);
+            prop_assert!(found.is_none() || found == direction, "{found:?} at {position}");
+        }
+        // It knows by then that it went, and a way back is seen with the fourth reading, if all are right.
+        for _ in 0..8 {
+            position += 0.01 * sign;
+            memory.at(told(position), 0.005, turn);
+        }
+        prop_assert_eq!(memory.memory.at(Duration::ZERO, f64::NAN, 0.005, turn), direction, "{}", went);
+        let mut readings = 0;
+        loop {
+            position -= 0.01 * sign;
+            readings += 1;
+            let found = memory.at(told(position), 0.005, turn);
+            if found != direction {
+                prop_assert_eq!(found, Direction::of(-sign));
+                break;
+            }
+            prop_assert!(readings < 5, "a way back is not seen");
+        }
+    }
+
+    /// Whatever was wrong, or how often: two wrong in five hide no way back either.
+    #[test]
+    fn a_way_back_is_seen_beside_wrong_readings(wrong in wrong_readings(), step in 0.001..0.5_f64) {
+        let mut memory = Memory::default();
+        for k in 0..20 {
+            memory.at(f64::from(k) * step, 0.005, None);
+        }
+        prop_assume!(memory.memory.at(Duration::ZERO, f64::NAN, 0.005, None).is_some());
+        let needed = 0.005 / step + 12.0;
+        for (k, wrong) in (1..).zip(&wrong) {
+            let position = (19.0 - f64::from(k)) * step;
+            let found = memory.at(position + wrong.unwrap_or(0.0), 0.005, None);
+            let turned = found == Some(Direction::Negative);
+            prop_assert!(turned || f64::from(k) < needed, "{k} readings");
+        }
+    }
 }

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Limits, Reasons};
+use volcomp_guard::{Limits, Reasons, shortest_way};
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{AxisKind, PerAxis};
 
@@ -71,11 +71,7 @@ impl Lag {
         }
         self.speed = PerAxis::from_fn(|axis| {
             let way = place.positions[axis] - before[axis];
-            let way = match model.turn_of(axis) {
-                Some(turn) => way - turn * (way / turn).round(),
-                None => way,
-            };
-            way / passed.as_secs_f64()
+            shortest_way(way, model.turn_of(axis)) / passed.as_secs_f64()
         });
         self.before = Some((place.positions, taken));
     }
