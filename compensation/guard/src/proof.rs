@@ -4,12 +4,12 @@ use core::{f64::consts::TAU, time::Duration};
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::{Limits, turn::shortest_way};
+use crate::{Limits, Reading, turn::shortest_way};
 
-/// Readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
-/// control may take to show positions anew.
-const STILL_READINGS: f64 = 5.0;
-const STILL_S: f64 = 0.25;
+/// New readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
+/// control may take to show positions anew; where they come more slowly than that, the readings count.
+const STILL_READINGS: u32 = 5;
+const STILL_FOR: Duration = Duration::from_millis(250);
 /// So often it is tried again where a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this share of a shift has not moved: a count that flickers, of which a shift has four at
@@ -19,9 +19,9 @@ const STAYED_SHARE: f64 = 0.25 + 1e-6;
 const MOVED_SHARE: f64 = 2.5;
 /// A machine that goes on: an axis still moves so many times longer after a shift than it has to stand, or it went so many
 /// shifts within that time.
-const LATEST: f64 = 3.0;
+const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
-/// Only motion that is so young shows that a position is alive.
+/// Only motion that is so young when an axis is shifted shows that its position is alive.
 const ALIVE_FOR: Duration = Duration::from_secs(10);
 
 /// What the test shift shows of one axis.
@@ -141,6 +141,29 @@ enum Did {
     Moved,
 }
 
+/// New readings that came, and when the first one before them held.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Span {
+    from: Option<Duration>,
+    readings: u32,
+}
+
+impl Span {
+    /// A reading more.
+    fn goes_on(&mut self, taken: Duration) {
+        match self.from {
+            Some(_) => self.readings = self.readings.saturating_add(1),
+            None => self.from = Some(taken),
+        }
+    }
+
+    /// Whether it is so many times as long as axes have to stand.
+    fn lasts(&self, times: u32, taken: Duration) -> bool {
+        let long = |from| taken.saturating_sub(from) >= STILL_FOR * times;
+        self.from.is_some_and(long) && self.readings >= STILL_READINGS * times
+    }
+}
+
 /// What is shown of axes, and which of them follow by another amount than they were shifted by.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Shown {
@@ -155,12 +178,17 @@ struct Shown {
 /// stays would be an error of the part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
-    /// Where the axes began to stand, and for how many readings they have.
+    /// When the last reading held.
+    taken: Option<Duration>,
+    /// Where the axes began to stand, and for how long they have.
     positions: PerChannel<f64>,
-    still: u32,
-    /// For how many readings the correction has been where the leg leads.
-    reached: u32,
+    still: Span,
+    /// For how long the correction has been where the leg leads, and when it was found there.
+    reached: Span,
+    there: Option<Duration>,
     leg: Leg,
+    /// The axes that had moved by themselves a short while before the first shift.
+    alive: PerChannel<bool>,
     /// Positions before the leg, and after the first one.
     stood: [PerChannel<f64>; 2],
     attempts: u8,
@@ -185,47 +213,53 @@ impl Proof {
         }
     }
 
-    /// A reading at `now`, the correction that is applied, and what it was when the proof began: the verdict, once
-    /// there is one.
+    /// A reading, as the cycle of `now` has it, the correction that is applied, and what it was when the proof began: the
+    /// verdict, once there is one. A reading that was there before, or that held before a shift had landed, says nothing.
     pub fn read(
         &mut self,
         now: Duration,
-        positions: &PerChannel<f64>,
+        reading: &Reading,
         output: &PerChannel<f64>,
         from: &PerChannel<f64>,
         limits: &Limits,
         moves: &Moves,
     ) -> Option<Verdict> {
+        let Reading { taken, positions } = reading;
         let count = limits.count.min(MAX_AXES);
         let goal = self.goal(from, limits);
         let step = |i: usize| limits.axes[i].resolution;
         let is_there = (0..count).all(|i| (output[i] - goal[i]).abs() < step(i));
-        let stands = (0..count).all(|i| {
-            let away = way(limits, i, self.positions[i], positions[i]).abs();
-            away <= STAYED_SHARE * shift(limits, i).max(step(i))
-        });
-        self.reached = if is_there {
-            self.reached.saturating_add(1)
-        } else {
-            0
-        };
-        if is_there && stands {
-            self.still = self.still.saturating_add(1);
-        } else {
-            (self.positions, self.still) = (*positions, 0);
+        if !is_there {
+            self.waits();
+            return None;
         }
-        let needed = STILL_READINGS.max(STILL_S / limits.period.as_secs_f64());
-        if !stands && self.goes_on(needed, positions, limits) {
+        let there = *self.there.get_or_insert(now);
+        if self.taken.replace(*taken) == Some(*taken) || *taken < there {
+            return None;
+        }
+        let taken = now.min(*taken);
+        self.reached.goes_on(taken);
+        let stands = self.still.from.is_some()
+            && (0..count).all(|i| {
+                let away = way(limits, i, self.positions[i], positions[i]).abs();
+                away <= STAYED_SHARE * shift(limits, i).max(step(i))
+            });
+        if !stands {
+            (self.positions, self.still) = (*positions, Span::default());
+        }
+        self.still.goes_on(taken);
+        if !stands && self.goes_on(taken, positions, limits) {
             self.begin_anew(self.attempts, positions);
             return None;
         }
-        if f64::from(self.still) < needed {
+        if !self.still.lasts(1, taken) {
             return None;
         }
-        (self.still, self.reached) = (0, 0);
+        self.waits();
         match self.leg {
             Leg::Begin => {
-                self.stood[0] = *positions;
+                let lately = PerChannel::from_fn(|i| self.alive[i] || moves.lately(now, i));
+                (self.stood[0], self.alive) = (*positions, lately);
                 self.leg = Leg::First;
                 None
             }
@@ -234,18 +268,22 @@ impl Proof {
                 self.leg = Leg::Second;
                 None
             }
-            Leg::Second => self.judge(now, positions, from, limits, moves),
+            Leg::Second => self.judge(positions, from, limits),
         }
+    }
+
+    /// The correction is on its way.
+    fn waits(&mut self) {
+        self.there = None;
+        (self.still, self.reached) = (Span::default(), Span::default());
     }
 
     /// The verdict, or another attempt, or the linear axes after the rotary ones.
     fn judge(
         &mut self,
-        now: Duration,
         positions: &PerChannel<f64>,
         from: &PerChannel<f64>,
         limits: &Limits,
-        moves: &Moves,
     ) -> Option<Verdict> {
         let [begin, first, second] =
             [Leg::Begin, Leg::First, Leg::Second].map(|leg| self.at(leg, from, limits));
@@ -262,7 +300,7 @@ impl Proof {
             ];
             shown.axes[i] = match shares.map(did) {
                 [Did::Followed, Did::Followed] => Proven::Contained,
-                [Did::Stayed, Did::Stayed] if moves.lately(now, i) => Proven::NotContained,
+                [Did::Stayed, Did::Stayed] if self.alive[i] => Proven::NotContained,
                 [Did::Stayed, Did::Stayed] => Proven::NotProven,
                 _ if is_one_factor(shares) => {
                     shown.scaled[i] = true;
@@ -289,7 +327,9 @@ impl Proof {
         let goes_on = kind == AxisKind::Rotary && of_kind(AxisKind::Linear, limits).count() > 0;
         if goes_on && !verdict.is_contradiction() {
             self.rotary = Some(shown);
+            let alive = self.alive;
             self.begin_anew(0, positions);
+            self.alive = alive;
             return None;
         }
         Some(verdict)
@@ -335,9 +375,8 @@ impl Proof {
         goal
     }
 
-    /// Whether the machine moves an axis that does not stand yet: no answer to a shift comes so late, or goes so far. `needed`:
-    /// so many readings an axis stands.
-    fn goes_on(&self, needed: f64, positions: &PerChannel<f64>, limits: &Limits) -> bool {
+    /// Whether the machine moves an axis that does not stand yet: no answer to a shift comes so late, or goes so far.
+    fn goes_on(&self, taken: Duration, positions: &PerChannel<f64>, limits: &Limits) -> bool {
         let before = match self.leg {
             // Nothing is shifted.
             Leg::Begin => return false,
@@ -348,15 +387,15 @@ impl Proof {
             let most = FAR_SHIFTS * shift(limits, i).max(limits.axes[i].resolution);
             way(limits, i, before[i], positions[i]).abs() > most
         };
-        let reached = f64::from(self.reached);
         let is_far = (0..limits.count.min(MAX_AXES)).any(went_far);
-        reached > LATEST * needed || reached > needed && is_far
+        self.reached.lasts(LATEST, taken) || self.reached.lasts(1, taken) && is_far
     }
 
     /// Back to where the proof began, and waiting for standstill there.
     fn begin_anew(&mut self, attempts: u8, positions: &PerChannel<f64>) {
         *self = Self {
             attempts,
+            taken: self.taken,
             positions: *positions,
             rotary: self.rotary,
             follow: self.follow,

@@ -98,9 +98,10 @@ impl Guard {
         reading: Option<&Reading>,
         disturbed: bool,
     ) -> Option<bool> {
-        let (now, positions) = (inputs.now, &reading?.positions);
+        let (now, reading) = (inputs.now, reading?);
         let applied = inputs.known.confirmed?.values;
-        self.moves.see(now, positions, &applied, &self.limits);
+        self.moves
+            .see(now, &reading.positions, &applied, &self.limits);
         if self.state != State::Arming(Phase::Proving) || disturbed {
             return None;
         }
@@ -110,7 +111,7 @@ impl Guard {
         let (from, limits) = (&self.from, &self.limits);
         self.verdict = self
             .proof
-            .read(now, positions, &applied, from, limits, &self.moves)?;
+            .read(now, reading, &applied, from, limits, &self.moves)?;
         Some(!self.verdict.is_contradiction())
     }
 

@@ -2,7 +2,9 @@
 
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
-use volcomp_guard::{AxisLimits, Limits, Moves, Proof, Proven, Reasons, Request, State, Verdict};
+use volcomp_guard::{
+    AxisLimits, Limits, Moves, Proof, Proven, Reading, Reasons, Request, State, Verdict,
+};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use Proven::{Contained, NotContained, NotProven};
@@ -101,7 +103,11 @@ impl Rig {
         while self.now < end {
             let positions = self.reading();
             let (now, output) = (self.now, self.output);
-            let verdict = proof.read(now, &positions, &output, &from, &self.limits, &self.moves);
+            let reading = Reading {
+                taken: now,
+                positions,
+            };
+            let verdict = proof.read(now, &reading, &output, &from, &self.limits, &self.moves);
             if verdict.is_some() {
                 return (verdict, reached);
             }
@@ -500,4 +506,52 @@ fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     assert_eq!(world.guard.verdict().axes[..2], [NotContained, NotProven]);
     let output = world.run(PERIOD);
     assert!(output.reasons.contains(Reasons::NOT_PROVEN));
+}
+
+/// Positions that come once each second, each a second old: at every cycle the same one counted as another reading, so that it had
+/// stayed before it could have followed.
+#[test]
+fn slow_positions_prove_what_they_contain() {
+    let ms = Duration::from_millis;
+    for every in [1, 4, 20, 60, 100, 300, 1000, 1500, 2000] {
+        for (really, said) in [(true, true), (false, false), (true, false), (false, true)] {
+            let mut limits = Limits {
+                period: ms(every.clamp(1, 10)),
+                hold: 5 * SECOND,
+                zero_after: 5 * SECOND,
+                only_thermal: true,
+                test_shift: PerChannel([SHIFT; 9]),
+                ..limits()
+            };
+            for axis in &mut limits.axes {
+                axis.includes_correction = said;
+            }
+            let mut world = World::new(&limits);
+            world.positions_every = Some(ms(every));
+            world.really_includes = really;
+            let mut run = |time: Duration, request| {
+                let end = world.now + time;
+                let mut output = world.cycle_after(limits.period, request);
+                while world.now < end && output.state != State::Compensating {
+                    output = world.cycle_after(limits.period, None);
+                }
+                // It moves by itself before it is armed.
+                world.positions = axes(1.0, -1.0);
+                (output, world.guard.verdict().axes)
+            };
+            run(3 * ms(every), None);
+            run(3 * ms(every), None);
+            let (output, shown) = run(60 * SECOND, Some(Request::Arm));
+            let truth = if really { Contained } else { NotContained };
+            // Five readings so far apart take too long for a position to be known as alive.
+            if every >= 1500 && !really {
+                assert!([truth, NotProven].contains(&shown[0]), "{shown:?}");
+                assert_eq!(output.state, State::Compensating);
+                continue;
+            }
+            assert_eq!(shown[..2], [truth; 2], "{every} ms, {:?}", output.state);
+            let faulted = matches!(output.state, State::Faulted(_));
+            assert_eq!(faulted, really != said, "{every} ms: {:?}", output.state);
+        }
+    }
 }

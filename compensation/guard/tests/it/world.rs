@@ -104,6 +104,9 @@ pub(crate) struct World {
     pub(crate) sticks: bool,
     /// Writes fail, and are told to have failed.
     pub(crate) write_fails: bool,
+    /// Positions come anew only after so much time, each as it was when the one before came.
+    pub(crate) positions_every: Option<Duration>,
+    shown: [Option<Reading>; 2],
     /// Positions do not get younger.
     pub(crate) frozen_at: Option<Duration>,
     pub(crate) really_includes: bool,
@@ -175,6 +178,8 @@ impl World {
             tells_levels: false,
             sticks: true,
             write_fails: false,
+            positions_every: None,
+            shown: [None; 2],
             frozen_at: None,
             really_includes: false,
             forbids: Reasons::NONE,
@@ -222,14 +227,35 @@ impl World {
                 *position += applied;
             }
         }
-        self.answers.then_some(Reading {
+        let reading = Reading {
             taken: self.frozen_at.unwrap_or(self.now),
             positions,
-        })
+        };
+        let reading = match (self.positions_every, self.shown) {
+            (Some(_), [Some(before), Some(last)]) => Reading {
+                taken: last.taken,
+                ..before
+            },
+            _ => reading,
+        };
+        self.answers.then_some(reading)
+    }
+
+    /// Positions come anew, where they do now.
+    fn show(&mut self) {
+        let Some(every) = self.positions_every.take() else {
+            return;
+        };
+        let [_, last] = self.shown;
+        if last.is_none_or(|last| self.now >= last.taken + every) {
+            self.shown = [last, self.reading()];
+        }
+        self.positions_every = Some(every);
     }
 
     /// What a reading tells of the correction and of the machine.
     pub(crate) fn hear(&mut self) {
+        self.show();
         let limits = *self.guard.limits();
         let mut words = [0; REPORT_WORDS];
         let barrier = self.barrier.as_ref();
