@@ -344,15 +344,11 @@ impl Proof {
         }
     }
 
-    /// Where the correction stands in a leg: the axes that are shifted within their limits, both ways from where they began,
+    /// Where the correction stands in a leg: the axes that are shifted within their limits, both ways from where they begin,
     /// the first one towards zero; near the limit inwards and back. The linear axes follow the rotary ones; where their
     /// limits leave no place for that, nothing is shifted.
     fn at(&self, leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
-        let within = |i: usize| {
-            let most = limits.axes[i].reachable();
-            from[i].clamp(-most, most)
-        };
-        let begin = PerChannel::from_fn(|i| if i < limits.count { within(i) } else { from[i] });
+        let begin = self.begin(from, limits);
         let kind = self.kind(limits);
         let mut goal = begin;
         for i in of_kind(kind, limits) {
@@ -373,6 +369,32 @@ impl Proof {
             }
         }
         goal
+    }
+
+    /// Where the correction stands before it is shifted: where the proof began, or where a limit that was lowered leaves all
+    /// of that by one factor, the rotary axes on whole steps and the linear axes after them.
+    fn begin(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
+        let axes = || limits.axes.iter().enumerate().take(limits.count);
+        let part = axes()
+            .map(|(i, axis)| axis.reachable() * (1.0 + 1e-9) / from[i].abs())
+            .fold(1.0, f64::min);
+        let mut begin = *from;
+        if part >= 1.0 {
+            return begin;
+        }
+        let mut follows = PerChannel::ZERO;
+        for (r, axis) in axes().filter(|(_, axis)| axis.kind == AxisKind::Rotary) {
+            begin[r] = libm::trunc(part * from[r] / axis.resolution) * axis.resolution;
+            for (l, follows) in follows.iter_mut().enumerate() {
+                *follows += self.follow[r][l] * (begin[r] - part * from[r]);
+            }
+        }
+        for (l, axis) in axes().filter(|(_, axis)| axis.kind == AxisKind::Linear) {
+            let (exact, most) = (part * from[l] + follows[l], axis.reachable());
+            let step = axis.resolution;
+            begin[l] = (libm::round(exact / step) * step).clamp(-most, most);
+        }
+        begin
     }
 
     /// Whether the machine moves an axis that does not stand yet: no answer to a shift comes so late, or goes so far.

@@ -79,7 +79,7 @@ impl Cycle {
     /// [`PathPlan::check_together`](crate::PathPlan::check_together).
     pub fn new(
         model: Box<Model>,
-        paths: Vec<ControlPath>,
+        mut paths: Vec<ControlPath>,
         hand_back: Duration,
         sensors: Sensors,
         period: Duration,
@@ -110,6 +110,9 @@ impl Cycle {
             axis: None,
             source,
         })?;
+        for path in &mut paths {
+            path.fit_to(&model);
+        }
         Ok(Self {
             model: Replacement::new(model, &sensors.names()),
             guard,

@@ -261,6 +261,19 @@ impl Model {
         correctors
     }
 
+    /// The axes whose linear ones follow a rotary axis where the axes that correct cannot, since fewer than three linear
+    /// directions are among them: all that a controller writes, whether they correct or not. `None`: those that correct can,
+    /// or no rotary axis is written. Allocates nothing.
+    pub(crate) fn followers(
+        &self,
+        written: &[AxisName],
+        correctors: &Correctors,
+    ) -> Option<Correctors> {
+        let turns = written.iter().any(|name| name.is_rotary());
+        (turns && correctors.linear().len() < 3)
+            .then(|| Correctors::choose(self.compiled.chain(), written))
+    }
+
     /// The axes that correct on the path of a controller: see [`correctors_of_path`](Self::correctors_of_path).
     pub fn correctors_of(&self, controller: &Description, most: Mm) -> Correctors {
         let written: Vec<AxisName> = controller.axes.iter().map(|axis| axis.name).collect();

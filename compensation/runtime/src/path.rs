@@ -36,6 +36,8 @@ pub struct ControlPath {
     /// The letters of the axes that it writes, and those of them that correct with the model of now.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
+    /// The axes whose linear ones follow what is left over on rotary axes, where those that correct cannot.
+    pub(crate) followers: Option<Correctors>,
     /// A rotary axis corrects where half its step moves the tip by this at the most.
     rotary_step: Mm,
     /// Whether it carries the correction of thermal terms alone.
@@ -81,6 +83,7 @@ impl ControlPath {
             position_steps: plan.position_steps,
             names: names(&plan.description),
             correctors: plan.correctors.clone(),
+            followers: None,
             rotary_step: plan.rotary_step,
             only_thermal: plan.only_thermal,
             fixed: plan.fixed,
@@ -108,6 +111,7 @@ impl ControlPath {
     pub(crate) fn fit_to(&mut self, model: &Model) {
         let steps = steps_in_machine(&self.limits, &self.seen.machine_axis);
         self.correctors = model.correctors_of_path(&self.names, &steps, self.rotary_step);
+        self.followers = model.followers(&self.names, &self.correctors);
     }
 
     /// Takes other limits of the same axes. Allocates nothing.

@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::Guard;
 use crate::{
-    Confirmed, Inputs, Limits, Reasons, Scheme, Vector,
+    Confirmed, Inputs, Reasons, Scheme, Vector,
     state::{Phase, State},
 };
 
@@ -99,16 +99,17 @@ impl Guard {
     }
 
     /// Moves the vector on a line to a goal that is some steps away: it takes the fewest cycles, not those of the ramp of a
-    /// correction.
+    /// correction. What a lowered limit left outside comes in by a ramp.
     fn move_to(&mut self, goal: &PerChannel<f64>, dt_s: f64) {
         // Also anew where a write was not sent, and the vector is as it was before.
         if !self.vector.leads_to(goal) {
             self.vector.begin_line(goal);
         }
-        let limits = Limits {
-            ramp: Duration::ZERO,
-            ..self.limits
-        };
+        let (smooth, mut limits) = (self.vector.smooth(), self.limits);
+        let is_within = |i: usize| smooth[i].abs() <= limits.axes[i].reachable() * (1.0 + 1e-9);
+        if self.all(is_within) {
+            limits.ramp = Duration::ZERO;
+        }
         self.vector.advance_line(&limits, dt_s);
     }
 }

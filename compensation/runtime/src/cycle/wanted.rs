@@ -25,9 +25,15 @@ impl Cycle {
             return (None, unknown);
         }
         let path = &self.paths[self.selector.active()];
-        let wanted = self
-            .model
-            .wanted_by(path.only_thermal, &state, &path.correctors, applied);
+        let of = |correctors| {
+            let model = &self.model;
+            model.wanted_by(path.only_thermal, &state, correctors, applied)
+        };
+        let mut wanted = of(&path.correctors);
+        if let Some(followers) = &path.followers {
+            // What is left over on rotary axes goes to zero, and the tool tip stays where it is.
+            wanted.follow = of(followers).follow;
+        }
         let outside = self.model.is_outside_range(&state);
         let notes = Reasons::SINGULAR.when(wanted.singular)
             | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
@@ -142,7 +148,7 @@ impl Cycle {
 }
 
 /// What the model asks for, in the order of a path's axes; zero for axes that do not correct. A rotary axis that does not
-/// correct but still holds a share goes to zero, and the linear axes follow it all the same.
+/// correct but still holds a share goes to zero, and the linear axes follow it all the same, whether they correct or not.
 fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {
@@ -159,7 +165,13 @@ fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
                 return PerChannel::ZERO;
             }
             let row = &wanted.follow[path.seen.machine_axis[rotary]];
-            PerChannel::from_fn(|i| of(row, i))
+            PerChannel::from_fn(|i| {
+                if i < path.count() {
+                    row[path.seen.machine_axis[i]]
+                } else {
+                    0.0
+                }
+            })
         }),
     }
 }
