@@ -65,6 +65,8 @@ pub struct Vector {
     /// the ramp.
     offset: PerChannel<f64>,
     excess: PerChannel<f64>,
+    /// The part of the offset that could be reached in the last cycle.
+    reachable: f64,
     motion: Motion,
 }
 

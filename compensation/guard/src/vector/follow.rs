@@ -47,6 +47,7 @@ impl Vector {
             self.goal = self.output;
         }
         let (left, rate) = self.ramp(wanted, &cycle);
+        let offset = self.reach_offset(wanted, &cycle);
         let share = self.share(wanted, &cycle);
         // What a lowered limit left outside comes in with the ramp, and takes no room from the rotary axes.
         let position = if self.excess == PerChannel::ZERO {
@@ -81,12 +82,20 @@ impl Vector {
             self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
             turned[i] = self.rate[i];
         }
-        self.following = wanted.following(&turned);
+        let following = wanted.following(&turned);
+        for i in cycle.of_kind(AxisKind::Linear) {
+            // No faster than the axis may go: levers that are absurd would never be braked.
+            let slew = limits.axes[i].slew_per_s;
+            self.following[i] = within([-slew, slew], following[i]);
+        }
         // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
         let passed = factor.map_or(eased, |factor| factor * most.ramp);
         self.pass_ramp(left, passed, dt_s);
         let (behind, part) = self.slide(wanted, &cycle);
         self.write(&cycle);
+        if let Motion::Ramps { .. } = self.motion {
+            self.offset = offset.map(|offset| offset * (1.0 - passed));
+        }
 
         let waits = factor.is_none_or(|factor| factor < 1.0 - 1e-9);
         let far = cycle
@@ -110,13 +119,12 @@ impl Vector {
                 self.excess[i] = (self.smooth[i].abs() - reach[i]).max(0.0);
             }
             self.target = self.smooth;
+            self.reachable = 1.0;
             self.motion = Motion::Ramps {
                 left: 1.0,
                 rate: 0.0,
             };
         }
-        let part = self.reachable_offset(wanted, cycle);
-        self.offset = self.offset.map(|offset| part * offset);
         match self.motion {
             Motion::Ramps { left, rate } => (left, rate),
             _ => (0.0, 0.0),
@@ -149,6 +157,17 @@ impl Vector {
             *reach += left * excess;
         }
         wanted.position_part(position, rotary, &reach)
+    }
+
+    /// Keeps for this cycle what can be reached of the offset. Gives what stays of it: what could be reached in this cycle
+    /// or in the one before, since a single cycle in which something absurd is wanted must not end the ramp.
+    fn reach_offset(&mut self, wanted: &Wanted, cycle: &Cycle) -> PerChannel<f64> {
+        let part = self.reachable_offset(wanted, cycle);
+        let stays = part.max(self.reachable);
+        let offset = self.offset.map(|offset| stays * offset);
+        self.offset = self.offset.map(|offset| part * offset);
+        self.reachable = if stays > 0.0 { part / stays } else { 1.0 };
+        offset
     }
 
     /// The part of the offset with which no position share is more than the axes can carry, wherever the rotary axes are:

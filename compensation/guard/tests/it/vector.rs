@@ -361,6 +361,91 @@ fn what_is_no_number_moves_nothing() {
     assert_eq!(Vector::at(&PerChannel::ZERO), Vector::default());
 }
 
+/// What no machine asks for, in one cycle of a ramp: the axes are away for as long as they need to come back, and the ramp
+/// goes on. It was over for all axes at once.
+#[test]
+fn one_absurd_cycle_does_not_end_the_ramp() {
+    let wanted = Wanted {
+        rotary: of([0.0, 0.0, 0.0, 100e-6, -80e-6]),
+        follow: {
+            let mut follow = PerChannel::default();
+            (follow[3], follow[4]) = (of([300.0, -100.0, 50.0]), of([20.0, 200.0, -80.0]));
+            follow
+        },
+        ..Wanted::linear(of([0.070, -0.050, 0.030]))
+    };
+    let absurd = |size: f64| Wanted {
+        position: wanted.position.map(|x| -size * x),
+        rotary: wanted.rotary.map(|x| size * x),
+        follow: wanted.follow.map(|row| row.map(|x| size * x)),
+    };
+    let position = |size: f64| Wanted {
+        position: wanted.position.map(|x| -size * x),
+        ..wanted
+    };
+    for accel_s in [0.0, 0.1] {
+        let mut limits = five(accel_s);
+        limits.ramp = std::time::Duration::from_secs(1);
+        for axis in limits.axes.iter_mut().take(5) {
+            axis.resolution *= 0.01;
+        }
+        for disturbed in [2.5, 30.0, 1e6, 1e300].map(|size| [absurd(size), position(size)]) {
+            for disturbed in disturbed {
+                for at in [1, 2, 20, 125, 200] {
+                    let [mut calm, mut vector] = [Vector::default(); 2];
+                    for cycle in 0..400 {
+                        calm.follow(&wanted, &limits, 0.004);
+                        let now = if cycle == at { &disturbed } else { &wanted };
+                        vector.follow(now, &limits, 0.004);
+                        let differs = |i: usize| (vector.smooth()[i] - calm.smooth()[i]).abs();
+                        let now = (0..3).map(differs).fold(0.0, f64::max);
+                        // Two slews away and back, and then a cycle of the ramp ahead.
+                        let most = if cycle < at + 20 { 0.004 } else { 0.001 };
+                        assert!(
+                            now <= most,
+                            "{accel_s} {at} {disturbed:?}: {now} in {cycle}"
+                        );
+                    }
+                    assert!(vector.is_ramped());
+                }
+            }
+        }
+    }
+}
+
+/// The ramp to zero begins in the cycle after something absurd was wanted, levers as well: what moves is braked all the same.
+#[test]
+fn one_absurd_cycle_does_not_keep_a_line_from_beginning() {
+    for accel_s in [0.0, 0.1] {
+        let limits = five(accel_s);
+        for size in [30.0, 1e6, 1e12, 1e300] {
+            let wanted = |size: f64| Wanted {
+                rotary: of([0.0, 0.0, 0.0, size * 60e-6, -size * 50e-6]),
+                follow: {
+                    let mut follow = PerChannel::default();
+                    follow[3] = of([size * 300.0, -size * 100.0, size * 50.0]);
+                    follow
+                },
+                ..Wanted::linear(of([size * 0.070, -size * 0.050, size * 0.030]))
+            };
+            for at in [20, 125, 400] {
+                let mut vector = Vector::default();
+                for _ in 0..at {
+                    vector.follow(&wanted(1.0), &limits, 0.004);
+                }
+                vector.follow(&wanted(size), &limits, 0.004);
+                vector.begin_line(&PerChannel::ZERO);
+                let most = vector.time_to_zero(&limits).as_secs_f64() + 1.0;
+                let mut time_s = 0.0;
+                while !vector.advance_line(&limits, 0.004) {
+                    time_s += 0.004;
+                    assert!(time_s <= most, "{accel_s} {size} {at}: {vector:?}");
+                }
+            }
+        }
+    }
+}
+
 /// One factor for all: where X may go half of what is wanted, so do the others, and it is said.
 #[test]
 fn a_limit_takes_the_same_part_of_every_share() {

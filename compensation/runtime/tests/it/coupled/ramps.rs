@@ -105,7 +105,13 @@ fn arrives_at_the_whole_correction() {
         {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
-                AxisKind::Rotary => assert!((words[i] - full[i]).abs() <= close),
+                // What is asked for depends on where the axes are, near a singular pose on their rounding, too.
+                AxisKind::Rotary => {
+                    assert!((words[i] - there.rotary[i]).abs() <= close);
+                    let rounding = (there.rotary[i] - full[i]).abs();
+                    println!("YY {}", rounding / axis.resolution);
+                    assert!(rounding <= 0.1 * axis.resolution);
+                }
                 AxisKind::Linear => assert!((words[i] - exact[i]).abs() <= close),
             }
             let rests = (smooth[i] - exact[i]).abs() <= 1e-4 * axis.resolution;
