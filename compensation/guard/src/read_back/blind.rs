@@ -19,7 +19,7 @@ pub struct ControlTimeOut {
 }
 
 #[derive(Clone, Debug)]
-#[expect(clippy::struct_excessive_bools, reason = "four facts, each of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
 pub(super) struct Blind {
     control: Option<ControlTimeOut>,
     /// From when on the control may act by itself, and from when on it is at zero, unless something is written before.
@@ -35,6 +35,8 @@ pub(super) struct Blind {
     sees: bool,
     /// Something was written.
     has_written: bool,
+    /// A person has looked before anything was written.
+    was_looked_at: bool,
 }
 
 impl Blind {
@@ -48,6 +50,7 @@ impl Blind {
             tells: false,
             sees: false,
             has_written: false,
+            was_looked_at: false,
         }
     }
 
@@ -195,30 +198,42 @@ impl Blind {
         known.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Nothing is left of what another path has written, nor of what this one wrote before it.
-    pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
-        self.acts = None;
+    /// Nothing is left of what another path has written. What this one wrote before it stands, unless the control has let
+    /// go of that, too, as its barrier does, or acts by itself: that goes by the time since the last write.
+    pub(super) fn take_over(&mut self, now: Duration, let_go: bool, known: &mut Known) {
         if self.tells {
             // The outputs stay as they are: they are looked at before the first write.
+            self.acts = None;
             self.echo.take_over(now, known);
-            return;
+        } else if let_go {
+            self.acts = None;
+            self.is_zero(now, known);
+        } else if self.control.is_none() && !self.has_written {
+            // What was remembered may be what another path wrote in the run before.
+            let zero = |confirmed: Confirmed| confirmed.values == PerChannel::ZERO;
+            if self.was_looked_at || known.confirmed.is_none_or(zero) && !self.unknown {
+                self.is_zero(now, known);
+            } else {
+                (self.unknown, known.confirmed) = (true, None);
+            }
         }
+    }
+
+    pub(super) fn acknowledge(&mut self, now: Duration, known: &mut Known) {
+        self.was_looked_at |= !self.has_written;
+        // A control that is on its way to zero is known again once it must be there.
+        if self.unknown && self.acts.is_none() {
+            self.is_zero(now, known);
+        }
+    }
+
+    /// Nothing is applied.
+    fn is_zero(&mut self, now: Duration, known: &mut Known) {
         self.unknown = false;
         known.confirmed = Some(Confirmed {
             values: PerChannel::ZERO,
             at: now,
         });
-    }
-
-    pub(super) fn acknowledge(&mut self, now: Duration, known: &mut Known) {
-        // A control that is on its way to zero is known again once it must be there.
-        if self.unknown && self.acts.is_none() {
-            self.unknown = false;
-            known.confirmed = Some(Confirmed {
-                values: PerChannel::ZERO,
-                at: now,
-            });
-        }
     }
 
     pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {

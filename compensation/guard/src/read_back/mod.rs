@@ -251,11 +251,12 @@ impl ReadBack {
     }
 
     /// This path writes from now on in place of another one. What the control applied by way of the other one is gone
-    /// where this one cannot be asked: it takes over only once nothing of it is left. Where it can be asked without a
+    /// where this one cannot be asked: it takes over only once nothing of it is left. What this one wrote before stands,
+    /// unless the control has `let_go` of everything: the other one led to its barrier. Where it can be asked without a
     /// barrier, what it read before may be older than what the other one sent last.
-    pub fn take_over(&mut self, now: Duration) {
+    pub fn take_over(&mut self, now: Duration, let_go: bool) {
         match &mut self.kind {
-            Kind::Blind(blind) => blind.take_over(now, &mut self.known),
+            Kind::Blind(blind) => blind.take_over(now, let_go, &mut self.known),
             Kind::Echo(echo) => echo.take_over(now, &mut self.known),
             Kind::Barrier(_) => return,
         }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use volcomp_guard::{ControlTimeOut, ReadBack, Reasons, Request, State};
+use volcomp_guard::{ControlTimeOut, ReadBack, Reasons, Request, State, Told};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits};
@@ -156,7 +156,7 @@ fn lines_that_take_over_begin_with_what_they_carry() {
     world.tells_levels = true;
     world.applied = axes(0.020, 0.0);
     world.run(10 * PERIOD);
-    world.read_back.take_over(world.now);
+    world.read_back.take_over(world.now, false);
     world.largest_step = 0.0;
     world.request(Request::Arm);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
@@ -204,4 +204,99 @@ fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
     let begins = known(&world).expect("let go");
     assert!(begins.abs() <= 3.0 * allowed(), "{begins}");
     assert_eq!(world.run(3 * SECOND).state, State::Compensating);
+}
+
+/// Lines that never tell anything began at zero whenever they took over, although the control behind them keeps what it has:
+/// a step of all that they carry.
+#[test]
+fn lines_that_take_over_again_begin_with_what_they_wrote() {
+    let mut world = World::blind(&limits()).arm();
+    world.request(Request::Disarm);
+    world.run(10 * PERIOD);
+    let left = world.applied[0];
+    assert!(left > 0.01, "{left}");
+    // Another path writes meanwhile.
+    world.guard.take_path(limits()).expect("good limits");
+    world.read_back.take_over(world.now, false);
+    world.run(10 * PERIOD);
+    world.largest_step = 0.0;
+    world.request(Request::TakeOver);
+    assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+    // A barrier has let go of what came on lines, too.
+    world.read_back.take_over(world.now, true);
+    let known = world.known().confirmed.map(|confirmed| confirmed.values);
+    assert_eq!(known, Some(PerChannel::ZERO));
+}
+
+/// What was remembered of the run before may have been written by another path: a person has to look, where it is not zero.
+#[test]
+fn lines_that_take_over_do_not_guess_what_the_run_before_left() {
+    for (remembered, looked_at, known) in [
+        (0.0, false, true),
+        (0.020, false, false),
+        (0.020, true, true),
+        (f64::NAN, false, false),
+        (f64::NAN, true, true),
+    ] {
+        let mut world = World::blind(&limits());
+        let (now, values) = (world.now, axes(remembered, 0.0));
+        world
+            .read_back
+            .restore(now, &values, Duration::ZERO, &limits());
+        if looked_at {
+            world.read_back.acknowledge(now);
+        }
+        world.read_back.take_over(now, false);
+        let out = world.run(PERIOD);
+        let unknown = out.reasons.contains(Reasons::LEFT_UNKNOWN);
+        assert_eq!(unknown, !known, "{remembered}: {:?}", out.reasons);
+        world.request(Request::Acknowledge);
+        world.request(Request::Arm);
+        assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+    }
+}
+
+/// A control that lets go by itself: the last output while it cannot have acted, unknown while it may be on its way, then zero.
+#[test]
+fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() {
+    let (after, to_zero) = (Duration::from_millis(200), Duration::from_millis(300));
+    for waited_ms in [0, 100, 190, 210, 300, 490, 510, 2000] {
+        let mut world = World::blind(&limits());
+        world.read_back = ReadBack::blind(Some(ControlTimeOut { after, to_zero }));
+        let waited = Duration::from_millis(waited_ms);
+        let written = axes(0.030, 0.0);
+        world.run(PERIOD);
+        let sent = world.now;
+        world.read_back.sent(sent, &written, true);
+        let now = sent + waited;
+        let mut hear = || {
+            world.read_back.hear(now, now, &Told::Nothing, &limits());
+            let known = world.read_back.known();
+            (
+                known.confirmed.map(|confirmed| confirmed.values),
+                known.until,
+            )
+        };
+        hear();
+        let before = hear();
+        world.read_back.take_over(now, false);
+        let mut hear = || {
+            world.read_back.hear(now, now, &Told::Nothing, &limits());
+            let known = world.read_back.known();
+            (
+                known.confirmed.map(|confirmed| confirmed.values),
+                known.until,
+            )
+        };
+        assert_eq!(hear(), before, "{waited_ms} ms");
+        let expected = if waited < after - PERIOD {
+            Some(written)
+        } else if waited <= after + to_zero {
+            None
+        } else {
+            Some(PerChannel::ZERO)
+        };
+        assert_eq!(before.0, expected, "{waited_ms} ms");
+    }
 }

@@ -460,7 +460,7 @@ impl Machine {
             .collect();
         let choice = self.selector.choose(now, &health);
         if choice.switched {
-            self.ways[choice.active].read_back.take_over(now);
+            self.ways[choice.active].read_back.take_over(now, false);
             self.guard.take_path(self.limits).expect("good limits");
             self.seen.began = true;
         }

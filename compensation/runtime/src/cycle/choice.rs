@@ -77,6 +77,7 @@ impl Cycle {
         for (index, health) in health.iter_mut().enumerate().take(self.paths.len()) {
             *health = self.health(index, now);
         }
+        let before = self.selector.active();
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
         let is_left = choice.blocked && !self.is_ready(choice.wanted, now);
         if choice.blocked && !is_left {
@@ -85,7 +86,9 @@ impl Cycle {
         }
         self.standby.wanted = (choice.blocked && !is_left).then_some(choice.wanted);
         if choice.switched {
-            self.paths[choice.active].read_back.take_over(now);
+            // A barrier that is at zero has let go of what came on lines, too.
+            let let_go = self.paths[before].known().scheme == Scheme::Barrier;
+            self.paths[choice.active].read_back.take_over(now, let_go);
             let limits = self.paths[choice.active].limits();
             // The plan has checked them.
             let _ = self.guard.take_path(limits);
