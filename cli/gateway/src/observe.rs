@@ -179,7 +179,7 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
             positions_ms: ms(path.positions),
             confirmed_ms: ms(path.confirmed),
             holds_correction: (path.confirmed)
-                .filter(|age| *age <= KNOWN_FOR || path.scheme == Scheme::Blind)
+                .filter(|age| *age <= KNOWN_FOR || path.scheme == Scheme::NoReadBack)
                 .map(|_| path.holds),
             reasons: path.reasons.texts().map(str::to_owned).collect(),
         })

@@ -91,7 +91,7 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
     let barrier = match path.scheme {
         SchemeName::Barrier => "barrier",
         SchemeName::Plain => "no barrier",
-        SchemeName::Blind => "no barrier, cannot be read back",
+        SchemeName::NoReadBack => "no barrier, cannot be read back",
     };
     let holds = match path.holds_correction {
         Some(true) => "holds a correction".to_owned(),

@@ -93,7 +93,7 @@ function healthOf(path, state) {
   const unknown = `what it applies is unknown, ${confirmed === null ? "never confirmed" : `last confirmed ${ago(confirmed)} ago`}`;
   return [
     ["device", `${path.number + 1} ${role}: ${path.device}`],
-    [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier in the control" : path.scheme === "blind" ? "no barrier, its correction cannot be read back" : "no barrier"],
+    [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier in the control" : path.scheme === "no-read-back" ? "no barrier, its correction cannot be read back" : "no barrier"],
     [never || answered > SILENT_MS ? "bad" : "ages", never ? "has never answered" : `answered ${ago(answered)} ago`],
     ["ages", `positions ${positions === null ? "unknown" : `${ago(positions)} old`}, correction ${confirmed === null ? "never confirmed" : `confirmed ${ago(confirmed)} ago`}`],
     [holds === null || (holds && !path.active) ? "bad" : "ages", holds === null ? unknown : `holds ${holds ? "a" : "no"} correction`],

@@ -3,10 +3,7 @@
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::Limits;
-
-/// A rounding, as a part of a step.
-const ROUNDING_STEPS: f64 = 1e-6;
+use crate::{Limits, step::ROUNDING_STEPS};
 
 /// Where the next word of each axis may be: state of the guard.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -12,8 +12,8 @@ use crate::{
     Vector, Wanted, ceiling,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
-    read_back::is_step_equal,
     state::{Cause, Facts, Hold, Phase, State},
+    step::is_same_step,
 };
 
 /// A cycle counts as so many periods at the most.
@@ -280,7 +280,7 @@ impl Guard {
         self.confirmed = values;
         let output = self.output();
         let differs =
-            |i: usize| !is_step_equal(values[i], output[i], self.limits.axes[i].resolution);
+            |i: usize| !is_same_step(values[i], output[i], self.limits.axes[i].resolution);
         let interlocked = !inputs.interlocks.is_empty();
         self.stood |= interlocked;
         // While nothing is sent the output is what is applied.
@@ -325,7 +325,7 @@ impl Guard {
             return;
         }
         for i in 0..self.limits.count {
-            if !is_step_equal(values[i], self.from[i], self.limits.axes[i].resolution) {
+            if !is_same_step(values[i], self.from[i], self.limits.axes[i].resolution) {
                 self.adopted[i] = 0;
             }
         }

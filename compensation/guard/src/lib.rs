@@ -14,6 +14,7 @@ mod proof;
 mod read_back;
 mod reasons;
 mod state;
+mod step;
 mod temperature;
 mod turn;
 mod vector;
@@ -33,6 +34,7 @@ pub use read_back::{
 };
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
+pub use step::{ROUNDING, one_step};
 pub use temperature::{
     Heard, MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
 };

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, Displacement, MAX_AXES, PerChannel};
 
-use crate::ceiling;
+use crate::{ceiling, step::whole_below};
 
 /// The limits of one axis: lengths in mm for linear axes, angles in rad for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,8 +158,7 @@ impl AxisLimits {
     /// The largest correction that is really written, mm or rad: the largest multiple of the resolution within the
     /// limit.
     pub fn reachable(&self) -> f64 {
-        // A limit of 0.15 is 150 steps of 0.001, not 149 for a rounding.
-        libm::floor(self.limit / self.resolution + 1e-6) * self.resolution
+        whole_below(self.limit, self.resolution)
     }
 
     fn check(&self, axis: usize, test_shift: f64) -> Result<(), LimitsError> {

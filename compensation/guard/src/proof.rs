@@ -4,7 +4,11 @@ use core::{f64::consts::TAU, time::Duration};
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::{Limits, Reading, turn::shortest_way};
+use crate::{
+    Limits, Reading,
+    step::{ROUNDING, ROUNDING_STEPS},
+    turn::shortest_way,
+};
 
 /// New readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
 /// control may take to show positions anew; where they come more slowly than that, the readings count.
@@ -14,7 +18,7 @@ const STILL_FOR: Duration = Duration::from_millis(250);
 const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this share of a shift has not moved: a count that flickers, of which a shift has four at
 /// least, is no motion. So a position that follows by a tenth of the shift counts as one that stays.
-const STAYED_SHARE: f64 = 0.25 + 1e-6;
+const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
 /// A position that neither follows nor stays, by more than this share of a shift: the machine moved the axis.
 const MOVED_SHARE: f64 = 2.5;
 /// A machine that goes on: an axis still moves so many times longer after a shift than it has to stand, or it went so many
@@ -364,7 +368,7 @@ impl Proof {
                 .map(|r| self.follow[r][i] * shifts[r])
                 .sum();
             goal[i] += libm::round(follows / axis.resolution) * axis.resolution;
-            if follows != 0.0 && goal[i].abs() > axis.reachable() * (1.0 + 1e-9) {
+            if follows != 0.0 && goal[i].abs() > axis.reachable() * ROUNDING {
                 return begin;
             }
         }
@@ -469,7 +473,7 @@ fn at_leg(leg: Leg, axis: usize, begin: f64, limits: &Limits) -> f64 {
     let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, axis);
     match leg {
         Leg::First => begin + inwards,
-        Leg::Second if (begin - inwards).abs() <= most * (1.0 + 1e-9) => begin - inwards,
+        Leg::Second if (begin - inwards).abs() <= most * ROUNDING => begin - inwards,
         Leg::Begin | Leg::Second => begin,
     }
 }

@@ -10,14 +10,17 @@ use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::Limits;
+use crate::{
+    Limits,
+    step::{ROUNDING_STEPS, is_on_grid},
+};
 use cycle::Cycle;
-use motion::{is_on_grid, linear_word, rotary_word, span, within};
+use motion::{linear_word, rotary_word, span, within};
 use wanted::reach;
 pub use wanted::{Followed, Wanted};
 
 /// Nearer than so many steps an axis is where it is to be.
-const ARRIVED_STEPS: f64 = 1e-6;
+const ARRIVED_STEPS: f64 = ROUNDING_STEPS;
 /// A part of a ramp that is smaller than this is gone in one cycle.
 const SMALLEST_PART: f64 = 1e-6;
 

@@ -71,7 +71,7 @@ impl ControlPath {
             limits: plan.limits,
             read_back: match link(plan, owner())? {
                 Some(link) => ReadBack::barrier(link),
-                None if plan.is_blind => ReadBack::blind(plan.time_out),
+                None if plan.no_read_back => ReadBack::no_read_back(plan.time_out),
                 None => ReadBack::plain(plan.watch),
             },
             seen: Seen::none_of(
@@ -316,7 +316,7 @@ impl ControlPath {
         // A slow control has it only when it has answered.
         let now = now + begun.elapsed();
         // On lines a write that failed has not landed.
-        if sent.is_ok() || self.known().scheme != volcomp_guard::Scheme::Blind {
+        if sent.is_ok() || self.known().scheme != volcomp_guard::Scheme::NoReadBack {
             self.sent = Some(now);
         }
         self.read_back.sent(now, correction, sent.is_ok());

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, ControlTimeOut, Limits, Reasons, reversal_threshold};
+use volcomp_guard::{AxisLimits, ControlTimeOut, Limits, ROUNDING, Reasons, reversal_threshold};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description, Heartbeat};
 use volcomp_vocabulary::{
@@ -46,7 +46,7 @@ pub struct PathPlan {
     /// Whether it carries the correction of thermal terms alone.
     pub only_thermal: bool,
     /// Whether the control cannot be asked what it applies.
-    pub is_blind: bool,
+    pub no_read_back: bool,
     /// For how long nothing on a control without a barrier may move before the first write.
     pub watch: Duration,
     /// What a control that cannot be asked does by itself when nothing is written any more.
@@ -149,7 +149,7 @@ impl PathPlan {
             left_out,
             barrier,
             only_thermal: settings.only_thermal,
-            is_blind: barrier.is_none() && !description.tells_applied,
+            no_read_back: barrier.is_none() && !description.tells_applied,
             watch: settings.watch,
             time_out: settings.time_out,
             limits,
@@ -175,7 +175,7 @@ impl PathPlan {
 
     /// Whether the control takes a correction to zero by itself when nothing is sent any more.
     pub(crate) fn goes_to_zero(&self) -> bool {
-        self.barrier.is_some() || self.is_blind && self.time_out.is_some()
+        self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
 
     /// Whether the axis at this place of the controller corrects. The others are written with zero.
@@ -341,9 +341,6 @@ fn barrier(
         }),
     }
 }
-
-/// A limit of so many steps is no exact number.
-const ROUNDING: f64 = 1.0 + 1e-9;
 
 /// How fast a correction that is left over on an axis that does not correct, and for which no limits are stated, goes
 /// back to zero: a tenth of a milliradian in a second.

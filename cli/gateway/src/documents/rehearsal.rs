@@ -54,7 +54,7 @@ pub struct RehearsalDocument {
 pub struct RehearsedPath {
     /// The URL of the controller whose place the simulated machine took.
     pub url: String,
-    /// What the simulated control was: `barrier`, `plain` (values that can be read back) or `blind` (values that cannot).
+    /// What the simulated control was: `barrier`, `plain` (values that can be read back) or `no-read-back` (values that cannot).
     pub scheme: String,
     /// How old positions may be until the correction is held, ms.
     #[serde(default)]

@@ -226,7 +226,7 @@ pub enum SchemeName {
     /// Plain values that can be read back: no barrier.
     Plain,
     /// Plain values that cannot be read back: no barrier.
-    Blind,
+    NoReadBack,
 }
 
 impl From<volcomp_guard::Scheme> for SchemeName {
@@ -235,7 +235,7 @@ impl From<volcomp_guard::Scheme> for SchemeName {
         match scheme {
             Scheme::Barrier => Self::Barrier,
             Scheme::Plain => Self::Plain,
-            Scheme::Blind => Self::Blind,
+            Scheme::NoReadBack => Self::NoReadBack,
         }
     }
 }

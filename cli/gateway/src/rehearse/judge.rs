@@ -53,7 +53,7 @@ pub(super) struct Findings {
 fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
     // Whoever cannot ask the control cannot know that somebody else changed it.
     let is_unknown =
-        path.is_blind && matches!(fault.act, Act::PowerUp | Act::ProgramStopped | Act::Garbage);
+        path.no_read_back && matches!(fault.act, Act::PowerUp | Act::ProgramStopped | Act::Garbage);
     path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
 }
 

@@ -140,10 +140,10 @@ impl Rehearsal {
                 found.push(self.fault(plan, path, fault, phase, simulated)?);
             }
         }
-        let scheme = match (path.barrier.is_some(), path.is_blind) {
+        let scheme = match (path.barrier.is_some(), path.no_read_back) {
             (true, _) => "barrier",
             (false, false) => "plain",
-            (false, true) => "blind",
+            (false, true) => "no-read-back",
         };
         let barrier = machine::barrier(path)?;
         Ok(RehearsedPath {

@@ -1,6 +1,6 @@
 //! The barrier itself: which frame is taken, and how the applied correction moves.
 
-use super::{Counts, Frame, Lines, Refusal, Report, Settings, SettingsError, is_ahead};
+use super::{Counts, DigitalLines, Frame, Refusal, Report, Settings, SettingsError, is_ahead};
 
 /// The largest number of mailboxes that a barrier looks at.
 pub const MAILBOXES: usize = 4;
@@ -109,7 +109,7 @@ impl Barrier {
     pub fn scan_with(
         &mut self,
         mailboxes: &[&[u16]],
-        lines: Option<&Lines>,
+        lines: Option<&DigitalLines>,
         holds: bool,
     ) -> Report {
         self.state.tick = self.state.tick.wrapping_add(1);
@@ -199,7 +199,7 @@ impl Barrier {
     }
 
     /// The goal that a word on lines makes, where it is to be taken.
-    fn latched(&mut self, lines: &Lines) -> Option<Counts> {
+    fn latched(&mut self, lines: &DigitalLines) -> Option<Counts> {
         let before = self.state.latch.replace(lines.latch);
         self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);
         if before.is_none_or(|before| before == lines.latch) {

@@ -10,9 +10,9 @@
 
 mod checksum;
 mod control;
+mod digital_lines;
 mod frame;
 mod layout;
-mod lines;
 #[cfg(feature = "simulate")]
 mod program;
 mod report;
@@ -21,9 +21,9 @@ mod settings;
 
 pub use checksum::{Checksum, checksum};
 pub use control::{Barrier, MAILBOXES, Memory};
+pub use digital_lines::DigitalLines;
 pub use frame::{FRAME_WORDS, Frame};
 pub use layout::Layout;
-pub use lines::Lines;
 #[cfg(feature = "simulate")]
 pub use program::{Program, Protection};
 pub use report::{REPORT_WORDS, Refusal, Report};

@@ -5,14 +5,14 @@ use core::time::Duration;
 use volcomp_port::{Axis, ControlProgram, Words};
 use volcomp_vocabulary::{AxisKind, Mm, PerChannel, Rad};
 
-use super::{Barrier, Counts, Layout, Lines, REPORT_WORDS, Report, Settings, SettingsError};
+use super::{Barrier, Counts, DigitalLines, Layout, REPORT_WORDS, Report, Settings, SettingsError};
 
 /// The barrier of a simulated control: it keeps its epoch over a restart, as a control does with a retained word.
 #[derive(Clone, Debug)]
 pub struct Program {
     barrier: Barrier,
     /// What lies on plain lines; `None` where none lead here.
-    lines: Option<Lines>,
+    lines: Option<DigitalLines>,
 }
 
 /// What a barrier is set to, in the units of a machine's builder instead of counts and scans.
@@ -158,7 +158,7 @@ impl ControlProgram for Program {
     }
 
     fn lines(&mut self, latch: bool, axis: usize, value: i16) {
-        self.lines = Some(Lines { latch, axis, value });
+        self.lines = Some(DigitalLines { latch, axis, value });
     }
 
     fn applied(&self) -> PerChannel<i16> {

@@ -9,6 +9,7 @@ use crate::{
     Inputs, Known, Reading, Reasons, ceiling,
     read_back::are_equal,
     state::{Facts, Phase, State},
+    step::one_step,
 };
 
 /// So many confirmed corrections of an axis in a row that were not sent, without one between that was, make a fault.
@@ -47,7 +48,7 @@ impl Guard {
         let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
         let beyond = |values: &PerChannel<f64>| {
             let is_beyond = |i: usize| {
-                values[i].abs() > self.allowed[i] + 1.01 * self.limits.axes[i].resolution
+                values[i].abs() > self.allowed[i] + one_step(self.limits.axes[i].resolution)
             };
             (0..self.limits.count).any(is_beyond)
         };

@@ -8,6 +8,7 @@ use super::Guard;
 use crate::{
     Confirmed, Inputs, Reasons, Scheme, Vector,
     state::{Phase, State},
+    step::ROUNDING,
 };
 
 /// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
@@ -27,10 +28,10 @@ impl Guard {
             let output = self.output();
             let is_near = |i: usize| {
                 let most = values[i].abs().max(self.limits.axes[i].reachable());
-                let reach = reach[i] * (1.0 + 1e-9);
+                let reach = reach[i] * ROUNDING;
                 output[i] - lowest[i] <= reach
                     && highest[i] - output[i] <= reach
-                    && output[i].abs() <= most * (1.0 + 1e-9)
+                    && output[i].abs() <= most * ROUNDING
                     && self.corridor.contains(i, output[i], &self.limits)
             };
             if self.all(is_near) {
@@ -55,7 +56,7 @@ impl Guard {
         let delay_s = self.limits.delay().as_secs_f64();
         self.limits.of_axes(|axis| match scheme {
             Scheme::Barrier => axis.slew_per_s * (delay_s + period_s) + axis.resolution,
-            Scheme::Plain | Scheme::Blind => (axis.slew_per_s * period_s).max(axis.resolution),
+            Scheme::Plain | Scheme::NoReadBack => (axis.slew_per_s * period_s).max(axis.resolution),
         })
     }
 

@@ -28,11 +28,11 @@ pub(super) struct Landing {
 }
 
 impl Landing {
-    /// Something was sent; `ok`: without a failure. `is_blind`: what was sent without a failure is taken for applied.
-    pub(super) fn sent(&mut self, now: Duration, ok: bool, is_blind: bool) {
+    /// Something was sent; `ok`: without a failure. `is_unseen`: what was sent without a failure is taken for applied.
+    pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
         self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));
-        self.since = if ok && is_blind {
+        self.since = if ok && is_unseen {
             None
         } else {
             self.since.or(Some(now))

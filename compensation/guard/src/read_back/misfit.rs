@@ -2,14 +2,12 @@
 
 use core::{ops::RangeInclusive, time::Duration};
 
-use crate::{Limits, barrier::Settings};
+use crate::{Limits, barrier::Settings, step::ROUNDING};
 
 /// How far the time of a scan may be from the configured one.
 const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
 /// The barrier moves at least so many times as fast as the guard, so that it follows.
 const RATE_OVER_SLEW: f64 = 2.0;
-/// Limits in whole steps are no exact numbers.
-const ROUNDING: f64 = 1.0 + 1e-9;
 
 /// A setting of a barrier that does not fit the limits of the guard. Axes are counted from 0, as the channel has them.
 #[derive(Clone, Copy, Debug, PartialEq)]

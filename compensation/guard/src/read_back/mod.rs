@@ -5,24 +5,24 @@
 //! read back, or neither.
 
 mod barrier;
-mod blind;
 mod echo;
 mod landing;
 mod misfit;
+mod no_read_back;
 
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Limits, Reasons, barrier::FRAME_WORDS};
+use crate::{Limits, Reasons, barrier::FRAME_WORDS, step::is_same_step};
 
 pub use barrier::BarrierLink;
-pub use blind::ControlTimeOut;
 pub use misfit::{BarrierMisfit, barrier_misfits, scans_fit};
+pub use no_read_back::ControlTimeOut;
 
-use blind::Blind;
 use echo::Echo;
 use landing::{Landed, Landing};
+use no_read_back::NoReadBack;
 
 /// A correction that the control is known to apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +53,7 @@ pub enum Scheme {
     #[default]
     Plain,
     /// Plain values that cannot be read back, such as lines.
-    Blind,
+    NoReadBack,
 }
 
 /// What is known of the correction that a control applies.
@@ -106,7 +106,7 @@ pub struct ReadBack {
 enum Kind {
     Barrier(BarrierLink),
     Echo(Echo),
-    Blind(Blind),
+    NoReadBack(NoReadBack),
 }
 
 impl ReadBack {
@@ -126,8 +126,11 @@ impl ReadBack {
     /// A control whose correction cannot be read back. `control` says after what time without a write it goes to zero
     /// by itself; `None`: it keeps what it has.
     #[must_use]
-    pub fn blind(control: Option<ControlTimeOut>) -> Self {
-        Self::of(Kind::Blind(Blind::new(control)), Scheme::Blind)
+    pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
+        Self::of(
+            Kind::NoReadBack(NoReadBack::new(control)),
+            Scheme::NoReadBack,
+        )
     }
 
     fn of(kind: Kind, scheme: Scheme) -> Self {
@@ -164,16 +167,18 @@ impl ReadBack {
                 self.known.writable = false;
                 Landed::Unknown
             }
-            (Kind::Blind(blind), told) => blind.hear(now, taken, told, limits, &mut self.known),
+            (Kind::NoReadBack(lines), told) => {
+                lines.hear(now, taken, told, limits, &mut self.known)
+            }
         };
         match &self.kind {
             Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
             Kind::Echo(echo) => echo.judge(now, limits, &mut self.known),
-            Kind::Blind(_) => {}
+            Kind::NoReadBack(_) => {}
         }
         let is_told = match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
-            Kind::Blind(blind) => blind.tells(),
+            Kind::NoReadBack(lines) => lines.tells(),
         };
         if is_told {
             let answered = *told != Told::Nothing;
@@ -186,7 +191,7 @@ impl ReadBack {
     fn is_seen(&self) -> bool {
         match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
-            Kind::Blind(blind) => blind.sees(),
+            Kind::NoReadBack(lines) => lines.sees(),
         }
     }
 
@@ -195,7 +200,7 @@ impl ReadBack {
         self.known.unlanded_since = self.landing.unlanded_since();
         let candidates = match &self.kind {
             Kind::Echo(echo) => echo.between(),
-            Kind::Blind(blind) => blind.between(),
+            Kind::NoReadBack(lines) => lines.between(),
             Kind::Barrier(_) => None,
         };
         let confirmed = self.known.confirmed.map_or(PerChannel::ZERO, |c| c.values);
@@ -219,7 +224,7 @@ impl ReadBack {
     ) -> Option<usize> {
         match &mut self.kind {
             Kind::Barrier(link) => link.frame(values, limits, words),
-            Kind::Echo(_) | Kind::Blind(_) => None,
+            Kind::Echo(_) | Kind::NoReadBack(_) => None,
         }
     }
 
@@ -228,11 +233,11 @@ impl ReadBack {
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
-            Kind::Blind(blind) => blind.sent(now, values, ok, &mut self.known),
+            Kind::NoReadBack(lines) => lines.sent(now, values, ok, &mut self.known),
             Kind::Barrier(_) => {}
         }
-        let is_blind = !self.is_seen();
-        self.landing.sent(now, ok, is_blind);
+        let is_unseen = !self.is_seen();
+        self.landing.sent(now, ok, is_unseen);
         self.tell();
     }
 
@@ -244,8 +249,8 @@ impl ReadBack {
         age: Duration,
         limits: &Limits,
     ) {
-        if let Kind::Blind(blind) = &mut self.kind {
-            blind.restore(now, values, age, limits, &mut self.known);
+        if let Kind::NoReadBack(lines) = &mut self.kind {
+            lines.restore(now, values, age, limits, &mut self.known);
         }
         self.tell();
     }
@@ -256,7 +261,7 @@ impl ReadBack {
     /// barrier, what it read before may be older than what the other one sent last.
     pub fn take_over(&mut self, now: Duration, let_go: bool) {
         match &mut self.kind {
-            Kind::Blind(blind) => blind.take_over(now, let_go, &mut self.known),
+            Kind::NoReadBack(lines) => lines.take_over(now, let_go, &mut self.known),
             Kind::Echo(echo) => echo.take_over(now, &mut self.known),
             Kind::Barrier(_) => return,
         }
@@ -266,8 +271,8 @@ impl ReadBack {
 
     /// A person has made sure that a control which cannot be asked applies nothing.
     pub fn acknowledge(&mut self, now: Duration) {
-        if let Kind::Blind(blind) = &mut self.kind {
-            blind.acknowledge(now, &mut self.known);
+        if let Kind::NoReadBack(lines) = &mut self.kind {
+            lines.acknowledge(now, &mut self.known);
         }
         self.tell();
     }
@@ -278,7 +283,7 @@ impl ReadBack {
     pub fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         match &self.kind {
             Kind::Barrier(link) => link.zero_by_itself(limits),
-            Kind::Blind(blind) => blind.zero_by_itself(limits),
+            Kind::NoReadBack(lines) => lines.zero_by_itself(limits),
             Kind::Echo(_) => None,
         }
     }
@@ -286,10 +291,5 @@ impl ReadBack {
 
 /// Whether two corrections are the same on every axis, to half a step.
 pub(crate) fn are_equal(a: &PerChannel<f64>, b: &PerChannel<f64>, limits: &Limits) -> bool {
-    (0..limits.count).all(|i| is_step_equal(a[i], b[i], limits.axes[i].resolution))
-}
-
-/// Whether two values of an axis are the same step: no further apart than half of one, and a rounding.
-pub(crate) fn is_step_equal(a: f64, b: f64, step: f64) -> bool {
-    (a - b).abs() <= 0.51 * step
+    (0..limits.count).all(|i| is_same_step(a[i], b[i], limits.axes[i].resolution))
 }

@@ -1,6 +1,9 @@
 //! How far one axis may go in a cycle, and the words that are written.
 
-use crate::AxisLimits;
+use crate::{
+    AxisLimits,
+    step::{ROUNDING_STEPS, whole_below},
+};
 
 /// Half a step and 20 %: nearer the quantised output stays.
 const HYSTERESIS_STEPS: f64 = 0.6;
@@ -78,12 +81,6 @@ pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
     ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
 }
 
-/// Whether a value is a whole number of steps.
-pub(super) fn is_on_grid(value: f64, step: f64) -> bool {
-    let steps = value / step;
-    (steps - libm::round(steps)).abs() < 1e-6
-}
-
 /// The nearest step within the hysteresis that changes the output least: over any time it then changes by one step more
 /// than the smooth value at the most.
 pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
@@ -119,10 +116,9 @@ pub(super) fn rotary_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
 
 /// A word that is beyond the limit and beyond the smooth value is rounded towards zero instead.
 fn inside(word: f64, smooth: f64, axis: &AxisLimits) -> f64 {
-    let rounding = 1e-6 * axis.resolution;
+    let rounding = ROUNDING_STEPS * axis.resolution;
     if word.abs() <= axis.limit + rounding || word.abs() <= smooth.abs() + rounding {
         return word;
     }
-    let steps = smooth.abs() / axis.resolution;
-    (libm::floor(steps + 1e-6) * axis.resolution).copysign(smooth)
+    whole_below(smooth.abs(), axis.resolution).copysign(smooth)
 }

@@ -2,11 +2,11 @@
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use super::motion::{is_on_grid, quantised};
-use crate::{AxisLimits, Limits};
-
-/// A limit is not missed by a rounding: so many steps beyond it count as within.
-const ROUNDING_STEPS: f64 = 1e-6;
+use super::motion::quantised;
+use crate::{
+    AxisLimits, Limits,
+    step::{ROUNDING_STEPS, is_on_grid, whole_below},
+};
 
 /// Parts of the rotary shares that are tried where no whole steps beside them fit the limits.
 const SHARES: u32 = 8;
@@ -154,7 +154,7 @@ impl Wanted {
             let mut away = 0.0;
             let steps = rotary_of(limits, |i| {
                 let (step, share) = (limits.axes[i].resolution, exact[i]);
-                let below = libm::floor(share / step + ROUNDING_STEPS) * step;
+                let below = whole_below(share, step);
                 let at = below + if choice >> i & 1 == 1 { step } else { 0.0 };
                 away += (at - share).abs() / step;
                 at

@@ -31,7 +31,7 @@ fn all(limits: &Limits) -> Vec<World> {
     vec![
         World::new(limits),
         World::guarded(limits),
-        World::blind(limits),
+        World::lines(limits),
     ]
 }
 
@@ -224,7 +224,7 @@ fn one_axis_that_takes_nothing_is_a_fault() {
 #[test]
 fn lines_that_come_back_make_no_step() {
     for arms_again in [false, true] {
-        let mut world = World::blind(&limits()).arm();
+        let mut world = World::lines(&limits()).arm();
         let held = world.applied;
         (world.answers, world.sticks, world.write_fails) = (false, false, true);
         world.run(Duration::from_millis(1200));

@@ -77,7 +77,7 @@ fn after_a_reboot_it_ramps_from_what_is_applied() {
 /// Lines without memory: they are written all the same, to zero.
 #[test]
 fn lines_that_cannot_be_asked_are_ramped_out_blindly() {
-    let mut world = World::blind(&limits());
+    let mut world = World::lines(&limits());
     world.request(Request::Arm);
     world.run(SECOND);
     world.answers = false;

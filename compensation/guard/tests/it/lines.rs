@@ -16,7 +16,7 @@ fn allowed() -> f64 {
 
 /// Lines that are told, with a correction on them.
 fn told() -> World {
-    let mut world = World::blind(&limits());
+    let mut world = World::lines(&limits());
     world.tells_levels = true;
     world.run(SECOND);
     let world = world.arm();
@@ -99,7 +99,7 @@ fn told_lines_are_ramped_out_when_positions_are_lost() {
 #[test]
 fn what_is_not_remembered_is_not_zero() {
     for tells in [true, false] {
-        let mut world = World::blind(&limits());
+        let mut world = World::lines(&limits());
         world.applied = axes(-0.030, 0.0);
         world.target = Some(axes(-0.030, 0.0));
         world.tells_levels = tells;
@@ -131,7 +131,7 @@ fn what_is_not_remembered_is_not_zero() {
 /// acknowledged.
 #[test]
 fn disarming_does_not_ramp_out_what_is_unknown() {
-    let mut world = World::blind(&limits());
+    let mut world = World::lines(&limits());
     let none = PerChannel::from_fn(|_| f64::NAN);
     let now = world.now;
     world
@@ -152,7 +152,7 @@ fn disarming_does_not_ramp_out_what_is_unknown() {
 /// that they carried.
 #[test]
 fn lines_that_take_over_begin_with_what_they_carry() {
-    let mut world = World::blind(&limits());
+    let mut world = World::lines(&limits());
     world.tells_levels = true;
     world.applied = axes(0.020, 0.0);
     world.run(10 * PERIOD);
@@ -166,8 +166,8 @@ fn lines_that_take_over_begin_with_what_they_carry() {
 /// A control that goes to zero by itself does so while its lines keep what they carry: they tell nothing then.
 #[test]
 fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
-    let mut world = World::blind(&limits());
-    world.read_back = ReadBack::blind(Some(ControlTimeOut {
+    let mut world = World::lines(&limits());
+    world.read_back = ReadBack::no_read_back(Some(ControlTimeOut {
         after: Duration::from_millis(200),
         to_zero: Duration::from_millis(300),
     }));
@@ -210,7 +210,7 @@ fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
 /// a step of all that they carry.
 #[test]
 fn lines_that_take_over_again_begin_with_what_they_wrote() {
-    let mut world = World::blind(&limits()).arm();
+    let mut world = World::lines(&limits()).arm();
     world.request(Request::Disarm);
     world.run(10 * PERIOD);
     let left = world.applied[0];
@@ -239,7 +239,7 @@ fn lines_that_take_over_do_not_guess_what_the_run_before_left() {
         (f64::NAN, false, false),
         (f64::NAN, true, true),
     ] {
-        let mut world = World::blind(&limits());
+        let mut world = World::lines(&limits());
         let (now, values) = (world.now, axes(remembered, 0.0));
         world
             .read_back
@@ -262,8 +262,8 @@ fn lines_that_take_over_do_not_guess_what_the_run_before_left() {
 fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() {
     let (after, to_zero) = (Duration::from_millis(200), Duration::from_millis(300));
     for waited_ms in [0, 100, 190, 210, 300, 490, 510, 2000] {
-        let mut world = World::blind(&limits());
-        world.read_back = ReadBack::blind(Some(ControlTimeOut { after, to_zero }));
+        let mut world = World::lines(&limits());
+        world.read_back = ReadBack::no_read_back(Some(ControlTimeOut { after, to_zero }));
         let waited = Duration::from_millis(waited_ms);
         let written = axes(0.030, 0.0);
         world.run(PERIOD);
@@ -290,7 +290,7 @@ fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() 
             )
         };
         assert_eq!(hear(), before, "{waited_ms} ms");
-        let expected = if waited < after - PERIOD {
+        let expected = if waited + PERIOD < after {
             Some(written)
         } else if waited <= after + to_zero {
             None

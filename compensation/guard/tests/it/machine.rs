@@ -241,8 +241,8 @@ impl Machine {
     fn read_back(&self, owner: u16) -> ReadBack {
         match self.kind {
             Kind::Late | Kind::Lossy => ReadBack::plain(WATCH),
-            Kind::Lines => ReadBack::blind(None),
-            Kind::LinesWithTimeOut => ReadBack::blind(Some(LINES_TIME_OUT)),
+            Kind::Lines => ReadBack::no_read_back(None),
+            Kind::LinesWithTimeOut => ReadBack::no_read_back(Some(LINES_TIME_OUT)),
             Kind::Barrier => ReadBack::barrier(BarrierLink::new(
                 owner,
                 MACHINE,
@@ -403,7 +403,7 @@ impl Machine {
             Told::Nothing
         } else if barrier.is_some() {
             Told::Report(&words[..length])
-        } else if way.read_back.known().scheme == Scheme::Blind {
+        } else if way.read_back.known().scheme == Scheme::NoReadBack {
             Told::Nothing
         } else {
             Told::Values(lie.unwrap_or(applied))
@@ -423,7 +423,7 @@ impl Machine {
         if index == self.active() {
             return true;
         }
-        if known.scheme != Scheme::Blind {
+        if known.scheme != Scheme::NoReadBack {
             return known.confirmed.is_some();
         }
         let before = &self.ways[self.active()];
@@ -528,10 +528,10 @@ impl Machine {
         }
         let (active, limits) = (self.active(), self.limits);
         let way = &mut self.ways[active];
-        let is_blind = way.read_back.known().scheme == Scheme::Blind;
+        let has_no_read_back = way.read_back.known().scheme == Scheme::NoReadBack;
         let ok = way.online && !way.fails;
         // What fails may have landed, but on lines.
-        let lands = way.online && !way.loses && (ok || !is_blind);
+        let lands = way.online && !way.loses && (ok || !has_no_read_back);
         if self.barrier.is_some() {
             let mut words = [0; FRAME_WORDS];
             let frame = way.read_back.frame(&output.correction, &limits, &mut words);
@@ -754,8 +754,8 @@ impl Machine {
 
     /// The gateway starts anew, under another number.
     fn restart(&mut self) {
-        let is_blind = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
-        if is_blind && self.ways.len() > 1 {
+        let has_no_read_back = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
+        if has_no_read_back && self.ways.len() > 1 {
             return;
         }
         let age = self.now.saturating_sub(self.got);
@@ -770,7 +770,7 @@ impl Machine {
             way.online = self.ways[index].online;
             self.ways[index] = way;
         }
-        if is_blind {
+        if has_no_read_back {
             let values = self.written;
             self.ways[0]
                 .read_back

@@ -53,7 +53,7 @@ fn happens(world: &mut World, random: &mut ChaCha8Rng) -> (Option<Request>, bool
         16 => {
             world.sticks ^= true;
             // Lines do not tell that a write was lost unless it fails.
-            world.write_fails = random.random() || world.known().scheme == Scheme::Blind;
+            world.write_fails = random.random() || world.known().scheme == Scheme::NoReadBack;
         }
         19 => world.hides_applied ^= true,
         17 => world.really_includes ^= true,
@@ -77,7 +77,7 @@ fn happens(world: &mut World, random: &mut ChaCha8Rng) -> (Option<Request>, bool
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Way {
     Plain,
-    Blind,
+    Lines,
     Barrier,
 }
 
@@ -108,7 +108,7 @@ fn trace(seed: u64, includes: bool, way: Way) -> Vec<Moment> {
     }
     let mut world = match way {
         Way::Plain => World::new(&limits),
-        Way::Blind => World::blind(&limits),
+        Way::Lines => World::lines(&limits),
         Way::Barrier => World::guarded(&limits),
     };
     world.really_includes = includes;
@@ -164,7 +164,7 @@ fn check(trace: &[Moment], way: Way) -> Result<(), TestCaseError> {
     let most = match way {
         // 2 counts a scan.
         Way::Barrier => 2.0 * STEP,
-        Way::Plain | Way::Blind => (axis.slew_per_s * 0.004).max(STEP),
+        Way::Plain | Way::Lines => (axis.slew_per_s * 0.004).max(STEP),
     };
     let mut since = 0;
     for index in 1..trace.len() {
@@ -203,7 +203,7 @@ fn check(trace: &[Moment], way: Way) -> Result<(), TestCaseError> {
 }
 
 fn way() -> impl Strategy<Value = Way> {
-    prop_oneof![Just(Way::Plain), Just(Way::Blind), Just(Way::Barrier)]
+    prop_oneof![Just(Way::Plain), Just(Way::Lines), Just(Way::Barrier)]
 }
 
 proptest! {
@@ -223,7 +223,7 @@ proptest! {
 /// The properties above are about something: all states are visited.
 #[test]
 fn random_faults_visit_every_state() {
-    for way in [Way::Plain, Way::Blind, Way::Barrier] {
+    for way in [Way::Plain, Way::Lines, Way::Barrier] {
         let mut seen = std::collections::BTreeSet::new();
         for seed in 0..30 {
             seen.extend(
@@ -290,7 +290,7 @@ proptest! {
         let limits = Limits { read_back_cycles: random.random_range(1..6), ..limits() };
         let mut world = match way {
             Way::Plain => World::new(&limits),
-            Way::Blind => World::blind(&limits),
+            Way::Lines => World::lines(&limits),
             Way::Barrier => World::guarded(&limits),
         };
         for cycle in 0..1500 {

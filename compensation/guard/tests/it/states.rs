@@ -226,7 +226,7 @@ fn limits_lowered_while_it_runs_are_approached() {
 /// control says that can be asked counts more than what is remembered.
 #[test]
 fn what_is_remembered_is_where_it_begins() {
-    let mut world = World::blind(&limits());
+    let mut world = World::lines(&limits());
     world.applied = axes(0.030, 0.0);
     world.read_back.restore(
         world.now,

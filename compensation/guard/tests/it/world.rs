@@ -128,8 +128,8 @@ impl World {
     }
 
     /// Lines: a control that cannot be asked.
-    pub(crate) fn blind(limits: &Limits) -> Self {
-        Self::of(limits, ReadBack::blind(None), None)
+    pub(crate) fn lines(limits: &Limits) -> Self {
+        Self::of(limits, ReadBack::no_read_back(None), None)
     }
 
     /// A control with a barrier.
@@ -272,7 +272,9 @@ impl World {
         let told = match &self.barrier {
             _ if !self.answers || self.hides_applied => Told::Nothing,
             Some(_) => Told::Report(&words[..length]),
-            None if self.known().scheme == Scheme::Blind && !self.tells_levels => Told::Nothing,
+            None if self.known().scheme == Scheme::NoReadBack && !self.tells_levels => {
+                Told::Nothing
+            }
             None => Told::Values(self.lie.unwrap_or(applied)),
         };
         self.read_back.hear(self.now, taken, &told, &limits);

@@ -37,7 +37,7 @@ impl Cycle {
             return true;
         }
         let (known, before) = (path.known(), &self.paths[active]);
-        if known.scheme != Scheme::Blind {
+        if known.scheme != Scheme::NoReadBack {
             let other = known.reasons.contains(Reasons::OTHER_GATEWAY);
             let tells = known.confirmed.is_some() && !other;
             if !tells || !before.leaves_axes_to(path) {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Confirmed, MAX_PATHS, Reasons, Scheme};
+use volcomp_guard::{Confirmed, MAX_PATHS, Reasons, Scheme, one_step};
 use volcomp_vocabulary::PerAxis;
 
 use super::Cycle;
@@ -53,7 +53,7 @@ impl Standby {
     fn tells_another(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
         let limits = path.limits();
         (0..limits.count).any(|i| {
-            let step = 1.01 * limits.axes[i].resolution;
+            let step = one_step(limits.axes[i].resolution);
             !self.went_over(path.seen.machine_axis[i], confirmed.values[i], step)
         })
     }
@@ -121,7 +121,7 @@ impl Cycle {
             }
             let report = path.report(now);
             // What lines were left with the control keeps beside what another path writes, unless it lets go by itself.
-            let keeps = report.scheme == Scheme::Blind
+            let keeps = report.scheme == Scheme::NoReadBack
                 && path.read_back.zero_by_itself(&path.limits()).is_none();
             let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
             notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)

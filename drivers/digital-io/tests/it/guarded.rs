@@ -60,7 +60,7 @@ impl Rig {
             controller: controller.unwrap(),
             guard: Guard::new(limits).unwrap(),
             limits,
-            read_back: ReadBack::blind(None),
+            read_back: ReadBack::no_read_back(None),
             now: Duration::ZERO,
         }
     }

@@ -3,7 +3,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Lines, Refusal, Seen, Session},
+    barrier::{Barrier, Counts, DigitalLines, Refusal, Seen, Session},
     vocabulary::PerChannel,
 };
 
@@ -12,7 +12,7 @@ use super::{at_zero, settings, words};
 /// A barrier that lines lead to, and what lies on them. Two counts in a scan, frames at most 5 scans old, zero after 12.
 struct Rig {
     barrier: Barrier,
-    lines: Lines,
+    lines: DigitalLines,
     frame: Vec<u16>,
 }
 
@@ -20,7 +20,7 @@ impl Rig {
     fn new() -> Self {
         let mut rig = Self {
             barrier: at_zero(settings(2)),
-            lines: Lines::default(),
+            lines: DigitalLines::default(),
             frame: Vec::new(),
         };
         rig.scans(20);
@@ -136,7 +136,7 @@ fn a_sender_of_frames_goes_before() {
 fn at_the_start_the_level_of_the_latch_is_no_edge() {
     for latch in [false, true] {
         let mut barrier = at_zero(settings(2));
-        let lines = Lines {
+        let lines = DigitalLines {
             latch,
             axis: 0,
             value: 2,

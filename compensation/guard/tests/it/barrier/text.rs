@@ -3,7 +3,7 @@
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Frame, Layout, Lines, REPORT_WORDS, Settings},
+    barrier::{Barrier, Counts, DigitalLines, Frame, Layout, REPORT_WORDS, Settings},
     vocabulary::{AxisName, PerChannel},
 };
 
@@ -59,7 +59,7 @@ impl Control {
     fn scan(
         &mut self,
         mailboxes: &[Vec<u16>],
-        lines: Option<&Lines>,
+        lines: Option<&DigitalLines>,
         holds: bool,
     ) -> Result<Vec<u16>, String> {
         self.block.set("lines", 0, lines.is_some().into());
@@ -158,7 +158,12 @@ fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) ->
 }
 
 /// Another word on the lines and an edge, mostly one that the axis can follow.
-fn random_lines(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier, lines: &mut Lines) {
+fn random_lines(
+    rng: &mut ChaCha8Rng,
+    settings: &Settings,
+    barrier: &Barrier,
+    lines: &mut DigitalLines,
+) {
     let beyond = usize::from(rng.random_bool(0.1));
     lines.axis = rng.random_range(0..settings.axes.count() + beyond);
     let axis = lines.axis.min(8);
@@ -190,7 +195,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
         let mut control = Control::new(text, &settings, epoch, tick, &applied);
         let mut mailboxes = vec![vec![0; 15]; rng.random_range(0..=2)];
         let often = [0.9, 0.3, 0.02, 0.0][rng.random_range(0..4)];
-        let mut lines = rng.random_bool(0.5).then(Lines::default);
+        let mut lines = rng.random_bool(0.5).then(DigitalLines::default);
         let edges = [0.7, 0.2][rng.random_range(0..2)];
         let mut holds = false;
         for scan in 0..200 {

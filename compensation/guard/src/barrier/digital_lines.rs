@@ -3,7 +3,7 @@
 /// What lies on plain lines in one scan. They carry no number that could tell an old or foreign word from one that is meant
 /// now, so a barrier trusts them less than frames: see [`Barrier::scan_with`](super::Barrier::scan_with).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Lines {
+pub struct DigitalLines {
     /// The level of the line that is turned once the others have settled.
     pub latch: bool,
     /// The place of the axis that the word is for, in channel order.

@@ -6,7 +6,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known, Told, echo::Echo, landing::Landed};
+use super::{Confirmed, Known, Told, are_equal, echo::Echo, landing::Landed};
 use crate::{Limits, Reasons};
 
 /// What a control that cannot be asked does by itself when nothing is written any more.
@@ -20,7 +20,7 @@ pub struct ControlTimeOut {
 
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
-pub(super) struct Blind {
+pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
     /// From when on the control may act by itself, and from when on it is at zero, unless something is written before.
     acts: Option<[Duration; 2]>,
@@ -39,7 +39,7 @@ pub(super) struct Blind {
     was_looked_at: bool,
 }
 
-impl Blind {
+impl NoReadBack {
     pub(super) fn new(control: Option<ControlTimeOut>) -> Self {
         Self {
             control,
@@ -184,7 +184,7 @@ impl Blind {
         known: &mut Known,
     ) {
         let is_finite = (0..limits.count).all(|i| values[i].is_finite());
-        let is_zero = (0..limits.count).all(|i| values[i].abs() <= 0.5 * limits.axes[i].resolution);
+        let is_zero = are_equal(values, &PerChannel::ZERO, limits);
         let found = match self.control {
             _ if !is_finite => None,
             _ if is_zero => Some(PerChannel::ZERO),
