@@ -233,6 +233,7 @@ impl Cycle {
         }
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
+        self.lag.forget();
         for path in &mut self.paths {
             path.fit_to(&self.model);
         }

@@ -64,7 +64,7 @@ pub struct Model {
     /// Whether a coordinate of the axis is brought into its travel by whole periods.
     goes_round: Vec<bool>,
     /// Where something of the model may change abruptly or turn back: the nodes of its curves along each axis, mm and
-    /// rad.
+    /// rad, rising.
     nodes: Vec<Vec<f64>>,
     /// The nodes of its grids over two axes.
     grids: Vec<largest_move::GridNodes>,
@@ -139,6 +139,18 @@ impl Model {
     /// After how much travel (rad) the coordinates of the axis at a place in machine order begin anew; `None`: never.
     pub fn turn_of(&self, index: usize) -> Option<f64> {
         (self.goes_round.get(index) == Some(&true)).then_some(core::f64::consts::TAU)
+    }
+
+    /// Whether a curve may bend where the axis at a place in machine order goes from one position to another (mm, rad): at a
+    /// node, or beyond its travel.
+    pub(crate) fn may_bend_between(&self, index: usize, from: f64, to: f64) -> bool {
+        let (Some(nodes), Some(travel)) = (self.nodes.get(index), self.travel.get(index)) else {
+            return false;
+        };
+        let (low, high) = (from.min(to), from.max(to));
+        let [first, last] = travel.map(Displacement::mm_or_rad);
+        let next = nodes.partition_point(|node| *node < low);
+        low < first || high > last || nodes.get(next).is_some_and(|node| *node <= high)
     }
 
     /// Whether an axis turns.

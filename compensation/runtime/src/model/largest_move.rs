@@ -70,6 +70,10 @@ pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
             }
         }
     }
+    for nodes in &mut nodes {
+        nodes.sort_by(f64::total_cmp);
+        nodes.dedup();
+    }
     nodes
 }
 
