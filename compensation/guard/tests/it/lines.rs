@@ -163,6 +163,27 @@ fn lines_that_take_over_begin_with_what_they_carry() {
     assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
 }
 
+/// What lines were left with, nobody knows by whom, is told where their device tells it, and disarming takes it out.
+#[test]
+fn what_lines_were_left_with_is_told_and_disarming_takes_it_out() {
+    let mut world = World::blind(&limits());
+    let unknown = axes(f64::NAN, f64::NAN);
+    world
+        .read_back
+        .restore(world.now, &unknown, 10 * SECOND, &limits());
+    world.tells_levels = true;
+    world.applied = axes(0.020, -0.010);
+    let out = world.run(10 * PERIOD);
+    assert_eq!(out.state, State::Disarmed);
+    assert!(out.reasons.contains(Reasons::CORRECTION_LEFT));
+    world.largest_step = 0.0;
+    world.request(Request::Disarm);
+    let out = world.run(3 * SECOND);
+    assert_eq!(out.state, State::Disarmed, "{:?}", out.reasons);
+    assert_eq!(world.applied, PerChannel::ZERO);
+    assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
+}
+
 /// A control that goes to zero by itself does so while its lines keep what they carry: they tell nothing then.
 #[test]
 fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
