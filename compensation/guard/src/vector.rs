@@ -127,7 +127,7 @@ impl Vector {
         matches!(&self.motion, Motion::Line { to, .. } if to == end)
     }
 
-    /// Goes on along the line for `dt_s`, which is brought within the limits; true once it is at its end. The line
+    /// Goes on along the line for `dt_s`, whose end is brought within the limits by one factor; true once it is at its end. The line
     /// lasts as long as a ramp, or as long as the axis needs that slew and acceleration hold back most.
     pub fn advance_line(&mut self, limits: &Limits, dt_s: f64) -> bool {
         let Motion::Line { to, left, at_rest } = self.motion else {
@@ -141,11 +141,21 @@ impl Vector {
         if !at_rest && self.brakes(&cycle) {
             return false;
         }
+        let within_limits = |i: usize| {
+            let axis = &limits.axes[i];
+            let reach = axis.reachable() + ARRIVED_STEPS * axis.resolution;
+            if to[i].abs() > reach {
+                reach / to[i].abs()
+            } else {
+                1.0
+            }
+        };
+        let whole = cycle.places().map(within_limits).fold(1.0, f64::min);
         let mut ways = PerChannel::ZERO;
         let mut end = PerChannel::ZERO;
         for i in cycle.places() {
             let limit = limits.axes[i].reachable();
-            end[i] = within([-limit, limit], to[i]);
+            end[i] = within([-limit, limit], whole * to[i]);
             ways[i] = end[i] - self.smooth[i];
         }
         let accel = cycle.accel_over_all(&ways);

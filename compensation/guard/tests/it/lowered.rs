@@ -80,6 +80,29 @@ fn a_lowered_rotary_limit_takes_the_linear_axes_along() {
     assert!((vector.output()[0] - 0.025).abs() < 1e-5);
 }
 
+/// The end of a line that a lowered limit leaves outside is brought in by one factor, as the way there is.
+#[test]
+fn a_line_that_ends_beyond_a_lowered_limit_takes_all_axes_along() {
+    let before = tilting(2000e-6);
+    let to = led_by_a().full();
+    for (linear, rotary) in [(1.0, 0.2), (0.2, 1.0), (0.3, 0.2)] {
+        let mut after = before;
+        after.axes[0].limit *= linear;
+        after.axes[3].limit *= rotary;
+        let mut vector = Vector::at(&to);
+        vector.begin_line(&to);
+        let mut most = 0.0_f64;
+        while !vector.advance_line(&after, CYCLE_S) {
+            let output = vector.output();
+            most = most.max((output[0] - 500.0 * output[3]).abs());
+        }
+        // A step of A at its lever, since words are rounded towards zero on the way in, and one of X.
+        assert!(most <= 1e-7 * 500.0 + 1e-5, "{linear} {rotary}: {most}");
+        let within = |i: usize| vector.output()[i].abs() <= after.axes[i].limit * (1.0 + 1e-9);
+        assert!(within(0) && within(3), "{vector:?}");
+    }
+}
+
 /// Without rotary axes: one factor for all, on the way in too.
 #[test]
 fn a_lowered_limit_takes_the_same_part_of_every_share() {
