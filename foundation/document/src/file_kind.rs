@@ -54,7 +54,7 @@ impl Section<'_> {
     /// another kind of file, and none of this kind's own, is refused as a whole.
     ///
     /// # Errors
-    /// The other kind of file, else the first unknown key with the list of those expected.
+    /// The other kind of file, else the first unknown key, as [`Section::allow`] names it.
     pub fn allow_in(&self, kind: FileKind, expected: &[&str]) -> Result<(), InputError> {
         let Err(unknown) = self.allow(expected) else {
             return Ok(());

@@ -3,28 +3,32 @@
 /// The known word that differs least from `found`, if it differs in few enough letters to be a slip of the hand; case
 /// does not count.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
-    let found: Vec<char> = found.to_lowercase().chars().collect();
-    let most = (found.len() / 3).clamp(1, 3);
-    let near = known.iter().filter_map(|word| {
-        let letters: Vec<char> = word.to_lowercase().chars().collect();
-        let slips = slips(&found, &letters);
-        // Of a word as short as the slip nothing would be left.
-        (slips <= most && slips < letters.len()).then_some((slips, *word))
-    });
-    let near = near.min_by_key(|(slips, _)| *slips).map(|(_, word)| word);
-    near.or_else(|| without_suffix(&found, known))
+    near(found, known).first().copied()
 }
 
-/// The shortest known word that begins with the one that was found and `_`: a unit was left out, as in `limit` for
-/// `limit_um`.
-fn without_suffix<'k>(found: &[char], known: &[&'k str]) -> Option<&'k str> {
-    let found: String = found.iter().collect();
-    let longer = known.iter().copied().filter(|word| {
-        let rest = word.to_lowercase();
-        let rest = rest.strip_prefix(&found).map(str::to_owned);
-        !found.is_empty() && rest.is_some_and(|rest| rest.starts_with('_'))
-    });
-    longer.min_by_key(|word| word.len())
+/// The known words that may have been meant, the likeliest first: those that differ in few enough letters to be a slip of the
+/// hand, then the longer ones that begin with what was found and `_`, since a unit was left out, as in `limit` for `limit_um`.
+/// Case does not count.
+pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
+    let small = found.to_lowercase();
+    let found: Vec<char> = small.chars().collect();
+    let most = (found.len() / 3).clamp(1, 3);
+    let rank = |word: &&'k str| {
+        let lower = word.to_lowercase();
+        let letters: Vec<char> = lower.chars().collect();
+        let slips = slips(&found, &letters);
+        // Of a word as short as the slip nothing would be left.
+        if slips <= most && slips < letters.len() {
+            return Some((false, slips));
+        }
+        let rest = lower.strip_prefix(&small).filter(|_| !found.is_empty());
+        let lacks_unit = rest.is_some_and(|rest| rest.starts_with('_'));
+        lacks_unit.then_some((true, letters.len()))
+    };
+    let ranked = known.iter().filter_map(|word| Some((rank(word)?, *word)));
+    let mut ranked: Vec<((bool, usize), &str)> = ranked.collect();
+    ranked.sort_by_key(|(rank, _)| *rank);
+    ranked.into_iter().map(|(_, word)| word).collect()
 }
 
 /// The least number of letters left out, added, changed, or swapped with their neighbour, that make one word the other
@@ -90,5 +94,14 @@ mod tests {
         assert_eq!(nearest("hold", &known), Some("hold_ms"));
         assert_eq!(nearest("lim", &known), None);
         assert_eq!(nearest("", &known), None);
+    }
+
+    #[test]
+    fn the_likeliest_word_comes_first() {
+        let known = ["limit_without_barrier_um", "limit_um", "limit_urad", "axes"];
+        let expected = ["limit_um", "limit_urad", "limit_without_barrier_um"];
+        assert_eq!(near("limit", &known), expected);
+        assert_eq!(near("limit_umm", &known), ["limit_um", "limit_urad"]);
+        assert_eq!(near("nothing", &known), [""; 0]);
     }
 }

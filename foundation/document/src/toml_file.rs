@@ -11,7 +11,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use crate::{error::InputError, nearest::nearest, syntax};
+use crate::{error::InputError, nearest::near, syntax};
 
 /// The text of a file and its name.
 #[derive(Clone, Debug)]
@@ -80,6 +80,22 @@ impl Document {
     }
 }
 
+/// How many words are named as probably meant at the most.
+const MEANT: usize = 4;
+
+/// What was probably meant with an unknown word; where nothing is near, all that is expected.
+fn meant(found: &str, expected: &[&str]) -> String {
+    let near = near(found, expected);
+    let near: Vec<String> = (near.iter().take(MEANT))
+        .map(|word| format!("`{word}`"))
+        .collect();
+    match &near[..] {
+        [] => format!("expected one of: {}", expected.join(", ")),
+        [one] => format!("did you mean {one}?"),
+        [first @ .., last] => format!("did you mean {} or {last}?", first.join(", ")),
+    }
+}
+
 impl<'a> Section<'a> {
     /// The full key of this table, empty for the root.
     pub fn key(&self) -> &str {
@@ -95,14 +111,11 @@ impl<'a> Section<'a> {
     /// Refuses every key but those expected.
     ///
     /// # Errors
-    /// The first unknown key, with the list of those expected and the one that was probably meant.
+    /// The first unknown key, with those that were probably meant, or where there are none with the list of those expected.
     pub fn allow(&self, expected: &[&str]) -> Result<(), InputError> {
         for (key, value) in self.values() {
             if !expected.contains(&key) {
-                let meant = nearest(key, expected)
-                    .map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
-                let expected = expected.join(", ");
-                return Err(value.error(format!("unknown key, expected one of: {expected}{meant}")));
+                return Err(value.error(format!("unknown key, {}", meant(key, expected))));
             }
         }
         Ok(())

@@ -123,7 +123,7 @@ fn wrong_profiles_are_named() {
         ),
         (
             "sclae = 1",
-            "channels.sclae: unknown key, expected one of: function, address",
+            "channels.sclae: unknown key, did you mean `scale`?",
         ),
         (
             "function = 6",
