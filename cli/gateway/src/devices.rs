@@ -10,7 +10,9 @@ use volcomp_devices::{
     thermometer, thermometer_names,
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
-use volcomp_focas::{BarrierArea, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect};
+use volcomp_focas::{
+    BarrierArea, Block, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect,
+};
 use volcomp_guard::Limits;
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::{BarrierSettings, PathSettings};
@@ -20,14 +22,11 @@ use crate::config::{ControllerConfig, ThermometerConfig};
 use crate::documents::{OnlinePlan, PmcPlan};
 use crate::online;
 
-/// A bridge on CAN tells what is applied in messages of its own. One that is older than this is not believed …
-const CAN_READ_BACK_WITHIN: Duration = Duration::from_millis(60);
-/// … and so late at the most a correction shows in it: the control takes its time, too.
+/// A bridge on CAN tells what is applied in messages of its own, which it sends when it likes: so late at the most a
+/// correction shows in them. How old such a message may be, or one with positions, flags or temperatures, is for the guard to
+/// judge.
 const CAN_READ_BACK: Duration = Duration::from_millis(100);
-/// Positions of a CAN bridge that are older are stale.
-const CAN_STALE: Duration = Duration::from_millis(100);
-/// Temperatures of a CAN bridge that are older are stale.
-const CAN_TEMPERATURE_STALE: Duration = Duration::from_secs(10);
+
 /// One controller as it is configured, not opened.
 #[derive(Clone, Debug)]
 pub struct ControllerDevice {
@@ -52,16 +51,16 @@ struct Lines {
 }
 
 impl ControllerDevice {
-    /// The controller of a `[[controller]]`, for cycles of this length.
+    /// The controller of a `[[controller]]`.
     ///
     /// # Errors
     /// A URL or keys that make no sense, a DBC file that cannot be read.
-    pub fn new(config: &ControllerConfig, period: Duration) -> Result<Self, DeviceError> {
+    pub fn new(config: &ControllerConfig) -> Result<Self, DeviceError> {
         let address = Address::parse(&config.url)?;
         let channel = |default: &str| config.channel.clone().unwrap_or_else(|| default.to_owned());
         let kind = match address.scheme {
             Scheme::Focas => Kind::Focas(Box::new(focas(&address, config)?)),
-            Scheme::Can => Kind::Can(can(&address, config, channel("can"), period)?),
+            Scheme::Can => Kind::Can(can(&address, config, channel("can"))?),
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => {
                 Kind::Lines(lines(config, channel("digital"))?)
             }
@@ -219,21 +218,21 @@ impl ControllerDevice {
         })
     }
 
-    /// Checks that no byte of a control is written by both of two controllers.
-    ///
-    /// # Errors
-    /// Both write the same byte of the same control.
-    pub fn writes_apart_from(&self, other: &Self) -> Result<(), DeviceError> {
-        let (Kind::Focas(own), Kind::Focas(others)) = (&self.kind, &other.kind) else {
-            return Ok(());
-        };
-        own.shared_byte(others).map_or(Ok(()), |byte| {
-            let other = &other.address.text;
-            Err(self.address.wrong(
-                format!("{byte} is used by the [[controller]] {other}, too"),
-                "expected bytes of its own for each controller of a control",
-            ))
-        })
+    /// Two blocks of a control's memory that this controller uses and that share a byte; `None`: there are none.
+    pub fn overlap(&self) -> Option<[Block; 2]> {
+        match &self.kind {
+            Kind::Focas(config) => config.overlap(),
+            Kind::Can(_) | Kind::Lines(_) => None,
+        }
+    }
+
+    /// A block that this controller uses and one of another controller of the same control that share a byte which one of
+    /// them writes; `None`: there are none.
+    pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
+        match (&self.kind, &other.kind) {
+            (Kind::Focas(own), Kind::Focas(others)) => own.overlap_with(others),
+            _ => None,
+        }
     }
 
     /// Whether the step of corrections is told by the device itself.
@@ -246,7 +245,6 @@ fn can(
     address: &Address,
     config: &ControllerConfig,
     channel: String,
-    period: Duration,
 ) -> Result<BridgeConfig, DeviceError> {
     let bridge = BridgeConfig {
         table: signal_table(address)?,
@@ -254,9 +252,6 @@ fn can(
         axes: config.axes.clone(),
         reads: config.reads.clone(),
         includes_correction: config.includes_correction,
-        stale_after: CAN_STALE,
-        // No older than the guard remembers its writes, less what the control takes.
-        read_back_within: CAN_READ_BACK_WITHIN.min(longest_read_back(period).mul_f64(0.6)),
     };
     let has_barrier = bridge
         .describe(&CanSocket::device_of(&address.host))?
@@ -442,7 +437,6 @@ impl ThermometerDevice {
                 CanSocket::open(&self.address.host)?,
                 table,
                 &self.names,
-                CAN_TEMPERATURE_STALE,
             )?),
             None => Box::new(thermometer(&self.address, &self.names)?),
         })

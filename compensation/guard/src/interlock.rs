@@ -1,5 +1,7 @@
 //! Interlocks: what forbids moving a correction, seen on any path.
 
+use core::time::Duration;
+
 use crate::{MAX_PATHS, Reasons};
 
 /// What one path says of the machine, each in the sense that forbids.
@@ -14,16 +16,37 @@ pub struct Interlock {
 }
 
 impl Interlock {
+    /// The reasons of which each is one of these flags: why a correction stands until a control says otherwise.
+    pub const REASONS: [Reasons; 3] = [
+        Reasons::NOT_REFERENCED,
+        Reasons::CONTROLLER_ALARM,
+        Reasons::EMERGENCY_STOP,
+    ];
+
     /// Whether something forbids.
     #[must_use]
     pub fn is_set(self) -> bool {
         self.unreferenced || self.alarm || self.emergency_stop
     }
 
+    /// What is known of the machine from flags of this age: those older than `hold` say nothing any more, so each one that
+    /// the control shows (`shown`) counts in the sense that forbids.
+    #[must_use]
+    pub fn at_age(self, age: Duration, hold: Duration, shown: Self) -> Self {
+        let is_old = age > hold;
+        Self {
+            unreferenced: self.unreferenced || is_old && shown.unreferenced,
+            alarm: self.alarm || is_old && shown.alarm,
+            emergency_stop: self.emergency_stop || is_old && shown.emergency_stop,
+        }
+    }
+
     fn reasons(self) -> Reasons {
-        Reasons::NOT_REFERENCED.when(self.unreferenced)
-            | Reasons::CONTROLLER_ALARM.when(self.alarm)
-            | Reasons::EMERGENCY_STOP.when(self.emergency_stop)
+        let flags = [self.unreferenced, self.alarm, self.emergency_stop];
+        let both = Self::REASONS.into_iter().zip(flags);
+        both.fold(Reasons::NONE, |all, (reason, is_set)| {
+            all | reason.when(is_set)
+        })
     }
 }
 

@@ -347,10 +347,11 @@ impl Cycle {
     /// Asks the controllers that are only read, after the path that corrects has been written: they must not hold it up.
     /// Each may take half a cycle.
     fn read_readers(&mut self, since_start: Duration) {
+        let hold = self.guard.limits().hold;
         for index in 0..self.readers.len() {
             let deadline = self.instant() + self.period.mul_f64(0.5);
             let reader = &mut self.readers[index];
-            self.report.faults += reader.read(deadline, self.start, since_start);
+            self.report.faults += reader.read(deadline, self.start, since_start, hold);
             self.interlocks
                 .see(self.paths.len() + index, reader.interlock());
         }

@@ -8,7 +8,7 @@ use volcomp_guard::{
     ceiling,
 };
 use volcomp_kinematics::Correctors;
-use volcomp_port::{Controller, Description, Fault, Snapshot, UnfitAxes, Words};
+use volcomp_port::{Controller, Description, Fault, ShownStates, Snapshot, UnfitAxes, Words};
 use volcomp_vocabulary::{AxisName, Mm, PerAxis, PerChannel};
 
 use crate::{
@@ -47,6 +47,8 @@ pub struct ControlPath {
     /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
     pub(crate) notes: Reasons,
     pub(crate) reading: Option<Snapshot>,
+    /// When the flags of the last reading held.
+    flags_taken: Duration,
     /// When it was asked last, and when it answered last.
     asked: Option<Duration>,
     answered: Option<Duration>,
@@ -89,6 +91,7 @@ impl ControlPath {
             fixed: plan.fixed,
             notes: plan.notes,
             reading: None,
+            flags_taken: Duration::ZERO,
             asked: None,
             answered: None,
             sent: None,
@@ -199,9 +202,12 @@ impl ControlPath {
         self.asked
     }
 
-    /// What it said of the machine in the last reading; `None`: it did not answer.
+    /// What it said of the machine in the last reading, by the age that this had then; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
-        self.reading.as_ref().map(interlock_of)
+        let (reading, answered) = (self.reading.as_ref()?, self.answered?);
+        let age = answered.saturating_sub(self.flags_taken);
+        let shown = &self.description.shown;
+        Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
     /// How long an exchange with it may take. Longer than a cycle where positions may be held for longer: an answer that
@@ -254,19 +260,24 @@ impl ControlPath {
         if *read == Err(Fault::OtherGateway) {
             self.read_back.see_other(now);
         }
-        self.reading = (*read).ok();
         let limits = self.limits();
+        let held = |at: Instant| at.saturating_duration_since(start);
+        // A device that only repeats what it said longer ago than positions may be old has not answered.
+        let is_young = |snapshot: &Snapshot| self.is_young(Some(held(snapshot.youngest())), now);
+        self.reading = (*read).ok().filter(is_young);
         let Some(snapshot) = &self.reading else {
             self.read_back.hear(now, now, &Told::Nothing, &limits);
             return false;
         };
-        let taken = snapshot.taken.saturating_duration_since(start);
+        let taken = held(snapshot.taken);
+        self.flags_taken = held(snapshot.state_taken);
         let told = match (&snapshot.report, snapshot.applied) {
             (Some(words), _) => Told::Report(words.as_slice()),
             (None, Some(applied)) => Told::Values(applied),
             (None, None) => Told::Nothing,
         };
-        self.read_back.hear(now, taken, &told, &limits);
+        let told_at = held(snapshot.correction_taken);
+        self.read_back.hear(now, told_at, &told, &limits);
         self.answered = Some(now);
         self.take_positions(taken);
         true
@@ -356,13 +367,24 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// What a reading says of the machine.
-pub(crate) fn interlock_of(reading: &Snapshot) -> Interlock {
-    Interlock {
+/// What a reading says of the machine whose flags are so old, where flags older than `hold` say nothing.
+pub(crate) fn interlock_of(
+    reading: &Snapshot,
+    shown: &ShownStates,
+    age: Duration,
+    hold: Duration,
+) -> Interlock {
+    let said = Interlock {
         unreferenced: !reading.state.referenced,
         alarm: reading.state.alarm,
         emergency_stop: reading.state.emergency_stop,
-    }
+    };
+    let shown = Interlock {
+        unreferenced: shown.referenced,
+        alarm: shown.alarm,
+        emergency_stop: shown.emergency_stop,
+    };
+    said.at_age(age, hold, shown)
 }
 
 /// A number that tells this run of the program from others: drawn once at the start, never 0.

@@ -68,7 +68,8 @@ pub struct PositionReader {
     description: Description,
     pub(crate) seen: Seen,
     answered: Option<Duration>,
-    reading: Option<Snapshot>,
+    /// What it said of the machine in the last reading; `None`: it did not answer.
+    said: Option<Interlock>,
 }
 
 impl PositionReader {
@@ -83,7 +84,7 @@ impl PositionReader {
                 plan.reversal,
             ),
             answered: None,
-            reading: None,
+            said: None,
         }
     }
 
@@ -100,39 +101,53 @@ impl PositionReader {
     }
 
     /// Takes what the controller has answered to its thread; without one, asks it here. `start` is when the cycle's clock
-    /// began. How often it did not answer.
-    pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> u64 {
+    /// began; positions and flags may be as old as `hold`. How often it did not answer.
+    pub(crate) fn read(
+        &mut self,
+        deadline: Instant,
+        start: Instant,
+        now: Duration,
+        hold: Duration,
+    ) -> u64 {
         let mut failures = 0;
         if let Some(controller) = self.device.in_hand() {
             let read = controller.read(deadline);
-            failures += u64::from(!self.hear(&read, start, now));
+            failures += u64::from(!self.hear(&read, (start, now, hold)));
         }
         while let Some(heard) = self.device.heard() {
             let answered = heard.answered.saturating_duration_since(start);
-            failures += u64::from(!self.hear(&heard.read, start, answered));
+            failures += u64::from(!self.hear(&heard.read, (start, answered, hold)));
         }
         // An exchange that hangs says nothing of the machine any more.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
         if !self.device.is_in_hand() && self.answered.is_none_or(is_silent) {
-            self.reading = None;
+            self.said = None;
         }
         failures
     }
 
-    fn hear(&mut self, read: &Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
-        self.reading = (*read).ok();
-        let Some(snapshot) = &self.reading else {
+    fn hear(
+        &mut self,
+        read: &Result<Snapshot, Fault>,
+        (start, now, hold): (Instant, Duration, Duration),
+    ) -> bool {
+        let held = |at: Instant| at.saturating_duration_since(start);
+        let age = |at: Instant| now.saturating_sub(held(at));
+        // A device that only repeats what it said longer ago than that has not answered.
+        let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
+        let shown = &self.description.shown;
+        self.said = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
+        let Some(snapshot) = young else {
             return false;
         };
         self.answered = Some(now);
-        let taken = snapshot.taken.saturating_duration_since(start);
-        self.seen.take(&snapshot.positions, taken);
+        self.seen.take(&snapshot.positions, held(snapshot.taken));
         true
     }
 
     /// What it said of the machine in the last reading; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
-        self.reading.as_ref().map(interlock_of)
+        self.said
     }
 
     /// How it is, to be told.

@@ -73,8 +73,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         axes: vec![AxisName::X, AxisName::Y],
         reads: Vec::new(),
         includes_correction: false,
-        stale_after: Duration::from_millis(200),
-        read_back_within: Duration::from_millis(60),
     };
     let mut controller = CanController::new(bus.clone(), &config)?;
     for axis in &controller.description().axes {

@@ -3,6 +3,8 @@
 //! value words have the unit and the factor of what they count. Words in several messages belong together when these have
 //! the same counter.
 
+use std::time::Instant;
+
 use volcomp_port::{Fault, MOST_WORDS, Words};
 use volcomp_vocabulary::AxisName;
 
@@ -39,7 +41,8 @@ pub(crate) struct Barrier {
     frame: Vec<Word>,
     sent: Vec<Sent>,
     report: Vec<Place>,
-    last: Option<Words>,
+    /// The last report whose messages belong together, and when the oldest of them came.
+    last: Option<(Words, Instant)>,
     counter: u64,
 }
 
@@ -137,7 +140,7 @@ impl Barrier {
         &mut self,
         port: &mut impl CanPort,
         words: &Words,
-        deadline: std::time::Instant,
+        deadline: Instant,
     ) -> Result<(), Fault> {
         let words = words.as_slice();
         if words.len() != self.frame.len() {
@@ -163,31 +166,31 @@ impl Barrier {
         }
         let counter = heard[index].counter();
         let mut words = [0; MOST_WORDS];
+        let Some(mut oldest) = heard[index].taken else {
+            return;
+        };
         for (word, place) in words.iter_mut().zip(&self.report) {
             let part = &heard[place.heard];
-            if part.taken.is_none() || part.counter() != counter {
+            let Some(taken) = part.taken.filter(|_| part.counter() == counter) else {
                 return;
-            }
+            };
+            oldest = oldest.min(taken);
             // The signal has 16 bits.
             *word = u16::try_from(place.signal.raw(part.data())).unwrap_or(0);
         }
         let words = words.get(..self.report.len()).and_then(Words::new);
-        self.last = words.or(self.last);
+        self.last = words.map(|words| (words, oldest)).or(self.last);
     }
 
-    /// The words of the last report whose messages came whole and belong together.
-    pub(crate) fn report(&self) -> Option<Words> {
+    /// The words of the last report whose messages came whole and belong together, and when the oldest of these came.
+    pub(crate) fn report(&self) -> Option<(Words, Instant)> {
         self.last
     }
 }
 
 /// Sends a frame before its deadline.
-pub(crate) fn send(
-    port: &mut impl CanPort,
-    frame: &Frame,
-    deadline: std::time::Instant,
-) -> Result<(), Fault> {
-    if std::time::Instant::now() >= deadline {
+pub(crate) fn send(port: &mut impl CanPort, frame: &Frame, deadline: Instant) -> Result<(), Fault> {
+    if Instant::now() >= deadline {
         return Err(Fault::TimedOut);
     }
     port.send(frame, deadline)

@@ -23,7 +23,7 @@ use crate::{
     unopened::Unopened,
 };
 
-/// The signals, axes and time limit by which a control on a CAN bus is read and corrected.
+/// The signals and axes by which a control on a CAN bus is read and corrected.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BridgeConfig {
@@ -37,12 +37,6 @@ pub struct BridgeConfig {
     pub reads: Vec<AxisName>,
     /// Whether positions contain the correction.
     pub includes_correction: bool,
-    /// Positions and states older than this are stale: the control sends them by itself. A stale state counts in the
-    /// sense that forbids.
-    pub stale_after: Duration,
-    /// What the control tells as applied is not told on when it is older than this. What watches over the corrections must
-    /// allow for it, and for the time that the control takes besides.
-    pub read_back_within: Duration,
 }
 
 impl BridgeConfig {
@@ -87,8 +81,6 @@ pub struct CanController<P> {
     applied: Vec<Place>,
     states: [Option<Place>; 3],
     way: Way,
-    stale_after: Duration,
-    read_back_within: Duration,
 }
 
 impl<P: CanPort> CanController<P> {
@@ -163,8 +155,6 @@ impl<P: CanPort> CanController<P> {
             applied,
             states,
             way,
-            stale_after: config.stale_after,
-            read_back_within: config.read_back_within,
         })
     }
 
@@ -195,25 +185,23 @@ impl<P: CanPort> CanController<P> {
         place.signal.value(heard.data()) * place.to_internal
     }
 
-    fn are_fresh(&self, places: &[Place], within: Duration) -> bool {
-        let mut places = places.iter();
-        places.all(|place| self.ears.heard(place).is_fresh(within))
-    }
-
-    /// Whether a state of the control is on; one that is stale, or came never, counts as `forbids`.
+    /// Whether a state of the control is on; one that came never counts as `forbids`.
     fn state(&self, place: &Place, forbids: bool) -> bool {
-        if self.ears.heard(place).is_fresh(self.stale_after) {
+        if self.ears.heard(place).taken.is_some() {
             self.value(place) != 0.0
         } else {
             forbids
         }
     }
 
-    /// When signals came, the oldest and the newest of them.
+    /// When signals came, the oldest and the newest of them; `None` while one of them came never.
     fn came(&self, places: &[Place]) -> Option<[Instant; 2]> {
-        let mut times = places.iter().filter_map(|p| self.ears.heard(p).taken);
-        let first = times.next()?;
-        Some(times.fold([first; 2], |[a, b], t| [a.min(t), b.max(t)]))
+        let mut places = places.iter();
+        let first = self.ears.heard(places.next()?).taken?;
+        places.try_fold([first; 2], |[a, b], place| {
+            let taken = self.ears.heard(place).taken?;
+            Some([a.min(taken), b.max(taken)])
+        })
     }
 }
 
@@ -222,59 +210,62 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The last positions, states and applied correction or report from the control; where positions are stale, waits for
-    /// the next ones. `taken` is when the oldest of the positions arrived, `uncertainty` how far the others, and what is
-    /// applied, are from it. What is applied is left out when it is older than the configuration allows.
+    /// The last positions, states and applied correction or report from the control, however long ago they came; waits only
+    /// until every position has come once. `taken` is when the oldest of the positions arrived, `uncertainty` how far the
+    /// others are from it.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
-        while !self.are_fresh(&self.positions, self.stale_after) {
+        let [taken, newest] = loop {
             if self.ears.health.bus_off {
                 return Err(Fault::Disconnected);
+            }
+            if let Some(came) = self.came(&self.positions) {
+                break came;
             }
             if Instant::now() >= deadline || !self.listen(deadline, true)? {
                 return Err(Fault::TimedOut);
             }
-        }
-        let [taken, newest] = self.came(&self.positions).ok_or(Fault::TimedOut)?;
-        let mut apart = newest.duration_since(taken);
+        };
         let mut positions = PerChannel::ZERO;
         for (position, place) in positions.iter_mut().zip(&self.positions) {
             *position = self.value(place);
         }
-        let mut applied = None;
-        if let Some([oldest, newest]) = self.came(&self.applied)
-            && self.are_fresh(&self.applied, self.read_back_within)
-        {
+        let came = self.came(&self.applied);
+        let applied = came.map(|_| {
             let mut values = PerChannel::ZERO;
             for (value, place) in values.iter_mut().zip(&self.applied) {
                 *value = self.value(place);
             }
-            applied = Some(values);
-            let before = taken.saturating_duration_since(oldest);
-            apart = apart
-                .max(before)
-                .max(newest.saturating_duration_since(taken));
-        }
+            values
+        });
+        let (report, came) = match &self.way {
+            Way::Barrier(barrier) => (
+                barrier.report().map(|(words, _)| words),
+                barrier.report().map(|(_, came)| came),
+            ),
+            Way::Plain(_) | Way::Nothing => (None, came.map(|[oldest, _]| oldest)),
+        };
         let [referenced, alarm, emergency_stop] = &self.states;
         let state = |place: &Option<Place>, unseen: bool, forbids: bool| {
             let place = place.as_ref();
             place.map_or(unseen, |place| self.state(place, forbids))
         };
+        let states = self.states.iter().flatten();
+        let states = states.filter_map(|place| self.ears.heard(place).taken);
         Ok(Snapshot {
             positions,
             taken,
-            uncertainty: apart,
+            uncertainty: newest.duration_since(taken),
             // A state that is not shown at all has been accepted so: the description tells.
             state: ControllerState {
                 referenced: state(referenced, true, false),
                 alarm: state(alarm, false, true),
                 emergency_stop: state(emergency_stop, false, true),
             },
+            state_taken: states.min().unwrap_or(taken),
             applied,
-            report: match &self.way {
-                Way::Barrier(barrier) => barrier.report(),
-                Way::Plain(_) | Way::Nothing => None,
-            },
+            report,
+            correction_taken: came.unwrap_or(taken),
         })
     }
 

@@ -29,7 +29,8 @@ pub struct Health {
 
 /// A counter of 16 numbers that is so far ahead lies behind: the frame was overtaken, or doubled, on its way.
 const BEHIND: u64 = 8;
-/// A frame that was overtaken comes within this time of the one that overtook it.
+/// A frame that was overtaken comes within this time of the one that overtook it. This judges no age: it tells a frame that
+/// comes out of turn from the first one after a silence, in which the counter may have gone round.
 const OVERTAKEN_WITHIN: Duration = Duration::from_millis(100);
 
 /// A message that is received: the last data that were whole.
@@ -55,15 +56,15 @@ impl Heard {
         &self.data[..self.message.length]
     }
 
-    /// Whether the last whole frame is not older than `stale_after`.
-    pub(crate) fn is_fresh(&self, stale_after: Duration) -> bool {
-        self.taken
-            .is_some_and(|taken| taken.elapsed() <= stale_after)
-    }
-
     /// The counter of the last whole frame, where the message has one.
     pub(crate) fn counter(&self) -> Option<u64> {
         self.counter
+    }
+
+    /// Whether the last whole frame came no longer than this before another one.
+    fn came_before(&self, other: Instant, within: Duration) -> bool {
+        self.taken
+            .is_some_and(|taken| other.saturating_duration_since(taken) <= within)
     }
 
     /// Takes a frame of this message. Whether it was whole and new.
@@ -79,7 +80,7 @@ impl Heard {
                     return false;
                 }
                 // After a silence nothing tells how far the counter went.
-                ahead if ahead >= BEHIND && self.is_fresh(OVERTAKEN_WITHIN) => {
+                ahead if ahead >= BEHIND && self.came_before(taken, OVERTAKEN_WITHIN) => {
                     health.repeated += 1;
                     return false;
                 }

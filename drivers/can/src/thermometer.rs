@@ -1,6 +1,6 @@
 //! Temperatures in plain frames.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use volcomp_port::{DeviceError, Reason, Temperature, Thermometer};
 
@@ -17,18 +17,18 @@ use crate::{
 /// A table without temperatures.
 pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String>, DeviceError> {
     let unopened = Unopened(device.to_owned());
-    Ok(CanThermometer::new(unopened, table, &[], Duration::ZERO)?.names)
+    Ok(CanThermometer::new(unopened, table, &[])?.names)
 }
 
 /// Temperatures in plain frames: signals that end in `_TEMP`, named by what stands before, in small letters.
 /// Raw 0 stands for a shorted sensor, the highest raw number for a broken one. Reading takes what has come:
-/// it does not wait.
+/// it does not wait. A temperature that does not come any more stays what it was, and when it came; there is none while the
+/// interface is down.
 pub struct CanThermometer<P> {
     ears: Ears<P>,
     names: Vec<String>,
     places: Vec<Place>,
     latest: Vec<Temperature>,
-    stale_after: Duration,
 }
 
 impl<P: CanPort> CanThermometer<P> {
@@ -36,12 +36,7 @@ impl<P: CanPort> CanThermometer<P> {
     ///
     /// # Errors
     /// A table without temperatures, a name that it does not have or that stands twice.
-    pub fn new(
-        port: P,
-        table: &SignalTable,
-        names: &[String],
-        stale_after: Duration,
-    ) -> Result<Self, DeviceError> {
+    pub fn new(port: P, table: &SignalTable, names: &[String]) -> Result<Self, DeviceError> {
         let refused =
             |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
         let (wanted, mut found) = (names, Vec::new());
@@ -76,7 +71,6 @@ impl<P: CanPort> CanThermometer<P> {
             ears: Ears::new(port, heard),
             names,
             places,
-            stale_after,
         })
     }
 
@@ -101,7 +95,7 @@ impl<P: CanPort> Thermometer for CanThermometer<P> {
             let heard = self.ears.heard(place);
             let Some(taken) = heard.taken else { continue };
             let raw = place.signal.raw(heard.data());
-            *latest = if listened.is_err() || taken.elapsed() > self.stale_after {
+            *latest = if listened.is_err() {
                 Temperature::bad(Reason::NoAnswer, taken)
             } else if raw == 0 {
                 Temperature::bad(Reason::Short, taken)

@@ -6,8 +6,8 @@ use std::{
 };
 
 use volcomp_modbus::{
-    Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile, ThermometerConfig,
-    ThermometerUnit,
+    ANSWER_WITHIN, Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile,
+    ThermometerConfig, ThermometerUnit,
 };
 use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer};
 
@@ -114,8 +114,7 @@ pub fn thermometer_names(address: &Address, names: &[String]) -> Result<Vec<Stri
 /// Keys that make no sense, a profile without digital lines.
 pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
     let (bus, module) = module(address)?;
-    let answer_within = Duration::from_millis(300);
-    ModbusDigital::new(bus, &[module], answer_within, Backoff::default())
+    ModbusDigital::new(bus, &[module], ANSWER_WITHIN, Backoff::default())
 }
 
 /// The port that [`digital_modules`] would open, described without connecting.

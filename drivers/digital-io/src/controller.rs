@@ -287,6 +287,8 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         Ok(Snapshot {
             positions,
             taken: oldest,
+            state_taken: oldest,
+            correction_taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
             // None of these is shown, which the description says: whoever reads this must have accepted that.
             state: ControllerState {

@@ -34,6 +34,9 @@ impl BarrierArea {
 /// Bytes of the PMC's memory that belong together, and what they are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
+    /// The key of a configuration that says where they are: `area.first`, `heartbeat`, `sequence`, `referenced`,
+    /// `barrier.frame` or `barrier.report`. Empty where the control says it.
+    pub key: &'static str,
     /// What the bytes are for, in words.
     pub what: &'static str,
     /// The first byte.
@@ -101,7 +104,12 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
             bytes: width.bytes(),
         })?;
         let last = PmcAddress { at: last, ..first };
-        let block = Block { what, first, last };
+        let block = Block {
+            key,
+            what,
+            first,
+            last,
+        };
         found.push(Used { block, written });
         Ok(())
     };
@@ -158,13 +166,22 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
 /// Checks the words of a control's first `slots` axes, frame and report, and the bytes with a meaning of their own: what
 /// is written may be written and exists, and none lies within another.
 pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError> {
-    let blocks = used(config, slots)?;
-    for (index, Used { block: one, .. }) in blocks.iter().enumerate() {
-        for Used { block: other, .. } in &blocks[index + 1..] {
-            apart(one, other)?;
-        }
+    match overlap(&used(config, slots)?) {
+        Some([one, other]) => Err(FocasError::Overlap { one, other }),
+        None => Ok(()),
     }
-    Ok(())
+}
+
+/// The first two blocks of a configuration that share a byte.
+pub(crate) fn overlap_within(config: &FocasConfig) -> Option<[Block; 2]> {
+    overlap(&used(config, config.axes.len()).ok()?)
+}
+
+fn overlap(blocks: &[Used]) -> Option<[Block; 2]> {
+    let pairs = (blocks.iter().enumerate())
+        .flat_map(|(index, one)| blocks[index + 1..].iter().map(move |other| [one, other]));
+    let mut pairs = pairs.map(|pair| pair.map(|used| used.block));
+    pairs.find(|[one, other]| one.shared(other).is_some())
 }
 
 /// Refuses two blocks that share a byte.
@@ -188,14 +205,15 @@ pub(crate) fn without_axis_words(
     Ok(blocks.filter(|block| !of_ladder(block)).collect())
 }
 
-/// The first byte that one of two configurations writes and the other uses; `None` where they leave each other alone.
-pub(crate) fn shared(one: &FocasConfig, other: &FocasConfig) -> Option<PmcAddress> {
+/// The first block of each of two configurations that share a byte which one of them writes; `None` where they leave each
+/// other alone.
+pub(crate) fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
     let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
-    let others = blocks(other);
-    blocks(one).iter().find_map(|one| {
-        others
-            .iter()
-            .filter(|other| one.written || other.written)
-            .find_map(|other| one.block.shared(&other.block))
-    })
+    let (ours, theirs) = (blocks(one), blocks(other));
+    let pairs = ours
+        .iter()
+        .flat_map(|one| theirs.iter().map(move |other| [one, other]));
+    let mut written = pairs.filter(|pair| pair.iter().any(|used| used.written));
+    let found = written.find(|[one, other]| one.block.shared(&other.block).is_some())?;
+    Some(found.map(|used| used.block))
 }

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad};
 
 use crate::{
     answers::PositionKind,
-    areas::{self, BarrierArea},
+    areas::{self, BarrierArea, Block},
     error::FocasError,
     pmc::{PmcAddress, PmcArea, Width},
 };
@@ -186,10 +186,18 @@ impl FocasConfig {
         Ok(description)
     }
 
-    /// The first byte of the same control's memory that this or another configuration writes and the other one uses;
+    /// Two blocks of the control's memory that this configuration uses and that share a byte; `None` where all lie apart, or
+    /// the configuration is wrong otherwise.
+    pub fn overlap(&self) -> Option<[Block; 2]> {
+        areas::overlap_within(self)
+    }
+
+    /// A block of this configuration and one of another for the same control that share a byte which one of them writes;
     /// `None` where they leave each other's bytes alone, or are of different controls.
-    pub fn shared_byte(&self, other: &Self) -> Option<PmcAddress> {
+    pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
-        is_same.then(|| areas::shared(self, other)).flatten()
+        is_same
+            .then(|| areas::overlap_between(self, other))
+            .flatten()
     }
 }

@@ -66,6 +66,8 @@ pub(crate) fn read(
         snapshot: Snapshot {
             positions: PerChannel::ZERO,
             taken: begun,
+            state_taken: begun,
+            correction_taken: begun,
             uncertainty: Duration::ZERO,
             state: ControllerState {
                 referenced: true,
@@ -88,7 +90,7 @@ pub(crate) fn read(
         if exchange.parts.iter().any(|ask| ask.is_position()) {
             let since = *positions_since.get_or_insert(asked);
             let half = answered.duration_since(since) / 2;
-            reading.snapshot.taken = since + half;
+            reading.snapshot = reading.snapshot.at(since + half);
             reading.snapshot.uncertainty = half;
         }
     }

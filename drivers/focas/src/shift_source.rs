@@ -109,6 +109,7 @@ impl ShiftSource {
         let (first, last) =
             words.ok_or_else(|| wrong("words that end at byte 65535 at the latest".to_owned()))?;
         let words = Block {
+            key: "",
             what: "the words from which the control takes the shifts (parameter 1280)",
             first,
             last,

@@ -5,7 +5,7 @@ use std::{
     pin::Pin,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     task::{Context as Task, Poll},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use tokio::{
@@ -19,6 +19,10 @@ use tokio_modbus::{
 };
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault};
+
+/// How long a module may take for an answer where nothing else is asked for. This judges no age: a module that is slower does
+/// not answer.
+pub const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 
 /// Parity of a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -173,6 +177,16 @@ pub(crate) struct Line {
 }
 
 impl Line {
+    /// How long to wait for the answer to a write. Over TCP no longer than until its deadline: then the connection is reset, so
+    /// that nothing of the write is left in a queue of the kernel. What was given to a serial line is on the wire, and cannot
+    /// be called back.
+    pub(crate) fn patience(&self, at_most: Duration, deadline: Instant) -> Duration {
+        if self.serial.is_some() {
+            return at_most;
+        }
+        at_most.min(deadline.saturating_duration_since(Instant::now()))
+    }
+
     /// Sends a request to the module with this address and waits `at_most` for its answer.
     pub(crate) async fn ask(
         &mut self,

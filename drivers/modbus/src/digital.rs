@@ -17,14 +17,6 @@ use crate::{
     profile::{Digital, Profile},
 };
 
-/// Inputs older than so many exchanges are not told any more, and a write that was not answered for so long has failed.
-const STALE_EXCHANGES: u32 = 5;
-/// However short the exchanges are, it takes so long at least.
-const STALE_AT_LEAST: Duration = Duration::from_millis(50);
-/// A write goes out with the next exchange. It may begin so many exchanges after it was asked for, even where that is
-/// later than its deadline.
-const WRITE_EXCHANGES: u32 = 2;
-
 /// A module with lines.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -36,9 +28,10 @@ pub struct DigitalModule {
 }
 
 /// The lines of some modules, the first module's lowest. Reading and writing never wait for the bus: inputs
-/// are those of the last exchange, with the time at which they came; outputs go out with the next one, once for each
-/// write. A write that a module did not acknowledge is told as failed by the next call, and what was asked for before a
-/// connection was made is not written over it.
+/// are those of the last exchange, with the time at which they came, however long ago; outputs go out with the next one, once
+/// for each write. A write that cannot begin before its deadline is not sent. One that was not sent, or that a module did not
+/// acknowledge before its deadline, is told as failed by the next call, and what was asked for before a connection was made
+/// is not written over it.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,
@@ -50,7 +43,7 @@ pub struct ModbusDigital {
     number: u64,
     /// The last write that has arrived or failed, as far as a call has seen.
     answered: u64,
-    /// Since when a write is on its way and none was answered.
+    /// The deadline of the oldest write that was asked for since one was answered.
     unanswered: Option<Instant>,
     /// The last write whose failure was told.
     told: u64,
@@ -140,11 +133,6 @@ impl ModbusDigital {
             stop,
         })
     }
-
-    /// How old inputs may be, and how long a write may be unanswered.
-    fn stale_after(&self) -> Duration {
-        (self.exchange * STALE_EXCHANGES).max(STALE_AT_LEAST)
-    }
 }
 
 fn refused(bus: &Bus, what: String) -> DeviceError {
@@ -211,15 +199,11 @@ impl DigitalIo for ModbusDigital {
         self.exchange
     }
 
-    /// The inputs of the last exchange, and when they came.
+    /// The inputs of the last exchange, and when they came: over a connection on which modules fell silent they grow old.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
-        let inputs = inputs.ok_or(Fault::NotConnected)?;
-        if inputs.taken.elapsed() > self.stale_after() {
-            return Err(Fault::TimedOut);
-        }
-        Ok(inputs)
+        inputs.ok_or(Fault::NotConnected)
     }
 
     /// Hands the outputs to the next exchange. A fault tells that a write before did not arrive; these are on their way
@@ -242,16 +226,13 @@ impl DigitalIo for ModbusDigital {
             self.answered = answered;
             self.unanswered = None;
         }
-        let is_old = |since: Instant| now.duration_since(since) > self.stale_after();
-        // Where nothing is heard, nothing is known to be written either.
-        let silent = self.unanswered.is_some_and(is_old)
-            || image.inputs.is_some_and(|inputs| is_old(inputs.taken));
+        let silent = self.unanswered.is_some_and(|until| now >= until);
         self.number += 1;
-        self.unanswered.get_or_insert(now);
+        self.unanswered.get_or_insert(deadline);
         self.wanted.write(Wanted {
             levels,
             number: self.number,
-            until: deadline.max(now + self.exchange * WRITE_EXCHANGES),
+            until: deadline,
         });
         match failed {
             Some((number, fault)) => {

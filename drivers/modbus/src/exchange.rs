@@ -34,7 +34,7 @@ pub(crate) struct Wanted {
     pub(crate) levels: u64,
     /// Counts the writes from 1 on; 0: none was asked for.
     pub(crate) number: u64,
-    /// A write that has not begun by then is not made.
+    /// The deadline of the write: what has not begun by then is not sent, and what was not answered by then has failed.
     pub(crate) until: Instant,
 }
 
@@ -234,7 +234,8 @@ impl Exchanger {
                 .map(|bit| wanted.levels >> (first + bit) & 1 == 1)
                 .collect();
             let request = Request::WriteMultipleCoils(digital.output_address, bits.into());
-            line.ask(*unit, request, self.answer_within).await?;
+            let patience = line.patience(self.answer_within, wanted.until);
+            line.ask(*unit, request, patience).await?;
             first += u32::from(digital.outputs);
         }
         Ok(())

@@ -8,7 +8,7 @@ mod profile;
 mod registers;
 mod thermometer;
 
-pub use bus::{Bus, Parity};
+pub use bus::{ANSWER_WITHIN, Bus, Parity};
 pub use digital::{DigitalModule, ModbusDigital};
 pub use profile::{Channels, Digital, Fault, NumberType, Profile, ProfileError, Unit, WordOrder};
 pub use registers::read_channel;

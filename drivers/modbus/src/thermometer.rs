@@ -15,7 +15,7 @@ use volcomp_port::{
 };
 
 use crate::{
-    bus::{Bus, Line, Unanswered, no_thread},
+    bus::{ANSWER_WITHIN, Bus, Line, Unanswered, no_thread},
     profile::{Channels, Profile, Status},
     registers::read_channel,
 };
@@ -58,7 +58,7 @@ impl ThermometerConfig {
             bus,
             units: vec![unit],
             interval: Duration::from_secs(1),
-            answer_within: Duration::from_millis(300),
+            answer_within: ANSWER_WITHIN,
             backoff: Backoff::default(),
         }
     }

@@ -205,7 +205,8 @@ pub struct ControllerState {
     pub emergency_stop: bool,
 }
 
-/// The positions, the state and the applied correction of a controller at one instant.
+/// The positions, the state and the applied correction of a controller, each with the time at which it held: what was heard
+/// last, however long ago. Whether that is young enough is not judged by drivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
     /// Positions as reported, mm and rad: those of the axes that are written, then those that are only read.
@@ -215,14 +216,36 @@ pub struct Snapshot {
     pub taken: Instant,
     /// How far from `taken` that may have been.
     pub uncertainty: Duration,
-    /// The operating state of the controller at that instant.
+    /// The operating state of the controller.
     pub state: ControllerState,
+    /// When the oldest part of that state held, as `taken`.
+    pub state_taken: Instant,
     /// The correction that is applied, mm and rad, where the device can be asked and has no barrier. Where the control
     /// cannot be asked (see [`Description::tells_applied`]): what the outputs to it carry, as far as the device knows it.
     pub applied: Option<PerChannel<f64>>,
     /// The last report of the control's barrier, as its words came: whether they are whole, the checksum in them tells.
     /// `None` where there is no barrier, or nothing came yet.
     pub report: Option<Words>,
+    /// When the oldest part of `applied` or `report` held, as `taken`.
+    pub correction_taken: Instant,
+}
+
+impl Snapshot {
+    /// The same, all of it at one instant.
+    #[must_use]
+    pub fn at(self, taken: Instant) -> Self {
+        Self {
+            taken,
+            state_taken: taken,
+            correction_taken: taken,
+            ..self
+        }
+    }
+
+    /// When the youngest part held: since then nothing was heard of the controller.
+    pub fn youngest(&self) -> Instant {
+        self.taken.max(self.state_taken).max(self.correction_taken)
+    }
 }
 
 /// A machine controller whose positions are read and that takes corrections.
@@ -235,7 +258,9 @@ pub trait Controller: Send {
     /// The properties of the controller that its configuration fixes.
     fn description(&self) -> &Description;
 
-    /// Positions, state and what is applied.
+    /// Positions, state and what is applied, as they were heard last and with the times at which they held. A device that
+    /// sends by itself, or is asked in the background, is not waited for again where it has become silent: what it said
+    /// last grows old.
     ///
     /// # Errors
     /// See [`Fault`].

@@ -38,7 +38,8 @@ pub trait DigitalIo: Send {
     /// The shortest time that an exchange takes: how fast anything built on it can be.
     fn shortest_cycle(&self) -> Duration;
 
-    /// All inputs at one instant, as far as the device can.
+    /// All inputs at one instant, as far as the device can: those that were heard last, with the time at which they came,
+    /// however long ago.
     ///
     /// # Errors
     /// See [`Fault`].

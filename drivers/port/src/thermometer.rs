@@ -93,7 +93,8 @@ pub trait Thermometer: Send {
     /// The names of its sensors.
     fn names(&self) -> &[String];
 
-    /// The latest temperature of each sensor, in the order of the names. Never blocks or allocates.
+    /// The latest temperature of each sensor, in the order of the names, however long ago it was measured. Never blocks or
+    /// allocates.
     fn latest(&mut self) -> &[Temperature];
 }
 

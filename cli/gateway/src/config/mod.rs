@@ -27,15 +27,15 @@ use controller::{check_latches, controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
-use stated::stated_keys;
+pub use stated::StatedKeys;
 
 /// Everything that a configuration says. Paths are relative to its folder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// The name of the configuration file as messages have it.
     pub file: String,
-    /// The keys that the file states; the others have their defaults.
-    pub stated: BTreeSet<String>,
+    /// The keys that the file states, and where; the others have their defaults.
+    pub stated: StatedKeys,
     /// The path of the machine file.
     pub machine: PathBuf,
     /// The time of a cycle.
@@ -289,7 +289,7 @@ impl Config {
         };
         Ok(Self {
             file: file.to_owned(),
-            stated: stated_keys(root),
+            stated: StatedKeys::of(root),
             machine: folder.join(root.require("machine")?.text()?),
             cycle: Duration::from_secs_f64(cycle_ms * 1e-3),
             auto_arm: root.truth_or("auto_arm", false)?,

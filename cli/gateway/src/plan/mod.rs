@@ -24,6 +24,7 @@ mod audit_folder;
 mod describe;
 mod needs;
 mod notes;
+mod overlap;
 mod positions;
 mod seen;
 mod text;
@@ -299,10 +300,8 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
     }
     let mut controllers: Vec<ControllerDevice> = Vec::new();
     for controller in &config.controllers {
-        let device = ControllerDevice::new(controller, config.cycle).map_err(wrong)?;
-        for before in &controllers {
-            device.writes_apart_from(before).map_err(wrong)?;
-        }
+        let device = ControllerDevice::new(controller).map_err(wrong)?;
+        overlap::check(config, &controllers, &device)?;
         controllers.push(device);
     }
     let mut thermometers: Vec<ThermometerDevice> = Vec::new();

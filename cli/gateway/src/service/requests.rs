@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
-use volcomp_guard::{Reasons, Request, SensorFlaw, State};
+use volcomp_guard::{Interlock, Reasons, Request, SensorFlaw, State};
 use volcomp_runtime::{Order, Report};
 
 use super::{
@@ -269,13 +269,6 @@ impl Service {
 /// Who asks where nobody does.
 const AUTO_ARM: &str = "auto_arm";
 
-/// Why a correction stands until a control says otherwise.
-const STOPS: [Reasons; 3] = [
-    Reasons::NOT_REFERENCED,
-    Reasons::CONTROLLER_ALARM,
-    Reasons::EMERGENCY_STOP,
-];
-
 /// Whether anything waits for a person to acknowledge it. An interlock that a controller shows now does not.
 fn has_to_be_acknowledged(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
@@ -289,7 +282,8 @@ fn has_to_be_acknowledged(report: &Report) -> bool {
 /// Whether a controller that answers shows an interlock.
 fn shows_interlock(report: &Report) -> bool {
     report.paths.iter().any(|path| {
-        let is_stopped = STOPS.into_iter().any(|stop| path.reasons.contains(stop));
+        let mut stops = Interlock::REASONS.into_iter();
+        let is_stopped = stops.any(|stop| path.reasons.contains(stop));
         is_stopped && !path.reasons.contains(Reasons::INTERLOCK_UNSEEN)
     })
 }

@@ -51,10 +51,7 @@ impl Controller for Lines {
     fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
         self.panel.shows(0, self.plant.commanded()[0]);
         let snapshot = self.inner.read(Instant::now() + SECOND)?;
-        Ok(Snapshot {
-            taken: self.clock.now(),
-            ..snapshot
-        })
+        Ok(snapshot.at(self.clock.now()))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {

@@ -19,7 +19,7 @@ fn parsed(text: &str) -> Result<Config, String> {
 
 /// What the gateway makes of the first controller, before it opens it.
 fn described(config: &Config) -> Result<Description, DeviceError> {
-    ControllerDevice::new(&config.controllers[0], config.cycle)?.describe()
+    ControllerDevice::new(&config.controllers[0])?.describe()
 }
 
 /// Steps on lines are those that the configuration states: 5 µrad asked are 5 µrad given, not 1000.

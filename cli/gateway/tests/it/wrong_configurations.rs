@@ -50,7 +50,7 @@ pub(crate) const CASES: &[Wrong] = &[
     // A heartbeat or a byte of referenced axes within the words that corrections are written to.
     wrong(
         &[("at = 120 }", "at = 104 }")],
-        "the heartbeat R104 lies within the words of the shifts R100 to R105",
+        ":12: controller[0].heartbeat: the heartbeat R104 lies within the words of the shifts R100 to R105 (the driver's own place, controller[0].url in line 10)",
     ),
     wrong(
         &[(
@@ -372,14 +372,14 @@ pub(crate) const CASES: &[Wrong] = &[
             "[[thermometer]]",
             "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nunwatched = true\n[[thermometer]]",
         )],
-        "R100 is used by the [[controller]] focas://127.0.0.1:1, too",
+        ":14: controller[1].url: the words of the shifts R100 to R101 overlap the words of the shifts R100 to R105 (the driver's own place, controller[0].url in line 10)",
     ),
     wrong(
         &[(
             "[[thermometer]]",
             "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\narea = { pmc = \"R\", first = 200, width = 2 }\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         )],
-        "R120 is used by the [[controller]] focas://127.0.0.1:1, too",
+        ":17: controller[1].heartbeat: the heartbeat R120 lies within the heartbeat R120 (controller[0].heartbeat in line 12)",
     ),
     // A barrier: its words, and the keys that have no place beside it.
     wrong(
@@ -387,7 +387,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "heartbeat = { pmc = \"R\", at = 120 }",
             "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 217 } }",
         )],
-        "the words of the frame R200 to R217 overlap the words of the report R217 to R254",
+        ":12: controller[0].barrier.frame: the words of the frame R200 to R217 overlap the words of the report R217 to R254 (controller[0].barrier.report in line 12)",
     ),
     wrong(
         &[(
@@ -423,7 +423,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "[[thermometer]]",
             "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nbarrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 120 }, report = { pmc = \"R\", at = 240 } }\n[[thermometer]]",
         )],
-        "R120 is used by the [[controller]] focas://127.0.0.1:1, too",
+        ":16: controller[1].barrier.frame: the words of the frame R120 to R133 overlap the heartbeat R120 (controller[0].heartbeat in line 12)",
     ),
     // Thermometers.
     wrong(

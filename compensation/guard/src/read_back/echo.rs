@@ -102,7 +102,7 @@ impl Echo {
             known.changed = found.is_none();
             self.has_sent &= found.is_some();
             self.begin(values, now);
-            self.confirm(values, now, known);
+            self.confirm(values, [taken, now], known);
             return Landed::All;
         }
         let Some([oldest, newest]) = found else {
@@ -115,7 +115,7 @@ impl Echo {
         };
         self.candidates.copy_within(oldest..self.count, 0);
         self.count -= oldest;
-        self.confirm(values, now, known);
+        self.confirm(values, [taken, now], known);
         landed
     }
 
@@ -156,11 +156,17 @@ impl Echo {
         self.count = 1;
     }
 
-    fn confirm(&mut self, values: &PerChannel<f64>, now: Duration, known: &mut Known) {
+    /// A reading that held at `taken` and is heard now confirms these values: as of then, however late it is heard.
+    fn confirm(
+        &mut self,
+        values: &PerChannel<f64>,
+        [taken, now]: [Duration; 2],
+        known: &mut Known,
+    ) {
         self.alone_since.get_or_insert(now);
         known.confirmed = Some(Confirmed {
             values: *values,
-            at: now,
+            at: taken,
         });
         // What does not fit into the memory is not sent.
         known.writable = self.count < MOST;

@@ -150,10 +150,13 @@ impl ReadBack {
         &self.known
     }
 
-    /// Takes what the control told in this cycle. `taken` is when that held.
+    /// Takes what the control told in this cycle. `taken` is when that held: what held longer ago than `hold` is told of no
+    /// more, however often a device repeats it.
     pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
         // No reading is from the future, whatever a device says.
         let taken = taken.min(now);
+        let is_old = now.saturating_sub(taken) > limits.hold;
+        let told = if is_old { &Told::Nothing } else { told };
         self.known.changed = false;
         let landed = match (&mut self.kind, told) {
             (Kind::Barrier(link), Told::Report(words)) => {

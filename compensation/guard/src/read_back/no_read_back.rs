@@ -106,7 +106,8 @@ impl NoReadBack {
         let landed = told.map_or(Landed::Unknown, |values| {
             let landed = self.echo.hear(now, taken, values, limits, known);
             self.echo.judge(now, limits, known);
-            self.unknown &= known.confirmed.is_none_or(|confirmed| confirmed.at != now);
+            // A reading that confirms also says what has landed.
+            self.unknown &= landed == Landed::Unknown;
             landed
         });
         if !self.sees {

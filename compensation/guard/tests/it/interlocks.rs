@@ -32,6 +32,30 @@ fn what_one_path_says_holds_all_until_the_same_path_clears_it() {
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
+/// Flags older than `hold` say nothing, so each one that the control shows forbids; one that it does not show has been
+/// accepted.
+#[test]
+fn old_flags_forbid() {
+    let hold = Duration::from_millis(40);
+    let all = Interlock {
+        unreferenced: true,
+        alarm: true,
+        emergency_stop: true,
+    };
+    let clear = Interlock::default();
+    let no_alarm = Interlock {
+        alarm: false,
+        ..all
+    };
+    assert_eq!(clear.at_age(hold, hold, all), clear);
+    assert_eq!(all.at_age(Duration::ZERO, hold, clear), all);
+    let old = hold + Duration::from_nanos(1);
+    for shown in [all, no_alarm, clear] {
+        assert_eq!(clear.at_age(old, hold, shown), shown);
+    }
+    assert_eq!(all.at_age(old, hold, clear), all, "what it said last stays");
+}
+
 #[test]
 fn a_person_lifts_what_a_silent_path_said_last_and_nothing_else() {
     let mut interlocks = Interlocks::default();

@@ -11,6 +11,7 @@ mod machine;
 mod proof;
 mod properties;
 mod ramps;
+mod read_back;
 mod selector;
 mod sequences;
 mod states;

@@ -1,81 +1,64 @@
 //! Three axes behind a barrier, and a second way that writes two of them: it takes over when nothing is left on the third.
 
-use std::{
-    sync::{Arc, Mutex},
-    time::{Duration, Instant},
-};
+use std::time::Duration;
 
-use volcomp_model::Machine;
-use volcomp_port::{Clock, Controller, Description, Fault, Snapshot, Words};
+use volcomp_port::{Clock, Description, Fault, Snapshot, Words};
 use volcomp_runtime::{
-    Asked, AxisSettings, BarrierSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan,
-    PathSettings, Sensors,
+    AxisSettings, BarrierSettings, ControlPath, GuardSettings, Model, PathSettings,
     guard::{
         ControlTimeOut, Request, State,
         barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings},
     },
 };
-use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel, Um};
+use volcomp_vocabulary::{MAX_AXES, PerChannel, Um};
 
-use crate::rig::{PERIOD, alone, referenced, without_barrier};
+use crate::{
+    rig::{PERIOD, alone, referenced, without_barrier},
+    ways::{AXES, Plant, Ways, three_axes},
+};
 
 /// Z needs 120 µm.
-const MACHINE: &str = "structure = \"w X' Y' b Z t\"
-axes = { X.travel = [0, 100], Y.travel = [0, 500], Z.travel = [0, 400] }
-errors = { EZZ = -120 }";
-const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+const ERRORS: &str = "EZZ = -120";
 const SCAN: Duration = Duration::from_millis(2);
 
 /// The control: its barrier, its mailbox, and what it shows.
-struct Plant {
+struct Control {
     barrier: Barrier,
     mailbox: Option<Vec<u16>>,
     first_is_away: bool,
     stop: bool,
 }
 
-struct Way {
-    plant: Arc<Mutex<Plant>>,
-    clock: Clock,
-    description: Description,
-}
-
-impl Controller for Way {
-    fn description(&self) -> &Description {
-        &self.description
-    }
-
-    fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
-        let plant = self.plant.lock().expect("no panic");
-        let mut snapshot = referenced(PerChannel::leading([10.0]), self.clock.now(), None);
-        if !self.description.barrier {
-            snapshot.state.emergency_stop = plant.stop;
+impl Plant for Control {
+    fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
+        let mut snapshot = referenced(PerChannel::leading([10.0]), clock.now(), None);
+        if !way.barrier {
+            snapshot.state.emergency_stop = self.stop;
             return Ok(snapshot);
         }
-        if plant.first_is_away {
+        if self.first_is_away {
             return Err(Fault::TimedOut);
         }
         let mut words = [0; REPORT_WORDS];
-        let length = plant.barrier.report().encode(&mut words);
+        let length = self.barrier.report().encode(&mut words);
         snapshot.report = Words::new(&words[..length]);
         Ok(snapshot)
     }
 
-    fn post(&mut self, frame: &Words, _: Instant) -> Result<(), Fault> {
-        let mut plant = self.plant.lock().expect("no panic");
-        if plant.first_is_away {
+    fn post(&mut self, _: &Description, frame: &Words) -> Result<(), Fault> {
+        if self.first_is_away {
             return Err(Fault::TimedOut);
         }
-        plant.mailbox = Some(frame.as_slice().to_vec());
+        self.mailbox = Some(frame.as_slice().to_vec());
         Ok(())
     }
 
-    fn apply(&mut self, _: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
+    fn apply(&mut self, _: &Description, _: &PerChannel<f64>, _: &Clock) -> Result<(), Fault> {
         Ok(())
     }
 }
 
-fn way(first: bool, plant: &Arc<Mutex<Plant>>, clock: &Clock, model: &Model) -> ControlPath {
+fn way(first: bool, ways: &Ways<Control>, model: &Model) -> ControlPath {
     let guard = guard();
     let axes = if first { &AXES[..] } else { &AXES[..2] };
     let description = Description {
@@ -97,13 +80,7 @@ fn way(first: bool, plant: &Arc<Mutex<Plant>>, clock: &Clock, model: &Model) -> 
         proves: false,
         ..alone()
     };
-    let plan = PathPlan::new(description.clone(), model, &guard, &settings, PERIOD).expect("fits");
-    let way = Way {
-        plant: Arc::clone(plant),
-        clock: clock.clone(),
-        description,
-    };
-    ControlPath::new(Box::new(way), &plan).expect("fits")
+    ways.path(description, model, &guard, &settings)
 }
 
 fn guard() -> GuardSettings {
@@ -125,50 +102,36 @@ fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16,
         hold_scans: 25,
         time_out_scans,
     };
-    let plant = Arc::new(Mutex::new(Plant {
+    let control = Control {
         barrier: Barrier::start(settings, 1, 0, &Counts::default()).expect("good settings"),
         mailbox: None,
         first_is_away: false,
         stop: false,
-    }));
-    let clock = Clock::manual();
-    let machine = Machine::parse(MACHINE, "m").expect("valid");
+    };
+    let ways = Ways::to(control, Clock::manual());
     let guard = guard();
-    let model = Model::new(&machine, guard.fading).expect("compiles");
-    let ways = [true, false].map(|first| way(first, &plant, &clock, &model));
-    let sensors = Sensors::new(Vec::new(), guard.temperatures);
-    let cycle = Cycle::new(
-        Box::new(model),
-        ways.into(),
-        guard.hand_back,
-        sensors,
-        PERIOD,
-    );
-    let mut cycle = cycle.expect("fits").with_clock(clock.clone());
+    let model = three_axes(ERRORS, &guard);
+    let paths = [true, false].map(|first| way(first, &ways, &model));
+    let mut cycle = ways.cycle(model, &guard, paths.into()).expect("fits");
     let mut scanned = Duration::ZERO;
     let (mut most, mut taken_over) = (0, false);
     for number in 0..4000 {
-        clock.advance(PERIOD);
-        let mut control = plant.lock().expect("no panic");
+        ways.clock.advance(PERIOD);
+        let mut control = ways.plant();
         control.first_is_away = number >= 1500;
         control.stop = (1500..stop_until).contains(&number);
-        while scanned + real_scan <= clock.elapsed() {
+        while scanned + real_scan <= ways.clock.elapsed() {
             scanned += real_scan;
             let (mailbox, stop) = (control.mailbox.clone(), control.stop);
             let mailboxes: Vec<&[u16]> = mailbox.as_deref().into_iter().collect();
             control.barrier.scan(&mailboxes, stop);
         }
         drop(control);
-        let asked = Asked {
-            request: (number == 700).then_some(Request::Arm),
-            ..Asked::default()
-        };
-        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
-        let report = cycle.report();
+        let report = ways.run(&mut cycle, (number == 700).then_some(Request::Arm));
         assert!(number != 1499 || report.state == State::Compensating);
         if report.active == 1 {
             taken_over = true;
-            most = most.max(plant.lock().expect("no panic").barrier.memory().applied[2]);
+            most = most.max(ways.plant().barrier.memory().applied[2]);
         }
     }
     (most, taken_over)

@@ -20,8 +20,10 @@ mod quiet;
 mod raised_slew;
 mod reads;
 mod rig;
+mod silence;
 mod standby;
 mod thread;
+mod ways;
 mod written;
 
 /// Ends the run on an allocation where one is forbidden.

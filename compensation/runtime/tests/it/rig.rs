@@ -79,6 +79,8 @@ pub(crate) fn referenced(
     Snapshot {
         positions,
         taken,
+        state_taken: taken,
+        correction_taken: taken,
         uncertainty: Duration::ZERO,
         state: ControllerState {
             referenced: true,

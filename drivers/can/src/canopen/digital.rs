@@ -18,11 +18,11 @@ pub struct CanopenDigital<P> {
     levels: Option<InputLevels>,
     /// The levels of the last frame that the bus took.
     sent: Option<u64>,
-    stale_after: Duration,
 }
 
 impl<P: CanPort> CanopenDigital<P> {
-    /// A node with so many lines.
+    /// A node with so many lines. When its heartbeat is older than `silent_after` it does not run any more: the heartbeat
+    /// consumer time of CiA 301, which belongs to the heartbeat that the node is set to.
     ///
     /// # Errors
     /// Numbers that there are not.
@@ -32,7 +32,6 @@ impl<P: CanPort> CanopenDigital<P> {
         inputs: u32,
         outputs: u32,
         silent_after: Duration,
-        stale_after: Duration,
     ) -> Result<Self, DeviceError> {
         if !(1..=127).contains(&node) || inputs > 64 || outputs > 64 {
             let what = format!("found node {node}, {inputs} inputs, {outputs} outputs");
@@ -47,7 +46,6 @@ impl<P: CanPort> CanopenDigital<P> {
             outputs,
             levels: None,
             sent: None,
-            stale_after,
         })
     }
 }
@@ -70,7 +68,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Duration::from_millis(4)
     }
 
-    /// The inputs that the node sent last, and when they came.
+    /// The inputs that the node sent last, and when they came, however long ago, for as long as the node runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes
@@ -88,10 +86,9 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
                 }
             })?;
         match (self.levels, self.nodes.trouble(self.node)) {
-            (Some(found), None) if found.taken.elapsed() <= self.stale_after => Ok(found),
+            (Some(found), None) => Ok(found),
             (_, Some(Reason::NoAnswer)) | (None, _) => Err(Fault::NotConnected),
             (_, Some(_)) => Err(Fault::Protocol("the node reports an error or does not run")),
-            (Some(_), None) => Err(Fault::TimedOut),
         }
     }
 

@@ -65,11 +65,12 @@ pub struct CanopenThermometer<P> {
     channels: Vec<Channel>,
     names: Vec<String>,
     latest: Vec<Temperature>,
-    stale_after: Duration,
 }
 
 impl<P: CanPort> CanopenThermometer<P> {
-    /// These channels on a bus. `silent_after`: of heartbeats; `stale_after`: of process data.
+    /// These channels on a bus. A node whose heartbeat is older than `silent_after` does not run any more, and its data are
+    /// not used: the heartbeat consumer time of CiA 301, which belongs to the heartbeat that the node is set to. How old the
+    /// process data of a node that runs may be is not judged here.
     ///
     /// # Errors
     /// Channels that make no sense.
@@ -77,7 +78,6 @@ impl<P: CanPort> CanopenThermometer<P> {
         port: P,
         channels: Vec<Channel>,
         silent_after: Duration,
-        stale_after: Duration,
     ) -> Result<Self, DeviceError> {
         let refused =
             |what: String| DeviceError::option(port.device(), what, "correct the channels");
@@ -109,7 +109,6 @@ impl<P: CanPort> CanopenThermometer<P> {
             latest: vec![Temperature::NOT_READ; channels.len()],
             channels,
             port,
-            stale_after,
         })
     }
 }
@@ -156,11 +155,7 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
         // A bus that is gone shows in the heartbeats.
         let _ = self.nodes.listen(&mut self.port, take);
         for (channel, latest) in self.channels.iter().zip(&mut self.latest) {
-            let stale = latest
-                .taken
-                .is_some_and(|taken| taken.elapsed() > self.stale_after);
             let trouble = self.nodes.trouble(channel.node);
-            let trouble = trouble.or(stale.then_some(Reason::NoAnswer));
             if let (Some(reason), Some(taken)) = (trouble, latest.taken) {
                 *latest = Temperature::bad(reason, taken);
             }

@@ -17,8 +17,6 @@ fn config(text: &str, axes: &[AxisName]) -> BridgeConfig {
         axes: axes.to_vec(),
         reads: Vec::new(),
         includes_correction: false,
-        stale_after: Duration::from_secs(60),
-        read_back_within: Duration::from_secs(60),
     }
 }
 

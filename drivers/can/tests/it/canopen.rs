@@ -7,7 +7,7 @@ use volcomp_can::{
         SdoClient, Telegram, nmt, sdo_read, sdo_write, telegram,
     },
 };
-use volcomp_port::{DigitalIo, Fault, Quality, Reason, Thermometer};
+use volcomp_port::{DigitalIo, Fault, InputLevels, Quality, Reason, Thermometer};
 
 use crate::{Bus, soon};
 
@@ -146,7 +146,7 @@ fn pdo(bed: i16, column: f32, status: [u8; 2]) -> Frame {
 fn a_node_is_started_supervised_and_read() {
     let bus = Bus::default();
     let quick = Duration::from_millis(150);
-    let mut thermometer = CanopenThermometer::new(bus.clone(), channels(), quick, quick).unwrap();
+    let mut thermometer = CanopenThermometer::new(bus.clone(), channels(), quick).unwrap();
     assert_eq!(
         thermometer.latest()[0].quality,
         Quality::Bad(Reason::NotRead)
@@ -201,7 +201,7 @@ fn channels_that_make_no_sense_are_named() {
     let message = |change: fn(&mut Vec<Channel>)| {
         let mut channels = channels();
         change(&mut channels);
-        let refused = CanopenThermometer::new(Bus::default(), channels, quick, quick);
+        let refused = CanopenThermometer::new(Bus::default(), channels, quick);
         refused.err().unwrap().to_string()
     };
     assert!(message(Vec::clear).contains("no channel is named"));
@@ -215,7 +215,7 @@ fn lines_of_a_node() {
     let bus = Bus::default();
     // Far apart, so that a machine with other work does not mix them up.
     let (quick, patient) = (Duration::from_millis(20), Duration::from_secs(60));
-    let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient, patient).unwrap();
+    let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient).unwrap();
     assert_eq!(port.read(soon()), Err(Fault::NotConnected));
     assert_eq!(bus.sent(), [frame(0, &[1, 9])]);
     bus.comes(frame(0x709, &[5]));
@@ -243,19 +243,22 @@ fn lines_of_a_node() {
     );
     bus.inside().down = true;
     assert_eq!(port.read(Instant::now()), Err(Fault::Disconnected));
-    for (heartbeat, lines, expected) in [
-        (patient, quick, Fault::TimedOut),
-        (quick, patient, Fault::NotConnected),
-    ] {
+    for (heartbeat, expected) in [(patient, Ok(0x34)), (quick, Err(Fault::NotConnected))] {
         let bus = Bus::default();
-        let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, heartbeat, lines).unwrap();
+        let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, heartbeat).unwrap();
+        let before = Instant::now();
         bus.comes(frame(0x709, &[5]));
-        bus.comes(frame(0x189, &[0x34, 0xff]));
+        bus.comes(frame(0x189, &[0x34, 0]));
+        let came = Instant::now();
         // Heard now; what the answer is depends on how long this takes.
         let _ = port.read(soon());
         std::thread::sleep(3 * quick);
-        assert_eq!(port.read(soon()), Err(expected));
+        let found = port.read(soon());
+        assert_eq!(found.map(|found| found.levels), expected);
+        // Of a node that runs the lines stay what they were, and are as old as that.
+        let age = |found: InputLevels| (before..=came).contains(&found.taken);
+        assert!(found.is_ok_and(age) || expected.is_err());
     }
-    let refused = CanopenDigital::new(Bus::default(), 0, 8, 8, quick, quick);
+    let refused = CanopenDigital::new(Bus::default(), 0, 8, 8, quick);
     assert!(refused.err().unwrap().to_string().contains("found node 0"));
 }

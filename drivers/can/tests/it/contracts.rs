@@ -66,7 +66,7 @@ fn temperatures_of_frames() {
     let _sender = Sender::start(&bus, move |round| {
         vec![frame_of(&shipped(), "TEMPERATURES", &values, round % 16)]
     });
-    let mut thermometer = CanThermometer::new(bus, &shipped(), &[], LONG).unwrap();
+    let mut thermometer = CanThermometer::new(bus, &shipped(), &[]).unwrap();
     contract::thermometer(&mut thermometer);
     assert_eq!(thermometer.health(), volcomp_can::Health::default());
 }
@@ -85,10 +85,10 @@ fn temperatures_and_lines_of_canopen_nodes() {
         number: Number::I16 { decimals: 1 },
         status_at: None,
     };
-    let mut thermometer = CanopenThermometer::new(bus.clone(), vec![channel], LONG, LONG).unwrap();
+    let mut thermometer = CanopenThermometer::new(bus.clone(), vec![channel], LONG).unwrap();
     contract::thermometer(&mut thermometer);
     drop(thermometer);
-    let mut port = CanopenDigital::new(bus, 5, 32, 16, LONG, LONG).unwrap();
+    let mut port = CanopenDigital::new(bus, 5, 32, 16, LONG).unwrap();
     // The node has been heard before it is asked.
     while volcomp_port::DigitalIo::read(&mut port, crate::soon()).is_err() {}
     contract::digital_io(&mut port, false);

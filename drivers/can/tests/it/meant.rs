@@ -60,8 +60,6 @@ fn an_axis_that_is_not_written_gets_zero() {
         axes: vec![AxisName::X, AxisName::Y],
         reads: Vec::new(),
         includes_correction: false,
-        stale_after: Duration::from_millis(200),
-        read_back_within: Duration::from_millis(60),
     };
     let bus = Bus::default();
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
@@ -82,8 +80,6 @@ fn a_frame_that_was_overtaken_says_nothing() {
         axes: vec![AxisName::X],
         reads: Vec::new(),
         includes_correction: false,
-        stale_after: Duration::from_millis(200),
-        read_back_within: Duration::from_millis(60),
     };
     let bus = Bus::default();
     let mut controller = CanController::new(bus.clone(), &config).unwrap();

@@ -118,8 +118,6 @@ impl Gateway {
             axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
             reads: Vec::new(),
             includes_correction: false,
-            stale_after: Duration::from_secs(60),
-            read_back_within: Duration::from_secs(60),
         };
         Self {
             controller: CanController::new(bus.clone(), &config).unwrap(),

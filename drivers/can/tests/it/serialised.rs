@@ -26,8 +26,6 @@ fn what_is_written_is_read_as_it_was() {
         axes: vec![AxisName::X, AxisName::C],
         reads: vec![AxisName::A],
         includes_correction: false,
-        stale_after: Duration::from_millis(200),
-        read_back_within: Duration::from_millis(60),
     };
     // The places of the bits come along: what was read makes the same frames.
     let read = round(&config);

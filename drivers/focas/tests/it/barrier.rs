@@ -391,15 +391,24 @@ fn two_controllers_of_one_control_write_apart() {
     };
     let barrier = config(Some(200), 100);
     let shared = |other: &FocasConfig| {
-        let found = barrier.shared_byte(other);
-        assert_eq!(found, other.shared_byte(&barrier), "both ways alike");
-        found.map(|byte| byte.to_string())
+        let found = barrier.overlap_with(other);
+        let turned = other.overlap_with(&barrier);
+        let turned = turned.map(|[one, other]| [other, one]);
+        assert_eq!(found, turned, "both ways alike");
+        let [one, other] = found?;
+        let byte = one.shared(&other).map(|byte| byte.to_string());
+        Some([byte?, one.key.to_owned(), other.key.to_owned()])
     };
+    let found = |byte: &str, keys: [&str; 2]| Some([byte, keys[0], keys[1]].map(str::to_owned));
+    let (frame, report, area) = ("barrier.frame", "barrier.report", "area.first");
     assert_eq!(shared(&config(Some(218), 100)), None);
-    assert_eq!(shared(&config(Some(217), 100)).as_deref(), Some("R217"));
+    assert_eq!(
+        shared(&config(Some(217), 100)),
+        found("R217", [frame, frame])
+    );
     // A plain path beside it writes the words of the axes, the report or the frame.
-    assert_eq!(shared(&config(None, 100)).as_deref(), Some("R100"));
-    assert_eq!(shared(&config(None, 241)).as_deref(), Some("R241"));
+    assert_eq!(shared(&config(None, 100)), found("R100", [area, area]));
+    assert_eq!(shared(&config(None, 241)), found("R241", [report, area]));
     assert_eq!(shared(&config(None, 300)), None);
     let mut elsewhere = config(Some(200), 100);
     elsewhere.host = "another".to_owned();

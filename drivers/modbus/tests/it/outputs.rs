@@ -28,8 +28,13 @@ struct Inside {
     coils_asked: VecDeque<Asked>,
     /// How often it was asked for them.
     questions: u32,
+    /// Takes writes and does not answer them.
+    mute_writes: bool,
     /// How long reading the inputs of unit 2 takes.
     slow: Duration,
+    /// For so long as it is so, reading the inputs of unit 2 takes, and whether somebody waits for it.
+    held: bool,
+    waits: bool,
     /// Connections that the other side ended with a reset, and those that it closed.
     resets: u32,
     closes: u32,
@@ -117,6 +122,10 @@ impl Module {
         let (unit, function) = (request[6], request[7]);
         if unit == 2 && function == 2 {
             std::thread::sleep(self.get(|inside| inside.slow));
+            while self.get(|inside| inside.held) {
+                self.set(|inside| inside.waits = true);
+                std::thread::sleep(Duration::from_millis(1));
+            }
         }
         let mut inside = self.0.lock().unwrap();
         if inside.silent {
@@ -132,6 +141,7 @@ impl Module {
                 }
             }
             2 => vec![2, 1, inside.inputs],
+            15 if inside.mute_writes => return None,
             15 if inside.refuses => vec![0x8f, 4],
             15 => {
                 inside.coils = request[13];
@@ -146,6 +156,11 @@ impl Module {
 }
 
 fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
+    open_patient(address, units, Duration::from_millis(80))
+}
+
+/// A module may take so long for an answer.
+fn open_patient(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
     let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
     let modules: Vec<_> = units
         .iter()
@@ -162,7 +177,7 @@ fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
         first: Duration::from_millis(5),
         most: Duration::from_millis(20),
     };
-    ModbusDigital::new(bus, &modules, Duration::from_millis(80), quick).unwrap()
+    ModbusDigital::new(bus, &modules, within, quick).unwrap()
 }
 
 fn soon() -> Instant {
@@ -192,6 +207,73 @@ fn a_write_goes_out_once_and_is_confirmed() {
     assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(module.get(|inside| inside.writes.clone()), [0x5a]);
+}
+
+/// A module that is slow to tell its inputs holds a write up: once the deadline of the write has passed it is not sent any
+/// more, and the next call tells that. It was sent for up to two exchanges after that.
+#[test]
+fn a_write_that_was_held_up_past_its_deadline_is_not_sent() {
+    const LONG: Duration = Duration::from_secs(600);
+    let (module, address) = Module::start();
+    let mut port = open_patient(address, &[1, 2, 3, 4, 5, 6, 7, 8], LONG);
+    until("it reads", || reads(&mut port));
+    module.set(|inside| inside.held = true);
+    until("the exchange is held up", || {
+        module.get(|inside| inside.waits)
+    });
+    let deadline = Instant::now() + Duration::from_millis(20);
+    // Where this thread was away for so long, it is too late already.
+    let was_in_time = port.write(0x77, deadline).is_ok();
+    std::thread::sleep(deadline.saturating_duration_since(Instant::now()));
+    let released = Instant::now();
+    module.set(|inside| inside.held = false);
+    until("two exchanges later", || {
+        (port.read(soon())).is_ok_and(|found| found.taken > released)
+    });
+    let seen = port.read(soon()).unwrap().taken;
+    until("three exchanges later", || {
+        port.read(soon()).is_ok_and(|found| found.taken > seen)
+    });
+    assert!(module.get(|inside| inside.writes.is_empty()));
+    let told = port.write(0, soon());
+    assert_eq!(told.is_err(), was_in_time, "{told:?}");
+}
+
+/// Over TCP a write that was not answered at its deadline resets its connection: nothing of it is left in a queue. The
+/// module would have been waited for much longer.
+#[test]
+fn a_write_that_is_not_answered_at_its_deadline_resets_its_connection() {
+    let (module, address) = Module::start();
+    let mut port = open_patient(address, &[1], Duration::from_secs(600));
+    until("it reads", || reads(&mut port));
+    module.set(|inside| inside.mute_writes = true);
+    until("it is reset", || {
+        let _ = port.write(1, Instant::now() + Duration::from_millis(30));
+        module.get(|inside| inside.resets > 0)
+    });
+    assert_eq!(module.get(|inside| inside.closes), 0);
+}
+
+/// Inputs of a module that has become silent are told as they were, with the time at which they came.
+#[test]
+fn inputs_are_told_with_their_age() {
+    let (module, address) = Module::start();
+    module.set(|inside| inside.inputs = 0x3c);
+    let mut port = open_patient(address, &[1, 2], Duration::from_secs(600));
+    until("it reads", || reads(&mut port));
+    module.set(|inside| inside.held = true);
+    until("the exchange is held up", || {
+        module.get(|inside| inside.waits)
+    });
+    let silent = Instant::now();
+    std::thread::sleep(Duration::from_millis(200));
+    let found = port.read(soon()).unwrap();
+    assert_eq!(found.levels, 0x3c3c);
+    assert!(found.taken <= silent);
+    module.set(|inside| inside.held = false);
+    until("it reads again", || {
+        port.read(soon()).is_ok_and(|found| found.taken > silent)
+    });
 }
 
 /// A write that the module refuses or does not answer is told as failed by a later call, and confirms nothing.
@@ -307,7 +389,7 @@ fn an_image_is_as_old_as_its_oldest_part() {
     let mut seen = 0;
     until("twenty readings", || {
         std::thread::sleep(Duration::from_millis(7));
-        // A machine with other work may find them stale.
+        // A machine with other work may lose the connection.
         let Ok(found) = port.read(soon()) else {
             return false;
         };

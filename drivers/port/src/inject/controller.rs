@@ -36,6 +36,8 @@ impl<C: Controller> Controller for Faulty<C> {
         let late = self.way_back(deadline);
         // A driver takes the middle of the exchange.
         snapshot.taken += late / 2;
+        snapshot.state_taken += late / 2;
+        snapshot.correction_taken += late / 2;
         snapshot.uncertainty += late / 2;
         self.last_snapshot = Some(snapshot);
         let axes = self.device.description().axes.len().max(1);

@@ -245,6 +245,8 @@ impl Inner {
             },
             applied: self.control.is_none().then_some(self.applied),
             report: self.control.as_ref().and_then(|c| c.report),
+            state_taken: taken,
+            correction_taken: taken,
         }
     }
 }

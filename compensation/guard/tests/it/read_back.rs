@@ -1,0 +1,81 @@
+//! The age of what a control tells of its correction, where it is told in messages of its own.
+
+use std::time::Duration;
+
+use volcomp_guard::{ControlTimeOut, Known, ReadBack, Told};
+use volcomp_vocabulary::PerChannel;
+
+use crate::world::{PERIOD, STEP, limits};
+
+const MS: Duration = Duration::from_millis(1);
+
+/// Hears the same values in each of some cycles, as of `late` before each of them. What is known then, and when that was.
+fn heard(read_back: &mut ReadBack, late: Duration) -> (Known, Duration) {
+    let (limits, values) = (limits(), PerChannel::leading([5.0 * STEP]));
+    let mut now = Duration::from_secs(1);
+    for _ in 0..20 {
+        now += PERIOD;
+        read_back.hear(now, now - late, &Told::Values(values), &limits);
+    }
+    (*read_back.known(), now)
+}
+
+/// A reading confirms as of when it held, however late it is heard; one older than `hold` confirms nothing.
+#[test]
+fn a_reading_confirms_as_of_when_it_held() {
+    let hold = limits().hold;
+    for late in [Duration::ZERO, 7 * MS, hold] {
+        let (known, now) = heard(&mut ReadBack::plain(Duration::ZERO), late);
+        let confirmed = known.confirmed.expect("three equal readings");
+        assert_eq!(confirmed.at, now - late);
+        assert!((confirmed.values[0] - 5.0 * STEP).abs() < 1e-12);
+    }
+    let (known, _) = heard(&mut ReadBack::plain(Duration::ZERO), hold + MS);
+    assert_eq!((known.confirmed, known.writable), (None, false));
+}
+
+/// What was told last is told again and again, with its time: it grows old, nothing is written on it, and what was sent counts as
+/// not landed only for as long as readings came.
+#[test]
+fn a_reading_that_is_repeated_grows_old() {
+    let limits = limits();
+    let mut read_back = ReadBack::plain(Duration::ZERO);
+    let (known, last) = heard(&mut read_back, Duration::ZERO);
+    let values = known.confirmed.expect("confirmed").values;
+    let mut now = last + PERIOD;
+    read_back.sent(now, &PerChannel::leading([6.0 * STEP]), true);
+    for _ in 0..2000 {
+        now += PERIOD;
+        read_back.hear(now, last, &Told::Values(values), &limits);
+    }
+    let known = read_back.known();
+    assert_eq!(known.confirmed.map(|confirmed| confirmed.at), Some(last));
+    assert!(!known.writable);
+    let unlanded = known.unlanded_since.map(|since| now - since);
+    assert!(
+        unlanded.is_some_and(|time| time < limits.zero_after),
+        "{unlanded:?}"
+    );
+}
+
+/// Lines of which it was not known what they carry are known from the first readings that the device tells, also where these
+/// are some cycles old.
+#[test]
+fn lines_are_known_by_readings_that_are_late() {
+    let control = ControlTimeOut {
+        after: 200 * MS,
+        to_zero: 100 * MS,
+    };
+    for control in [None, Some(control)] {
+        let mut read_back = ReadBack::blind(control);
+        let unknown = PerChannel::from_fn(|_| f64::NAN);
+        read_back.restore(Duration::ZERO, &unknown, Duration::ZERO, &limits());
+        assert_eq!(read_back.known().confirmed, None);
+        let (known, now) = heard(&mut read_back, 7 * MS);
+        let at = known.confirmed.map(|confirmed| confirmed.at);
+        // Lines of a control that has gone to zero by itself say nothing of it.
+        let expected = if control.is_none() { now - 7 * MS } else { now };
+        assert_eq!(at, Some(expected), "{control:?}");
+        assert!(known.writable);
+    }
+}

@@ -1,0 +1,209 @@
+//! A control that sends by itself and becomes silent: its driver goes on telling what came last, with its age. What is too
+//! old the guard decides, by `hold` and `zero_after` alone.
+
+use std::time::Duration;
+
+use volcomp_port::{Clock, Description, Fault, Snapshot};
+use volcomp_runtime::{
+    AxisSettings, Cycle, GuardSettings, Report,
+    guard::{Hold, Reasons, Request, State},
+};
+use volcomp_vocabulary::{PerChannel, Um};
+
+use crate::{
+    rig::{PERIOD, alone, referenced, without_barrier},
+    ways::{AXES, Plant, Ways, three_axes},
+};
+
+const HOLD: Duration = Duration::from_millis(60);
+const ZERO_AFTER: Duration = Duration::from_millis(700);
+
+/// What a control sends in messages of their own, and what of it does not come any more.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Silent {
+    positions: bool,
+    state: bool,
+    correction: bool,
+}
+
+const POSITIONS: Silent = Silent {
+    positions: true,
+    state: false,
+    correction: false,
+};
+const STATE: Silent = Silent {
+    positions: false,
+    state: true,
+    correction: false,
+};
+const CORRECTION: Silent = Silent {
+    positions: false,
+    state: false,
+    correction: true,
+};
+const ALL: Silent = Silent {
+    positions: true,
+    state: true,
+    correction: true,
+};
+
+#[derive(Default)]
+struct Control {
+    silent: Silent,
+    words: PerChannel<f64>,
+    came: Option<Snapshot>,
+}
+
+impl Plant for Control {
+    fn read(&mut self, _: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
+        let sends = referenced(PerChannel::ZERO, clock.now(), Some(self.words));
+        let mut told = self.came.unwrap_or(sends);
+        if !self.silent.positions {
+            (told.positions, told.taken) = (sends.positions, sends.taken);
+        }
+        if !self.silent.state {
+            (told.state, told.state_taken) = (sends.state, sends.state_taken);
+        }
+        if !self.silent.correction {
+            (told.applied, told.correction_taken) = (sends.applied, sends.correction_taken);
+        }
+        self.came = Some(told);
+        Ok(told)
+    }
+
+    fn apply(
+        &mut self,
+        _: &Description,
+        corrections: &PerChannel<f64>,
+        _: &Clock,
+    ) -> Result<(), Fault> {
+        self.words = *corrections;
+        Ok(())
+    }
+}
+
+struct Scene {
+    ways: Ways<Control>,
+    cycle: Cycle,
+}
+
+impl Scene {
+    /// It compensates: 25 µm on X.
+    fn new() -> Self {
+        let mut guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
+        (guard.hold, guard.zero_after) = (HOLD, ZERO_AFTER);
+        guard.ramp = Duration::from_millis(200);
+        let model = three_axes("EXX = { poly = [-25, 0.5] }", &guard);
+        let ways = Ways::to(Control::default(), Clock::manual());
+        let path = ways.path(without_barrier("can", &AXES), &model, &guard, &alone());
+        let cycle = ways.cycle(model, &guard, vec![path]).expect("one path");
+        let mut scene = Self { ways, cycle };
+        scene.run(Duration::from_millis(200));
+        scene.ways.step(&mut scene.cycle, Some(Request::Arm));
+        let report = scene.run(Duration::from_secs(2));
+        assert_eq!((report.state, scene.x_um()), (State::Compensating, 25.0));
+        scene
+    }
+
+    fn run(&mut self, time: Duration) -> Report {
+        let cycles = time.as_nanos().div_ceil(PERIOD.as_nanos());
+        for _ in 1..cycles {
+            self.ways.step(&mut self.cycle, None);
+        }
+        self.ways.step(&mut self.cycle, None)
+    }
+
+    /// The correction of X, µm.
+    fn x_um(&self) -> f64 {
+        (self.ways.plant().words[0] * 1e3).round()
+    }
+
+    fn set(&self, silent: Silent) {
+        self.ways.plant().silent = silent;
+    }
+
+    /// It stays as it is until what does not come any more is older than `hold`, and then does this.
+    fn holds(&mut self, silent: Silent, expected: State) -> Report {
+        self.set(silent);
+        let last = self.run(HOLD);
+        assert_eq!(last.state, State::Compensating, "{silent:?}");
+        let report = self.run(PERIOD);
+        assert_eq!(report.state, expected, "{silent:?}: {:?}", report.reasons);
+        assert_eq!(self.x_um(), 25.0, "{silent:?}");
+        report
+    }
+
+    fn comes_back(&mut self) {
+        self.set(Silent::default());
+        let report = self.run(Duration::from_secs(2));
+        assert_eq!((report.state, self.x_um()), (State::Compensating, 25.0));
+    }
+}
+
+/// Positions do not come any more: held after `hold`, ramped out after `zero_after`, and back in with the next ones.
+#[test]
+fn old_positions_are_held_and_ramped_out() {
+    let mut scene = Scene::new();
+    let report = scene.holds(POSITIONS, State::Holding(Hold::Stale));
+    assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
+    let report = scene.run(ZERO_AFTER - HOLD - PERIOD);
+    assert_eq!(
+        (report.state, scene.x_um()),
+        (State::Holding(Hold::Stale), 25.0)
+    );
+    let report = scene.run(Duration::from_secs(1));
+    assert_eq!(
+        (report.state, scene.x_um()),
+        (State::Holding(Hold::Lost), 0.0)
+    );
+    scene.comes_back();
+}
+
+/// The state does not come any more: from `hold` on each of its flags counts in the sense that forbids, until it comes again.
+#[test]
+fn an_old_state_forbids() {
+    let mut scene = Scene::new();
+    let report = scene.holds(STATE, State::Holding(Hold::Interlocked));
+    for reason in [
+        Reasons::NOT_REFERENCED,
+        Reasons::CONTROLLER_ALARM,
+        Reasons::EMERGENCY_STOP,
+    ] {
+        assert!(report.reasons.contains(reason), "{:?}", report.reasons);
+    }
+    scene.run(Duration::from_secs(3));
+    assert_eq!(scene.x_um(), 25.0, "nothing is written");
+    scene.comes_back();
+}
+
+/// What is applied is not told any more: it is held, and is no fault, since no reading contradicts what was sent.
+#[test]
+fn an_old_read_back_confirms_nothing() {
+    let mut scene = Scene::new();
+    let report = scene.holds(CORRECTION, State::Holding(Hold::Unconfirmed));
+    assert!(report.reasons.contains(Reasons::UNCONFIRMED));
+    let report = scene.run(Duration::from_secs(3));
+    assert_eq!(report.state, State::Holding(Hold::Unconfirmed));
+    assert_eq!(scene.x_um(), 25.0);
+    scene.comes_back();
+}
+
+/// Nothing comes any more: the control counts as one that does not answer, however often its driver repeats the last message,
+/// which is no fault either.
+#[test]
+fn a_control_that_only_repeats_itself_does_not_answer() {
+    let mut scene = Scene::new();
+    let report = scene.holds(ALL, State::Holding(Hold::Stale));
+    assert!(report.reasons.contains(Reasons::NO_CONTROLLER));
+    let report = scene.run(Duration::from_secs(3));
+    assert!(
+        matches!(report.state, State::Holding(_) | State::RampingOut(_)),
+        "{report:?}"
+    );
+    assert!(
+        report.paths[0]
+            .answered
+            .is_some_and(|ago| ago > Duration::from_secs(3))
+    );
+    scene.comes_back();
+}
