@@ -8,6 +8,7 @@ use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, Rad, is_within};
 use crate::report::ToolError;
 
 mod largest_move;
+mod nodes;
 
 pub use largest_move::LargestMove;
 
@@ -67,7 +68,7 @@ pub struct Model {
     /// rad, rising.
     nodes: Vec<Vec<f64>>,
     /// The nodes of its grids over two axes.
-    grids: Vec<largest_move::GridNodes>,
+    grids: Vec<nodes::GridNodes>,
     /// Whether an error depends on the direction from which the axis came.
     reverses: Vec<bool>,
     /// The longest lever from the line of each rotary axis to the tool tip over the work space, mm.
@@ -106,9 +107,9 @@ impl Model {
                 .iter()
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
-            nodes: largest_move::nodes(machine),
-            grids: largest_move::grids(machine),
-            reverses: largest_move::reverses(machine),
+            nodes: nodes::nodes(machine),
+            grids: nodes::grids(machine),
+            reverses: nodes::reverses(machine),
             axes,
             levers_mm: PerAxis::ZERO,
             compiled: machine.compile(Tolerance::default())?,

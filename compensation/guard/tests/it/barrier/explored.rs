@@ -5,15 +5,16 @@
 //!
 //! Taking away one of the three things that make a frame belong to now (owner, age, epoch kept over power-off) has to be found.
 
-use std::{
-    collections::{HashSet, VecDeque},
-    hash::{Hash, Hasher},
-};
+mod canonical;
+
+use std::collections::{HashSet, VecDeque};
 
 use volcomp_guard::barrier::{
     Answered, Barrier, Counts, FRAME_WORDS, Frame, Memory, Refusal, Report, Seen, Session, Settings,
 };
 use volcomp_guard::vocabulary::PerChannel;
+
+use canonical::{canonical, print_of};
 
 /// What the channel holds of a frame, and what only an observer knows of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -146,49 +147,6 @@ impl Turn {
             Self::Channel => Self::Control,
         }
     }
-}
-
-/// 128 bits that stand for a world, so that millions of them find room. Were they drawn at random, two of ten million worlds
-/// would have the same with a chance of 1e-25.
-struct Print(u128);
-
-impl Hasher for Print {
-    fn write(&mut self, bytes: &[u8]) {
-        for eight in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..eight.len()].copy_from_slice(eight);
-            self.write_u64(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_u8(&mut self, number: u8) {
-        self.write_u64(number.into());
-    }
-
-    fn write_u16(&mut self, number: u16) {
-        self.write_u64(number.into());
-    }
-
-    fn write_u32(&mut self, number: u32) {
-        self.write_u64(number.into());
-    }
-
-    fn write_u64(&mut self, number: u64) {
-        let mixed =
-            (self.0 ^ u128::from(number)).wrapping_mul(0x2d35_8dcc_aa6c_78a5_8bb8_4b93_962e_acc9);
-        self.0 = mixed ^ (mixed >> 71) ^ 0x9e37_79b9_7f4a_7c15;
-    }
-
-    fn finish(&self) -> u64 {
-        let low = self.0 & u128::from(u64::MAX);
-        u64::try_from(low ^ (self.0 >> 64)).expect("the upper half is gone")
-    }
-}
-
-fn print_of(turn: Turn, world: &World) -> u128 {
-    let mut print = Print(0x1234_5678_9abc_def1);
-    (turn, world).hash(&mut print);
-    print.0
 }
 
 fn successors(
@@ -428,130 +386,6 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
         *age = age.saturating_add(1);
     }
     tell(world, violation);
-}
-
-/// The same world with other numbers on its counters: relative to the barrier's, and cut off where they make no difference.
-fn canonical(mut world: World, settings: &Settings) -> World {
-    let Memory {
-        epoch,
-        tick,
-        sequence,
-        ..
-    } = world.barrier;
-    let oldest = settings.hold_scans.cast_signed() + 2;
-    let epochs = |e: u16| if e == epoch { 100 } else { 99 };
-    let ticks = |t: u16| {
-        let age = tick.wrapping_sub(t).cast_signed();
-        1000_u16.wrapping_add_signed(-age.clamp(-12, oldest))
-    };
-    let sequences = |s: u16| {
-        let ahead = s.wrapping_sub(sequence).cast_signed();
-        1000_u16.wrapping_add_signed(ahead.clamp(-3, 3))
-    };
-    let bound = u8::try_from(oldest).expect("small bounds");
-    // Whether the frame in a mailbox was judged before.
-    let numbers = |place: &Option<Flying>| place.map(|f| (f.frame.tick, f.frame.sequence));
-    let judged = [0, 1].map(|way| {
-        let found = world.barrier.found[way];
-        found.is_some() && found == numbers(&world.mailboxes[way])
-    });
-    // An epoch does not come again: of a frame from another one nothing counts but that. All of them are taken as the one
-    // that would be accepted, were it not for its epoch.
-    let owner = world.barrier.owner;
-    let dead = Flying {
-        frame: Frame {
-            epoch: epoch.wrapping_sub(1),
-            tick,
-            sequence: sequence.wrapping_add(1),
-            owner: if owner == 0 { u16::MAX } else { owner },
-            values: [1; 9],
-        },
-        age: bound,
-        stale: true,
-    };
-    for flying in world
-        .air
-        .iter_mut()
-        .chain(world.mailboxes.iter_mut().flatten())
-    {
-        if flying.frame.epoch != epoch {
-            *flying = dead;
-        }
-        let frame = &mut flying.frame;
-        frame.epoch = epochs(frame.epoch);
-        frame.tick = ticks(frame.tick);
-        frame.sequence = sequences(frame.sequence);
-        flying.age = flying.age.min(bound);
-    }
-    for sender in world.senders.iter_mut().flatten() {
-        sender.session.sent = None;
-        if let Some((age, _)) = &mut sender.knows {
-            *age = (*age).min(bound);
-        }
-        if let Some(last) = &mut sender.session.last {
-            if last.epoch != epoch {
-                (last.tick, last.sequence) = (tick, sequence);
-                sender.knows = sender.knows.map(|_| (bound, true));
-            }
-            *last = Answered {
-                epoch: epochs(last.epoch),
-                tick: ticks(last.tick),
-                sequence: sequences(last.sequence),
-            };
-        }
-    }
-    for (way, judged) in judged.into_iter().enumerate() {
-        let found = &mut world.barrier.found[way];
-        *found = if judged {
-            numbers(&world.mailboxes[way])
-        } else {
-            found.map(|(t, s)| (ticks(t), sequences(s)))
-        };
-    }
-    let barrier = &mut world.barrier;
-    (barrier.epoch, barrier.tick, barrier.sequence) = (100, 1000, 1000);
-    barrier.refusal = Refusal::None;
-    if barrier.done >= barrier.steps {
-        (barrier.from, barrier.steps, barrier.done) = (barrier.applied, 0, 0);
-    }
-    renumber_owners(&mut world);
-    world.air.sort_unstable();
-    world.air.dedup();
-    world
-}
-
-/// Owners are names: in the order in which they are met.
-fn renumber_owners(world: &mut World) {
-    let mut met = vec![0];
-    let mut rename = |owner: &mut u16| {
-        let place = met.iter().position(|m| m == owner).unwrap_or_else(|| {
-            met.push(*owner);
-            met.len() - 1
-        });
-        *owner = u16::try_from(place).expect("few owners");
-    };
-    rename(&mut world.barrier.owner);
-    rename(&mut world.first);
-    for sender in world.senders.iter_mut().flatten() {
-        rename(&mut sender.session.owner);
-    }
-    for flying in world.mailboxes.iter_mut().flatten() {
-        rename(&mut flying.frame.owner);
-    }
-    // Sorted by what is no name, so that the names do not depend on the names before.
-    world.air.sort_by_key(|f| {
-        (
-            f.age,
-            f.stale,
-            Frame {
-                owner: 0,
-                ..f.frame
-            },
-        )
-    });
-    for flying in &mut world.air {
-        rename(&mut flying.frame.owner);
-    }
 }
 
 fn small(hold_scans: u16, time_out_scans: u16) -> Settings {
