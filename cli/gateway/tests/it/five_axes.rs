@@ -1,6 +1,7 @@
 //! A five-axis machine behind the simulated control: what is told of its rotary axes.
 
 use std::{
+    path::Path,
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -19,6 +20,43 @@ fn control() -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
+/// A gateway on a control without a barrier: its machine file, the axes of the control, and what its configuration says besides
+/// in `[guard]` and `[[controller]]`.
+fn gateway(
+    dir: &Path,
+    machine: &str,
+    control: &Simulator,
+    axes: &[&str],
+    [guard, controller]: [&str; 2],
+) -> Program {
+    std::fs::write(dir.join("machine.toml"), machine).expect("writable");
+    token_file(dir);
+    let text = format!(
+        r#"
+machine = "machine.toml"
+cycle_ms = 4.0
+[guard]
+slew_um_per_s = 500.0
+slew_urad_per_s = 500.0
+hold_ms = 200
+zero_after_ms = 3000
+{guard}
+[[controller]]
+url = "focas://{}"
+axes = {axes:?}
+area = {{ pmc = "R", first = 100, width = 2 }}
+heartbeat = {{ pmc = "R", at = 120 }}
+{controller}
+[dashboard]
+token_file = "tokens"
+"#,
+        control.address()
+    );
+    let config = dir.join("G.toml");
+    std::fs::write(&config, text).expect("writable");
+    Program::start(dir, &["--config", path(&config)])
+}
+
 fn length(value: &Value) -> f64 {
     let parts = value.as_array().expect("three numbers");
     let squares = parts.iter().map(|x| x.as_f64().expect("a number").powi(2));
@@ -31,39 +69,17 @@ fn length(value: &Value) -> f64 {
 fn errors_and_what_is_left_are_told_of_every_axis() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
-    std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
-    token_file(dir.path());
-    let text = format!(
-        r#"
-machine = "machine.toml"
-cycle_ms = 4.0
-[guard]
-limit_um = 150.0
+    let guard = "limit_um = 150.0
 limit_without_barrier_um = 150.0
-limit_without_barrier_urad = 2000.0
-slew_um_per_s = 500.0
 limit_urad = 200.0
-slew_urad_per_s = 500.0
-hold_ms = 200
-zero_after_ms = 3000
+limit_without_barrier_urad = 2000.0
 ramp_s = 0.5
 stop_s = 0
 test_shift_um = 0
-test_shift_urad = 0
-[[controller]]
-url = "focas://{}"
-axes = ["X", "Y", "Z", "B", "C"]
-resolution_urad = 1.0
-area = {{ pmc = "R", first = 100, width = 2 }}
-heartbeat = {{ pmc = "R", at = 120 }}
-[dashboard]
-token_file = "tokens"
-"#,
-        control.address()
-    );
-    let config = dir.path().join("G.toml");
-    std::fs::write(&config, text).expect("writable");
-    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+test_shift_urad = 0";
+    let axes = ["X", "Y", "Z", "B", "C"];
+    let says = [guard, "resolution_urad = 1.0"];
+    let mut program = gateway(dir.path(), MACHINE, &control, &axes, says);
     let state = program
         .wait(|state| state["error_um"].is_array() && state["residual_um"].is_array())
         .expect("it sees the machine");
@@ -141,34 +157,10 @@ fn the_last_digit_of_a_table_that_stands_turns_nothing() {
     });
     let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
     let machine = "name = \"m\"\nstructure = \"w C' X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[axes.C]\ntravel = [0.0, 360.0]\nmodulo = 360.0\n[tool]\ntip = [0.0, 0.0, -100.0]\naxis = [0.0, 0.0, 1.0]\n[errors]\nEXC = { mean = { poly = [0.0] }, reversal = 40.0 }\n";
-    std::fs::write(dir.path().join("machine.toml"), machine).expect("writable");
-    token_file(dir.path());
-    let text = format!(
-        r#"
-machine = "machine.toml"
-cycle_ms = 4.0
-[guard]
-limit_um = 30.0
-slew_um_per_s = 500.0
-limit_urad = 30.0
-slew_urad_per_s = 500.0
-hold_ms = 200
-zero_after_ms = 3000
-ramp_s = 0.1
-[[controller]]
-url = "focas://{}"
-axes = ["X", "Y", "Z", "C"]
-test_shift = false
-area = {{ pmc = "R", first = 100, width = 2 }}
-heartbeat = {{ pmc = "R", at = 120 }}
-[dashboard]
-token_file = "tokens"
-"#,
-        control.address()
-    );
-    let config = dir.path().join("G.toml");
-    std::fs::write(&config, text).expect("writable");
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let guard = "limit_um = 30.0\nlimit_urad = 30.0\nramp_s = 0.1";
+    let axes = ["X", "Y", "Z", "C"];
+    let says = [guard, "test_shift = false"];
+    let program = gateway(dir.path(), machine, &control, &axes, says);
     program
         .wait(|state| {
             state["positions_deg"]["C"]
