@@ -1,6 +1,6 @@
 //! The embedded default: a gantry that moves and warms up, its hidden truth, and what `volcomp demo` found of it.
 
-use std::{collections::BTreeSet, sync::Arc, time::Duration};
+use std::{sync::Arc, time::Duration};
 
 use volcomp_guard::barrier::{Program, Protection, SettingsError};
 use volcomp_kinematics::{
@@ -17,7 +17,7 @@ use volcomp_runtime::{AxisSettings, GuardSettings, Realtime, WithoutBarrier};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um, Urad};
 
 use crate::{
-    config::{Config, DashboardConfig},
+    config::{Config, DashboardConfig, StatedKeys},
     error::GatewayError,
 };
 
@@ -245,7 +245,7 @@ fn program() -> Vec<Move> {
 pub fn config() -> Config {
     Config {
         file: "built-in configuration".to_owned(),
-        stated: BTreeSet::new(),
+        stated: StatedKeys::default(),
         machine: "built-in".into(),
         cycle: Duration::from_millis(4),
         auto_arm: true,
