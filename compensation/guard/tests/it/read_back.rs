@@ -42,11 +42,11 @@ fn a_reading_that_is_repeated_grows_old() {
     let mut read_back = ReadBack::plain(Duration::ZERO);
     let (known, last) = heard(&mut read_back, Duration::ZERO);
     let values = known.confirmed.expect("confirmed").values;
-    let mut now = last + PERIOD;
-    read_back.sent(now, &PerChannel::leading([6.0 * STEP]), true);
+    let mut now = last;
     for _ in 0..2000 {
         now += PERIOD;
         read_back.hear(now, last, &Told::Values(values), &limits);
+        read_back.sent(now, &PerChannel::leading([6.0 * STEP]), true);
     }
     let known = read_back.known();
     assert_eq!(known.confirmed.map(|confirmed| confirmed.at), Some(last));

@@ -10,7 +10,7 @@ mod canonical;
 use std::collections::{HashSet, VecDeque};
 
 use volcomp_guard::barrier::{
-    Answered, Barrier, Counts, FRAME_WORDS, Frame, Memory, Refusal, Report, Seen, Session, Settings,
+    Barrier, Counts, FRAME_WORDS, Frame, Memory, Report, Seen, Session, Settings,
 };
 use volcomp_guard::vocabulary::PerChannel;
 
