@@ -1,6 +1,6 @@
 //! Words for a barrier in the control, by the shipped file and by others.
 
-use std::{process::Command, time::Duration};
+use std::process::Command;
 
 use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, Frame, SignalTable};
 use volcomp_port::{Controller, Fault, Heartbeat, Words};

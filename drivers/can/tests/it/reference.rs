@@ -1,8 +1,6 @@
 //! The words of the shipped file against the reference of the barrier: a control that scans, a gateway that answers, and a
 //! bus that loses messages.
 
-use std::time::Duration;
-
 use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, SignalTable};
 use volcomp_guard::barrier::{
     Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,

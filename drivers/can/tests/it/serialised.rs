@@ -1,6 +1,6 @@
 //! Plain data through serde: what is written is read as it was.
 
-use std::{fmt::Debug, time::Duration};
+use std::fmt::Debug;
 
 use serde::{Serialize, de::DeserializeOwned};
 use volcomp_can::{
