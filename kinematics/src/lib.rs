@@ -23,7 +23,7 @@ pub use axis::letter_direction;
 pub use chain::{Chain, Joint, MotionFrame};
 pub use correction::{Correction, CorrectionOptions, correct};
 pub use correctors::{Correctors, INDEPENDENT_ABOVE};
-pub use denavit_hartenberg::{DhRow, DhTable};
+pub use denavit_hartenberg::{DhConvention, DhRow, DhTable};
 pub use error::{ChainError, InsteadConstant, NoEffect};
 pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
 pub use given_errors::GivenErrors;
