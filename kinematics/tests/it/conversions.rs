@@ -97,7 +97,11 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
     };
     let structure: volcomp_kinematics::Structure = "w b A B C t".parse().unwrap();
     let chain = proximal.to_chain(structure.clone()).unwrap();
-    let points: Vec<f64> = chain.joints().iter().map(|joint| joint.point_mm.x).collect();
+    let points: Vec<f64> = chain
+        .joints()
+        .iter()
+        .map(|joint| joint.point_mm.x)
+        .collect();
     assert_eq!(points, [0.0, 300.0, 500.0]);
     let distal = proximal.in_convention(DhConvention::Distal);
     let links: Vec<f64> = distal.rows.iter().map(|row| row.a_mm).collect();
