@@ -28,7 +28,7 @@ Examples:
 
 pub(crate) const AXES: &str = "\
 Examples:
-  volcomp axes -m trunnion.toml --tip 300,250,-250 --tool-axis 0,-0.5,0.866
+  volcomp axes -m trunnion.toml --tip 0,0,-50 --tool-axis 0,0.5,0.866
   volcomp --json axes -m five-axis.toml --tip 400,300,-300";
 
 pub(crate) const DH: &str = "\

@@ -14,7 +14,7 @@ pub struct Dependence {
     /// How many columns no other columns make up.
     pub rank: usize,
     /// For each column that is a combination of those before it, the combination that vanishes: places and weights of
-    /// unit length, the column itself positive and last.
+    /// unit length, the first of them positive, the column itself last.
     pub null: Vec<Vec<(usize, f64)>>,
 }
 
@@ -95,8 +95,10 @@ fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
         .map(|(_, weight)| weight * weight)
         .sum::<f64>()
         .sqrt();
+    // The first name counts positive.
+    let first = weighted.first().map_or(1.0, |(_, weight)| weight.signum());
     for (_, weight) in &mut weighted {
-        *weight /= length;
+        *weight /= length * first;
     }
     weighted
 }

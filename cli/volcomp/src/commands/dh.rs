@@ -107,7 +107,9 @@ fn text(document: &Dh) -> String {
         });
     }
     let vector = |v: &[f64; 3]| {
-        let numbers: Vec<String> = v.iter().map(|x| fixed(*x, 6)).collect();
+        // Six digits without zeros at their end, and no negative zero.
+        let rounded = |x: &f64| (x * 1e6).round() / 1e6 + 0.0;
+        let numbers: Vec<String> = v.iter().map(|x| rounded(x).to_string()).collect();
         format!("[{}]", numbers.join(", "))
     };
     let line = |name: &str, frame: &Frame| {

@@ -53,7 +53,11 @@ const CHANGES: &[(&str, &str)] = &[
         "travel = [-360.0, 360.0]",
         "travel = [-360.0, 360.0]\nmotion_frame = \"spinning\"",
     ),
-    ("[tool]\n", "[dh]\nconvention = \"paul\"\n[tool]\n"),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "[dh]\nconvention = \"paul\"",
+    ),
+    ("point = [400.0, 300.0, -200.0]", "[dh]\nrows = []"),
     ("[tool]\n", "[dh]\nrows = []\n[tool]\n"),
     (
         "point = [400.0, 300.0, -200.0]",

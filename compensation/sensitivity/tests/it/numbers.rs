@@ -211,7 +211,7 @@ fn a_null_direction_names_its_errors() {
     let half = 0.5_f64.sqrt();
     assert_eq!(words[0].0, "EYX constant");
     assert_eq!(words[1].0, "EYU constant");
-    assert!((words[0].1 + half).abs() < 1e-12 && (words[1].1 - half).abs() < 1e-12);
+    assert!((words[0].1 - half).abs() < 1e-12 && (words[1].1 + half).abs() < 1e-12);
     // A tilt of a slide about its own line moves nothing where the tool is on it.
     let found = sensitivity(&chain, &named(&["EAX"]), &poses).unwrap();
     assert_eq!(
@@ -293,7 +293,7 @@ fn columns_of_a_known_matrix() {
         panic!("{found:?}")
     };
     assert!(
-        (twice[0].1 + 2.0 / five).abs() < 1e-15 && (twice[1].1 - 1.0 / five).abs() < 1e-15,
+        (twice[0].1 - 2.0 / five).abs() < 1e-15 && (twice[1].1 + 1.0 / five).abs() < 1e-15,
         "{twice:?}"
     );
     assert_eq!(nothing[..], [(2, 1.0)]);
