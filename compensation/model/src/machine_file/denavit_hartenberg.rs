@@ -13,6 +13,8 @@ use crate::axis::Axis;
 const DIRECTION_ROUNDING: f64 = 1e-14;
 /// The same of a coordinate, mm.
 const POINT_ROUNDING_MM: f64 = 1e-10;
+/// A stated point this far from the line of its axis, mm, is on it.
+const ON_THE_LINE_MM: f64 = 1e-6;
 
 /// Gives the axes the directions and points of `[dh]`, where the file has it.
 pub(super) fn place_by_table(
@@ -24,7 +26,6 @@ pub(super) fn place_by_table(
         return Ok(());
     };
     section.allow(&["convention", "base", "rows"])?;
-    refuse_places_beside(root, axes)?;
     let conventions = [
         ("distal", DhConvention::Distal),
         ("proximal", DhConvention::Proximal),
@@ -42,11 +43,34 @@ pub(super) fn place_by_table(
     let chain = table
         .to_chain(structure.clone())
         .map_err(|e| section.error(e.to_string()))?;
+    let stated = root.require("axes")?.section()?;
     for (axis, joint) in axes.iter_mut().zip(chain.joints()) {
+        let keys = stated.require(&axis.name.to_string())?.section()?;
+        if let Some(value) = keys.get("direction") {
+            return Err(value.error(format!(
+                "found the direction of axis {} beside [dh], expected one of them",
+                axis.name
+            )));
+        }
         axis.direction = Some(rounded(&joint.direction, DIRECTION_ROUNDING));
         // The line of a slide runs anywhere; its `point` says where its errors are stated.
-        if axis.name.kind() == AxisKind::Rotary {
-            axis.point_mm = Some(rounded(&joint.point_mm, POINT_ROUNDING_MM));
+        if axis.name.kind() == AxisKind::Linear {
+            continue;
+        }
+        match (axis.point_mm, keys.get("point")) {
+            (Some(point), Some(value)) => {
+                let off_mm = (Vector3::from(point) - joint.point_mm)
+                    .cross(&joint.direction)
+                    .norm();
+                // A distance that is no number is refused, too.
+                if off_mm > ON_THE_LINE_MM || off_mm.is_nan() {
+                    return Err(value.error(format!(
+                        "found a point {off_mm:.6} mm off the line that [dh] gives axis {}, expected one on it",
+                        axis.name
+                    )));
+                }
+            }
+            _ => axis.point_mm = Some(rounded(&joint.point_mm, POINT_ROUNDING_MM)),
         }
     }
     Ok(())
@@ -54,26 +78,6 @@ pub(super) fn place_by_table(
 
 fn rounded(vector: &Vector3<f64>, below: f64) -> [f64; 3] {
     vector.map(|x| if x.abs() < below { 0.0 } else { x }).into()
-}
-
-/// What the table says must not be said again.
-fn refuse_places_beside(root: &Section<'_>, axes: &[Axis]) -> Result<(), InputError> {
-    let Some(section) = root.section("axes")? else {
-        return Ok(());
-    };
-    for axis in axes {
-        let Some(stated) = section.section(&axis.name.to_string())? else {
-            continue;
-        };
-        let point = stated.get("point").filter(|_| axis.name.is_rotary());
-        if let Some(value) = stated.get("direction").or(point) {
-            return Err(value.error(format!(
-                "found the place of axis {} beside [dh], expected one of them",
-                axis.name
-            )));
-        }
-    }
-    Ok(())
 }
 
 /// A frame by its origin and two of its axes.

@@ -58,7 +58,14 @@ const CHANGES: &[(&str, &str)] = &[
         "[dh]\nconvention = \"paul\"",
     ),
     ("point = [400.0, 300.0, -200.0]", "[dh]\nrows = []"),
-    ("[tool]\n", "[dh]\nrows = []\n[tool]\n"),
+    (
+        "[tool]\n",
+        "[dh]\nrows = [{ axis = \"C\" }, { axis = \"X\" }, { axis = \"Y\" }, { axis = \"Z\" }]\n[tool]\n",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "direction = [0, 0, 1]\n[dh]\nrows = [{ axis = \"C\" }, { axis = \"X\" }, { axis = \"Y\" }, { axis = \"Z\" }]",
+    ),
     (
         "point = [400.0, 300.0, -200.0]",
         "[dh]\nrows = [{ axis = \"X\" }, { axis = \"C\" }, {}, {}]",
