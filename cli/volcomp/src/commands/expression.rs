@@ -47,10 +47,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             .collect::<BTreeMap<_, _>>(),
     };
     let shown = if arguments.latex {
-        format!(
-            "\\begin{{align}}\n{}\n\\end{{align}}\n",
-            latex.join(" \\\\\n")
-        )
+        // A break at a blank is a blank to LaTeX.
+        let whole = latex.join(" \\\\\n");
+        let lines: String = whole.lines().map(|line| folded(line, "")).collect();
+        format!("\\begin{{align}}\n{lines}\\end{{align}}\n")
     } else {
         let said: Vec<String> = document
             .tool_mm
