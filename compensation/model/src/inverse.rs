@@ -119,8 +119,8 @@ impl Machine {
                         return Err(too_many(count));
                     }
                     let turn = |n: f64| coordinate + 360.0 * (first - 1.0 + n);
-                    (0_u16..)
-                        .map(f64::from)
+                    (0..=MOST_SOLUTIONS)
+                        .map(|n| n as f64)
                         .take_while(|n| *n < count)
                         .map(turn)
                         .collect()

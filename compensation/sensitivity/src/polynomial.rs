@@ -52,14 +52,14 @@ impl Polynomial {
     /// A number.
     pub(crate) fn number(value: f64) -> Self {
         let mut sum = Self::default();
-        sum.add_product(Vec::new(), value);
+        sum.add_product(&[], value);
         sum
     }
 
     /// A factor with a number before it.
     pub(crate) fn factor(factor: Factor, value: f64) -> Self {
         let mut sum = Self::default();
-        sum.add_product(vec![factor], value);
+        sum.add_product(&[factor], value);
         sum
     }
 
@@ -75,21 +75,21 @@ impl Polynomial {
             .map(|(factors, &number)| (&factors[..], number))
     }
 
-    fn add_product(&mut self, factors: Vec<Factor>, value: f64) {
+    fn add_product(&mut self, factors: &[Factor], value: f64) {
         if value == 0.0 {
             return;
         }
-        let sum = self.0.entry(factors.clone()).or_insert(0.0);
+        let sum = self.0.entry(factors.to_vec()).or_insert(0.0);
         *sum += value;
         // What cancels does so exactly: the same numbers with opposite signs.
         if *sum == 0.0 {
-            self.0.remove(&factors);
+            self.0.remove(factors);
         }
     }
 
     pub(crate) fn add(&mut self, other: &Self, number: f64) {
         for (factors, &value) in &other.0 {
-            self.add_product(factors.clone(), value * number);
+            self.add_product(factors, value * number);
         }
     }
 
@@ -99,7 +99,7 @@ impl Polynomial {
             for (right, &b) in &other.0 {
                 let mut factors: Vec<Factor> = left.iter().chain(right).copied().collect();
                 factors.sort_unstable();
-                product.add_product(factors, a * b);
+                product.add_product(&factors, a * b);
             }
         }
         product

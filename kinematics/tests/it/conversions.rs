@@ -58,9 +58,10 @@ fn a_table_moves_as_its_chain_in_every_type() {
                 }
             }
             let distal = DhTable::of_chain(&chain);
-            let table = match rng.random_bool(0.5) {
-                true => distal.in_convention(DhConvention::Proximal),
-                false => distal,
+            let table = if rng.random_bool(0.5) {
+                distal.in_convention(DhConvention::Proximal)
+            } else {
+                distal
             };
             let back = table.to_chain(structure.clone()).unwrap();
             for _ in 0..20 {

@@ -114,9 +114,10 @@ fn by_hand(rows: &[(&str, [f64; 4])], proximal: bool, coordinates: &[f64]) -> [[
         };
         let along_z = z(theta.to_radians() + turn, d + slide);
         let along_x = x(alpha.to_radians(), *a);
-        all = match proximal {
-            false => product(&product(&all, &along_z), &along_x),
-            true => product(&product(&all, &along_x), &along_z),
+        all = if proximal {
+            product(&product(&all, &along_x), &along_z)
+        } else {
+            product(&product(&all, &along_z), &along_x)
         };
     }
     all
