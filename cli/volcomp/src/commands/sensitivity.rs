@@ -1,6 +1,6 @@
 //! `volcomp sensitivity`: what each error does, which errors are one motion, and which cannot be told apart.
 
-use std::path::PathBuf;
+use std::{fmt::Write, path::PathBuf};
 
 use volcomp_model::Machine;
 use volcomp_sensitivity::{DEPENDENT_BELOW, ErrorTerm, Poses, Sensitivity, sensitivity, terms};
@@ -112,7 +112,12 @@ fn text(found: &Sensitivity) -> String {
         found.poses,
         table_text(&effects)
     );
-    text += &format!("\n{HEAD}{} distinct motions{HEAD:#}\n", found.motions.len());
+    // Writing to a string never fails.
+    let _ = writeln!(
+        text,
+        "\n{HEAD}{} distinct motions{HEAD:#}",
+        found.motions.len()
+    );
     for motion in &found.motions {
         let names: Vec<String> = motion.terms.iter().map(ToString::to_string).collect();
         text += &folded(&format!("{}: {}", motion.name, names.join(" ")), " ");
@@ -146,7 +151,7 @@ fn text(found: &Sensitivity) -> String {
                 (_, true) => " - ",
                 (_, false) => " + ",
             };
-            sum += &format!("{} {}", fixed(weight.abs(), 4), term.coefficient());
+            let _ = write!(sum, "{} {}", fixed(weight.abs(), 4), term.coefficient());
         }
         text += &folded(&sum, " ");
     }
