@@ -4,7 +4,10 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use volcomp_kinematics::{Chain, ErrorMotion, Form, GivenErrors, State, volumetric_error};
+use volcomp_kinematics::{
+    Chain, ErrorMotion, Form, GivenErrors, MotionFrame, State, vocabulary::AxisName,
+    volumetric_error,
+};
 
 mod by_hand;
 
@@ -53,5 +56,39 @@ fn forms(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, forms);
+/// All 60 errors of the published five-axis machine: six error motions and six assembly errors for each axis.
+fn sixty(c: &mut Criterion) {
+    let mut chain = Chain::new("w b X Y Z A B t".parse().expect("a valid structure"));
+    for axis in [AxisName::A, AxisName::B] {
+        chain
+            .set_motion_frame(axis, MotionFrame::Turning)
+            .expect("a rotary axis");
+    }
+    chain
+        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
+        .expect("a valid tool");
+    let mut errors = GivenErrors::default();
+    for index in 0..5 {
+        let n = index as f64 + 1.0;
+        errors.motion[index] = ErrorMotion::from_um_urad([n, -2.0 * n, 3.0, 4.0, 5.0 * n, -6.0]);
+        errors.assembly[index] = ErrorMotion::from_um_urad([-n, 2.0, n, 7.0, -3.0 * n, 2.0]);
+    }
+    let state = State::from_coordinates(&[120.0, -80.0, 60.0, 0.7, -0.4]);
+    let mut group = c.benchmark_group("sixty_errors");
+    for form in [Form::Exact, Form::Htm, Form::Twist] {
+        group.bench_function(form.to_string(), |b| {
+            b.iter(|| {
+                volumetric_error(
+                    black_box(&chain),
+                    black_box(&errors),
+                    black_box(&state),
+                    form,
+                )
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, forms, sixty);
 criterion_main!(benches);

@@ -13,6 +13,18 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
+/// The frame in which the error motions of a rotary axis stay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum MotionFrame {
+    /// The frame that does not turn: as a spindle analyser or a measuring device on the bed sees the axis (ISO 230-7).
+    #[default]
+    Fixed,
+    /// Behind the joint: the error motions turn with the axis, as the model of 60 error twists has them (Procedia
+    /// Engineering 24 (2011) 845–849).
+    Turning,
+}
+
 /// One axis of the chain, in MCS at machine zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
@@ -27,9 +39,19 @@ pub struct Joint {
     /// Point c, mm in MCS: on the line of a rotary axis; of a linear axis the point of the
     /// carriage at which its errors are stated.
     pub point_mm: Vector3<f64>,
+    /// The frame of the error motions of a rotary axis; those of a linear axis always ride with its carriage.
+    pub motion_frame: MotionFrame,
 }
 
 impl Joint {
+    /// Whether the error motions stand on the tool side of the joint's own motion, so that its coordinate does not
+    /// change the lever from its `point_mm` to the tool. Those of a linear axis ride with its carriage, those of a rotary axis stay
+    /// in the frame that does not turn, unless its [`MotionFrame`] is the turning one.
+    pub fn errors_on_tool_side(&self) -> bool {
+        let ride = self.kind == AxisKind::Linear || self.motion_frame == MotionFrame::Turning;
+        ride == (self.side == Side::Tool)
+    }
+
     /// J(q) = Trans(u·q) or Trans(c) Rot(u, q) Trans(−c); q in mm or rad.
     pub fn motion(&self, q: f64) -> Pose {
         match self.kind {
@@ -79,6 +101,7 @@ impl Chain {
                 side: structure.side(index),
                 direction: letter_direction(name),
                 point_mm: Vector3::zeros(),
+                motion_frame: MotionFrame::Fixed,
             })
             .collect();
         Self {
@@ -107,6 +130,24 @@ impl Chain {
     pub fn set_point(&mut self, axis: AxisName, point_mm: [f64; 3]) -> Result<(), ChainError> {
         let point = finite("point", point_mm)?;
         self.joint_mut(axis)?.point_mm = point;
+        Ok(())
+    }
+
+    /// Sets the frame in which the error motions of a rotary axis stay.
+    ///
+    /// # Errors
+    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions ride with its
+    /// carriage.
+    pub fn set_motion_frame(
+        &mut self,
+        axis: AxisName,
+        frame: MotionFrame,
+    ) -> Result<(), ChainError> {
+        let joint = self.joint_mut(axis)?;
+        if joint.kind == AxisKind::Linear {
+            return Err(ChainError::MotionFrame { axis });
+        }
+        joint.motion_frame = frame;
         Ok(())
     }
 

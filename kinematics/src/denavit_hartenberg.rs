@@ -1,12 +1,12 @@
-//! Denavit–Hartenberg tables in the distal convention, and chains from and to them.
+//! Denavit–Hartenberg tables in the distal and the proximal convention, and chains from and to them.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{
     chain::{Chain, Joint},
-    math::{atan2, sin_cos},
-    pose::Pose,
+    math::atan2,
+    pose::{Pose, rotation_about_axis},
     structure::Structure,
     zero_position::ZeroPositionError,
 };
@@ -15,8 +15,20 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES};
 /// Two axes enclosing a smaller angle than this (rad) count as parallel: over 10 m that is 1 nm.
 const PARALLEL_BELOW_RAD: f64 = 1e-10;
 
-/// One row of a table at machine zero: A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`. A rotary
-/// coordinate adds to θ, a linear one to d.
+/// In which order the four elementary motions of a row are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum DhConvention {
+    /// A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`: joint i turns about or slides along the z axis of the frame
+    /// before its row (Denavit and Hartenberg; Paul).
+    #[default]
+    Distal,
+    /// A = `Rot_x(α)` `Trans_x(a)` `Rot_z(θ)` `Trans_z(d)`: joint i turns about or slides along the z axis of the frame
+    /// behind its row, also called modified (Craig); its a and α lead from the joint before.
+    Proximal,
+}
+
+/// One row of a table at machine zero. A rotary coordinate adds to θ, a linear one to d.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DhRow {
@@ -32,37 +44,43 @@ pub struct DhRow {
 
 impl DhRow {
     /// A(q); q in mm or rad.
-    pub fn pose(&self, kind: AxisKind, q: f64) -> Pose {
+    pub fn pose(&self, convention: DhConvention, kind: AxisKind, q: f64) -> Pose {
+        let (along_z, along_x) = (self.along_z(kind, q), self.along_x());
+        match convention {
+            DhConvention::Distal => along_z * along_x,
+            DhConvention::Proximal => along_x * along_z,
+        }
+    }
+
+    /// `Rot_z(θ)` `Trans_z(d)` at a coordinate, mm or rad.
+    fn along_z(&self, kind: AxisKind, q: f64) -> Pose {
         let (theta, d_mm) = match kind {
             AxisKind::Linear => (self.theta_rad, self.d_mm + q),
             AxisKind::Rotary => (self.theta_rad + q, self.d_mm),
         };
-        let (sin, cos) = sin_cos(theta);
-        let (sin_alpha, cos_alpha) = sin_cos(self.alpha_rad);
         Pose {
-            rotation: Matrix3::new(
-                cos,
-                -sin * cos_alpha,
-                sin * sin_alpha,
-                sin,
-                cos * cos_alpha,
-                -cos * sin_alpha,
-                0.0,
-                sin_alpha,
-                cos_alpha,
-            ),
-            translation_mm: Vector3::new(self.a_mm * cos, self.a_mm * sin, d_mm),
+            rotation: rotation_about_axis(&Vector3::z(), theta),
+            translation_mm: Vector3::z() * d_mm,
+        }
+    }
+
+    /// `Trans_x(a)` `Rot_x(α)`, in either order.
+    fn along_x(&self) -> Pose {
+        Pose {
+            rotation: rotation_about_axis(&Vector3::x(), self.alpha_rad),
+            translation_mm: Vector3::x() * self.a_mm,
         }
     }
 }
 
 /// A Denavit–Hartenberg table: T(q) = base · Π `A_i(q_i)` · tool, from the workpiece to the tool.
 ///
-/// Joint i turns about or slides along the z axis of the frame before it. `tool` brings the last frame
-/// back onto the MCS, so that T(0) is the identity like that of every chain here.
+/// `tool` brings the last frame back onto the MCS, so that T(0) is the identity like that of every chain here.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DhTable {
-    /// The first frame, whose z axis is the first joint's, in MCS at machine zero.
+    /// The order of the motions in each row.
+    pub convention: DhConvention,
+    /// The first frame, in MCS at machine zero; in the distal convention its z axis is the first joint's.
     pub base: Pose,
     /// One row for each axis.
     pub rows: ArrayVec<DhRow, MAX_AXES>,
@@ -73,9 +91,36 @@ impl DhTable {
     pub fn tool(&self, structure: &Structure) -> Pose {
         let rows = self.rows.iter().zip(structure.axes());
         rows.fold(self.base, |pose, (row, axis)| {
-            pose * row.pose(axis.kind(), 0.0)
+            pose * row.pose(self.convention, axis.kind(), 0.0)
         })
         .inverse()
+    }
+
+    /// The same table in a convention: the a and α of each row move to the next row or to the one before. What leads
+    /// to the first joint or away from the last one goes into the base or into the tool.
+    #[must_use]
+    pub fn in_convention(&self, convention: DhConvention) -> Self {
+        let mut table = self.clone();
+        table.convention = convention;
+        let x_of = |row: Option<&DhRow>| row.map_or((0.0, 0.0), |row| (row.a_mm, row.alpha_rad));
+        match (self.convention, convention) {
+            (DhConvention::Distal, DhConvention::Proximal) => {
+                for (place, row) in table.rows.iter_mut().enumerate() {
+                    let before = place.checked_sub(1).and_then(|place| self.rows.get(place));
+                    (row.a_mm, row.alpha_rad) = x_of(before);
+                }
+            }
+            (DhConvention::Proximal, DhConvention::Distal) => {
+                for (place, row) in table.rows.iter_mut().enumerate() {
+                    (row.a_mm, row.alpha_rad) = x_of(self.rows.get(place + 1));
+                }
+                if let Some(first) = self.rows.first() {
+                    table.base = self.base * first.along_x();
+                }
+            }
+            _ => {}
+        }
+        table
     }
 
     /// The chain of this table. A linear axis gets the origin of the frame before it as its point.
@@ -92,17 +137,18 @@ impl DhTable {
             });
         }
         let mut chain = Chain::new(structure.clone());
-        let mut frame = self.base;
-        for (&axis, row) in structure.axes().iter().zip(&self.rows) {
+        let table = self.in_convention(DhConvention::Distal);
+        let mut frame = table.base;
+        for (&axis, row) in structure.axes().iter().zip(&table.rows) {
             let direction: Vector3<f64> = frame.rotation.column(2).into();
             chain.set_direction(axis, direction.into())?;
             chain.set_point(axis, frame.translation_mm.into())?;
-            frame = frame * row.pose(axis.kind(), 0.0);
+            frame = frame * row.pose(DhConvention::Distal, axis.kind(), 0.0);
         }
         Ok(chain)
     }
 
-    /// The table of a chain. The lines of linear axes are free: they run through the frame before
+    /// The table of a chain, in the distal convention. The lines of linear axes are free: they run through the frame before
     /// them, so the points of linear axes are not kept.
     pub fn of_chain(chain: &Chain) -> Self {
         let joints = chain.joints();
@@ -122,10 +168,14 @@ impl DhTable {
             let row = joints
                 .get(index + 1)
                 .map_or_else(DhRow::default, |next| row_towards(&frame, next));
-            frame = frame * row.pose(joint.kind, 0.0);
+            frame = frame * row.pose(DhConvention::Distal, joint.kind, 0.0);
             rows.push(row);
         }
-        Self { base, rows }
+        Self {
+            convention: DhConvention::Distal,
+            base,
+            rows,
+        }
     }
 }
 

@@ -34,6 +34,14 @@ pub enum ChainError {
         /// The vector that was given, mm.
         found: [f64; 3],
     },
+    /// A frame of the error motions for a linear axis.
+    #[error(
+        "axis {axis} is linear: its error motions ride with its carriage, expected a rotary axis"
+    )]
+    MotionFrame {
+        /// The axis that is meant.
+        axis: AxisName,
+    },
     /// A value of an error that is NaN or infinite.
     #[error("{error} is {found}, expected a finite number of {}", error.component.symbol())]
     NotFinite {

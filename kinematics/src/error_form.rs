@@ -152,13 +152,12 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
             rotation: M::rotation(&assembly.angular_rad),
             translation_mm: assembly.linear_mm,
         };
-        // A linear axis's errors ride with its carriage, a rotary axis's stay in the frame that does
-        // not turn; the assembly error sits between an axis and what carries it.
-        pose = match (joint.side, joint.kind) {
-            (Side::Tool, AxisKind::Linear) => pose * assembly * motion * error,
-            (Side::Tool, AxisKind::Rotary) => pose * assembly * error * motion,
-            (Side::Workpiece, AxisKind::Linear) => pose * error * motion * assembly,
-            (Side::Workpiece, AxisKind::Rotary) => pose * motion * error * assembly,
+        // The assembly error sits between an axis and what carries it.
+        pose = match (joint.side, joint.errors_on_tool_side()) {
+            (Side::Tool, true) => pose * assembly * motion * error,
+            (Side::Tool, false) => pose * assembly * error * motion,
+            (Side::Workpiece, true) => pose * motion * error * assembly,
+            (Side::Workpiece, false) => pose * error * motion * assembly,
         };
     }
     pose
@@ -204,27 +203,22 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
         let error = source.error_motion(index, state);
         let location = source.location(index);
         let assembly = source.assembly(index);
-        match (joint.kind, joint.side) {
-            (AxisKind::Linear, Side::Tool) => {
-                walk.add(&error, &joint.point_mm);
-                walk.slide(&joint.direction, &location.angular_rad, q);
-                walk.add(&assembly, &Vector3::zeros());
-            }
-            (AxisKind::Linear, Side::Workpiece) => {
-                walk.add(&assembly, &Vector3::zeros());
-                walk.slide(&joint.direction, &location.angular_rad, q);
-                walk.add(&error, &joint.point_mm);
-            }
-            (AxisKind::Rotary, Side::Tool) => {
-                walk.turn(joint, &location, sines[index]);
-                walk.add(&error, &joint.point_mm);
-                walk.add(&assembly, &Vector3::zeros());
-            }
-            (AxisKind::Rotary, Side::Workpiece) => {
-                walk.add(&assembly, &Vector3::zeros());
-                walk.add(&error, &joint.point_mm);
-                walk.turn(joint, &location, sines[index]);
-            }
+        let on_tool_side = joint.errors_on_tool_side();
+        if joint.side == Side::Workpiece {
+            walk.add(&assembly, &Vector3::zeros());
+        }
+        if on_tool_side {
+            walk.add(&error, &joint.point_mm);
+        }
+        match joint.kind {
+            AxisKind::Linear => walk.slide(&joint.direction, &location.angular_rad, q),
+            AxisKind::Rotary => walk.turn(joint, &location, sines[index]),
+        }
+        if !on_tool_side {
+            walk.add(&error, &joint.point_mm);
+        }
+        if joint.side == Side::Tool {
+            walk.add(&assembly, &Vector3::zeros());
         }
     }
     VolumetricError {

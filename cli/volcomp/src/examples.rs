@@ -26,6 +26,26 @@ Examples:
   volcomp map -m gantry.toml --grid 21x21x21 -o map.vti
   volcomp map -m calibrated.toml --grid 5x5x5 --truth truth.toml";
 
+pub(crate) const AXES: &str = "\
+Examples:
+  volcomp axes -m trunnion.toml --tip 0,0,-50 --tool-axis 0,0.5,0.866
+  volcomp --json axes -m five-axis.toml --tip 400,300,-300";
+
+pub(crate) const DH: &str = "\
+Examples:
+  volcomp dh -m trunnion.toml
+  volcomp dh -m five-axis.toml --convention proximal";
+
+pub(crate) const SENSITIVITY: &str = "\
+Examples:
+  volcomp sensitivity -m blade-mill.toml --assembly
+  volcomp --json sensitivity -m gantry.toml --points points.csv";
+
+pub(crate) const EXPRESSION: &str = "\
+Examples:
+  volcomp expression -m mill.toml
+  volcomp expression -m first.toml --assembly --latex";
+
 pub(crate) const FIT: &str = "\
 Examples:
   volcomp fit exx.rtl --method mls --auto --residual 1

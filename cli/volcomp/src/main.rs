@@ -63,6 +63,14 @@ enum Command {
     Diagonals(commands::diagonals::Arguments),
     #[command(after_help = examples::MAP)]
     Map(commands::map::Arguments),
+    #[command(after_help = examples::AXES)]
+    Axes(commands::axes::Arguments),
+    #[command(after_help = examples::DH)]
+    Dh(commands::dh::Arguments),
+    #[command(after_help = examples::SENSITIVITY)]
+    Sensitivity(commands::sensitivity::Arguments),
+    #[command(after_help = examples::EXPRESSION)]
+    Expression(commands::expression::Arguments),
     #[command(after_help = examples::FIT)]
     Fit(commands::fit::Arguments),
     #[command(after_help = examples::FIT_THERMAL)]
@@ -108,6 +116,10 @@ fn main() -> ExitCode {
         Command::Correct(a) => commands::correct::run(a),
         Command::Diagonals(a) => commands::diagonals::run(a),
         Command::Map(a) => commands::map::run(a),
+        Command::Axes(a) => commands::axes::run(a),
+        Command::Dh(a) => commands::dh::run(a),
+        Command::Sensitivity(a) => commands::sensitivity::run(a),
+        Command::Expression(a) => commands::expression::run(a),
         Command::Fit(a) => commands::fit::run(a),
         Command::FitThermal(a) => commands::fit_thermal::run(a),
         Command::Iso230(a) => commands::iso230::run(a),

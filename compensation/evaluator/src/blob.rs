@@ -6,7 +6,7 @@ use alloc::{string::ToString, vec::Vec};
 
 use arrayvec::ArrayVec;
 use sha2::{Digest, Sha256};
-use volcomp_kinematics::{Chain, ErrorMotion, Structure, nalgebra::Vector3};
+use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, Structure, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, AxisName, Component, MAX_AXES, PerAxis};
 
 use crate::{
@@ -19,8 +19,9 @@ use crate::{
     table::{LANES, MAX_PIECES, Piece},
 };
 
-/// Version of the bytes that this program writes. It also reads version 2, which has no thermal offsets.
-pub const BLOB_VERSION: u32 = 3;
+/// Version of the bytes that this program writes. It also reads version 3, in which the error motions of every rotary
+/// axis stay in the frame that does not turn, and version 2, which has no thermal offsets either.
+pub const BLOB_VERSION: u32 = 4;
 
 /// The oldest version that is read.
 const OLDEST_READ: u32 = 2;
@@ -66,6 +67,12 @@ impl CompiledMachine {
             put(
                 &mut body,
                 axis.thermal.at_tip.iter().chain(&axis.thermal.slope_mm),
+            );
+        }
+        for axis in &self.axes {
+            put_count(
+                &mut body,
+                usize::from(axis.joint.motion_frame == MotionFrame::Turning),
             );
         }
         let mut blob = Vec::with_capacity(HEAD + body.len());
@@ -274,6 +281,14 @@ fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine
             at_tip: reader.numbers()?,
             slope_mm: reader.numbers()?,
         });
+    }
+    // Versions 2 and 3 have none.
+    for &name in structure.axes().iter().filter(|_| version >= 4) {
+        if reader.count(1, "as a motion frame")? == 1 {
+            chain
+                .set_motion_frame(name, MotionFrame::Turning)
+                .map_err(BlobError::Chain)?;
+        }
     }
     if !reader.body.is_empty() {
         return Err(BlobError::TooLong.into());

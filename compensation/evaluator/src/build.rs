@@ -9,7 +9,7 @@ use crate::{
     EvaluatorError, Tolerance,
     error::no_axis,
     fit::ToTable,
-    fold::{Folded, errors_before_motion, fold},
+    fold::{Folded, fold},
     machine::{CompiledAxis, CompiledMachine, Range, Thermal},
     parts::{AxisParts, Branches, MachineParts},
     patch::CompiledPatch,
@@ -157,7 +157,7 @@ impl AxisTables {
             bounds: Bounds::of(all, &arm_mm, slide),
             patches: self.patches,
             arm_mm,
-            before_motion: errors_before_motion(joint),
+            before_motion: joint.errors_on_tool_side(),
             along: Along::of(&joint.direction),
             thermal: Thermal::default(),
         }

@@ -5,7 +5,7 @@
 //! its moving side; an assembly error is a twist in one gap. A constant twist in the gap in which an
 //! axis has its error motions is a constant of that axis's table; across a linear joint a tilt leaves
 //! a displacement that grows with the coordinate, which the table takes too. What no table can take stays
-//! at an end of the chain.
+//! in its gap: at an end of the chain, or between two rotary joints that both have their errors on their far sides.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
@@ -15,18 +15,14 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 pub(crate) struct Folded {
     /// Between the last joint and the tool.
     pub(crate) tool_end: ErrorMotion,
+    /// On the tool side of each joint but the last, where no table takes it.
+    pub(crate) between: PerAxis<ErrorMotion>,
     /// Between the workpiece and the first joint, where that joint has its errors behind it.
     pub(crate) workpiece_end: ErrorMotion,
     /// Constants of each axis's table.
     pub(crate) constant: PerAxis<ErrorMotion>,
     /// The slope that the table of a linear axis gains: displacement for each mm of its coordinate.
     pub(crate) slide: PerAxis<Vector3<f64>>,
-}
-
-/// Whether the error motions of an axis stand on the tool side of its joint: those of a linear axis ride
-/// with its carriage, those of a rotary axis stay in the frame that does not turn.
-pub(crate) fn errors_before_motion(joint: &Joint) -> bool {
-    (joint.kind == AxisKind::Linear) == (joint.side == Side::Tool)
 }
 
 /// Folds location and assembly errors.
@@ -57,14 +53,15 @@ pub(crate) fn fold(
     let mut constant = PerAxis::default();
     let last = joints.len();
     let (mut tool_end, mut workpiece_end) = (ErrorMotion::ZERO, ErrorMotion::ZERO);
+    let mut between = PerAxis::default();
     for (gap, held) in gaps.iter().enumerate().take(last + 1) {
         let inner = joints.get(gap);
         let outer = gap.checked_sub(1).and_then(|i| joints.get(i));
         let linear = |joint: Option<&Joint>| joint.is_some_and(|j| j.kind == AxisKind::Linear);
         let tilt = &held.angular_rad;
-        if inner.is_some_and(|joint| !errors_before_motion(joint)) {
+        if inner.is_some_and(|joint| !joint.errors_on_tool_side()) {
             add(&mut constant[gap], held, 1.0);
-        } else if outer.is_some_and(errors_before_motion) {
+        } else if outer.is_some_and(Joint::errors_on_tool_side) {
             add(&mut constant[gap - 1], held, 1.0);
         } else if let (true, Some(joint)) = (linear(inner), inner) {
             add(&mut constant[gap], held, 1.0);
@@ -74,14 +71,15 @@ pub(crate) fn fold(
             slide[gap - 1] -= tilt.cross(&joint.direction);
         } else if gap == 0 {
             workpiece_end = *held;
-        } else {
-            // Two rotary joints with their errors on their far sides cannot meet inside a chain: the one
-            // nearer the workpiece would have to be on the tool side of the bed.
+        } else if gap == last {
             tool_end = *held;
+        } else {
+            between[gap - 1] = *held;
         }
     }
     Folded {
         tool_end,
+        between,
         workpiece_end,
         constant,
         slide,

@@ -90,7 +90,8 @@ pub struct CompiledMachine {
     pub(crate) folded: Folded,
     /// Whether something is left at the workpiece end.
     pub(crate) at_workpiece: bool,
-    /// Whether an axis has errors besides its table: over two coordinates, or of temperature.
+    /// Whether an axis has errors besides its table, over two coordinates or of temperature, or something is left
+    /// between two axes.
     pub(crate) patched: bool,
     /// Three linear axes and nothing besides their tables.
     pub(crate) three_slides: bool,
@@ -105,7 +106,9 @@ impl CompiledMachine {
         let plain =
             |axis: &CompiledAxis| axis.patches.is_empty() && axis.thermal == Thermal::default();
         let slides = |axis: &CompiledAxis| axis.joint.kind == AxisKind::Linear;
-        self.patched = !self.axes.iter().all(plain);
+        let mut between = self.folded.between.iter();
+        let nothing_between = between.all(|held| *held == ErrorMotion::ZERO);
+        self.patched = !(self.axes.iter().all(plain) && nothing_between);
         self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
     }
 

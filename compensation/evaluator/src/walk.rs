@@ -106,7 +106,7 @@ impl CompiledMachine {
         self.walk::<true>(state, registers, &mut ())
     }
 
-    /// The error of any chain; `PATCHED` where it has errors over two coordinates.
+    /// The error of any chain; `PATCHED` where an axis has errors besides its table, or something is left between two axes.
     #[inline(always)]
     pub(crate) fn walk<const PATCHED: bool>(
         &self,
@@ -121,6 +121,9 @@ impl CompiledMachine {
             let mut error = registers.value(&self.tables, head, axis.looked_up(q));
             if PATCHED {
                 self.add_patches(&mut error, index, state);
+                if self.folded.between[index] != ErrorMotion::ZERO {
+                    tip.add(&as_lanes(&self.folded.between[index]));
+                }
             }
             if axis.before_motion {
                 tip.add(&error);

@@ -1,5 +1,6 @@
 //! An axis as a machine file states it.
 
+use volcomp_kinematics::MotionFrame;
 use volcomp_vocabulary::{AxisName, brought_into, is_within};
 
 /// One axis as the machine file states it.
@@ -18,6 +19,9 @@ pub struct Axis {
     /// A point on the axis line (rotary), or the point of the carriage at which its errors are stated (linear), mm in the
     /// machine coordinate system at machine zero; `None`: the origin.
     pub point_mm: Option<[f64; 3]>,
+    /// The frame in which the error motions of a rotary axis stay; that which does not turn for a linear axis, whose
+    /// error motions ride with its carriage.
+    pub motion_frame: MotionFrame,
 }
 
 impl Axis {

@@ -49,6 +49,14 @@ pub enum ModelError {
         /// The value that was found, mm or deg.
         found: f64,
     },
+    /// A tool tip or a tool axis that no machine can have.
+    #[error("{what} is [{}, {}, {}], expected finite numbers up to 1e9, and of a direction not all zero", found[0], found[1], found[2])]
+    Target {
+        /// Which of the two is meant.
+        what: &'static str,
+        /// The vector that was given.
+        found: [f64; 3],
+    },
     /// Two coordinates of one axis.
     #[error("axis {axis} has two coordinates, expected one at the most")]
     AxisTwice {

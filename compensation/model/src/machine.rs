@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
-use volcomp_kinematics::{Chain, ErrorMotion, State, Structure};
+use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure};
 use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES};
 
 use crate::{
@@ -62,6 +62,9 @@ impl Machine {
             }
             if let Some(point) = axis.point_mm {
                 chain.set_point(axis.name, point)?;
+            }
+            if axis.motion_frame != MotionFrame::Fixed {
+                chain.set_motion_frame(axis.name, axis.motion_frame)?;
             }
         }
         let (tip, tool_axis) = parts.tool.tip_and_axis();

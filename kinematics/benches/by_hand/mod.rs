@@ -51,11 +51,11 @@ pub(crate) fn by_hand<S: ErrorSource>(
                 about(&rotation_about_axis(&joint.direction, q), &joint.point_mm),
             ),
         };
-        actual = match (joint.side, joint.kind) {
-            (Side::Tool, AxisKind::Linear) => actual * assembly * motion * error,
-            (Side::Tool, AxisKind::Rotary) => actual * assembly * error * motion,
-            (Side::Workpiece, AxisKind::Linear) => actual * error * motion * assembly,
-            (Side::Workpiece, AxisKind::Rotary) => actual * motion * error * assembly,
+        actual = match (joint.side, joint.errors_on_tool_side()) {
+            (Side::Tool, true) => actual * assembly * motion * error,
+            (Side::Tool, false) => actual * assembly * error * motion,
+            (Side::Workpiece, true) => actual * motion * error * assembly,
+            (Side::Workpiece, false) => actual * error * motion * assembly,
         };
         ideal *= nominal;
     }

@@ -2,8 +2,9 @@
 
 use std::f64::consts::PI;
 
+use rand::RngExt;
 use volcomp_kinematics::{
-    Chain, DhRow, DhTable, ErrorMotion, Form, GivenErrors, Pose, Screw, State,
+    Chain, DhConvention, DhRow, DhTable, ErrorMotion, Form, GivenErrors, Pose, Screw, State,
     nalgebra::{Matrix3, Vector3},
     volumetric_error,
 };
@@ -31,11 +32,16 @@ fn plain_product(table: &DhTable, chain: &Chain, state: &State) -> Pose {
             AxisKind::Linear => (0.0, q),
             AxisKind::Rotary => (q, 0.0),
         };
-        pose = pose
-            * rotation(Vector3::z(), row.theta_rad + turn)
-            * Pose::from_translation(Vector3::z() * (row.d_mm + slide))
-            * Pose::from_translation(Vector3::x() * row.a_mm)
-            * rotation(Vector3::x(), row.alpha_rad);
+        let about_z = rotation(Vector3::z(), row.theta_rad + turn)
+            * Pose::from_translation(Vector3::z() * (row.d_mm + slide));
+        let (a, alpha) = (
+            Pose::from_translation(Vector3::x() * row.a_mm),
+            rotation(Vector3::x(), row.alpha_rad),
+        );
+        pose = match table.convention {
+            DhConvention::Distal => pose * about_z * a * alpha,
+            DhConvention::Proximal => pose * alpha * a * about_z,
+        };
     }
     pose * table.tool(chain.structure())
 }
@@ -51,7 +57,12 @@ fn a_table_moves_as_its_chain_in_every_type() {
                     chain.set_direction(axis, vector(&mut rng, 1.0)).unwrap();
                 }
             }
-            let table = DhTable::of_chain(&chain);
+            let distal = DhTable::of_chain(&chain);
+            let table = if rng.random_bool(0.5) {
+                distal.in_convention(DhConvention::Proximal)
+            } else {
+                distal
+            };
             let back = table.to_chain(structure.clone()).unwrap();
             for _ in 0..20 {
                 let state = state(&chain, &mut rng);
@@ -72,6 +83,40 @@ fn a_table_moves_as_its_chain_in_every_type() {
     }
 }
 
+/// The modified table of the textbook (Craig, *Introduction to Robotics*, example 3.3): three parallel axes of a plane
+/// arm, whose first row is empty and whose links stand in the rows of the joints behind them.
+#[test]
+fn a_proximal_table_has_its_links_in_the_next_row() {
+    let row = |a_mm| DhRow {
+        a_mm,
+        ..DhRow::default()
+    };
+    let proximal = DhTable {
+        convention: DhConvention::Proximal,
+        base: Pose::identity(),
+        rows: [row(0.0), row(300.0), row(200.0)].into_iter().collect(),
+    };
+    let structure: volcomp_kinematics::Structure = "w b A B C t".parse().unwrap();
+    let chain = proximal.to_chain(structure.clone()).unwrap();
+    let points: Vec<f64> = chain
+        .joints()
+        .iter()
+        .map(|joint| joint.point_mm.x)
+        .collect();
+    assert_eq!(points, [0.0, 300.0, 500.0]);
+    let distal = proximal.in_convention(DhConvention::Distal);
+    let links: Vec<f64> = distal.rows.iter().map(|row| row.a_mm).collect();
+    assert_eq!(links, [300.0, 200.0, 0.0]);
+    assert_eq!(distal.in_convention(DhConvention::Proximal), proximal);
+    // A first row that leads away from the base.
+    let mut led = proximal.clone();
+    (led.rows[0].a_mm, led.rows[0].alpha_rad) = (50.0, PI / 2.0);
+    let chain = led.to_chain(structure).unwrap();
+    let first = chain.joints()[0];
+    assert!((first.direction + Vector3::y()).norm() < 1e-15, "{first:?}");
+    assert!((first.point_mm - Vector3::x() * 50.0).norm() < 1e-12);
+}
+
 /// Two links in a plane: x = a1 cos q1 + a2 cos(q1 + q2), the textbook's first table.
 #[test]
 fn two_links_in_a_plane() {
@@ -80,6 +125,7 @@ fn two_links_in_a_plane() {
         ..DhRow::default()
     };
     let table = DhTable {
+        convention: DhConvention::Distal,
         base: Pose::identity(),
         rows: [row(300.0), row(200.0)].into_iter().collect(),
     };
@@ -202,6 +248,7 @@ fn what_makes_no_chain_is_named() {
         assert!(error.to_string().contains(expected), "{error}");
     }
     let table = DhTable {
+        convention: DhConvention::Distal,
         base: Pose {
             rotation: Matrix3::from_element(f64::NAN),
             translation_mm: Vector3::zeros(),
@@ -210,6 +257,7 @@ fn what_makes_no_chain_is_named() {
     };
     assert!(table.to_chain(structure.clone()).is_err());
     let short = DhTable {
+        convention: DhConvention::Distal,
         base: Pose::identity(),
         rows: [DhRow::default()].into_iter().collect(),
     };

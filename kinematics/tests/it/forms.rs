@@ -1,16 +1,85 @@
 //! The three forms against plain matrices and against one another.
 
-use volcomp_kinematics::{Form, GivenErrors, letter_direction, volumetric_error};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::{
+    Chain, ErrorMotion, Form, GivenErrors, MotionFrame, State, Structure, letter_direction,
+    nalgebra::Vector3, volumetric_error,
+};
 use volcomp_test_support::structures::all_types;
 
 use crate::{every_error, motion, placed, plain, seeded, state, vector};
+
+/// Puts the error motions of every rotary axis into a frame.
+fn in_frame(chain: &mut Chain, frame: MotionFrame) {
+    for &axis in chain.structure().clone().axes() {
+        if axis.is_rotary() {
+            chain.set_motion_frame(axis, frame).unwrap();
+        }
+    }
+}
+
+/// Every type of machine with the error motions of its rotary axes in either frame.
+fn both_frames() -> impl Iterator<Item = (Structure, MotionFrame)> {
+    let frames = [MotionFrame::Fixed, MotionFrame::Turning];
+    all_types()
+        .into_iter()
+        .flat_map(move |structure| frames.map(|frame| (structure.clone(), frame)))
+}
+
+fn placed_in((structure, frame): &(Structure, MotionFrame), rng: &mut ChaCha8Rng) -> Chain {
+    let mut chain = placed(structure, rng);
+    in_frame(&mut chain, *frame);
+    chain
+}
+
+#[test]
+fn errors_in_the_turning_frame_turn_with_the_axis() {
+    for (structure, sign) in [("w b C t", 1.0), ("w C' b t", -1.0)] {
+        let mut chain = Chain::new(structure.parse().unwrap());
+        let c = chain.structure().axes()[0];
+        let mut errors = GivenErrors::default();
+        errors.motion[0] = ErrorMotion::from_um_urad([10.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let quarter = State::from_coordinates(&[std::f64::consts::FRAC_PI_2]);
+        let moved = |chain: &Chain, form| {
+            volumetric_error(chain, &errors, &quarter, form).position_mm * 1e3
+        };
+        for form in [Form::Exact, Form::Htm, Form::Twist] {
+            chain.set_motion_frame(c, MotionFrame::Fixed).unwrap();
+            let fixed = moved(&chain, form);
+            chain.set_motion_frame(c, MotionFrame::Turning).unwrap();
+            let turning = moved(&chain, form);
+            // On the tool side the frame that turns is the tool's: its X stands along Y of the workpiece. On the
+            // workpiece side it is the workpiece's own, and the one that does not turn is seen from there.
+            let (along_x, along_y) = if sign > 0.0 {
+                (fixed, turning)
+            } else {
+                (turning, fixed)
+            };
+            let off_x = (along_x - Vector3::x() * 10.0).norm();
+            let off_y = (along_y - Vector3::y() * 10.0).norm();
+            assert!(off_x < 1e-9 && off_y < 1e-9, "{structure} {form}");
+        }
+    }
+    let mut chain = Chain::new("w b X t".parse().unwrap());
+    let x = chain.structure().axes()[0];
+    let refused = chain.set_motion_frame(x, MotionFrame::Turning).unwrap_err();
+    assert!(
+        refused.to_string().contains("axis X is linear"),
+        "{refused}"
+    );
+}
 
 #[test]
 fn exact_and_htm_are_the_products_in_plain_matrices() {
     let mut rng = seeded(1);
     for structure in all_types() {
-        for oblique in [false, true] {
+        for (oblique, frame) in [
+            (false, MotionFrame::Fixed),
+            (true, MotionFrame::Fixed),
+            (true, MotionFrame::Turning),
+        ] {
             let mut chain = placed(&structure, &mut rng);
+            in_frame(&mut chain, frame);
             if oblique {
                 for &axis in structure.axes() {
                     let u = letter_direction(axis);
@@ -44,8 +113,8 @@ fn exact_and_htm_are_the_products_in_plain_matrices() {
 fn all_forms_agree_to_first_order() {
     let mut rng = seeded(2);
     let mut worst = [0.0_f64; 2];
-    for structure in all_types() {
-        let chain = placed(&structure, &mut rng);
+    for structure in both_frames() {
+        let chain = placed_in(&structure, &mut rng);
         for _ in 0..200 {
             let mut errors = GivenErrors::default();
             for index in 0..chain.joints().len() {
@@ -71,8 +140,8 @@ fn all_forms_agree_to_first_order() {
 #[test]
 fn twist_is_the_first_order_part_of_exact() {
     let mut rng = seeded(3);
-    for structure in all_types() {
-        let chain = placed(&structure, &mut rng);
+    for structure in both_frames() {
+        let chain = placed_in(&structure, &mut rng);
         let full = every_error(&chain, &mut rng);
         let state = state(&chain, &mut rng);
         let distance = |factor: f64| {
@@ -97,7 +166,7 @@ fn twist_is_the_first_order_part_of_exact() {
         for k in 0..2 {
             let ratio = large[k] / small[k];
             // The rotation of three linear axes alone is a plain sum up to its second order.
-            assert!((3.5..4.5).contains(&ratio), "{structure} {k}: {ratio}");
+            assert!((3.5..4.5).contains(&ratio), "{structure:?} {k}: {ratio}");
         }
     }
 }

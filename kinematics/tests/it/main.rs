@@ -7,6 +7,7 @@ mod conversions;
 mod correction;
 mod forms;
 mod given;
+mod inverse;
 mod plain;
 mod published;
 mod structures;

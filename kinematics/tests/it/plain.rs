@@ -1,6 +1,6 @@
 //! The model in plain 4×4 arrays, written from its definition alone.
 
-use volcomp_kinematics::{Chain, Form, GivenErrors, Side, State};
+use volcomp_kinematics::{Chain, Form, GivenErrors, MotionFrame, Side, State};
 use volcomp_vocabulary::AxisKind;
 
 pub(crate) type M = [[f64; 4]; 4];
@@ -125,7 +125,8 @@ pub(crate) fn error(
         for (row, x) in s.iter_mut().zip(errors.assembly[i].linear_mm.iter()) {
             row[3] = *x;
         }
-        let order = match (joint.side, linear) {
+        let rides = linear || joint.motion_frame == MotionFrame::Turning;
+        let order = match (joint.side, rides) {
             (Side::Tool, true) => [s, motion, e],
             (Side::Tool, false) => [s, e, motion],
             (Side::Workpiece, true) => [e, motion, s],

@@ -64,6 +64,9 @@ pub(crate) struct Axis {
     pub(crate) direction: [f64; 3],
     /// Point at machine zero, mm in MCS: on the line of a rotary axis; where a linear axis's errors are stated.
     pub(crate) point_mm: [f64; 3],
+    /// Where the error motions of a rotary axis stay: `fixed` or `turning`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) motion_frame: Option<String>,
     /// The effect of a positive motion, in words.
     pub(crate) motion: String,
     /// A warning where the axis does not count along its letter's direction: a positive deviation is then a negative

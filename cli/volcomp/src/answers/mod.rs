@@ -1,6 +1,7 @@
 //! Every JSON document that the program writes, as a struct with its JSON Schema. One file for each command; `ALL`
 //! lists them, and `docs/schema/` holds the schemas.
 
+pub(crate) mod axes;
 pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod diagonals;
@@ -13,6 +14,7 @@ pub(crate) mod map;
 pub(crate) mod position;
 pub(crate) mod probe;
 pub(crate) mod program;
+pub(crate) mod sensitivity;
 pub(crate) mod simulate;
 
 use std::collections::BTreeMap;
@@ -33,6 +35,10 @@ pub(crate) const ALL: &[Named] = &[
     ("correct", schema::<position::Correct>),
     ("diagonals", schema::<diagonals::Diagonals>),
     ("map", schema::<map::Map>),
+    ("axes", schema::<axes::Axes>),
+    ("dh", schema::<axes::Dh>),
+    ("sensitivity", schema::<sensitivity::Sensitivity>),
+    ("expression", schema::<sensitivity::Expression>),
     ("fit", schema::<fit::Fit>),
     ("fit-thermal", schema::<fit_thermal::FitThermal>),
     ("calibrate", schema::<calibrate::Calibrate>),

@@ -1,13 +1,16 @@
 //! One module for each command: its arguments, its answer as a document and as text for people.
 
+pub(crate) mod axes;
 pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod compile;
 pub(crate) mod completions;
 pub(crate) mod correct;
 pub(crate) mod demo;
+pub(crate) mod dh;
 pub(crate) mod diagonals;
 pub(crate) mod error;
+pub(crate) mod expression;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
 pub(crate) mod generate;
@@ -16,6 +19,7 @@ pub(crate) mod iso230;
 pub(crate) mod map;
 mod outside;
 pub(crate) mod probe;
+pub(crate) mod sensitivity;
 pub(crate) mod simulate;
 
 use std::path::Path;

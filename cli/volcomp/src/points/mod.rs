@@ -32,6 +32,17 @@ pub(crate) struct MachineArguments {
     pub(crate) spindle: SpindleArguments,
 }
 
+/// The machine and the tool in its spindle, for answers in which no error of the machine counts.
+#[derive(Args)]
+pub(crate) struct GeometryArguments {
+    /// The machine file (TOML) with axes and tool
+    #[arg(long, short, value_name = "FILE")]
+    machine: PathBuf,
+    /// Tool from the machine file's table `tools`; without it the tool of `[tool]`
+    #[arg(long)]
+    tool: Option<String>,
+}
+
 /// The tool in the spindle and the temperatures of the sensors, on which the errors of a machine depend too.
 #[derive(Args)]
 pub(crate) struct SpindleArguments {
@@ -114,13 +125,26 @@ impl MachineArguments {
     }
 }
 
+impl GeometryArguments {
+    /// The machine with the tool in its spindle.
+    pub(crate) fn read(&self) -> Result<Machine, Failure> {
+        with_tool(&self.machine, self.tool.as_deref())
+    }
+}
+
+/// Reads a machine file and puts the tool into its spindle.
+fn with_tool(path: &Path, tool: Option<&str>) -> Result<Machine, Failure> {
+    let mut machine = Machine::read(path).map_err(|error| not_compiled(path, error))?;
+    if let Some(tool) = tool {
+        machine.select_tool(tool)?;
+    }
+    Ok(machine)
+}
+
 impl SpindleArguments {
     /// Reads a machine file and puts the tool into its spindle.
     pub(crate) fn read(&self, path: &Path) -> Result<(Machine, Temperatures), Failure> {
-        let mut machine = Machine::read(path).map_err(|error| not_compiled(path, error))?;
-        if let Some(tool) = &self.tool {
-            machine.select_tool(tool)?;
-        }
+        let machine = with_tool(path, self.tool.as_deref())?;
         let temperatures = self.temperatures(&machine)?;
         Ok((machine, temperatures))
     }
@@ -155,6 +179,30 @@ impl SpindleArguments {
         }
         Ok(temperatures)
     }
+}
+
+/// The positions in the rows of a CSV file, approach not known.
+pub(crate) fn states_of(machine: &Machine, path: &Path) -> Result<States, Failure> {
+    let arguments = PointArguments {
+        at: None,
+        points: Some(path.to_owned()),
+    };
+    arguments.states(machine, &ApproachArguments { approach: None })
+}
+
+/// The three numbers of an option such as `--tip 100,-20,35.5`.
+pub(crate) fn three(option: &str, text: &str) -> Result<[f64; 3], Failure> {
+    let numbers: Option<Vec<f64>> = text
+        .split([',', ';'])
+        .map(|number| number.trim().parse::<f64>().ok().filter(|x| x.is_finite()))
+        .collect();
+    numbers
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| {
+            Failure::Input(format!(
+                "{option}: found `{text}`, expected three finite numbers with decimal points: 100,-20,35.5"
+            ))
+        })
 }
 
 impl PointArguments {

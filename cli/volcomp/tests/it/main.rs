@@ -9,6 +9,7 @@ mod map;
 mod points;
 mod probe;
 mod schema;
+mod structures;
 mod units;
 mod whole_way;
 mod width;

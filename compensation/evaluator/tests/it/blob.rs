@@ -42,7 +42,7 @@ fn broken_blobs_are_refused() {
     assert!(reason(b"something else that is long enough for a head of bytes").contains("VOLCOMPM"));
     let mut version = blob.clone();
     version[8] = 9;
-    assert!(reason(&version).contains("found version 9, expected 3"));
+    assert!(reason(&version).contains("found version 9, expected 4"));
     let mut changed = blob.clone();
     changed[100] ^= 1;
     assert!(reason(&changed).contains("checksum"));

@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 use volcomp_evaluator::{BlobError, CompiledMachine, EvaluatorError};
-use volcomp_kinematics::{ErrorMotion, State};
+use volcomp_kinematics::{ErrorMotion, MotionFrame, State};
 use volcomp_model::{Machine, Tolerance};
 
 use crate::EXAMPLE;
@@ -11,6 +11,8 @@ use crate::EXAMPLE;
 const HEAD: usize = 44;
 /// Bytes of the thermal offsets of one axis: six numbers at the tip and three slopes.
 const THERMAL: usize = 9 * 8;
+/// Bytes of the motion frame of one axis.
+const FRAME: usize = 8;
 
 fn compiled() -> CompiledMachine {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
@@ -26,9 +28,17 @@ fn places() -> impl Iterator<Item = State> {
 
 /// The same machine as the version before thermal offsets would have written it.
 fn version_2(machine: &CompiledMachine) -> Vec<u8> {
-    let mut blob = machine.to_blob();
+    let mut blob = version_3(machine);
     blob.truncate(blob.len() - THERMAL * machine.chain().joints().len());
     blob[8] = 2;
+    mended(blob)
+}
+
+/// The same machine as the version before motion frames would have written it.
+fn version_3(machine: &CompiledMachine) -> Vec<u8> {
+    let mut blob = machine.to_blob();
+    blob.truncate(blob.len() - FRAME * machine.chain().joints().len());
+    blob[8] = 3;
     mended(blob)
 }
 
@@ -65,8 +75,31 @@ fn version_2_is_read_without_thermal_offsets() {
 }
 
 #[test]
+fn motion_frames_go_with_the_bytes_and_version_3_has_none() {
+    let fixed = compiled();
+    let text = EXAMPLE.replace("[axes.C]", "[axes.C]\nmotion_frame = \"turning\"");
+    let turning = Machine::parse(&text, "m").unwrap();
+    let turning = turning.compile(Tolerance::default()).unwrap();
+    let read = CompiledMachine::from_blob(&turning.to_blob()).unwrap();
+    let older = CompiledMachine::from_blob(&version_3(&turning)).unwrap();
+    assert_eq!(read, turning);
+    let mut moved = 0.0_f64;
+    for state in places() {
+        assert_eq!(read.evaluate(&state), turning.evaluate(&state));
+        let (a, b) = (turning.evaluate(&state), fixed.evaluate(&state));
+        moved = moved.max((a.position_mm[0] - b.position_mm[0]).abs());
+    }
+    assert!(moved > 1e-4, "the frame moves the tip: {moved} mm");
+    for joint in older.chain().joints() {
+        assert_eq!(joint.motion_frame, MotionFrame::Fixed);
+    }
+}
+
+#[test]
 fn what_is_refused_can_be_matched() {
-    let blob = compiled().to_blob();
+    let machine = compiled();
+    let axes = machine.chain().joints().len();
+    let blob = machine.to_blob();
     let refused = |blob: &[u8]| match CompiledMachine::from_blob(blob) {
         Err(EvaluatorError::Blob(reason)) => reason,
         other => panic!("{other:?}"),
@@ -74,12 +107,12 @@ fn what_is_refused_can_be_matched() {
     assert_eq!(refused(&blob[..30]), BlobError::CutOff);
     assert_eq!(refused(&[b'x'; 60]), BlobError::NotABlob);
     let mut version = blob.clone();
-    version[8] = 4;
+    version[8] = 5;
     assert_eq!(
         refused(&version),
         BlobError::Version {
-            found: 4,
-            expected: 3
+            found: 5,
+            expected: 4
         }
     );
     let mut changed = blob.clone();
@@ -89,9 +122,16 @@ fn what_is_refused_can_be_matched() {
     longer.push(0);
     assert_eq!(refused(&mended(longer)), BlobError::TooLong);
     let mut no_number = blob.clone();
-    let last = no_number.len() - 8;
-    no_number[last..].copy_from_slice(&f64::NAN.to_le_bytes());
+    let last = no_number.len() - FRAME * axes - 8;
+    no_number[last..last + 8].copy_from_slice(&f64::NAN.to_le_bytes());
     assert_eq!(refused(&mended(no_number)), BlobError::NotFinite);
+    let mut frame = blob.clone();
+    let last = frame.len() - FRAME;
+    frame[last] = 2;
+    assert!(matches!(
+        refused(&mended(frame)),
+        BlobError::TooMany { found: 2, .. }
+    ));
     let mut letters = blob;
     letters[HEAD] = 200;
     assert!(matches!(

@@ -14,6 +14,8 @@ pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     use std::fmt::Write;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut number = |size: f64| rng.random_range(-size..=size);
+    // Every mixture of motion frames: constants may be left between two rotary axes.
+    let mut frames = ChaCha8Rng::seed_from_u64(seed);
     let mut text = format!("structure = \"{structure}\"\n");
     for axis in structure.axes() {
         let half = if axis.kind() == AxisKind::Linear {
@@ -27,6 +29,9 @@ pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
             "[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point:?}"
         )
         .unwrap();
+        if axis.is_rotary() && frames.random_bool(0.5) {
+            writeln!(text, "motion_frame = \"turning\"").unwrap();
+        }
     }
     let tip: [f64; 3] = [(); 3].map(|()| number(150.0));
     writeln!(text, "[tool]\ntip = {tip:?}\n[errors]").unwrap();

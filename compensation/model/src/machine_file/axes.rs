@@ -1,7 +1,7 @@
 //! The structure, the axes, and which of them correct.
 
 use volcomp_document::{InputError, Section, Value};
-use volcomp_kinematics::Structure;
+use volcomp_kinematics::{MotionFrame, Structure};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{axis::Axis, error::ModelError, machine::Machine};
@@ -67,7 +67,7 @@ pub(super) fn decode_axes(
 }
 
 fn decode_axis(section: &Section<'_>, name: AxisName) -> Result<Axis, InputError> {
-    section.allow(&["travel", "point", "direction", "modulo"])?;
+    section.allow(&["travel", "point", "direction", "modulo", "motion_frame"])?;
     let travel_value = section.require("travel")?;
     let travel: [f64; 2] = travel_value.vector()?;
     if travel[0] >= travel[1] {
@@ -85,12 +85,26 @@ fn decode_axis(section: &Section<'_>, name: AxisName) -> Result<Axis, InputError
             "found {period:?} on axis {name}, expected a positive period in deg on a rotary axis"
         )))
     })?;
+    let motion_frame = section.optional("motion_frame", |value| {
+        let words = [
+            ("fixed", MotionFrame::Fixed),
+            ("turning", MotionFrame::Turning),
+        ];
+        let frame = value.one_of(&words)?;
+        if name.kind() == AxisKind::Rotary {
+            return Ok(frame);
+        }
+        Err(value.error(format!(
+            "found a motion frame on axis {name}, whose error motions ride with its carriage, expected it on a rotary axis"
+        )))
+    })?;
     Ok(Axis {
         name,
         travel,
         modulo,
         direction: section.optional("direction", decode_direction)?,
         point_mm: section.optional("point", Value::vector)?,
+        motion_frame: motion_frame.unwrap_or_default(),
     })
 }
 

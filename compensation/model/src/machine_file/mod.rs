@@ -13,24 +13,27 @@ use crate::{
 };
 
 mod axes;
+mod denavit_hartenberg;
 mod errors;
 mod thermal;
 mod tool;
 mod write;
 
 use axes::{decode_axes, decode_correct, decode_structure};
+use denavit_hartenberg::place_by_table;
 use errors::{decode_assembly, decode_errors};
 use thermal::decode_thermal;
 use tool::{check_gauge_keys, decode_tool};
 use write::canonical;
 
-const TOP_KEYS: [&str; 12] = [
+const TOP_KEYS: [&str; 13] = [
     "name",
     "checksum",
     "structure",
     "type",
     "correct",
     "axes",
+    "dh",
     "tool",
     "tools",
     "workpiece",
@@ -90,7 +93,8 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     root.allow_in(FileKind::Machine, &TOP_KEYS)?;
     refuse_keys_below_a_table(root)?;
     let structure = decode_structure(root)?;
-    let axes = decode_axes(root, &structure)?;
+    let mut axes = decode_axes(root, &structure)?;
+    place_by_table(root, &structure, &mut axes)?;
     let tool = root
         .section("tool")?
         .map_or_else(|| Ok(Tool::default()), |s| decode_tool(&s))?;

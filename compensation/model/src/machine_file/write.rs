@@ -2,6 +2,8 @@
 
 use core::fmt::Write;
 
+use volcomp_kinematics::MotionFrame;
+
 use crate::{curve_file::write_error_curve, machine::Machine, thermal::Thermal, tool::Tool};
 
 /// The machine file without its checksum: fixed order, fixed spelling.
@@ -29,6 +31,9 @@ pub(super) fn canonical(machine: &Machine) -> String {
         }
         if let Some(modulo) = axis.modulo {
             line(format!("modulo = {modulo:?}"));
+        }
+        if axis.motion_frame == MotionFrame::Turning {
+            line("motion_frame = \"turning\"".to_owned());
         }
     }
     line("\n[tool]".to_owned());

@@ -7,7 +7,9 @@ mod closing;
 mod correct;
 mod evaluation;
 mod fuzz_corpus;
+mod inverse;
 mod messages;
+mod placed;
 mod round_trip;
 #[cfg(feature = "serde")]
 mod serialised;

@@ -45,6 +45,43 @@ const CHANGES: &[(&str, &str)] = &[
         "travel = [0.0, 8000.0]",
         "travel = [0.0, 8000.0]\nmodulo = 360",
     ),
+    (
+        "travel = [0.0, 8000.0]",
+        "travel = [0.0, 8000.0]\nmotion_frame = \"turning\"",
+    ),
+    (
+        "travel = [-360.0, 360.0]",
+        "travel = [-360.0, 360.0]\nmotion_frame = \"spinning\"",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "[dh]\nconvention = \"paul\"",
+    ),
+    ("point = [400.0, 300.0, -200.0]", "[dh]\nrows = []"),
+    (
+        "[tool]\n",
+        "[dh]\nrows = [{ axis = \"C\" }, { axis = \"X\" }, { axis = \"Y\" }, { axis = \"Z\" }]\n[tool]\n",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "direction = [0, 0, 1]\n[dh]\nrows = [{ axis = \"C\" }, { axis = \"X\" }, { axis = \"Y\" }, { axis = \"Z\" }]",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "[dh]\nrows = [{ axis = \"X\" }, { axis = \"C\" }, {}, {}]",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "[dh]\nrows = [{ axis = \"C\", alfa = 90 }, {}, {}, {}]",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "[dh]\nrows = [{ axis = \"C\", a = nan }, {}, {}, {}]",
+    ),
+    (
+        "point = [400.0, 300.0, -200.0]",
+        "[dh]\nbase = { x = [0, 0, 2] }\nrows = [{}, {}, {}, {}]",
+    ),
     ("axis = [0.0, 0.0, 1.0]", "axis = [0, 0, 0.0]"),
     (
         "tip = [0.0, 0.0, -150.0]",

@@ -7,7 +7,7 @@ mod words;
 
 use std::path::PathBuf;
 
-use volcomp_kinematics::{Form, Side, State};
+use volcomp_kinematics::{Form, MotionFrame, Side, State};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -107,6 +107,13 @@ fn axes(machine: &Machine) -> Vec<Axis> {
             modulo: axis.modulo,
             direction: joint.direction.into(),
             point_mm: joint.point_mm.into(),
+            motion_frame: axis.name.is_rotary().then(|| {
+                match joint.motion_frame {
+                    MotionFrame::Fixed => "fixed",
+                    MotionFrame::Turning => "turning",
+                }
+                .to_owned()
+            }),
             motion: words::motion(joint),
             signs: words::signs(joint),
         })

@@ -1,6 +1,6 @@
 //! Axes, errors and directions in words.
 
-use volcomp_kinematics::{Joint, Side, along_machine_axis, nalgebra::Vector3};
+use volcomp_kinematics::{Joint, MotionFrame, Side, along_machine_axis, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Component, ErrorName};
 
 const LETTERS: [&str; 3] = ["X", "Y", "Z"];
@@ -20,16 +20,20 @@ pub(super) fn direction(u: &Vector3<f64>) -> String {
 pub(super) fn motion(joint: &Joint) -> String {
     let name = joint.name;
     let (to, back) = (direction(&joint.direction), direction(&-joint.direction));
+    let errors = match joint.motion_frame {
+        MotionFrame::Fixed => "",
+        MotionFrame::Turning => "; its error motions turn with it",
+    };
     match (joint.kind, joint.side) {
         (AxisKind::Linear, Side::Workpiece) => format!(
             "+{name}: the tool moves to {to} seen from the workpiece; the table moves to {back}"
         ),
         (AxisKind::Linear, Side::Tool) => format!("+{name}: the tool moves to {to}"),
         (AxisKind::Rotary, Side::Workpiece) => format!(
-            "+{name}: the tool turns right-handed about {to} seen from the workpiece; the table turns right-handed about {back}"
+            "+{name}: the tool turns right-handed about {to} seen from the workpiece; the table turns right-handed about {back}{errors}"
         ),
         (AxisKind::Rotary, Side::Tool) => {
-            format!("+{name}: the tool turns right-handed about {to}")
+            format!("+{name}: the tool turns right-handed about {to}{errors}")
         }
     }
 }

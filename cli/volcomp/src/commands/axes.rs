@@ -1,0 +1,120 @@
+//! `volcomp axes`: where the axes stand for a tip and a direction of the tool.
+
+use volcomp_kinematics::State;
+use volcomp_model::{Machine, Reached};
+use volcomp_vocabulary::AxisName;
+
+use super::{Answer, fixed, in_degrees, table, table_text};
+use crate::{
+    answers::{ByAxis, axes::Axes},
+    failure::Failure,
+    points::{GeometryArguments, three},
+    table::folded,
+};
+
+/// The coordinates at which the ideal machine has its tool at a tip and in a direction, every solution within travel
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    machine: GeometryArguments,
+    /// The tool tip x,y,z in workpiece axes, from the workpiece origin, mm
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    tip: String,
+    /// The direction i,j,k of the tool axis in workpiece axes, from the tip to the spindle, of any length
+    #[arg(
+        long,
+        value_name = "I,J,K",
+        allow_hyphen_values = true,
+        default_value = "0,0,1"
+    )]
+    tool_axis: String,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let machine = arguments.machine.read()?;
+    let tip = three("--tip", &arguments.tip)?;
+    let direction = three("--tool-axis", &arguments.tool_axis)?;
+    if direction == [0.0; 3] {
+        return Err(Failure::Input(format!(
+            "--tool-axis: found `{}`, expected a direction of any length but zero",
+            arguments.tool_axis
+        )));
+    }
+    let reached = machine.axes_at(tip, direction)?;
+    let by_axis = |state: &State| -> ByAxis {
+        let stands = machine.axes().iter().zip(&state.q);
+        stands
+            .map(|(axis, &q)| (axis.name, in_degrees(axis.name.kind(), q)))
+            .collect()
+    };
+    let document = Axes {
+        solutions: reached.solutions.iter().map(by_axis).collect(),
+        singular: reached.singular,
+        free: reached.free.clone(),
+        outside_travel: reached.outside.clone(),
+        unreachable: reached
+            .missed
+            .filter(|_| reached.outside.is_empty())
+            .map(|missed| missed.to_string()),
+    };
+    let text = text(&machine, &document);
+    Answer::new(&document, text, notes(&reached))
+}
+
+fn text(machine: &Machine, document: &Axes) -> String {
+    let Some(first) = document.solutions.first() else {
+        let why = match &document.unreachable {
+            Some(reason) => reason.clone(),
+            None => format!(
+                "it lies beyond the travel of {}",
+                listed(&document.outside_travel)
+            ),
+        };
+        return folded(&format!("No solution: {why}."), "");
+    };
+    let heads = first
+        .0
+        .keys()
+        .map(|&name| format!("{name} {}", name.kind().coordinate_unit()));
+    let heads: Vec<String> = [String::new()].into_iter().chain(heads).collect();
+    let mut table = table(&heads.iter().map(String::as_str).collect::<Vec<_>>());
+    for (index, solution) in document.solutions.iter().enumerate() {
+        let numbers = solution.0.values().map(|&q| fixed(q, 6));
+        table.add_row([(index + 1).to_string()].into_iter().chain(numbers));
+    }
+    let mut text = table_text(&table);
+    if document.singular {
+        let free = listed(&document.free);
+        let turns = machine
+            .axes()
+            .iter()
+            .filter(|axis| axis.name.is_rotary())
+            .count();
+        let pose = if turns > 1 {
+            "Singular pose"
+        } else {
+            "The tool is along the axis"
+        };
+        text += &folded(
+            &format!(
+                "{pose}: {free} does not turn the tool axis here, and any other coordinate of it does as well."
+            ),
+            "\n",
+        );
+    }
+    text
+}
+
+fn notes(reached: &Reached) -> Vec<String> {
+    let beyond = !reached.solutions.is_empty() && !reached.outside.is_empty();
+    let beyond = beyond.then(|| {
+        let outside = listed(&reached.outside);
+        format!("further solutions lie beyond the travel of {outside}")
+    });
+    beyond.into_iter().collect()
+}
+
+fn listed(names: &[AxisName]) -> String {
+    let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+    names.join(", ")
+}

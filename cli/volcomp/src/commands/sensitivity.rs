@@ -1,0 +1,159 @@
+//! `volcomp sensitivity`: what each error does, which errors are one motion, and which cannot be told apart.
+
+use std::{fmt::Write, path::PathBuf};
+
+use volcomp_model::Machine;
+use volcomp_sensitivity::{DEPENDENT_BELOW, ErrorTerm, Poses, Sensitivity, sensitivity, terms};
+use volcomp_vocabulary::Displacement;
+
+use super::{Answer, fixed, table, table_text};
+use crate::{
+    answers::sensitivity as answers,
+    failure::Failure,
+    points::{GeometryArguments, states_of},
+    table::{HEAD, folded},
+};
+
+/// The effect of each error over many positions, errors that are one motion, and errors that cannot be told apart
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    machine: GeometryArguments,
+    /// Nodes over the travel of each axis, both ends included
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    grid: u16,
+    /// Positions from a CSV file whose header has axis letters, instead of a grid
+    #[arg(long, value_name = "FILE", conflicts_with = "grid")]
+    points: Option<PathBuf>,
+    /// Six assembly errors of each axis, too; location errors, which they comprise, only where the machine file states
+    /// them
+    #[arg(long)]
+    assembly: bool,
+}
+
+/// The errors of a machine that `--assembly` or its absence means.
+pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
+    let stated: Vec<_> = machine.locations().keys().copied().collect();
+    terms(machine.chain(), assembly, &stated)
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let machine = arguments.machine.read()?;
+    let (poses, note) = match &arguments.points {
+        Some(path) => {
+            let states = states_of(&machine, path)?;
+            (Poses::List(states.states().to_vec()), states.note())
+        }
+        None => (grid(&machine, usize::from(arguments.grid)), None),
+    };
+    let errors = errors_of(&machine, arguments.assembly);
+    let found = sensitivity(machine.chain(), &errors, &poses).map_err(Failure::input)?;
+    Answer::new(&document(&found), text(&found), note.into_iter().collect())
+}
+
+fn grid(machine: &Machine, count: usize) -> Poses {
+    let inside = |axis: &volcomp_model::Axis| {
+        let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
+        axis.travel.map(end)
+    };
+    let travels: Vec<[f64; 2]> = machine.axes().iter().map(inside).collect();
+    Poses::over(&travels, count)
+}
+
+fn document(found: &Sensitivity) -> answers::Sensitivity {
+    let names = |terms: &[ErrorTerm]| terms.iter().map(ToString::to_string).collect();
+    let effect = |effect: &volcomp_sensitivity::Effect| answers::Effect {
+        name: effect.term.to_string(),
+        position_rms_um: effect.position_rms_um,
+        position_max_um: effect.position_max_um,
+        orientation_rms_urad: effect.orientation_rms_urad,
+        orientation_max_urad: effect.orientation_max_urad,
+        share: effect.share,
+    };
+    let weighted = |null: &Vec<(ErrorTerm, f64)>| {
+        let named = null
+            .iter()
+            .map(|(term, weight)| (term.coefficient(), *weight));
+        named.collect()
+    };
+    answers::Sensitivity {
+        positions: found.poses,
+        errors: found.errors.iter().map(effect).collect(),
+        groups: found
+            .motions
+            .iter()
+            .map(|motion| names(&motion.terms))
+            .collect(),
+        motions: found
+            .motions
+            .iter()
+            .map(|motion| motion.name.clone())
+            .collect(),
+        rank: found.rank,
+        tolerance: DEPENDENT_BELOW,
+        indistinguishable: found.indistinguishable.iter().map(weighted).collect(),
+    }
+}
+
+fn text(found: &Sensitivity) -> String {
+    let mut effects = table(&["", "rms µm", "max µm", "rms µrad", "max µrad", "share %"]);
+    for effect in &found.errors {
+        effects.add_row([
+            effect.term.to_string(),
+            fixed(effect.position_rms_um, 4),
+            fixed(effect.position_max_um, 4),
+            fixed(effect.orientation_rms_urad, 4),
+            fixed(effect.orientation_max_urad, 4),
+            fixed(effect.share * 100.0, 2),
+        ]);
+    }
+    let mut text = format!(
+        "{HEAD}Effect of 1 µm or 1 µrad of each error over {} positions{HEAD:#}\n{}",
+        found.poses,
+        table_text(&effects)
+    );
+    // Writing to a string never fails.
+    let _ = writeln!(
+        text,
+        "\n{HEAD}{} distinct motions{HEAD:#}",
+        found.motions.len()
+    );
+    for motion in &found.motions {
+        let names: Vec<String> = motion.terms.iter().map(ToString::to_string).collect();
+        text += &folded(&format!("{}: {}", motion.name, names.join(" ")), " ");
+    }
+    text += "\n";
+    let (rank, errors) = (found.rank, found.errors.len());
+    text += &folded(
+        &format!("Position and orientation of the tool tell {rank} of {errors} errors apart."),
+        "",
+    );
+    let is_one_motion = |null: &&Vec<(ErrorTerm, f64)>| {
+        let of_one = |motion: &volcomp_sensitivity::DistinctMotion| {
+            null.iter().all(|(term, _)| motion.terms.contains(term))
+        };
+        found.motions.iter().any(of_one)
+    };
+    let mut nulls = found
+        .indistinguishable
+        .iter()
+        .filter(|null| !is_one_motion(null))
+        .peekable();
+    if nulls.peek().is_some() {
+        text += "Besides errors of one motion, these together move it nowhere:\n";
+    }
+    for null in nulls {
+        let mut sum = String::new();
+        for (place, (term, weight)) in null.iter().enumerate() {
+            sum += match (place, *weight < 0.0) {
+                (0, true) => "-",
+                (0, false) => "",
+                (_, true) => " - ",
+                (_, false) => " + ",
+            };
+            let _ = write!(sum, "{} {}", fixed(weight.abs(), 4), term.coefficient());
+        }
+        text += &folded(&sum, " ");
+    }
+    text
+}

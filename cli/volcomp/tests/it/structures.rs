@@ -1,0 +1,236 @@
+//! The commands about the structure of a machine: sensitivity, expression, axes, dh.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::{json, refused, root, text};
+
+const BLADE: &str = "examples/blade-mill.toml";
+
+fn names(list: &Value) -> Vec<&str> {
+    let list = list.as_array().expect("a list");
+    list.iter()
+        .map(|name| name.as_str().expect("a name"))
+        .collect()
+}
+
+#[test]
+fn sixty_errors_are_twenty_motions() {
+    let found = json(&["sensitivity", "-m", BLADE, "--assembly", "--grid", "3"]);
+    let errors = found["errors"].as_array().expect("a list");
+    assert_eq!((errors.len(), &found["positions"]), (60, &243.into()));
+    assert_eq!(errors[6]["name"], "SXX");
+    let groups = found["groups"].as_array().expect("groups");
+    assert_eq!((groups.len(), &found["rank"]), (20, &20.into()));
+    assert_eq!(names(&found["motions"]).len(), 20);
+    assert_eq!(names(&groups[3]), ["EAX", "SAX", "SAY"]);
+    let share: f64 = errors.iter().filter_map(|e| e["share"].as_f64()).sum();
+    assert!((share - 1.0).abs() < 1e-12);
+    let null = found["indistinguishable"].as_array().expect("a list");
+    assert_eq!(null.len(), 40);
+    let half = 0.5_f64.sqrt();
+    for (name, weight) in [("EXX constant", half), ("SXX", -half)] {
+        let found = null[0][name].as_f64().expect("a weight");
+        assert!((found - weight).abs() < 1e-9, "{}", null[0]);
+    }
+    // Without --assembly: six error motions and the location errors that move something.
+    let found = json(&["sensitivity", "-m", BLADE, "--grid", "2"]);
+    assert_eq!(found["errors"].as_array().map(Vec::len), Some(44));
+    let shown = text(&["sensitivity", "-m", BLADE, "--assembly", "--grid", "3"]);
+    assert!(shown.contains("20 distinct motions"), "{shown}");
+    assert!(
+        shown.contains("rotation about X, line carried by Z: EAZ EAA SAA SAB"),
+        "{shown}"
+    );
+}
+
+#[test]
+fn positions_of_a_file_are_judged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let points = folder.path().join("p.csv").display().to_string();
+    fs::write(&points, "X,Y\n0,0\n100,0\n").expect("written");
+    let found = json(&[
+        "sensitivity",
+        "-m",
+        "examples/first.toml",
+        "--points",
+        &points,
+    ]);
+    assert_eq!(found["positions"], 2);
+    // ECX of w X' b Y Z t, tip at the origin: the table turns under the tool, which stands 0 and 100 mm away from it.
+    let errors = found["errors"].as_array().expect("a list");
+    let ecx = errors.iter().find(|e| e["name"] == "ECX").expect("ECX");
+    assert!((ecx["position_max_um"].as_f64().expect("a number") - 0.1).abs() < 1e-12);
+    assert!((ecx["orientation_rms_urad"].as_f64().expect("a number") - 1.0).abs() < 1e-12);
+    fs::write(&points, "X,Y\n").expect("written");
+    let message = refused(&[
+        "sensitivity",
+        "-m",
+        "examples/first.toml",
+        "--points",
+        &points,
+    ]);
+    assert!(message.contains("found 0 poses"), "{message}");
+}
+
+#[test]
+fn the_published_formulas_are_printed() {
+    let call = ["expression", "-m", "examples/two-axes.toml", "--assembly"];
+    let shown = text(&call);
+    assert!(
+        shown.starts_with("dX = EXX + SXX + EXY + SXY - (y + Yt)*(ECX + SCX + SCY) - Yt*ECY\n"),
+        "{shown}"
+    );
+    assert!(shown.contains("Xt = 120, Yt = 80."), "{shown}");
+    let found = json(&call);
+    assert_eq!(found["formulas"][5]["name"], "dC");
+    assert_eq!(found["formulas"][0]["terms"][1]["lever"], "y + Yt");
+    assert_eq!(
+        names(&found["formulas"][0]["terms"][1]["errors"]),
+        ["-ECX", "-SCX", "-SCY"]
+    );
+    assert_eq!(found["tool_mm"]["Yt"], 80.0);
+    let latex = text(&[&call[..], &["--latex"]].concat());
+    assert!(latex.starts_with("\\begin{align}\n\\Delta x &= E_{XX}"));
+    assert!(latex.ends_with("\\end{align}\n"), "{latex}");
+}
+
+/// The solutions lead back to the tip: `volcomp error` of a machine whose only error is the whole way there.
+#[test]
+fn axes_are_found_and_a_singular_pose_is_named() {
+    let trunnion = "examples/trunnion.toml";
+    let found = json(&[
+        "axes",
+        "-m",
+        trunnion,
+        "--tip",
+        "0,0,-50",
+        "--tool-axis",
+        "0,0.6,0.8",
+    ]);
+    let solutions = found["solutions"].as_array().expect("a list");
+    assert_eq!(solutions.len(), 3);
+    assert_eq!(found["singular"], false);
+    let tilt = -(0.6_f64.asin().to_degrees());
+    for (solution, c) in solutions.iter().zip([0.0, -360.0, 360.0]) {
+        let number = |axis: &str| solution[axis].as_f64().expect("a coordinate");
+        assert!((number("A") - tilt).abs() < 1e-9 && (number("C") - c).abs() < 1e-9);
+        // The tip lies on the crossing of both centre lines, where only the slides move it.
+        for (axis, mm) in [("X", 300.0), ("Y", 250.0), ("Z", -300.0)] {
+            assert!((number(axis) - mm).abs() < 1e-9, "{solution}");
+        }
+    }
+    let found = json(&["axes", "-m", trunnion, "--tip", "10,20,-50"]);
+    assert_eq!(
+        (&found["singular"], names(&found["free"])),
+        (&true.into(), vec!["C"])
+    );
+    let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,-50"]);
+    assert!(shown.contains("Singular pose: C does not turn"), "{shown}");
+    let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,5000"]);
+    assert!(shown.contains("beyond the travel of Z"), "{shown}");
+    let found = json(&[
+        "axes",
+        "-m",
+        "examples/first.toml",
+        "--tip",
+        "1,2,3",
+        "--tool-axis",
+        "1,0,0",
+    ]);
+    assert_eq!(found["solutions"].as_array().map(Vec::len), Some(0));
+    assert!(
+        found["unreachable"]
+            .as_str()
+            .is_some_and(|why| why.contains("90.000000 deg")),
+        "{found}"
+    );
+    for (option, value, expected) in [
+        (
+            "--tip",
+            "1,2",
+            "--tip: found `1,2`, expected three finite numbers",
+        ),
+        ("--tip", "1,2,nan", "expected three finite numbers"),
+        ("--tip", "1e10,0,0", "tool tip is [10000000000, 0, 0]"),
+    ] {
+        let message = refused(&["axes", "-m", trunnion, option, value]);
+        assert!(message.contains(expected), "{message}");
+    }
+    let message = refused(&[
+        "axes",
+        "-m",
+        trunnion,
+        "--tip",
+        "0,0,0",
+        "--tool-axis",
+        "0,0,0",
+    ]);
+    assert!(message.contains("--tool-axis: found `0,0,0`"), "{message}");
+}
+
+/// What `dh` prints, put into a machine file, places the axes where they were.
+#[test]
+fn a_printed_table_makes_the_same_machine() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for machine in [
+        "trunnion",
+        "five-axis",
+        "gantry",
+        "poe-mill-head",
+        "blade-mill",
+    ] {
+        let file = format!("examples/{machine}.toml");
+        let at = ["--at", "X=100,Y=50,Z=-20", "--model", "exact"];
+        let expected = json(&[&["error", "-m", &file], &at[..]].concat());
+        for convention in ["distal", "proximal"] {
+            let dh = json(&["dh", "-m", &file, "--convention", convention]);
+            let vector = |v: &Value| v.to_string();
+            let row = |row: &Value| {
+                format!(
+                    "{{ axis = {}, theta = {}, d = {}, a = {}, alpha = {} }}",
+                    row["axis"], row["theta_deg"], row["d_mm"], row["a_mm"], row["alpha_deg"]
+                )
+            };
+            let rows: Vec<String> = dh["rows"]
+                .as_array()
+                .expect("rows")
+                .iter()
+                .map(row)
+                .collect();
+            let base = &dh["base"];
+            let text = fs::read_to_string(root().join(&file)).expect("the machine file");
+            let table = format!(
+                "{}\n[dh]\nconvention = \"{convention}\"\nbase = {{ point = {}, x = {}, z = {} }}\nrows = [{}]\n",
+                text,
+                vector(&base["point_mm"]),
+                vector(&base["x"]),
+                vector(&base["z"]),
+                rows.join(", ")
+            );
+            let copy = folder.path().join("m.toml").display().to_string();
+            fs::write(&copy, table).expect("written");
+            let found = json(&[&["error", "-m", &copy], &at[..]].concat());
+            for key in ["position_um", "rotation_urad"] {
+                for k in 0..3 {
+                    let number = |document: &Value| document[key][k].as_f64().expect("a number");
+                    let off = (number(&found) - number(&expected)).abs();
+                    assert!(
+                        off < 1e-9,
+                        "{machine} {convention} {key}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_turning_frame_is_told() {
+    let shown = text(&["check", BLADE]);
+    assert!(shown.contains("its error motions turn"), "{shown}");
+    let found = json(&["check", BLADE]);
+    assert_eq!(found["axes"][3]["motion_frame"], "turning");
+    assert_eq!(found["axes"][0]["motion_frame"], Value::Null);
+}

@@ -1,0 +1,198 @@
+//! The coordinates at which the ideal machine brings its tool to a tip and a direction.
+
+use volcomp_kinematics::{NoSolution, State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerAxis, is_within};
+
+use crate::{error::ModelError, machine::Machine};
+
+/// Solutions at the most: an axis that may turn many times has one for each turn.
+const MOST_SOLUTIONS: usize = 1000;
+
+/// The coordinates that bring the ideal tool to a tip and a direction.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reached {
+    /// Every solution within travel, mm and rad in chain order, those with the least sum of turns first. With more than
+    /// two rotary axes, or more than one linear axis in a direction, these are some of many.
+    pub solutions: Vec<State>,
+    /// Whether the pose is singular: a rotary axis has no part in the direction of the tool.
+    pub singular: bool,
+    /// The rotary axes without a part in it: each stands at its coordinate nearest to 0, and any other does as well.
+    pub free: Vec<AxisName>,
+    /// The axes that keep solutions out: those that would leave their travel.
+    pub outside: Vec<AxisName>,
+    /// What cannot be reached whatever the travels; only where there is no solution.
+    pub missed: Option<NoSolution>,
+}
+
+impl Machine {
+    /// The coordinates within travel at which the ideal machine has its tool tip at `tip_mm` (workpiece axes, from the
+    /// workpiece origin) and its tool axis along `tool_axis` (workpiece axes, from the tip to the spindle).
+    ///
+    /// Up to two rotary axes, in any directions, and one linear axis for each direction are solved in closed form: every
+    /// solution is found. Of further rotary axes two move and the others stand at their coordinate nearest to 0, each pair
+    /// in turn; of further linear axes the first of each direction moves, and the others where it is at an end.
+    ///
+    /// # Errors
+    /// [`ModelError::Target`] for a tip that is no number up to 1e9 mm or a direction of no length;
+    /// [`ModelError::TooMany`] where an axis may turn so far that there are more than 1000 solutions.
+    pub fn axes_at(&self, tip_mm: [f64; 3], tool_axis: [f64; 3]) -> Result<Reached, ModelError> {
+        // Also refuses NaN.
+        let fits = |found: &[f64; 3]| found.iter().all(|x| x.abs() <= 1e9);
+        if !fits(&tip_mm) {
+            return Err(ModelError::Target {
+                what: "tool tip",
+                found: tip_mm,
+            });
+        }
+        let largest = Vector3::from(tool_axis).amax();
+        if !fits(&tool_axis) || largest == 0.0 {
+            return Err(ModelError::Target {
+                what: "tool axis",
+                found: tool_axis,
+            });
+        }
+        let (tip, direction) = (Vector3::from(tip_mm), Vector3::from(tool_axis) / largest);
+        let rotary: Vec<usize> = (0..self.axes().len())
+            .filter(|&place| self.axes()[place].name.is_rotary())
+            .collect();
+        let mut travel = PerAxis([[0.0; 2]; MAX_AXES]);
+        let mut held = State::default();
+        for (place, axis) in self.axes().iter().enumerate() {
+            let rad = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
+            travel[place] = axis.travel.map(rad);
+            held.q[place] = 0.0_f64.max(travel[place][0]).min(travel[place][1]);
+        }
+        let mut reached = Reached::default();
+        for pair in pairs(&rotary) {
+            let found = match self.chain().pointing(&direction, &pair, &held) {
+                Ok(found) => found,
+                Err(missed) => {
+                    reached.missed = reached.missed.or(Some(missed));
+                    continue;
+                }
+            };
+            for pointing in found {
+                if let Some(place) = pointing.free {
+                    reached.singular = true;
+                    note(&mut reached.free, self.axes()[place].name);
+                }
+                match self.chain().reaching(&tip, &pointing.state, &travel) {
+                    Ok(state) => self.add_turns(&state, &mut reached)?,
+                    Err(missed) => reached.missed = reached.missed.or(Some(missed)),
+                }
+            }
+        }
+        let turns = |state: &State| {
+            rotary
+                .iter()
+                .map(|&place| state.q[place].abs())
+                .sum::<f64>()
+        };
+        reached
+            .solutions
+            .sort_by(|a, b| turns(a).total_cmp(&turns(b)));
+        if !reached.solutions.is_empty() {
+            reached.missed = None;
+        }
+        Ok(reached)
+    }
+
+    /// Adds a solution with every number of whole turns that the travels allow.
+    fn add_turns(&self, state: &State, reached: &mut Reached) -> Result<(), ModelError> {
+        let mut all = vec![*state];
+        for (place, axis) in self.axes().iter().enumerate() {
+            let kind = axis.name.kind();
+            let coordinate = Displacement::new(kind, state.q[place]).mm_or_deg();
+            let [low, high] = axis.travel;
+            let within: Vec<f64> = match (kind, axis.modulo) {
+                (AxisKind::Linear, _) => vec![coordinate],
+                // A turn more is the same place.
+                (AxisKind::Rotary, Some(_)) => vec![axis.looked_up(coordinate)],
+                (AxisKind::Rotary, None) => {
+                    let (first, last) = (
+                        ((low - coordinate) / 360.0).ceil(),
+                        ((high - coordinate) / 360.0).floor(),
+                    );
+                    // One turn beyond each end as well: an end of travel is met but for rounding.
+                    let count = (last - first).max(-1.0) + 3.0;
+                    if count > MOST_SOLUTIONS as f64 {
+                        return Err(too_many(count));
+                    }
+                    let turn = |n: f64| coordinate + 360.0 * (first - 1.0 + n);
+                    (0..=MOST_SOLUTIONS)
+                        .map(|n| n as f64)
+                        .take_while(|n| *n < count)
+                        .map(turn)
+                        .collect()
+                }
+            };
+            let within: Vec<f64> = within
+                .into_iter()
+                .filter(|q| is_within([low, high], *q))
+                .collect();
+            if within.is_empty() {
+                note(&mut reached.outside, axis.name);
+            }
+            if all.len() * within.len() > MOST_SOLUTIONS {
+                return Err(too_many((all.len() * within.len()) as f64));
+            }
+            let turned = |state: &State| {
+                let state = *state;
+                let at = within.clone().into_iter().map(move |q| {
+                    let mut state = state;
+                    if kind == AxisKind::Rotary {
+                        // An end of travel, not a rounding beyond it.
+                        let q = q.max(low).min(high);
+                        state.q[place] = Displacement::from_coordinate(kind, q).mm_or_rad();
+                    }
+                    state
+                });
+                at.collect::<Vec<_>>()
+            };
+            all = all.iter().flat_map(turned).collect();
+        }
+        for state in all {
+            if !reached.solutions.contains(&state) {
+                reached.solutions.push(state);
+            }
+        }
+        if reached.solutions.len() > MOST_SOLUTIONS {
+            return Err(too_many(reached.solutions.len() as f64));
+        }
+        Ok(())
+    }
+}
+
+fn note(names: &mut Vec<AxisName>, name: AxisName) {
+    if !names.contains(&name) {
+        names.push(name);
+    }
+}
+
+fn too_many(found: f64) -> ModelError {
+    ModelError::TooMany {
+        what: "solutions",
+        // Saturates, which is enough for a message.
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a count for a message"
+        )]
+        found: found as usize,
+        most: MOST_SOLUTIONS,
+    }
+}
+
+/// The rotary axes two by two; all of them where there are no more than two.
+fn pairs(rotary: &[usize]) -> Vec<Vec<usize>> {
+    if rotary.len() <= 2 {
+        return vec![rotary.to_vec()];
+    }
+    let mut pairs = Vec::new();
+    for (place, &first) in rotary.iter().enumerate() {
+        for &second in &rotary[place + 1..] {
+            pairs.push(vec![first, second]);
+        }
+    }
+    pairs
+}

@@ -1,0 +1,153 @@
+//! From a tip and a tool axis to coordinates within travel.
+
+use volcomp_model::kinematics::nalgebra::Vector3;
+use volcomp_model::{Machine, ModelError, Reached};
+use volcomp_vocabulary::AxisName;
+
+fn machine(structure: &str, axes: &str) -> Machine {
+    let text = format!("structure = \"{structure}\"\n[axes]\n{axes}\n");
+    Machine::parse(&text, "m.toml").unwrap()
+}
+
+const LINEAR: &str = "X.travel = [-500, 500]\nY.travel = [-500, 500]\nZ.travel = [-500, 500]\n";
+
+/// The solutions in deg, one list of coordinates each.
+fn degrees(machine: &Machine, reached: &Reached, axis: AxisName) -> Vec<f64> {
+    let place = machine.index_of(axis).unwrap();
+    reached
+        .solutions
+        .iter()
+        .map(|state| state.q[place].to_degrees())
+        .collect()
+}
+
+fn near(found: &[f64], expected: &[f64]) {
+    let off = found
+        .iter()
+        .zip(expected)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
+    assert!(
+        found.len() == expected.len() && off < 1e-9,
+        "{found:?} {expected:?}"
+    );
+}
+
+/// A tilting rotary table: the tool axis (sin 30°, 0, cos 30°) by hand. A′ and C′ count for the tool: A = ±30 with C = ±90.
+#[test]
+fn every_solution_within_travel_the_smaller_turns_first() {
+    let axes = format!("{LINEAR}A.travel = [-90, 90]\nC.travel = [-360, 360]");
+    let table = machine("w C' A' b X Y Z t", &axes);
+    let target = [0.5, 0.0, 0.75_f64.sqrt()];
+    let reached = table.axes_at([10.0, 20.0, 30.0], target).unwrap();
+    assert!(!reached.singular && reached.free.is_empty() && reached.missed.is_none());
+    // Rot_z(C)·Rot_x(A)·z = (sin C sin A, −cos C sin A, cos A).
+    near(
+        &degrees(&table, &reached, AxisName::A)
+            .iter()
+            .map(|a| a.abs())
+            .collect::<Vec<_>>(),
+        &[30.0; 4],
+    );
+    let mut angles = degrees(&table, &reached, AxisName::C);
+    near(
+        &angles.iter().map(|c| c.abs()).collect::<Vec<_>>(),
+        &[90.0, 90.0, 270.0, 270.0],
+    );
+    angles.sort_by(f64::total_cmp);
+    near(&angles, &[-270.0, -90.0, 90.0, 270.0]);
+    for state in &reached.solutions {
+        let off = table.chain().ideal_tip_mm(state) - Vector3::new(10.0, 20.0, 30.0);
+        assert!(off.norm() < 1e-9, "{off}");
+    }
+    // With a shorter travel of A only one of each pair is left.
+    let short = machine("w C' A' b X Y Z t", &axes.replace("[-90, 90]", "[-5, 90]"));
+    let reached = short.axes_at([0.0; 3], target).unwrap();
+    near(&degrees(&short, &reached, AxisName::A), &[30.0, 30.0]);
+    assert_eq!(reached.outside, [AxisName::A]);
+    let none = machine("w C' A' b X Y Z t", &axes.replace("[-90, 90]", "[-5, 5]"));
+    let reached = none.axes_at([0.0; 3], target).unwrap();
+    assert!(reached.solutions.is_empty() && reached.missed.is_none());
+    assert_eq!(reached.outside, [AxisName::A]);
+}
+
+#[test]
+fn a_singular_pose_has_a_free_axis_near_zero_and_ends_of_travel_count() {
+    let axes = format!("{LINEAR}A.travel = [-90, 90]\nC.travel = [45, 400]");
+    let table = machine("w C' A' b X Y Z t", &axes);
+    let reached = table.axes_at([100.0, 0.0, 0.0], [0.0, 0.0, 3.0]).unwrap();
+    assert_eq!(
+        (reached.singular, &reached.free[..]),
+        (true, &[AxisName::C][..])
+    );
+    near(&degrees(&table, &reached, AxisName::C), &[45.0]);
+    let side = table.axes_at([0.0; 3], [0.0, -1.0, 0.0]).unwrap();
+    // A = 90 at C = 0 or 360, A = −90 at C = 180.
+    let mut both = degrees(&table, &side, AxisName::C);
+    both.sort_by(f64::total_cmp);
+    near(&both, &[180.0, 360.0]);
+    let round = machine(
+        "w C' A' b X Y Z t",
+        &axes.replace(
+            "C.travel = [45, 400]",
+            "C = { travel = [0, 360], modulo = 360 }",
+        ),
+    );
+    let reached = round.axes_at([0.0; 3], [0.0, -1.0, 0.0]).unwrap();
+    assert_eq!(reached.solutions.len(), 2, "0 and 360 are one place");
+}
+
+#[test]
+fn what_has_no_solution_says_why() {
+    let three = machine("w X' b Y Z t", LINEAR);
+    assert_eq!(
+        three
+            .axes_at([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])
+            .unwrap()
+            .solutions
+            .len(),
+        1
+    );
+    let tilted = three.axes_at([0.0; 3], [0.0, 1.0, 1.0]).unwrap();
+    let why = tilted.missed.unwrap().to_string();
+    assert!(why.contains("miss it by 45.000000 deg"), "{why}");
+    let far = three.axes_at([0.0, 900.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
+    assert_eq!(far.outside, [AxisName::Y]);
+    for (tip, axis) in [
+        ([f64::NAN, 0.0, 0.0], [0.0, 0.0, 1.0]),
+        ([0.0; 3], [0.0; 3]),
+        ([0.0; 3], [f64::INFINITY, 0.0, 0.0]),
+    ] {
+        assert!(matches!(
+            three.axes_at(tip, axis),
+            Err(ModelError::Target { .. })
+        ));
+    }
+    let axes = format!("{LINEAR}A.travel = [-9e8, 9e8]\nC.travel = [0, 360]");
+    let endless = machine("w C' A' b X Y Z t", &axes);
+    let refused = endless.axes_at([0.0; 3], [0.0, 1.0, 1.0]).unwrap_err();
+    assert!(
+        refused
+            .to_string()
+            .contains("solutions, expected 1000 at the most"),
+        "{refused}"
+    );
+}
+
+/// Three rotary axes: two move and the third stands nearest to 0, each pair in turn.
+#[test]
+fn a_third_rotary_axis_stands() {
+    let axes =
+        format!("{LINEAR}A.travel = [-90, 90]\nB.travel = [-90, 90]\nC.travel = [-180, 180]");
+    let six = machine("w C' b X Y Z A B t", &axes);
+    let target = [0.3, 0.2, 0.9];
+    let reached = six.axes_at([5.0, 6.0, 7.0], target).unwrap();
+    assert!(reached.solutions.len() >= 3, "{}", reached.solutions.len());
+    for state in &reached.solutions {
+        let axis = six.chain().ideal_pose(state).rotation * six.chain().tool_axis();
+        let wanted = Vector3::from(target).normalize();
+        assert!((axis - wanted).norm() < 1e-12);
+        let off = six.chain().ideal_tip_mm(state) - Vector3::new(5.0, 6.0, 7.0);
+        assert!(off.norm() < 1e-9);
+    }
+}

@@ -1,0 +1,275 @@
+//! The first-order volumetric error as a formula: each error with its lever, as papers print it.
+
+use volcomp_kinematics::{Chain, ErrorSource, Joint, State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, ErrorName};
+
+use crate::{
+    gaps::twists,
+    polynomial::{Factor, Polynomial},
+    term::ErrorTerm,
+};
+
+/// Three sums, along X, Y and Z.
+type Vector = [Polynomial; 3];
+
+/// The left sides: displacement of the tool tip along X, Y and Z, rotation of the tool about them.
+const LEFT: [&str; 6] = ["dX", "dY", "dZ", "dA", "dB", "dC"];
+
+/// Errors that act through the same lever.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grouped {
+    /// The lever without its sign: mm of displacement for each rad, or a number without unit.
+    pub lever: Polynomial,
+    /// The errors, each with whether it counts negative.
+    pub errors: Vec<(ErrorTerm, bool)>,
+}
+
+/// The first-order volumetric error of a chain in workpiece axes: six sums of errors, each with its lever. Lengths are
+/// mm and angles rad; the tool tip is `Xt`, `Yt`, `Zt`, without those of its coordinates that are 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expression {
+    components: [Vec<Grouped>; 6],
+    tool_tip_mm: [f64; 3],
+}
+
+impl Expression {
+    /// The formula of a chain and these errors; an error of an axis that the chain does not have is not in it.
+    pub fn of(chain: &Chain, terms: &[ErrorTerm]) -> Self {
+        let made_of: Vec<_> = terms.iter().map(|&term| twists(chain, term)).collect();
+        let tip = chain.tool_tip_mm();
+        let mut point: Vector = core::array::from_fn(|place| {
+            let symbol = Factor::Tool(place);
+            Polynomial::factor(symbol, f64::from(u8::from(tip[place] != 0.0)))
+        });
+        let mut columns: Vec<[Vector; 2]> = vec![<[Vector; 2]>::default(); terms.len()];
+        // From the tool to the workpiece, as the sum of twists goes.
+        for gap in (0..=chain.joints().len()).rev() {
+            for (column, twists) in columns.iter_mut().zip(&made_of) {
+                for twist in twists.iter().filter(|twist| twist.gap == gap) {
+                    let [displacement, rotation] = column;
+                    let levered = cross(&twist.angular, &point);
+                    for k in 0..3 {
+                        displacement[k].add(&Polynomial::number(twist.linear[k]), 1.0);
+                        displacement[k].add(&levered[k], 1.0);
+                        rotation[k].add(&Polynomial::number(twist.angular[k]), 1.0);
+                    }
+                }
+            }
+            let Some(joint) = gap.checked_sub(1).map(|place| &chain.joints()[place]) else {
+                continue;
+            };
+            match joint.kind {
+                AxisKind::Linear => {
+                    let coordinate = Polynomial::factor(Factor::Coordinate(joint.name), 1.0);
+                    for (sum, &u) in point.iter_mut().zip(joint.direction.iter()) {
+                        sum.add(&coordinate, u);
+                    }
+                }
+                AxisKind::Rotary => {
+                    let turn = turn(joint);
+                    shift(&mut point, &joint.point_mm, -1.0);
+                    point = turned(&turn, &point);
+                    shift(&mut point, &joint.point_mm, 1.0);
+                    for part in columns.iter_mut().flatten() {
+                        *part = turned(&turn, part);
+                    }
+                }
+            }
+        }
+        let components = core::array::from_fn(|component| {
+            let lever = |column: &[Vector; 2]| column[component / 3][component % 3].clone();
+            grouped(terms.iter().copied().zip(columns.iter().map(lever)))
+        });
+        Self {
+            components,
+            tool_tip_mm: tip.into(),
+        }
+    }
+
+    /// The errors of each component with their levers: displacement along X, Y, Z, then rotation about X, Y, Z.
+    pub fn components(&self) -> &[Vec<Grouped>; 6] {
+        &self.components
+    }
+
+    /// The coordinates of the tool tip that stand in the formula, `Xt`, `Yt` and `Zt`, mm.
+    pub fn tool_tip_mm(&self) -> [f64; 3] {
+        self.tool_tip_mm
+    }
+
+    /// The six formulas, `dX = …` to `dC = …`, in a form that Python and spreadsheets read.
+    pub fn text(&self) -> [String; 6] {
+        core::array::from_fn(|place| {
+            let sum = written(&self.components[place], false, ErrorTerm::to_string);
+            format!("{} = {sum}", LEFT[place])
+        })
+    }
+
+    /// The six formulas in LaTeX, each with its `&` before the equals sign.
+    pub fn latex(&self) -> [String; 6] {
+        let name = |term: &ErrorTerm| {
+            let text = term.to_string();
+            let (kind, index) = text.split_at(1);
+            format!("{kind}_{{{index}}}")
+        };
+        core::array::from_fn(|place| {
+            let letter = LEFT[place][1..].to_lowercase();
+            let sum = written(&self.components[place], true, name);
+            format!("\\Delta {letter} &= {sum}")
+        })
+    }
+
+    /// The value of the six formulas at a state, mm and rad, with the errors of `source`.
+    pub fn value<S: ErrorSource>(&self, chain: &Chain, source: &S, state: &State) -> [f64; 6] {
+        let value_of = |factor: Factor| {
+            let at = |axis| {
+                chain
+                    .structure()
+                    .index_of(axis)
+                    .map_or(0.0, |place| state.q[place])
+            };
+            match factor {
+                Factor::Coordinate(axis) => at(axis),
+                Factor::Cos(axis) => at(axis).cos(),
+                Factor::Sin(axis) => at(axis).sin(),
+                Factor::Tool(place) => self.tool_tip_mm[place.min(2)],
+            }
+        };
+        core::array::from_fn(|component| {
+            let group = |group: &Grouped| {
+                let signed = |&(term, negative): &(ErrorTerm, bool)| {
+                    let error = error_of(chain, source, state, term);
+                    if negative { -error } else { error }
+                };
+                group.lever.value(value_of) * group.errors.iter().map(signed).sum::<f64>()
+            };
+            self.components[component].iter().map(group).sum()
+        })
+    }
+}
+
+/// An error of a source by its name, mm or rad.
+fn error_of<S: ErrorSource>(chain: &Chain, source: &S, state: &State, term: ErrorTerm) -> f64 {
+    let Some(axis) = chain.structure().index_of(term.axis()) else {
+        return 0.0;
+    };
+    let motion = match term {
+        ErrorTerm::Assembly(..) => source.assembly(axis),
+        ErrorTerm::Named(ErrorName { location: true, .. }) => source.location(axis),
+        ErrorTerm::Named(_) => source.error_motion(axis, state),
+    };
+    let component = term.component();
+    let part = if component.is_angular() {
+        motion.angular_rad
+    } else {
+        motion.linear_mm
+    };
+    part[component.mcs_index()]
+}
+
+fn cross(a: &Vector3<f64>, b: &Vector) -> Vector {
+    core::array::from_fn(|k| {
+        let (next, last) = ((k + 1) % 3, (k + 2) % 3);
+        let mut sum = Polynomial::default();
+        sum.add(&b[last], a[next]);
+        sum.add(&b[next], -a[last]);
+        sum
+    })
+}
+
+fn shift(point: &mut Vector, by: &Vector3<f64>, sign: f64) {
+    for (sum, &by) in point.iter_mut().zip(by.iter()) {
+        sum.add(&Polynomial::number(by), sign);
+    }
+}
+
+/// The rotation matrix of a rotary axis: u·uᵀ + cos·(I − u·uᵀ) + sin·u^.
+fn turn(joint: &Joint) -> [Vector; 3] {
+    let u = &joint.direction;
+    let hat = u.cross_matrix();
+    core::array::from_fn(|row| {
+        core::array::from_fn(|column| {
+            let along = u[row] * u[column];
+            let unit = f64::from(u8::from(row == column));
+            let mut sum = Polynomial::number(along);
+            sum.add(
+                &Polynomial::factor(Factor::Cos(joint.name), 1.0),
+                unit - along,
+            );
+            sum.add(
+                &Polynomial::factor(Factor::Sin(joint.name), 1.0),
+                hat[(row, column)],
+            );
+            sum
+        })
+    })
+}
+
+fn turned(turn: &[Vector; 3], vector: &Vector) -> Vector {
+    core::array::from_fn(|row| {
+        let mut sum = Polynomial::default();
+        for (entry, part) in turn[row].iter().zip(vector) {
+            sum.add(&entry.times(part), 1.0);
+        }
+        sum
+    })
+}
+
+/// Errors with the same lever, but for its sign, put together in the order of the first of each.
+fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped> {
+    let mut groups: Vec<Grouped> = Vec::new();
+    for (term, lever) in levers.filter(|(_, lever)| !lever.is_zero()) {
+        let (lever, negative) = lever.positive();
+        match groups.iter_mut().find(|group| group.lever == lever) {
+            Some(group) => group.errors.push((term, negative)),
+            None => groups.push(Grouped {
+                lever,
+                errors: vec![(term, negative)],
+            }),
+        }
+    }
+    groups
+}
+
+/// A sum of errors and levers; `name` writes an error.
+fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String) -> String {
+    let mut text = String::new();
+    let mut add = |negative: bool, what: &str| {
+        text += match (text.is_empty(), negative) {
+            (true, false) => "",
+            (true, true) => "-",
+            (false, false) => " + ",
+            (false, true) => " - ",
+        };
+        text += what;
+    };
+    for group in groups {
+        if group.lever.is_one() {
+            for (term, negative) in &group.errors {
+                add(*negative, &name(term));
+            }
+            continue;
+        }
+        // The sign of the first error stands before the lever.
+        let turned = group.errors.first().is_some_and(|(_, negative)| *negative);
+        let mut sum = String::new();
+        for (place, (term, negative)) in group.errors.iter().enumerate() {
+            if place > 0 {
+                sum += if *negative == turned { " + " } else { " - " };
+            }
+            sum += &name(term);
+        }
+        if group.errors.len() > 1 {
+            sum = format!("({sum})");
+        }
+        let times = if latex { "\\," } else { "*" };
+        add(
+            turned,
+            &format!("{}{times}{sum}", group.lever.as_factor(latex)),
+        );
+    }
+    if text.is_empty() {
+        "0".to_owned()
+    } else {
+        text
+    }
+}

@@ -1,0 +1,117 @@
+//! Every error as constant twists in the gaps between the joints.
+//!
+//! To first order an error of one unit is a twist in one gap of the chain, or in two: an axis line that lies elsewhere
+//! is a twist on the workpiece side of its joint and the opposite one on its tool side (the adjoint of the joint's screw).
+//! A gap has six twists, so 60 errors of five axes are combinations of 36, and only these change from pose to pose.
+
+use nalgebra::{Matrix3, Vector3};
+use volcomp_kinematics::{Chain, Side, State};
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
+
+use crate::term::ErrorTerm;
+
+/// Gaps of the longest chain: one before each axis and one behind the last.
+pub(crate) const MAX_GAPS: usize = MAX_AXES + 1;
+
+/// A twist of one unit, about the MCS origin, in a gap: 0 before the first axis from the workpiece.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct InGap {
+    pub(crate) gap: usize,
+    /// Displacement of what stands at the origin: 1 for a unit length, mm/rad of a unit angle.
+    pub(crate) linear: Vector3<f64>,
+    /// 1 for a unit angle.
+    pub(crate) angular: Vector3<f64>,
+}
+
+/// The twists that an error of one unit (mm or rad) is made of; none for an axis that the chain does not have.
+pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
+    let joints = chain.joints();
+    let Some(index) = joints.iter().position(|joint| joint.name == term.axis()) else {
+        return Vec::new();
+    };
+    let joint = &joints[index];
+    let mut unit = Vector3::zeros();
+    unit[term.component().mcs_index()] = 1.0;
+    let at = |gap: usize, point: &Vector3<f64>| {
+        if term.component().is_angular() {
+            InGap {
+                gap,
+                linear: point.cross(&unit),
+                angular: unit,
+            }
+        } else {
+            InGap {
+                gap,
+                linear: unit,
+                angular: Vector3::zeros(),
+            }
+        }
+    };
+    let minus = |twist: InGap| InGap {
+        linear: -twist.linear,
+        angular: -twist.angular,
+        ..twist
+    };
+    let origin = Vector3::zeros();
+    match term {
+        ErrorTerm::Assembly(..) => {
+            let on_tool_side = joint.side == Side::Workpiece;
+            vec![at(index + usize::from(on_tool_side), &origin)]
+        }
+        ErrorTerm::Named(name) if name.location => {
+            // Where the line of a slide runs makes no difference, so it is taken through the origin.
+            let point = match joint.kind {
+                AxisKind::Linear => origin,
+                AxisKind::Rotary => joint.point_mm,
+            };
+            vec![at(index, &point), minus(at(index + 1, &point))]
+        }
+        ErrorTerm::Named(_) => {
+            let gap = index + usize::from(joint.errors_on_tool_side());
+            vec![at(gap, &joint.point_mm)]
+        }
+    }
+}
+
+/// The gaps at a pose: what a twist in each does to the tool.
+#[derive(Clone, Debug)]
+pub(crate) struct Gaps {
+    /// From the axes of each gap to those of the workpiece.
+    pub(crate) turned: [Matrix3<f64>; MAX_GAPS],
+    /// The tool tip as each gap sees it, mm.
+    pub(crate) tip_mm: [Vector3<f64>; MAX_GAPS],
+}
+
+impl Gaps {
+    pub(crate) fn at(chain: &Chain, state: &State) -> Self {
+        let mut gaps = Self {
+            turned: [Matrix3::identity(); MAX_GAPS],
+            tip_mm: [Vector3::zeros(); MAX_GAPS],
+        };
+        let joints = chain.joints();
+        gaps.tip_mm[joints.len()] = chain.tool_tip_mm();
+        for (index, joint) in joints.iter().enumerate().rev() {
+            let motion = joint.motion(state.q[index]);
+            gaps.tip_mm[index] = motion.transform_point(&gaps.tip_mm[index + 1]);
+            // The turn of the joint alone; the product follows below.
+            gaps.turned[index + 1] = motion.rotation;
+        }
+        for index in 1..=joints.len() {
+            gaps.turned[index] = gaps.turned[index - 1] * gaps.turned[index];
+        }
+        gaps
+    }
+
+    /// Displacement of the tip (mm for each unit) and rotation (rad for each unit) that the twists of an error give, in
+    /// workpiece axes.
+    pub(crate) fn effect(&self, twists: &[InGap]) -> [Vector3<f64>; 2] {
+        let mut sum = [Vector3::zeros(); 2];
+        for twist in twists {
+            let turned = &self.turned[twist.gap];
+            let displacement = twist.linear + twist.angular.cross(&self.tip_mm[twist.gap]);
+            sum[0] += turned * displacement;
+            sum[1] += turned * twist.angular;
+        }
+        sum
+    }
+}

@@ -1,0 +1,18 @@
+#![doc = include_str!("../README.md")]
+
+mod dependence;
+mod expression;
+mod gaps;
+mod polynomial;
+mod poses;
+mod sensitivity;
+mod term;
+
+pub use dependence::{DEPENDENT_BELOW, Dependence};
+pub use expression::{Expression, Grouped};
+pub use polynomial::{Factor, Polynomial};
+pub use poses::Poses;
+pub use sensitivity::{DistinctMotion, Effect, Sensitivity, SensitivityError, sensitivity};
+pub use term::{ErrorTerm, terms};
+pub use volcomp_kinematics as kinematics;
+pub use volcomp_vocabulary as vocabulary;

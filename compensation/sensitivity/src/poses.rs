@@ -1,0 +1,55 @@
+//! The poses over which errors are judged.
+
+use volcomp_kinematics::State;
+
+/// Poses of a chain: coordinates in mm and rad, in chain order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Poses {
+    /// Every combination of the nodes of each axis.
+    Grid(Vec<Vec<f64>>),
+    /// One pose after another.
+    List(Vec<State>),
+}
+
+impl Poses {
+    /// A grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; one node is the
+    /// middle.
+    pub fn over(travels: &[[f64; 2]], count: usize) -> Self {
+        let nodes = |&[low, high]: &[f64; 2]| {
+            let node = |place: usize| match count {
+                1 => 0.5 * (low + high),
+                _ => low + (high - low) * place as f64 / (count - 1) as f64,
+            };
+            (0..count).map(node).collect()
+        };
+        Self::Grid(travels.iter().map(nodes).collect())
+    }
+
+    /// How many poses there are; `None` where they are more than can be counted.
+    pub fn count(&self) -> Option<usize> {
+        match self {
+            Self::Grid(nodes) => nodes
+                .iter()
+                .try_fold(1_usize, |product, nodes| product.checked_mul(nodes.len())),
+            Self::List(states) => Some(states.len()),
+        }
+    }
+
+    /// The pose at a place: of a grid the last axis runs fastest. Beyond the end the grid begins again, and a list gives
+    /// machine zero.
+    pub fn state(&self, place: usize) -> State {
+        match self {
+            Self::List(states) => states.get(place).copied().unwrap_or_default(),
+            Self::Grid(nodes) => {
+                let mut state = State::default();
+                let mut rest = place;
+                for (q, nodes) in state.q.iter_mut().zip(nodes).rev() {
+                    let count = nodes.len().max(1);
+                    *q = nodes.get(rest % count).copied().unwrap_or_default();
+                    rest /= count;
+                }
+                state
+            }
+        }
+    }
+}

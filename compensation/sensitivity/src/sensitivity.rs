@@ -1,0 +1,425 @@
+//! What each error does over many poses, which errors are one motion, and which no measurement of the tool tells apart.
+
+use nalgebra::{DMatrix, Vector3};
+use rayon::prelude::*;
+use volcomp_kinematics::Chain;
+use volcomp_vocabulary::{AxisKind, AxisName, Component};
+
+use crate::{
+    dependence::{DEPENDENT_BELOW, Dependence},
+    gaps::{Gaps, InGap, twists},
+    poses::Poses,
+    term::ErrorTerm,
+};
+
+/// Poses that one core takes at a time.
+const CHUNK: usize = 2048;
+/// Poses whose rows are brought into triangular form together.
+const STACKED: usize = 48;
+/// The largest number of poses.
+const MOST_POSES: usize = 1 << 28;
+
+/// What one error does over the poses, for each unit of it: for 1 µm of a displacement, for 1 µrad of a rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effect {
+    /// The error.
+    pub term: ErrorTerm,
+    /// Root mean square of the displacement of the tool tip, µm.
+    pub position_rms_um: f64,
+    /// The largest displacement, µm.
+    pub position_max_um: f64,
+    /// Root mean square of the rotation of the tool, µrad.
+    pub orientation_rms_urad: f64,
+    /// The largest rotation, µrad.
+    pub orientation_max_urad: f64,
+    /// The part of the mean square of the displacement that comes from this error when every error is one unit and
+    /// none knows of another.
+    pub share: f64,
+}
+
+/// Errors whose effects are proportional at every pose: one motion of the tool.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DistinctMotion {
+    /// The motion by its frame or line: `translation along Y of the frame of A`.
+    pub name: String,
+    /// The errors that make this motion, in the order in which they were given.
+    pub terms: Vec<ErrorTerm>,
+}
+
+/// The sensitivity of a machine to its errors over a set of poses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensitivity {
+    /// How many poses were looked at.
+    pub poses: usize,
+    /// Each error in the order in which it was given.
+    pub errors: Vec<Effect>,
+    /// The distinct motions; an error that moves nothing is in none.
+    pub motions: Vec<DistinctMotion>,
+    /// How many combinations of the errors position and orientation of the tool can tell apart.
+    pub rank: usize,
+    /// Combinations of the errors, in µm and µrad, that move the tool at no pose, each of unit length.
+    pub indistinguishable: Vec<Vec<(ErrorTerm, f64)>>,
+}
+
+/// Why nothing can be said.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SensitivityError {
+    /// No pose, or more than are looked at.
+    #[error("found {} poses, expected 1 to {most}", found.map_or("too many".to_owned(), |n| n.to_string()))]
+    Poses {
+        /// How many were given; `None` where they cannot be counted.
+        found: Option<usize>,
+        /// The largest number that is looked at.
+        most: usize,
+    },
+    /// No error was named.
+    #[error("found no error, expected at least one")]
+    NoErrors,
+    /// An error of an axis that the chain does not have.
+    #[error("{term}: the structure has no axis {axis}")]
+    NoSuchAxis {
+        /// The error that was named.
+        term: String,
+        /// The axis that is missing.
+        axis: AxisName,
+    },
+    /// A pose or a chain with a number that is not finite.
+    #[error("found an effect that is no finite number, expected finite coordinates")]
+    NotFinite,
+}
+
+/// Judges errors of a chain over poses, to first order, on all cores.
+///
+/// # Errors
+/// [`SensitivityError`].
+pub fn sensitivity(
+    chain: &Chain,
+    terms: &[ErrorTerm],
+    poses: &Poses,
+) -> Result<Sensitivity, SensitivityError> {
+    if terms.is_empty() {
+        return Err(SensitivityError::NoErrors);
+    }
+    let found = poses.count();
+    let count = found
+        .filter(|count| (1..=MOST_POSES).contains(count))
+        .ok_or(SensitivityError::Poses {
+            found,
+            most: MOST_POSES,
+        })?;
+    for &term in terms {
+        let axis = term.axis();
+        if chain.structure().index_of(axis).is_none() {
+            let term = term.to_string();
+            return Err(SensitivityError::NoSuchAxis { term, axis });
+        }
+    }
+    let made_of: Vec<Vec<InGap>> = terms.iter().map(|&term| twists(chain, term)).collect();
+    let basis = Basis::new(chain, poses, count);
+    let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
+    // Chunks are joined in their order, so that every run gives the same digits.
+    let chunks: Vec<Sums> = starts
+        .into_par_iter()
+        .map(|start| {
+            let mut sums = Sums::new(terms.len(), basis.columns);
+            sums.take(
+                chain,
+                poses,
+                start..count.min(start + CHUNK),
+                &made_of,
+                &basis,
+            );
+            sums
+        })
+        .collect();
+    let mut sums = Sums::new(terms.len(), basis.columns);
+    for chunk in &chunks {
+        sums.join(chunk);
+    }
+    if !sums.effects.iter().flatten().all(|x| x.is_finite()) {
+        return Err(SensitivityError::NotFinite);
+    }
+    let columns = &sums.triangle * basis.combinations(&made_of);
+    let dependence = Dependence::of(&columns);
+    let named = |null: Vec<(usize, f64)>| {
+        let named = null
+            .into_iter()
+            .map(|(place, weight)| (terms[place], weight));
+        in_micro(named.collect())
+    };
+    Ok(Sensitivity {
+        poses: count,
+        errors: effects(terms, &sums.effects, count),
+        motions: motions(chain, terms, &made_of, &columns),
+        rank: dependence.rank,
+        indistinguishable: dependence.null.into_iter().map(named).collect(),
+    })
+}
+
+/// A combination in mm and rad as one of unit length in µm and µrad.
+fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
+    let micro = |term: &ErrorTerm| {
+        if term.component().is_angular() {
+            1e6
+        } else {
+            1e3
+        }
+    };
+    for (term, weight) in &mut combination {
+        *weight *= micro(term);
+    }
+    let length = combination
+        .iter()
+        .map(|(_, weight)| weight * weight)
+        .sum::<f64>()
+        .sqrt();
+    for (_, weight) in &mut combination {
+        *weight /= length;
+    }
+    combination
+}
+
+/// The twists of the gaps without those that are the same at every pose: across a slide translations stay what they are.
+struct Basis {
+    /// The place of each of the six twists of each gap.
+    place: Vec<[usize; 6]>,
+    columns: usize,
+    /// The lever by which rotations are made comparable to displacements, mm.
+    lever_mm: f64,
+}
+
+impl Basis {
+    fn new(chain: &Chain, poses: &Poses, count: usize) -> Self {
+        let mut place: Vec<[usize; 6]> = vec![[0, 1, 2, 3, 4, 5]];
+        let mut columns = 6;
+        for joint in chain.joints() {
+            let before = place[place.len() - 1];
+            let mut here = [0; 6];
+            for (k, here) in here.iter_mut().enumerate() {
+                *here = if k < 3 && joint.kind == AxisKind::Linear {
+                    before[k]
+                } else {
+                    columns += 1;
+                    columns - 1
+                };
+            }
+            place.push(here);
+        }
+        // Any lever of the right size will do.
+        let lever = |at: usize| {
+            let gaps = Gaps::at(chain, &poses.state(at));
+            let levers = gaps.tip_mm[..=chain.joints().len()]
+                .iter()
+                .map(Vector3::norm);
+            levers.fold(1.0, f64::max)
+        };
+        Self {
+            place,
+            columns,
+            lever_mm: lever(0).max(lever(count - 1)),
+        }
+    }
+
+    /// The rows of a pose: displacement in units of the lever, and rotation.
+    fn write_rows(&self, gaps: &Gaps, rows: &mut DMatrix<f64>, from: usize) {
+        for (gap, place) in self.place.iter().enumerate() {
+            let (turned, tip) = (&gaps.turned[gap], gaps.tip_mm[gap] / self.lever_mm);
+            for k in 0..3 {
+                let along: Vector3<f64> = turned.column(k).into();
+                let mut unit = Vector3::zeros();
+                unit[k] = 1.0;
+                let moved = turned * unit.cross(&tip);
+                for row in 0..3 {
+                    rows[(from + row, place[k])] = along[row];
+                    rows[(from + row, place[k + 3])] = moved[row];
+                    rows[(from + 3 + row, place[k + 3])] = along[row];
+                }
+            }
+        }
+    }
+
+    /// The errors as combinations of the basis, one column each.
+    fn combinations(&self, made_of: &[Vec<InGap>]) -> DMatrix<f64> {
+        let mut combinations = DMatrix::zeros(self.columns, made_of.len());
+        for (column, twists) in made_of.iter().enumerate() {
+            for twist in twists {
+                let place = self.place[twist.gap];
+                for k in 0..3 {
+                    combinations[(place[k], column)] += twist.linear[k] / self.lever_mm;
+                    combinations[(place[k + 3], column)] += twist.angular[k];
+                }
+            }
+        }
+        combinations
+    }
+}
+
+/// What a chunk of poses adds up to.
+struct Sums {
+    /// For each error: sum of squares and largest square of displacement (mm) and of rotation (rad), for each mm or rad.
+    effects: Vec<[f64; 4]>,
+    /// The triangular factor of the stacked rows.
+    triangle: DMatrix<f64>,
+}
+
+impl Sums {
+    fn new(terms: usize, columns: usize) -> Self {
+        Self {
+            effects: vec![[0.0; 4]; terms],
+            triangle: DMatrix::zeros(columns, columns),
+        }
+    }
+
+    fn take(
+        &mut self,
+        chain: &Chain,
+        poses: &Poses,
+        places: std::ops::Range<usize>,
+        made_of: &[Vec<InGap>],
+        basis: &Basis,
+    ) {
+        let columns = basis.columns;
+        let mut from = places.start;
+        while from < places.end {
+            let to = places.end.min(from + STACKED);
+            let mut stacked = DMatrix::zeros(columns + 6 * (to - from), columns);
+            stacked
+                .view_mut((0, 0), (columns, columns))
+                .copy_from(&self.triangle);
+            for place in from..to {
+                let gaps = Gaps::at(chain, &poses.state(place));
+                for (sums, twists) in self.effects.iter_mut().zip(made_of) {
+                    let squares = gaps.effect(twists).map(|v| v.norm_squared());
+                    *sums = [
+                        sums[0] + squares[0],
+                        sums[1].max(squares[0]),
+                        sums[2] + squares[1],
+                        sums[3].max(squares[1]),
+                    ];
+                }
+                basis.write_rows(&gaps, &mut stacked, columns + 6 * (place - from));
+            }
+            self.triangle = stacked.qr().unpack_r();
+            from = to;
+        }
+    }
+
+    fn join(&mut self, other: &Self) {
+        for (sums, other) in self.effects.iter_mut().zip(&other.effects) {
+            *sums = [
+                sums[0] + other[0],
+                sums[1].max(other[1]),
+                sums[2] + other[2],
+                sums[3].max(other[3]),
+            ];
+        }
+        let columns = self.triangle.ncols();
+        let mut stacked = DMatrix::zeros(2 * columns, columns);
+        stacked
+            .view_mut((0, 0), (columns, columns))
+            .copy_from(&self.triangle);
+        stacked
+            .view_mut((columns, 0), (columns, columns))
+            .copy_from(&other.triangle);
+        self.triangle = stacked.qr().unpack_r();
+    }
+}
+
+fn effects(terms: &[ErrorTerm], sums: &[[f64; 4]], count: usize) -> Vec<Effect> {
+    // For each µm or µrad: mm/rad of a rotation are 1e-3 µm/µrad, rad/rad and mm/mm are 1; nothing turns the tool by
+    // its length.
+    let unit = |term: &ErrorTerm| {
+        if term.component().is_angular() {
+            1e-3
+        } else {
+            1.0
+        }
+    };
+    let square = |(term, sums): (&ErrorTerm, &[f64; 4])| sums[0] * unit(term) * unit(term);
+    let total: f64 = terms.iter().zip(sums).map(square).sum();
+    let effect = |(term, sums): (&ErrorTerm, &[f64; 4])| {
+        let [square_sum, largest, turn_sum, turn_largest] = *sums;
+        let part = square((term, sums));
+        Effect {
+            term: *term,
+            position_rms_um: (square_sum / count as f64).sqrt() * unit(term),
+            position_max_um: largest.sqrt() * unit(term),
+            orientation_rms_urad: (turn_sum / count as f64).sqrt(),
+            orientation_max_urad: turn_largest.sqrt(),
+            share: if total > 0.0 { part / total } else { 0.0 },
+        }
+    };
+    terms.iter().zip(sums).map(effect).collect()
+}
+
+/// Columns that are proportional, put together; those of zeros are left out.
+fn motions(
+    chain: &Chain,
+    terms: &[ErrorTerm],
+    made_of: &[Vec<InGap>],
+    columns: &DMatrix<f64>,
+) -> Vec<DistinctMotion> {
+    let units: Vec<_> = columns
+        .column_iter()
+        .map(|column| {
+            let norm = column.norm();
+            (norm > 0.0).then(|| column / norm)
+        })
+        .collect();
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (place, unit) in units.iter().enumerate() {
+        let Some(unit) = unit else { continue };
+        let is_same = |group: &&mut Vec<usize>| {
+            units[group[0]]
+                .as_ref()
+                .is_some_and(|other| (unit - other * other.dot(unit)).norm() < DEPENDENT_BELOW)
+        };
+        match groups.iter_mut().find(is_same) {
+            Some(group) => group.push(place),
+            None => groups.push(vec![place]),
+        }
+    }
+    let named = |group: Vec<usize>| DistinctMotion {
+        name: name(chain, terms, made_of, &group),
+        terms: group.iter().map(|&place| terms[place]).collect(),
+    };
+    groups.into_iter().map(named).collect()
+}
+
+/// The name of a motion: by the error that stands nearest to the workpiece.
+fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usize]) -> String {
+    let single = group.iter().filter(|&&place| made_of[place].len() == 1);
+    let Some(&place) = single.min_by_key(|&&place| made_of[place][0].gap) else {
+        // Axis lines only: each is two twists.
+        let names: Vec<String> = group
+            .iter()
+            .map(|&place| terms[place].to_string())
+            .collect();
+        return format!("line of an axis: {}", names.join(", "));
+    };
+    let gap = made_of[place][0].gap;
+    let before = &chain.joints()[..gap];
+    let along = match terms[place].component() {
+        Component::EX | Component::EA => "X",
+        Component::EY | Component::EB => "Y",
+        Component::EZ | Component::EC => "Z",
+    };
+    if terms[place].component().is_angular() {
+        let carried = before.last().map_or_else(
+            || "the workpiece".to_owned(),
+            |joint| joint.name.to_string(),
+        );
+        format!("rotation about {along}, line carried by {carried}")
+    } else {
+        let turned = before
+            .iter()
+            .rev()
+            .find(|joint| joint.kind == AxisKind::Rotary);
+        let frame = turned.map_or_else(
+            || "the workpiece".to_owned(),
+            |joint| joint.name.to_string(),
+        );
+        format!("translation along {along}, frame of {frame}")
+    }
+}

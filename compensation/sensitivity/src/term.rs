@@ -1,0 +1,76 @@
+//! The errors of a chain as numbers that can be told one by one.
+
+use core::fmt;
+
+use volcomp_kinematics::Chain;
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
+
+/// One error of a machine: an error motion at the coordinate where its axis stands, a location error, or an assembly
+/// error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum ErrorTerm {
+    /// An error motion `E?N` or a location error `E?0N`.
+    Named(ErrorName),
+    /// An assembly error, written `SXX … SCX` for the axis X.
+    Assembly(Component, AxisName),
+}
+
+impl ErrorTerm {
+    /// Along or about which axis of the machine coordinate system it is.
+    pub fn component(self) -> Component {
+        match self {
+            Self::Named(name) => name.component,
+            Self::Assembly(component, _) => component,
+        }
+    }
+
+    /// The axis that has it.
+    pub fn axis(self) -> AxisName {
+        match self {
+            Self::Named(name) => name.axis,
+            Self::Assembly(_, axis) => axis,
+        }
+    }
+
+    /// The name of the coefficient that a null direction speaks of: `EXC constant` for an error motion, which is a
+    /// curve, else the name.
+    pub fn coefficient(self) -> String {
+        match self {
+            Self::Named(name) if !name.location => format!("{name} constant"),
+            _ => self.to_string(),
+        }
+    }
+}
+
+impl fmt::Display for ErrorTerm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Named(name) => name.fmt(f),
+            Self::Assembly(component, axis) => write!(f, "S{}{axis}", component.letter()),
+        }
+    }
+}
+
+/// The errors of a chain, axis after axis from the workpiece to the tool: six error motions, then the location errors
+/// that move something; with `assembly` the six assembly errors instead of the location errors, which they comprise, and
+/// of those only the ones that are `stated`.
+pub fn terms(chain: &Chain, assembly: bool, stated: &[ErrorName]) -> Vec<ErrorTerm> {
+    let mut terms = Vec::new();
+    for joint in chain.joints() {
+        for component in Component::ALL {
+            terms.push(ErrorTerm::Named(ErrorName::motion(component, joint.name)));
+        }
+        for component in Component::ALL {
+            let name = ErrorName::location(component, joint.name);
+            let wanted = !assembly || stated.contains(&name);
+            if wanted && joint.no_effect(component).is_none() {
+                terms.push(ErrorTerm::Named(name));
+            }
+        }
+        if assembly {
+            let six = Component::ALL.map(|component| ErrorTerm::Assembly(component, joint.name));
+            terms.extend(six);
+        }
+    }
+    terms
+}

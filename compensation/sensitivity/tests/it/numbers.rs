@@ -1,0 +1,300 @@
+//! Effects against evaluations of the model one by one, rank against singular values.
+
+use nalgebra::DMatrix;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::{
+    Chain, ErrorMotion, Form, GivenErrors, MotionFrame, State, volumetric_error,
+};
+use volcomp_sensitivity::{
+    Dependence, ErrorTerm, Poses, Sensitivity, SensitivityError, sensitivity, terms,
+};
+use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::{AxisKind, ErrorName};
+
+fn random_chain(structure: &volcomp_kinematics::Structure, rng: &mut ChaCha8Rng) -> Chain {
+    let mut chain = Chain::new(structure.clone());
+    let mut vector = |size: f64| [(); 3].map(|()| rng.random_range(-size..=size));
+    chain.set_tool(vector(200.0), [0.0, 0.0, 1.0]).unwrap();
+    let mut turning = false;
+    for &axis in structure.axes() {
+        chain.set_point(axis, vector(300.0)).unwrap();
+        if axis.is_rotary() {
+            turning = !turning;
+            let frame = if turning {
+                MotionFrame::Turning
+            } else {
+                MotionFrame::Fixed
+            };
+            chain.set_motion_frame(axis, frame).unwrap();
+        }
+    }
+    chain
+}
+
+fn random_poses(chain: &Chain, count: usize, rng: &mut ChaCha8Rng) -> Vec<State> {
+    let pose = |_| {
+        let mut state = State::default();
+        for (q, joint) in state.q.iter_mut().zip(chain.joints()) {
+            *q = match joint.kind {
+                AxisKind::Linear => rng.random_range(-400.0..=400.0),
+                AxisKind::Rotary => rng.random_range(-3.0..=3.0),
+            };
+        }
+        state
+    };
+    (0..count).map(pose).collect()
+}
+
+/// One error of 1 µm or 1 µrad.
+fn one(chain: &Chain, term: ErrorTerm) -> GivenErrors {
+    let mut errors = GivenErrors::default();
+    let axis = chain.structure().index_of(term.axis()).unwrap();
+    let set = match term {
+        ErrorTerm::Assembly(..) => &mut errors.assembly,
+        ErrorTerm::Named(ErrorName { location: true, .. }) => &mut errors.location,
+        ErrorTerm::Named(_) => &mut errors.motion,
+    };
+    let mut six = [0.0; 6];
+    six[term.component().index()] = 1.0;
+    set[axis] = ErrorMotion::from_um_urad(six);
+    errors
+}
+
+/// The stacked columns, by one evaluation of the twist form for each pose and error: µm, and µrad times a lever.
+fn stacked(chain: &Chain, errors: &[ErrorTerm], poses: &[State]) -> DMatrix<f64> {
+    let mut matrix = DMatrix::zeros(6 * poses.len(), errors.len());
+    for (column, &term) in errors.iter().enumerate() {
+        let given = one(chain, term);
+        for (row, state) in poses.iter().enumerate() {
+            let error = volumetric_error(chain, &given, state, Form::Twist);
+            for k in 0..3 {
+                matrix[(6 * row + k, column)] = error.position_mm[k] * 1e3;
+                matrix[(6 * row + 3 + k, column)] = error.rotation_rad[k] * 1e6 * 0.3;
+            }
+        }
+    }
+    matrix
+}
+
+fn all_terms(chain: &Chain) -> Vec<ErrorTerm> {
+    let located = terms(chain, false, &[]);
+    let stated: Vec<ErrorName> = located
+        .into_iter()
+        .filter_map(|term| match term {
+            ErrorTerm::Named(name) if name.location => Some(name),
+            _ => None,
+        })
+        .collect();
+    terms(chain, true, &stated)
+}
+
+#[test]
+fn effects_are_those_of_the_model_and_the_rank_that_of_singular_values() {
+    let mut rng = ChaCha8Rng::seed_from_u64(81);
+    for structure in all_types() {
+        let chain = random_chain(&structure, &mut rng);
+        let errors = all_terms(&chain);
+        let poses = random_poses(&chain, 60, &mut rng);
+        let found = sensitivity(&chain, &errors, &Poses::List(poses.clone())).unwrap();
+        let matrix = stacked(&chain, &errors, &poses);
+        for (column, effect) in matrix.column_iter().zip(&found.errors) {
+            let (mut squares, mut largest) = ([0.0; 2], [0.0_f64; 2]);
+            for six in column.as_slice().chunks(6) {
+                for (part, scale) in [1.0, 1.0 / 0.3].into_iter().enumerate() {
+                    let three = &six[3 * part..3 * part + 3];
+                    let square = three.iter().map(|x| x * x).sum::<f64>() * scale * scale;
+                    squares[part] += square;
+                    largest[part] = largest[part].max(square.sqrt());
+                }
+            }
+            let rms = squares.map(|sum| (sum / poses.len() as f64).sqrt());
+            for (ours, plain) in [
+                (effect.position_rms_um, rms[0]),
+                (effect.position_max_um, largest[0]),
+                (effect.orientation_rms_urad, rms[1]),
+                (effect.orientation_max_urad, largest[1]),
+            ] {
+                assert!(
+                    (ours - plain).abs() < 1e-9 * (1.0 + plain),
+                    "{structure} {}: {ours} {plain}",
+                    effect.term
+                );
+            }
+        }
+        let share: f64 = found.errors.iter().map(|error| error.share).sum();
+        assert!((share - 1.0).abs() < 1e-12);
+        let mut scaled = matrix.clone();
+        for mut column in scaled.column_iter_mut() {
+            let norm = column.norm();
+            column /= norm;
+        }
+        let singular = scaled.clone().svd(false, false).singular_values;
+        let rank = singular.iter().filter(|s| **s > 1e-9 * singular[0]).count();
+        assert_eq!(found.rank, rank, "{structure}: {singular}");
+        assert_eq!(found.indistinguishable.len(), errors.len() - rank);
+        vanish(&found, &errors, &matrix);
+        proportional(&found, &errors, &scaled);
+    }
+}
+
+/// Each null combination moves the tool at no pose, and they are independent of one another.
+fn vanish(found: &Sensitivity, errors: &[ErrorTerm], matrix: &DMatrix<f64>) {
+    let mut null = DMatrix::zeros(errors.len(), found.indistinguishable.len());
+    for (column, combination) in found.indistinguishable.iter().enumerate() {
+        for &(term, weight) in combination {
+            let place = errors.iter().position(|&other| other == term).unwrap();
+            null[(place, column)] = weight;
+        }
+        let length: f64 = combination.iter().map(|(_, weight)| weight * weight).sum();
+        assert!((length - 1.0).abs() < 1e-12);
+    }
+    let moved = (matrix * &null).amax();
+    assert!(moved < 1e-6, "{moved} µm");
+    let rank = null.clone().svd(false, false).rank(1e-9);
+    assert_eq!(rank, null.ncols());
+}
+
+/// Errors of one motion have proportional columns, and no two motions have.
+fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>) {
+    let place = |term: &ErrorTerm| errors.iter().position(|other| other == term).unwrap();
+    let mut first = Vec::new();
+    for motion in &found.motions {
+        let lead = place(&motion.terms[0]);
+        for term in &motion.terms {
+            let cosine = scaled.column(lead).dot(&scaled.column(place(term)));
+            assert!((cosine.abs() - 1.0).abs() < 1e-12, "{term}");
+        }
+        first.push(lead);
+    }
+    for (at, &one) in first.iter().enumerate() {
+        for &other in &first[at + 1..] {
+            let cosine = scaled.column(one).dot(&scaled.column(other));
+            assert!(
+                cosine.abs() < 1.0 - 1e-9,
+                "{} {}",
+                errors[one],
+                errors[other]
+            );
+        }
+    }
+    let named: usize = found.motions.iter().map(|motion| motion.terms.len()).sum();
+    assert_eq!(named, errors.len());
+}
+
+/// A table whose C axis stands next to the workpiece: a shift of its line is a shift of the workpiece less one that
+/// turns, so three errors are two.
+#[test]
+fn a_null_direction_names_its_errors() {
+    let chain = Chain::new("w C' b t".parse().unwrap());
+    let named = |names: &[&str]| {
+        names
+            .iter()
+            .map(|name| ErrorTerm::Named(name.parse().unwrap()))
+            .collect::<Vec<_>>()
+    };
+    let poses = Poses::over(&[[-3.0, 3.0]], 9);
+    let found = sensitivity(&chain, &named(&["EXC", "EYC", "EX0C", "EY0C"]), &poses).unwrap();
+    assert_eq!((found.rank, found.indistinguishable.len()), (4, 0));
+    // Two slides along X: every error of the first is one of the second.
+    let chain = Chain::new("w b X U t".parse().unwrap());
+    let poses = Poses::over(&[[0.0, 100.0], [0.0, 100.0]], 3);
+    let found = sensitivity(&chain, &named(&["EXX", "EYX", "EYU"]), &poses).unwrap();
+    assert_eq!(found.rank, 2);
+    let [null] = &found.indistinguishable[..] else {
+        panic!("{found:?}")
+    };
+    let words: Vec<(String, f64)> = null
+        .iter()
+        .map(|(term, weight)| (term.coefficient(), *weight))
+        .collect();
+    let half = 0.5_f64.sqrt();
+    assert_eq!(words[0].0, "EYX constant");
+    assert_eq!(words[1].0, "EYU constant");
+    assert!((words[0].1 - half).abs() < 1e-12 && (words[1].1 + half).abs() < 1e-12);
+    // A tilt of a slide about its own line moves nothing where the tool is on it.
+    let found = sensitivity(&chain, &named(&["EAX"]), &poses).unwrap();
+    assert_eq!(
+        (found.rank, found.motions.len()),
+        (1, 1),
+        "it turns the tool"
+    );
+}
+
+#[test]
+fn digits_do_not_depend_on_the_number_of_cores() {
+    let mut rng = ChaCha8Rng::seed_from_u64(82);
+    let chain = random_chain(&"w C' X' b Y Z B t".parse().unwrap(), &mut rng);
+    let errors = terms(&chain, false, &[]);
+    let poses = Poses::over(
+        &[
+            [-3.0, 3.0],
+            [0.0, 300.0],
+            [0.0, 300.0],
+            [0.0, 300.0],
+            [-1.0, 1.0],
+        ],
+        6,
+    );
+    let one_core = rayon_of(1, || sensitivity(&chain, &errors, &poses).unwrap());
+    let two_cores = rayon_of(2, || sensitivity(&chain, &errors, &poses).unwrap());
+    assert_eq!(one_core, two_cores);
+}
+
+fn rayon_of<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    pool.install(work)
+}
+
+#[test]
+fn what_cannot_be_judged_is_named() {
+    let chain = Chain::new("w b X t".parse().unwrap());
+    let errors = terms(&chain, false, &[]);
+    let none = sensitivity(&chain, &errors, &Poses::List(Vec::new()));
+    assert!(matches!(
+        none,
+        Err(SensitivityError::Poses { found: Some(0), .. })
+    ));
+    let many = Poses::Grid(vec![vec![0.0; 256]; 9]);
+    let uncounted = sensitivity(&chain, &errors, &many).unwrap_err();
+    assert!(
+        uncounted.to_string().contains("found too many poses"),
+        "{uncounted}"
+    );
+    assert_eq!(
+        sensitivity(&chain, &[], &many),
+        Err(SensitivityError::NoErrors)
+    );
+    let few = Poses::over(&[[0.0, 1.0]], 1);
+    let foreign = ErrorTerm::Named("EXY".parse().unwrap());
+    let refused = sensitivity(&chain, &[foreign], &few).unwrap_err();
+    assert_eq!(refused.to_string(), "EXY: the structure has no axis Y");
+    let infinite = Poses::List(vec![State::from_coordinates(&[f64::INFINITY])]);
+    assert_eq!(
+        sensitivity(&chain, &errors, &infinite),
+        Err(SensitivityError::NotFinite)
+    );
+}
+
+#[test]
+fn columns_of_a_known_matrix() {
+    let matrix = DMatrix::from_row_slice(
+        3,
+        4,
+        &[1.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0],
+    );
+    let found = Dependence::of(&matrix);
+    assert_eq!(found.rank, 2);
+    let five = 5.0_f64.sqrt();
+    let [twice, nothing] = &found.null[..] else {
+        panic!("{found:?}")
+    };
+    assert!(
+        (twice[0].1 - 2.0 / five).abs() < 1e-15 && (twice[1].1 + 1.0 / five).abs() < 1e-15,
+        "{twice:?}"
+    );
+    assert_eq!(nothing[..], [(2, 1.0)]);
+}

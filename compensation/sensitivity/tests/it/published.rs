@@ -1,0 +1,154 @@
+//! The counts of the published models: 60 errors that make 20 distinct motions, and a machine with 37 errors.
+
+use volcomp_kinematics::MotionFrame;
+use volcomp_model::Machine;
+use volcomp_sensitivity::{Poses, Sensitivity, sensitivity, terms};
+use volcomp_vocabulary::{AxisKind, Displacement, ErrorName};
+
+use crate::example;
+
+fn poses(machine: &Machine, count: usize) -> Poses {
+    let travel = |axis: &volcomp_model::Axis| {
+        let inside = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
+        axis.travel.map(inside)
+    };
+    let travels: Vec<[f64; 2]> = machine.axes().iter().map(travel).collect();
+    Poses::over(&travels, count)
+}
+
+fn sixty(machine: &Machine) -> Sensitivity {
+    let errors = terms(machine.chain(), true, &[]);
+    assert_eq!(errors.len(), 60);
+    sensitivity(machine.chain(), &errors, &poses(machine, 3)).unwrap()
+}
+
+fn names(found: &Sensitivity) -> Vec<&str> {
+    found
+        .motions
+        .iter()
+        .map(|motion| motion.name.as_str())
+        .collect()
+}
+
+#[test]
+fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
+    let machine = example("blade-mill.toml");
+    assert_eq!(machine.errors().count(), 30);
+    let assembled: usize = (0..5)
+        .map(|axis| machine.assembly(axis).iter().filter(|x| **x != 0.0).count())
+        .sum();
+    assert_eq!(assembled, 30);
+    let found = sixty(&machine);
+    let mut names = names(&found);
+    names.sort_unstable();
+    // Seven translations: all three of the frame, Y and Z of A's, X and Z of B's. Thirteen rotations about lines.
+    let expected = [
+        "rotation about X, line carried by B",
+        "rotation about X, line carried by Y",
+        "rotation about X, line carried by Z",
+        "rotation about X, line carried by the workpiece",
+        "rotation about Y, line carried by A",
+        "rotation about Y, line carried by X",
+        "rotation about Y, line carried by Z",
+        "rotation about Y, line carried by the workpiece",
+        "rotation about Z, line carried by A",
+        "rotation about Z, line carried by B",
+        "rotation about Z, line carried by X",
+        "rotation about Z, line carried by Y",
+        "rotation about Z, line carried by the workpiece",
+        "translation along X, frame of B",
+        "translation along X, frame of the workpiece",
+        "translation along Y, frame of A",
+        "translation along Y, frame of the workpiece",
+        "translation along Z, frame of A",
+        "translation along Z, frame of B",
+        "translation along Z, frame of the workpiece",
+    ];
+    assert_eq!(expected.len(), 20);
+    assert_eq!(names, expected);
+    let of = |term: &str| {
+        let has = |motion: &&volcomp_sensitivity::DistinctMotion| {
+            motion.terms.iter().any(|t| t.to_string() == term)
+        };
+        let motion = found.motions.iter().find(has).unwrap();
+        motion
+            .terms
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
+    assert_eq!(of("EXX"), "EXX SXX EXY SXY EXZ SXZ EXA SXA SXB");
+    assert_eq!(of("EYA"), "EYA EYB SYB");
+    assert_eq!(of("SBX"), "SBX");
+    assert_eq!(of("ECX"), "ECX SCY");
+    assert_eq!(of("EAZ"), "EAZ EAA SAA SAB");
+    // Each distinct motion is one that a measurement of the whole tool pose tells apart.
+    assert_eq!(found.rank, 20);
+    assert_eq!(found.indistinguishable.len(), 40);
+}
+
+#[test]
+fn they_are_sixteen_in_the_frame_that_does_not_turn() {
+    let turning = example("blade-mill.toml");
+    let fixed = turning
+        .to_toml()
+        .replace("motion_frame = \"turning\"\n", "");
+    let fixed = fixed
+        .lines()
+        .filter(|line| !line.starts_with("checksum"))
+        .collect::<Vec<_>>()
+        .join("\n");
+    let machine = Machine::parse(&fixed, "fixed.toml").unwrap();
+    assert!(
+        machine
+            .axes()
+            .iter()
+            .all(|axis| axis.motion_frame == MotionFrame::Fixed)
+    );
+    let found = sixty(&machine);
+    assert_eq!(found.motions.len(), 16, "{:#?}", names(&found));
+    let translations = names(&found)
+        .iter()
+        .filter(|name| name.starts_with("translation"))
+        .count();
+    assert_eq!(translations, 5);
+}
+
+/// Y is the reference axis: one squareness of X, two of Z, two errors of parallelism of A and two of C.
+#[test]
+fn the_machine_with_37_errors_in_both_readings_of_its_chain() {
+    for (file, structure) in [
+        ("poe-mill-table.toml", "w C' X' Y' b Z A t"),
+        ("poe-mill-head.toml", "w X' Y' b Z A C t"),
+    ] {
+        let machine = example(file);
+        assert_eq!(machine.chain().structure().to_string(), structure);
+        assert_eq!(machine.errors().count(), 30);
+        let stated: Vec<ErrorName> = machine.locations().keys().copied().collect();
+        let linear = stated
+            .iter()
+            .filter(|name| name.axis.kind() == AxisKind::Linear);
+        assert_eq!((stated.len(), linear.count()), (7, 3));
+        let all = terms(machine.chain(), false, &[]);
+        let stated: Vec<_> = all
+            .into_iter()
+            .filter(|term| {
+                let name: Result<ErrorName, _> = term.to_string().parse();
+                name.is_ok_and(|name| !name.location || stated.contains(&name))
+            })
+            .collect();
+        assert_eq!(stated.len(), 37, "{file}");
+        let found = sensitivity(machine.chain(), &stated, &poses(&machine, 3)).unwrap();
+        // Location errors of the published kind are all seen beside the motions.
+        assert!(
+            found.errors.iter().all(|error| error.position_rms_um > 0.0),
+            "{file}"
+        );
+        println!(
+            "{file}: rank {} of 37, {} motions",
+            found.rank,
+            found.motions.len()
+        );
+    }
+}

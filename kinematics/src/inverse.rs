@@ -1,0 +1,341 @@
+//! Inverse kinematics of the ideal chain: from a tool tip and a tool axis in workpiece axes to the coordinates.
+//!
+//! Linear axes do not turn the tool, so the rotary axes are found first, from the tool axis alone, and the linear axes
+//! then from the tip. Two rotary axes in any directions are Paden and Kahan's second subproblem, one is their first
+//! (Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, section 3.3.2), both in closed
+//! form.
+
+use arrayvec::ArrayVec;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::{
+    chain::{Chain, Joint},
+    correctors::Correctors,
+    math::{atan2, sqrt},
+    pose::rotation_about_axis,
+    source::State,
+};
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
+
+/// Two directions that enclose less than this, rad, are one: the tool axis is then along a rotary axis, which has no part
+/// in it.
+const ALONG_BELOW_RAD: f64 = 1e-9;
+/// The largest angle, rad, by which a tool axis may miss what the rotary axes reach.
+const REACHED_WITHIN_RAD: f64 = 1e-9;
+/// Two solutions whose angles differ by less than this, rad, are one: where they meet, rounding parts them.
+const SAME_BELOW_RAD: f64 = 1e-6;
+/// The largest distance, mm, by which a tip may miss what the linear axes reach.
+const REACHED_WITHIN_MM: f64 = 1e-7;
+
+/// The angles that point the tool, and the rotary axes that have no part in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pointing {
+    /// Coordinates of the rotary axes, rad from −π to π; linear axes stand at 0.
+    pub state: State,
+    /// The rotary axis that does not turn the tool axis at this pose, in chain order its place: the pose is singular,
+    /// and every coordinate of this axis is a solution. It stands where it was held.
+    pub free: Option<usize>,
+}
+
+/// Why there is no solution.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoSolution {
+    /// The rotary axes cannot point the tool that way.
+    #[error("the tool axis cannot be reached: the rotary axes miss it by {:.6} deg", miss_rad.to_degrees())]
+    ToolAxis {
+        /// The smallest angle that remains, rad.
+        miss_rad: f64,
+    },
+    /// The linear axes cannot bring the tip there.
+    #[error("the tool tip cannot be reached: the linear axes miss it by {miss_mm:.6} mm")]
+    Tip {
+        /// The smallest distance that remains, mm.
+        miss_mm: f64,
+    },
+}
+
+impl Chain {
+    /// The angles at which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the
+    /// spindle, any length but zero): up to two with two rotary axes. With three or more, all but the two at the places
+    /// `pair` stay where `held` has them; so does an axis that has no part in the direction.
+    ///
+    /// # Errors
+    /// [`NoSolution::ToolAxis`].
+    pub fn pointing(
+        &self,
+        tool_axis: &Vector3<f64>,
+        pair: &[usize],
+        held: &State,
+    ) -> Result<ArrayVec<Pointing, 2>, NoSolution> {
+        let wanted = tool_axis.normalize();
+        // P·Rot(u₁)·H·Rot(u₂)·K·a = n is Rot(u₁)·Rot(H·u₂)·(H·K·a) = Pᵀ·n; P, H and K are the turns of the held axes.
+        let mut turns = [Matrix3::identity(); 3];
+        let mut turning: ArrayVec<(usize, Vector3<f64>), 2> = ArrayVec::new();
+        for (index, joint) in self.joints().iter().enumerate() {
+            if joint.kind == AxisKind::Linear {
+                continue;
+            }
+            if pair.contains(&index) && turning.len() < 2 {
+                turning.push((index, joint.direction)); // fewer than two are in it
+            } else {
+                turns[turning.len()] *= rotation_about_axis(&joint.direction, held.q[index]);
+            }
+        }
+        let [before, between, behind] = turns;
+        let onto = before.transpose() * wanted;
+        let mut state = *held;
+        for (joint, q) in self.joints().iter().zip(state.q.iter_mut()) {
+            if joint.kind == AxisKind::Linear {
+                *q = 0.0;
+            }
+        }
+        match turning[..] {
+            [(first, u1), (second, u2)] => {
+                let from = between * (behind * self.tool_axis());
+                let stand = [held.q[first], held.q[second]];
+                let found = two_turns(&u1, &(between * u2), &from, &onto, stand)?;
+                Ok(found
+                    .into_iter()
+                    .map(|([one, two], free)| {
+                        let mut state = state;
+                        (state.q[first], state.q[second]) = (one, two);
+                        Pointing {
+                            state,
+                            free: free.map(|place| [first, second][place]),
+                        }
+                    })
+                    .collect())
+            }
+            [(only, u)] => {
+                let angle = one_turn(&u, &(between * self.tool_axis()), &onto)?;
+                state.q[only] = angle.unwrap_or(held.q[only]);
+                let free = angle.is_none().then_some(only);
+                Ok([Pointing { state, free }].into_iter().collect())
+            }
+            _ => {
+                reached(angle_between(&self.tool_axis(), &onto))?;
+                Ok([Pointing { state, free: None }].into_iter().collect())
+            }
+        }
+    }
+
+    /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin);
+    /// rotary axes stay.
+    ///
+    /// Up to three linear axes of different directions are solved for in closed form, whatever their travels. Of more, the
+    /// first of each direction moves and the others stand as near to 0 as their `travel` (mm) lets them; where the first
+    /// reaches an end of its travel the others take over, found step by step.
+    ///
+    /// # Errors
+    /// [`NoSolution::Tip`].
+    pub fn reaching(
+        &self,
+        tip_mm: &Vector3<f64>,
+        state: &State,
+        travel: &PerAxis<[f64; 2]>,
+    ) -> Result<State, NoSolution> {
+        let is_linear = |joint: &Joint| joint.kind == AxisKind::Linear;
+        let mut columns = [Vector3::zeros(); MAX_AXES];
+        let mut turned = Matrix3::identity();
+        for ((joint, &q), column) in self.joints().iter().zip(&state.q).zip(&mut columns) {
+            if is_linear(joint) {
+                *column = turned * joint.direction;
+            } else {
+                turned *= rotation_about_axis(&joint.direction, q);
+            }
+        }
+        let first_of_each = Correctors::all(self);
+        let mut moving = [false; MAX_AXES];
+        let mut found = *state;
+        let mut redundant = false;
+        for (index, joint) in self.joints().iter().enumerate() {
+            if !is_linear(joint) {
+                continue;
+            }
+            moving[index] = first_of_each.linear().contains(&index);
+            redundant |= !moving[index];
+            let [low, high] = travel[index];
+            found.q[index] = if moving[index] {
+                0.0
+            } else {
+                0.0_f64.max(low).min(high)
+            };
+        }
+        for _ in 0..=MAX_AXES {
+            // Twice: the second step takes away what the first one lost to rounding.
+            for _ in 0..2 {
+                let missing = tip_mm - self.ideal_tip_mm(&found);
+                for (index, step) in least_norm(&columns, &moving, &missing)
+                    .into_iter()
+                    .enumerate()
+                {
+                    found.q[index] += step;
+                }
+            }
+            let beyond = |index: usize, q: f64| {
+                let [low, high] = travel[index];
+                moving[index] && (q < low || q > high)
+            };
+            let outside: ArrayVec<usize, MAX_AXES> = (0..self.joints().len())
+                .filter(|&index| beyond(index, found.q[index]))
+                .collect();
+            if !redundant || outside.is_empty() {
+                break;
+            }
+            for index in 0..self.joints().len() {
+                if outside.contains(&index) {
+                    let [low, high] = travel[index];
+                    found.q[index] = found.q[index].max(low).min(high);
+                    moving[index] = false;
+                    columns[index] = Vector3::zeros();
+                } else {
+                    // An axis that stands at an end has no column any more.
+                    moving[index] = columns[index] != Vector3::zeros();
+                }
+            }
+        }
+        let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
+        // A distance that is no number is refused, too.
+        if miss_mm <= REACHED_WITHIN_MM {
+            return Ok(found);
+        }
+        Err(NoSolution::Tip { miss_mm })
+    }
+}
+
+/// The steps of least norm of the axes that move, mm: Dᵀ·(D·Dᵀ)⁺·missing.
+fn least_norm(
+    columns: &[Vector3<f64>; MAX_AXES],
+    moving: &[bool; MAX_AXES],
+    missing: &Vector3<f64>,
+) -> [f64; MAX_AXES] {
+    let used = || columns.iter().zip(moving).filter(|(_, moves)| **moves);
+    let exact: ArrayVec<Vector3<f64>, MAX_AXES> = used().map(|(column, _)| *column).collect();
+    if let [a, b, c] = exact[..]
+        && let Some(inverse) = Matrix3::from_columns(&[a, b, c]).try_inverse()
+    {
+        let shares = inverse * missing;
+        let mut shares = shares.iter().copied();
+        return core::array::from_fn(|index| {
+            let share = || shares.next().unwrap_or(0.0);
+            moving[index].then(share).unwrap_or(0.0)
+        });
+    }
+    let gram = used().fold(Matrix3::zeros(), |gram, (column, _)| {
+        gram + column * column.transpose()
+    });
+    // A direction of less than a thousandth has no axis.
+    let weighted = match gram.pseudo_inverse(1e-6) {
+        Ok(inverse) => inverse * missing,
+        Err(_) => Vector3::zeros(),
+    };
+    core::array::from_fn(|index| {
+        if moving[index] {
+            columns[index].dot(&weighted)
+        } else {
+            0.0
+        }
+    })
+}
+
+/// Refuses an angle, rad, by which the tool axis is missed; also one that is no number.
+fn reached(miss_rad: f64) -> Result<(), NoSolution> {
+    if miss_rad <= REACHED_WITHIN_RAD {
+        return Ok(());
+    }
+    Err(NoSolution::ToolAxis { miss_rad })
+}
+
+/// The angle between two unit vectors, rad.
+fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    atan2(a.cross(b).norm(), a.dot(b))
+}
+
+/// The angle about `u` that turns the unit vector `from` onto `onto`; `None` where `from` lies along `u`, so that any
+/// angle does.
+fn one_turn(
+    u: &Vector3<f64>,
+    from: &Vector3<f64>,
+    onto: &Vector3<f64>,
+) -> Result<Option<f64>, NoSolution> {
+    let polar = |v: &Vector3<f64>| atan2(v.cross(u).norm(), v.dot(u));
+    reached((polar(from) - polar(onto)).abs())?;
+    if from.cross(u).norm() < ALONG_BELOW_RAD {
+        return Ok(None);
+    }
+    Ok(Some(turn_in_plane(u, from, onto)))
+}
+
+/// The angle about `u` from one vector to another, both seen along `u`.
+fn turn_in_plane(u: &Vector3<f64>, from: &Vector3<f64>, onto: &Vector3<f64>) -> f64 {
+    let across = |v: &Vector3<f64>| v - u * u.dot(v);
+    let (from, onto) = (across(from), across(onto));
+    atan2(u.dot(&from.cross(&onto)), from.dot(&onto))
+}
+
+/// The angles of two turns, and which of the two, 0 or 1, is free.
+type TwoTurns = ArrayVec<([f64; 2], Option<usize>), 2>;
+
+/// The pairs of angles with Rot(u₁, θ₁)·Rot(u₂, θ₂)·`from` = `onto`.
+fn two_turns(
+    u1: &Vector3<f64>,
+    u2: &Vector3<f64>,
+    from: &Vector3<f64>,
+    onto: &Vector3<f64>,
+    held: [f64; 2],
+) -> Result<TwoTurns, NoSolution> {
+    let one = |angles, free| Ok([(angles, Some(free))].into_iter().collect());
+    let sine = u1.cross(u2);
+    let back = |angle: f64| rotation_about_axis(u1, -angle) * onto;
+    let turned = |angle: f64| rotation_about_axis(u2, angle) * from;
+    if sine.norm() < ALONG_BELOW_RAD || from.cross(u2).norm() < ALONG_BELOW_RAD {
+        // Parallel axes turn together, and a tool along the second axis does not see it.
+        let first = one_turn(u1, &turned(held[1]), onto)?.unwrap_or(held[0]);
+        return one([first, held[1]], 1);
+    }
+    if onto.cross(u1).norm() < ALONG_BELOW_RAD {
+        let second = one_turn(u2, from, &back(held[0]))?.unwrap_or(held[1]);
+        return one([held[0], second], 0);
+    }
+    // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto lies on two cones, about u₁ and about u₂.
+    let (k, square) = (u1.dot(u2), sine.norm_squared());
+    let (along1, along2) = (u1.dot(onto), u2.dot(from));
+    let (x, y) = (
+        (along1 - k * along2) / square,
+        (along2 - k * along1) / square,
+    );
+    let inside = u1 * x + u2 * y;
+    let rest = 1.0 - inside.norm_squared();
+    if rest < 0.0 {
+        let polar = |u: &Vector3<f64>, v: &Vector3<f64>| angle_between(u, v);
+        let (between, cone1, cone2) = (polar(u1, u2), polar(u1, onto), polar(u2, from));
+        // The cones do not meet: this is the gap between them.
+        let gaps = [
+            between - cone1 - cone2,
+            cone1 - cone2 - between,
+            cone2 - cone1 - between,
+            between + cone1 + cone2 - core::f64::consts::TAU,
+        ];
+        reached(gaps.into_iter().fold(0.0, f64::max))?;
+    }
+    let height = sqrt(rest.max(0.0) / square);
+    let mut found = TwoTurns::new();
+    for sign in [1.0, -1.0] {
+        let common = inside + sine * (sign * height);
+        let angles = [
+            turn_in_plane(u1, &common, onto),
+            turn_in_plane(u2, from, &common),
+        ];
+        let same = found.iter().any(|(other, _): &([f64; 2], Option<usize>)| {
+            other
+                .iter()
+                .zip(angles)
+                .all(|(a, b)| (a - b).abs() < SAME_BELOW_RAD)
+        });
+        if !same {
+            found.push((angles, None)); // two at the most
+        }
+    }
+    Ok(found)
+}

@@ -1,0 +1,202 @@
+//! Inverse kinematics against the chain itself: what a random pose shows leads back to it.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use rand::RngExt;
+use volcomp_kinematics::{Chain, NoSolution, State, letter_direction, nalgebra::Vector3};
+use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
+
+use crate::{placed, seeded, state, vector};
+
+const ANY: PerAxis<[f64; 2]> = PerAxis([[f64::NEG_INFINITY, f64::INFINITY]; 9]);
+
+fn rotary(chain: &Chain) -> Vec<usize> {
+    let joints = chain.joints().iter().enumerate();
+    joints
+        .filter(|(_, joint)| joint.kind == AxisKind::Rotary)
+        .map(|(index, _)| index)
+        .collect()
+}
+
+fn tool_axis(chain: &Chain, state: &State) -> Vector3<f64> {
+    chain.ideal_pose(state).rotation * chain.tool_axis()
+}
+
+/// Every solution, each led to the tip.
+fn solutions(chain: &Chain, at: &State) -> Vec<State> {
+    let (tip, axis) = (chain.ideal_tip_mm(at), tool_axis(chain, at));
+    let pointings = chain
+        .pointing(&axis, &rotary(chain), &State::default())
+        .unwrap();
+    let reach = |pointing: &volcomp_kinematics::Pointing| {
+        chain.reaching(&tip, &pointing.state, &ANY).unwrap()
+    };
+    pointings.iter().map(reach).collect()
+}
+
+fn turned_apart(a: f64, b: f64) -> f64 {
+    let turns = (a - b) / (2.0 * PI);
+    ((turns - turns.round()) * 2.0 * PI).abs()
+}
+
+#[test]
+fn a_pose_of_every_type_leads_back_to_itself() {
+    let mut rng = seeded(71);
+    let (mut worst_mm, mut two) = (0.0_f64, 0);
+    for structure in all_types() {
+        for skew in [0.0, 0.4] {
+            let mut chain = placed(&structure, &mut rng);
+            for &axis in structure.axes() {
+                let tilt = Vector3::from(vector(&mut rng, skew));
+                let direction = letter_direction(axis) + tilt;
+                chain.set_direction(axis, direction.into()).unwrap();
+            }
+            let tip = chain.tool_tip_mm();
+            // A tool that is tilted in its holder sees every rotary axis.
+            chain.set_tool(tip.into(), [0.2, 0.1, 1.0]).unwrap();
+            for _ in 0..100 {
+                let at = state(&chain, &mut rng);
+                let found = solutions(&chain, &at);
+                two += usize::from(found.len() == 2);
+                let mut nearest = f64::INFINITY;
+                for one in &found {
+                    let off = (chain.ideal_tip_mm(one) - chain.ideal_tip_mm(&at)).norm();
+                    worst_mm = worst_mm.max(off);
+                    assert!(off < 1e-9, "{structure}: {off} mm");
+                    let turned = (tool_axis(&chain, one) - tool_axis(&chain, &at)).norm();
+                    assert!(turned < 1e-12, "{structure}: {turned}");
+                    let mut apart = 0.0_f64;
+                    for (place, joint) in chain.joints().iter().enumerate() {
+                        apart = apart.max(match joint.kind {
+                            AxisKind::Linear => (one.q[place] - at.q[place]).abs() * 1e-3,
+                            AxisKind::Rotary => turned_apart(one.q[place], at.q[place]),
+                        });
+                    }
+                    nearest = nearest.min(apart);
+                }
+                assert!(nearest < 1e-9, "{structure} skew {skew}: {at:?} {found:?}");
+            }
+        }
+    }
+    assert!(two > 1500, "{two} poses have two solutions");
+    println!("largest distance {worst_mm:.2e} mm");
+}
+
+#[test]
+fn a_singular_pose_names_the_axis_that_is_free() {
+    let mut held = State::default();
+    // The tool along C at A = 0, on the table and on the head; along the second axis of a head A C it always is.
+    for (structure, b_or_a, free) in [
+        ("w C' A' b X Y Z t", [0.0, 0.0], AxisName::C),
+        ("w b X Y Z C A t", [0.0, 0.0], AxisName::C),
+        ("w C' b X Y Z B t", [0.0, 0.0], AxisName::C),
+        ("w b X Y Z A C t", [0.5, 0.3], AxisName::C),
+    ] {
+        let chain = Chain::new(structure.parse().unwrap());
+        let places = rotary(&chain);
+        let mut at = State::from_coordinates(&[10.0, 20.0, 30.0, 40.0, 50.0]);
+        (at.q[places[0]], at.q[places[1]]) = (b_or_a[0], b_or_a[1]);
+        let free = chain.structure().index_of(free);
+        held.q[free.unwrap()] = 0.25;
+        let found = chain
+            .pointing(&tool_axis(&chain, &at), &places, &held)
+            .unwrap();
+        assert_eq!(found.len(), 1, "{structure}");
+        assert_eq!(found[0].free, free, "{structure}");
+        assert_eq!(found[0].state.q[free.unwrap()], 0.25);
+        let off = tool_axis(&chain, &found[0].state) - tool_axis(&chain, &at);
+        assert!(off.norm() < 1e-15, "{structure}: {off}");
+    }
+}
+
+#[test]
+fn what_cannot_be_reached_says_by_how_much() {
+    // A fork head whose axes enclose 45° swings the tool by 90° at the most.
+    let mut chain = Chain::new("w b X Y Z C B t".parse().unwrap());
+    chain.set_direction(AxisName::B, [0.0, 1.0, 1.0]).unwrap();
+    let down = -Vector3::z();
+    let refused = chain.pointing(&down, &rotary(&chain), &State::default());
+    let Err(NoSolution::ToolAxis { miss_rad }) = refused else {
+        panic!("{refused:?}")
+    };
+    assert!((miss_rad - FRAC_PI_2).abs() < 1e-12, "{miss_rad}");
+    let side = Vector3::x();
+    let found = chain
+        .pointing(&side, &rotary(&chain), &State::default())
+        .unwrap();
+    assert!((tool_axis(&chain, &found[0].state) - side).norm() < 1e-7);
+    let three = Chain::new("w b X Y Z t".parse().unwrap());
+    assert!(
+        three
+            .pointing(&Vector3::z(), &[], &State::default())
+            .is_ok()
+    );
+    assert!(three.pointing(&side, &[], &State::default()).is_err());
+    assert!(
+        three
+            .pointing(&Vector3::zeros(), &[], &State::default())
+            .is_err()
+    );
+    let two = Chain::new("w b X Y t".parse().unwrap());
+    let state = State::default();
+    let refused = two.reaching(&Vector3::new(1.0, 2.0, 3.0), &state, &ANY);
+    assert_eq!(refused, Err(NoSolution::Tip { miss_mm: 3.0 }));
+    assert!(
+        two.reaching(&Vector3::new(1.0, 2.0, f64::NAN), &state, &ANY)
+            .is_err()
+    );
+    let found = two
+        .reaching(&Vector3::new(1.0, 2.0, 0.0), &state, &ANY)
+        .unwrap();
+    assert_eq!(found.q[..2], [1.0, 2.0]);
+}
+
+/// A portal with a second set of linear axes: the first axis of each direction moves, the second takes what is beyond.
+#[test]
+fn redundant_linear_axes_share_what_one_cannot_reach() {
+    let chain = Chain::new("w X' b Y Z U C A t".parse().unwrap());
+    let mut travel = ANY;
+    travel[0] = [0.0, 500.0];
+    travel[3] = [-50.0, 100.0];
+    let state = State::default();
+    let at = |x: f64| chain.reaching(&Vector3::new(x, 20.0, -30.0), &state, &travel);
+    for (x, expected) in [
+        (400.0, [400.0, 0.0]),
+        (560.0, [500.0, 60.0]),
+        (-20.0, [0.0, -20.0]),
+    ] {
+        let found = at(x).unwrap();
+        assert_eq!([found.q[0], found.q[3]], expected, "{x}");
+        assert_eq!([found.q[1], found.q[2]], [20.0, -30.0]);
+    }
+    let Err(NoSolution::Tip { miss_mm }) = at(650.0) else {
+        panic!("beyond both")
+    };
+    assert!((miss_mm - 50.0).abs() < 1e-9, "{miss_mm}");
+    // Random poses with all of them are reached, though by other coordinates.
+    let mut rng = seeded(72);
+    for _ in 0..200 {
+        let mut at = State::default();
+        for (q, [low, high]) in at.q.iter_mut().zip([
+            [0.0, 500.0],
+            [-300.0, 300.0],
+            [-300.0, 0.0],
+            [-50.0, 100.0],
+            [-3.0, 3.0],
+            [0.1, 1.5],
+        ]) {
+            *q = rng.random_range(low..=high);
+        }
+        let pointing = chain
+            .pointing(&tool_axis(&chain, &at), &rotary(&chain), &state)
+            .unwrap();
+        for one in &pointing {
+            let found = chain
+                .reaching(&chain.ideal_tip_mm(&at), &one.state, &travel)
+                .unwrap();
+            assert!((chain.ideal_tip_mm(&found) - chain.ideal_tip_mm(&at)).norm() < 1e-9);
+            assert!((0.0..=500.0).contains(&found.q[0]) && (-50.0..=100.0).contains(&found.q[3]));
+        }
+    }
+}
