@@ -51,15 +51,14 @@ impl Modes {
         };
         match basis {
             Basis::Constant => {}
-            // The integral of the square of the second derivative grows like the seventh power of the order, that of
-            // the square of the function falls with the first; the fourth power is that of a curve's bending.
+            // Between the power of a curve whose slope is limited (2) and that of one whose bending is (4).
             Basis::Legendre { order } => {
-                let weights = (1..=order).map(|k| (k as f64).powi(4));
+                let weights = (1..=order).map(|k| (k as f64).powi(3));
                 modes.weights.extend(weights);
             }
             Basis::Fourier { harmonics } => {
                 for k in 1..=harmonics {
-                    modes.weights.extend([(k as f64).powi(4); 2]);
+                    modes.weights.extend([(k as f64).powi(3); 2]);
                 }
             }
             Basis::BSpline { coefficients } => modes.spline(coefficients.max(DEGREE + 1)),
@@ -102,8 +101,8 @@ impl Modes {
         for (mode, &source) in order.iter().enumerate().skip(2) {
             let column = eigen.eigenvectors.column(source) * size;
             self.columns.set_column(mode, &column);
-            // As the fourth power of the order, beginning with that of order 2.
-            self.weights.push(16.0 * eigen.eigenvalues[source] / least);
+            // Against the slope's weight of 1 that of order 2.
+            self.weights.push(8.0 * eigen.eigenvalues[source] / least);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_document::{CsvTable, Document, FileKind, InputError, Section, Value, read_text};
+use volcomp_document::{CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 
@@ -13,6 +13,9 @@ use crate::{
     timeline::set_times,
     unknown_file::{decode_penalty, decode_unknown},
 };
+
+/// Gives the text of a file.
+pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
 
 /// The highest order of a drift.
 const MOST_DRIFT: usize = 12;
@@ -52,14 +55,32 @@ impl Observations {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, IdentifyError> {
+        let document = Document::read(path)?;
+        Self::decode(&document, path, &read_text)
+    }
+
+    /// Decodes the text of a file of observations at `path`; `read` gives the text of every file that it names.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn parse(text: &str, path: &Path, read: &ReadFile<'_>) -> Result<Self, IdentifyError> {
+        let document = Document::new(&path.display().to_string(), text);
+        Self::decode(&document, path, read)
+    }
+
+    fn decode(document: &Document, path: &Path, read: &ReadFile<'_>) -> Result<Self, IdentifyError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        let mut found = Document::read(path)?.decode(|root| decode(&root, folder))?;
+        let mut found = document.decode(|root| decode(&root, folder, read))?;
         found.files.insert(0, path.to_owned());
         Ok(found)
     }
 }
 
-fn decode(root: &Section<'_>, folder: &Path) -> Result<Observations, IdentifyError> {
+fn decode(
+    root: &Section<'_>,
+    folder: &Path,
+    read: &ReadFile<'_>,
+) -> Result<Observations, IdentifyError> {
     root.allow_in(
         FileKind::Observations,
         &[
@@ -72,7 +93,10 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Observations, IdentifyErr
         ],
     )?;
     let machine_file = folder.join(root.require("machine")?.text()?);
-    let machine = Machine::read(&machine_file)?;
+    let machine = Machine::parse(
+        &read(&machine_file)?,
+        &machine_file.display().to_string(),
+    )?;
     let penalised = decode_penalty(root, false)?;
     let unknown = decode_unknown(&root.require("unknown")?, &machine, penalised)?;
     let mut reading = Reading::default();
@@ -88,7 +112,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Observations, IdentifyErr
     order.sort_unstable();
     for (judge, place) in order {
         let (observation, file) =
-            decode_observation(&sections[place], folder, &machine, judge, &mut reading)?;
+            decode_observation(&sections[place], (folder, read), &machine, judge, &mut reading)?;
         files.push(file);
         observations.push(observation);
     }
@@ -107,7 +131,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Observations, IdentifyErr
 
 fn decode_observation(
     section: &Section<'_>,
-    folder: &Path,
+    (folder, read): (&Path, &ReadFile<'_>),
     machine: &Machine,
     judge: bool,
     reading: &mut Reading,
@@ -128,7 +152,7 @@ fn decode_observation(
     let file_value = section.require("file")?;
     let name = file_value.text()?.to_owned();
     let path = folder.join(&name);
-    let text = read_text(&path).map_err(|error| file_value.error(error.to_string()))?;
+    let text = read(&path).map_err(|error| file_value.error(error.to_string()))?;
     let table = CsvTable::parse(&path.display().to_string(), &text)?;
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
@@ -144,7 +168,7 @@ fn decode_observation(
     let row_kind = match kind {
         Kind::Points => {
             let frame = frame(section, &name, drift, reading, &mut told)?;
-            let targets = targets(section, &name, judge, reading)?;
+            let targets = targets(section, &name, drift, judge, reading)?;
             RowKind::Points { frame, targets }
         }
         Kind::Sphere => RowKind::Sphere { drift },
@@ -319,6 +343,7 @@ fn frame(
 fn targets(
     section: &Section<'_>,
     file: &str,
+    drift: usize,
     judge: bool,
     reading: &mut Reading,
 ) -> Result<Vec<(String, Option<usize>)>, InputError> {
@@ -363,7 +388,8 @@ fn targets(
             },
             value: known,
             unknown,
-            drift: 0,
+            // A target that is to be found grows with the tool, as the frame drifts.
+            drift: if unknown { drift } else { 0 },
         });
         if unknown {
             reading.targets.push((key, place));

@@ -495,6 +495,14 @@ impl System {
                             order,
                             place,
                         } if of == *frame => -frame_motion(place, &lever) * polynomials[order],
+                        Param::PointDrift {
+                            point,
+                            order,
+                            place,
+                        } if Some(point) == target => {
+                            let column: Vector3<f64> = tip.rotation.column(place).into();
+                            column * legendre(time, order)[order]
+                        }
                         Param::Point { point, place } if Some(point) == target => {
                             tip.rotation.column(place).into()
                         }

@@ -1,6 +1,7 @@
 //! Identification against closed forms, an independent program, and its own statistics.
 
 mod coverage;
+mod fuzz_corpus;
 mod lab;
 mod messages;
 mod peer;
