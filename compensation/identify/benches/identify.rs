@@ -47,7 +47,9 @@ fn sine_cosine(degrees: f64) -> [f64; 2] {
 }
 
 fn observations(penalty: &str) -> Option<Observations> {
-    let mut unknown = vec!["\"EC0Y\", \"EA0Z\", \"EB0Z\", \"EX0C\", \"EA0C\", \"EB0C\", \"EA0B\", \"EC0B\"".to_owned()];
+    let mut unknown = vec![
+        "\"EC0Y\", \"EA0Z\", \"EB0Z\", \"EX0C\", \"EA0C\", \"EB0C\", \"EA0B\", \"EC0B\"".to_owned(),
+    ];
     for axis in ["X", "Y", "Z"] {
         for component in ["EX", "EY", "EZ", "EA", "EB", "EC"] {
             unknown.push(format!("{{ error = \"{component}{axis}\", legendre = 4 }}"));
@@ -60,7 +62,11 @@ fn observations(penalty: &str) -> Option<Observations> {
     let table = rows();
     let read = |path: &Path| {
         let is_machine = path.ends_with("machine.toml");
-        Ok(if is_machine { MACHINE.to_owned() } else { table.clone() })
+        Ok(if is_machine {
+            MACHINE.to_owned()
+        } else {
+            table.clone()
+        })
     };
     Observations::parse(&keys, Path::new("observations.toml"), &read).ok()
 }
@@ -72,10 +78,16 @@ fn identification(criterion: &mut Criterion) {
             return;
         };
         let found = identify(&observations, |_, _| {});
-        let count = found.map(|found| found.parameters.len()).unwrap_or_default();
+        let count = found
+            .map(|found| found.parameters.len())
+            .unwrap_or_default();
         let name = format!("300 poses, {count} unknowns, penalty {penalty}");
         criterion.bench_function(&name, |b| {
-            b.iter(|| identify(black_box(&observations), |_, _| {}).map(|found| found.rank).ok());
+            b.iter(|| {
+                identify(black_box(&observations), |_, _| {})
+                    .map(|found| found.rank)
+                    .ok()
+            });
         });
     }
 }

@@ -23,7 +23,7 @@ pub use error::IdentifyError;
 pub use identify::{Identification, Parameter, identify};
 pub use judge::Figures;
 pub use next::Next;
-pub use read::ReadFile;
 pub use observations::{
     Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, SetUp, Stand, Unknown,
 };
+pub use read::ReadFile;

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use volcomp_document::{CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text};
+use volcomp_document::{
+    CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text,
+};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 
@@ -68,7 +70,11 @@ impl Observations {
         Self::decode(&document, path, read)
     }
 
-    fn decode(document: &Document, path: &Path, read: &ReadFile<'_>) -> Result<Self, IdentifyError> {
+    fn decode(
+        document: &Document,
+        path: &Path,
+        read: &ReadFile<'_>,
+    ) -> Result<Self, IdentifyError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut found = document.decode(|root| decode(&root, folder, read))?;
         found.files.insert(0, path.to_owned());
@@ -93,10 +99,7 @@ fn decode(
         ],
     )?;
     let machine_file = folder.join(root.require("machine")?.text()?);
-    let machine = Machine::parse(
-        &read(&machine_file)?,
-        &machine_file.display().to_string(),
-    )?;
+    let machine = Machine::parse(&read(&machine_file)?, &machine_file.display().to_string())?;
     let penalised = decode_penalty(root, false)?;
     let unknown = decode_unknown(&root.require("unknown")?, &machine, penalised)?;
     let mut reading = Reading::default();
@@ -111,8 +114,13 @@ fn decode(
     }
     order.sort_unstable();
     for (judge, place) in order {
-        let (observation, file) =
-            decode_observation(&sections[place], (folder, read), &machine, judge, &mut reading)?;
+        let (observation, file) = decode_observation(
+            &sections[place],
+            (folder, read),
+            &machine,
+            judge,
+            &mut reading,
+        )?;
         files.push(file);
         observations.push(observation);
     }
