@@ -93,7 +93,7 @@ pub fn identify(
     let mut warnings = observations.notes.clone();
     warnings.extend(outliers(observations, &rows, &residuals));
     let left_out = left_out(&system, observations, &rows, &values, |done| {
-        progress(1 + done, fits)
+        progress(1 + done, fits);
     })?;
     let parameters = parameters(&system, &fitted);
     let names =
@@ -365,7 +365,7 @@ fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
     names.truncate(SHOWN);
     let mut with = names.join(", ");
     if more > 0 {
-        with += &format!(" and {more} more");
+        with = format!("{with} and {more} more");
     }
     format!("{left} cannot be told apart from {with}: it is left {where_left}")
 }

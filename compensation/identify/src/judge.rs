@@ -41,7 +41,7 @@ fn parts(rows: &Rows, count: usize) -> Vec<usize> {
             let near = other.stand.state.q.iter().zip(&row.stand.state.q);
             near.into_iter().all(|(a, b)| (a - b).abs() < 1e-6)
         };
-        let place = poses.iter().position(|other| same(other));
+        let place = poses.iter().position(same);
         pose_of.push(place.unwrap_or(poses.len()));
         if place.is_none() {
             poses.push(row);
@@ -50,7 +50,9 @@ fn parts(rows: &Rows, count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..poses.len()).collect();
     let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
     for last in (1..order.len()).rev() {
-        order.swap(last, (random.next_u64() % (last as u64 + 1)) as usize);
+        let drawn = random.next_u64() % (last as u64 + 1);
+        // At most `last`, which is a place of the list.
+        order.swap(last, usize::try_from(drawn).unwrap_or(last));
     }
     let mut part = vec![0; poses.len()];
     for (place, pose) in order.into_iter().enumerate() {

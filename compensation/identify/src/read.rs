@@ -137,6 +137,7 @@ fn decode(
     })
 }
 
+#[expect(clippy::too_many_lines, reason = "one arm for each kind")]
 fn decode_observation(
     section: &Section<'_>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -259,10 +260,10 @@ fn decode_observation(
 }
 
 /// A value, or the name of what is to be found; "known" stands for the default.
-fn stated<T>(
-    value: Option<Value<'_>>,
+fn stated<'v, T>(
+    value: Option<Value<'v>>,
     default: T,
-    decode: impl Fn(&Value<'_>) -> Result<T, InputError>,
+    decode: impl Fn(&Value<'v>) -> Result<T, InputError>,
 ) -> Result<Stated<T>, InputError> {
     match value {
         None => Ok(Stated::Known(default)),
@@ -308,7 +309,7 @@ fn frame(
     let value = section.get("frame");
     let stated = match value {
         None => Stated::Unknown("unknown".to_owned()),
-        Some(_) => stated(value, [0.0; 6], |value| value.vector::<6>())?,
+        Some(_) => stated(value, [0.0; 6], Value::vector::<6>)?,
     };
     let named = match &stated {
         Stated::Known(_) => None,
@@ -359,7 +360,7 @@ fn targets(
         return Ok(Vec::new());
     };
     let one = |tool: &str, value: &Value<'_>, reading: &mut Reading| {
-        let stated = stated(Some(value.clone()), [0.0; 3], |value| value.vector::<3>())?;
+        let stated = stated(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
         let (known, unknown) = match stated {
             Stated::Known(offset) => (Some(offset), false),
             Stated::Unknown(_) => (None, true),
@@ -421,7 +422,7 @@ fn point(
     told: &mut Told,
 ) -> Result<usize, InputError> {
     let value = section.require("point")?;
-    let stated = stated(Some(value), [0.0; 3], |value| value.vector::<3>())?;
+    let stated = stated(Some(value), [0.0; 3], Value::vector::<3>)?;
     if let (Stated::Unknown(name), true) = (&stated, told.judge) {
         let others = reading.told.iter().filter(|other| other.kind == told.kind);
         let places = others.filter_map(|o| o.point.as_ref().filter(|(n, _)| n == name));
@@ -457,7 +458,7 @@ fn number(
     reading: &mut Reading,
     told: &mut Told,
 ) -> Result<usize, InputError> {
-    let stated = stated(section.get(key), 0.0, |value| value.number())?;
+    let stated = stated(section.get(key), 0.0, Value::number)?;
     if let (Stated::Unknown(name), true) = (&stated, told.judge) {
         let others = reading.told.iter().filter(|other| other.kind == told.kind);
         let places = others.flat_map(|o| &o.numbers);

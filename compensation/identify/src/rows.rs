@@ -50,7 +50,7 @@ struct Columns<'t> {
     used: Vec<String>,
 }
 
-impl<'t> Columns<'t> {
+impl Columns<'_> {
     fn get(&mut self, name: &str) -> Result<Option<Column>, InputError> {
         self.used.push(name.to_owned());
         let mut named = self.table.columns().filter(|(_, found)| *found == name);
@@ -74,6 +74,7 @@ impl<'t> Columns<'t> {
 }
 
 /// Reads every row.
+#[expect(clippy::too_many_lines, reason = "one column after the other")]
 pub(crate) fn read_rows(
     table: &CsvTable,
     kind: &RowKind,

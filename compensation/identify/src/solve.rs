@@ -90,10 +90,7 @@ pub(crate) fn solve(
         let before = cost(&equations, robust);
         let mut share = 1.0;
         loop {
-            let tried = system.moved(
-                &values,
-                &spread(&step.step, kept, system.params.len(), share),
-            );
+            let tried = system.moved(&values, &spread(&step.by, kept, system.params.len(), share));
             let there = system.equations(rows, &tried, false);
             // A step of the size of rounding is neither better nor worse.
             if cost(&there, robust) <= before * (1.0 + 1e-9) + 1e-20 || share < 1e-3 || penalised {
@@ -153,7 +150,7 @@ fn cost(equations: &Equations, robust: bool) -> f64 {
 
 /// One step of Gauss–Newton and what belongs to it.
 struct Step {
-    step: DVector<f64>,
+    by: DVector<f64>,
     covariance: DMatrix<f64>,
     /// The weighted sum of squares before the step.
     square: f64,
@@ -218,7 +215,7 @@ impl Step {
             covariance.column_mut(place).scale_mut(*factor);
         }
         Ok(Self {
-            step: step.component_mul(&scale),
+            by: step.component_mul(&scale),
             covariance,
             square,
             degrees,
@@ -228,7 +225,7 @@ impl Step {
     /// The largest step in standard uncertainties.
     fn largest(&self) -> f64 {
         let variances = self.covariance.diagonal();
-        let steps = self.step.iter().zip(&variances);
+        let steps = self.by.iter().zip(&variances);
         let sizes = steps.map(|(step, variance)| {
             if *variance > 0.0 {
                 step.abs() / variance.sqrt()

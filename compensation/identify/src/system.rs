@@ -16,6 +16,9 @@ use crate::{
     observations::{Observations, Row, Seen, Stand},
 };
 
+/// Takes the Jacobian, a column, and how one unit of its parameter moves the tip.
+type Put<'p> = &'p mut dyn FnMut(&mut DMatrix<f64>, usize, Vector3<f64>);
+
 /// What one parameter is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Param {
@@ -416,6 +419,7 @@ impl System {
         tip
     }
 
+    #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     fn row(
         &self,
         row: &PreparedRow,
@@ -439,22 +443,19 @@ impl System {
         let offset = target.map_or_else(Vector3::zeros, |place| point_at(values, place, time));
         let tip = self.tip_at(&row.stand, values, &offset, design);
         // How one unit of each coefficient moves the tip.
-        let mut by_coefficient =
-            |stand: &PreparedStand,
-             tip: &Tip,
-             put: &mut dyn FnMut(&mut DMatrix<f64>, usize, Vector3<f64>)| {
-                for &(axis, component, coefficient, value) in &stand.terms {
-                    let moved = tip.by_motion[axis][component] * value;
-                    put(jacobian, setup + coefficient, moved);
-                }
-                for &(axis, component, coefficient) in &self.locations {
-                    put(
-                        jacobian,
-                        setup + coefficient,
-                        tip.by_location[axis][component],
-                    );
-                }
-            };
+        let mut by_coefficient = |stand: &PreparedStand, tip: &Tip, put: Put<'_>| {
+            for &(axis, component, coefficient, value) in &stand.terms {
+                let moved = tip.by_motion[axis][component] * value;
+                put(jacobian, setup + coefficient, moved);
+            }
+            for &(axis, component, coefficient) in &self.locations {
+                put(
+                    jacobian,
+                    setup + coefficient,
+                    tip.by_location[axis][component],
+                );
+            }
+        };
         match &row.row.seen {
             Seen::Point { frame, at_mm, .. } => {
                 let place = &values.frames[*frame];

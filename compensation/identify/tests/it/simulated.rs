@@ -24,7 +24,7 @@ tip = [0.0, 0.0, 100.0]
 ";
 
 /// Rows of a tracker whose frame lies elsewhere, with a target beside the tip.
-fn tracker(truth: &Machine, poses: usize, noise_um: f64, reversal: bool) -> String {
+fn tracker(truth: &Machine, poses: usize, noise_um: f64) -> String {
     let mut noise = Noise::new(11);
     let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
     for _ in 0..poses {
@@ -35,7 +35,6 @@ fn tracker(truth: &Machine, poses: usize, noise_um: f64, reversal: bool) -> Stri
             (C, noise.between(-360.0, 360.0)),
             (B, noise.between(-100.0, 100.0)),
         ];
-        let _ = reversal;
         let seen = tip(truth, &at, [3.0, -2.0, 5.0]);
         let [x, y, z] = [seen.x, seen.y, seen.z].map(|x| x + noise.normal(noise_um * 1e-3));
         let numbers: Vec<String> = at.iter().map(|(_, q)| format!("{q:?}")).collect();
@@ -60,7 +59,7 @@ ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n";
     let truth =
         Machine::parse(&format!("{MACHINE}[errors]\n{errors}"), "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
-    lab.write("t.csv", &tracker(&truth, 60, 0.0, false));
+    lab.write("t.csv", &tracker(&truth, 60, 0.0));
     let found = lab
         .identify(
             "folds = 5
@@ -89,7 +88,7 @@ target = \"unknown\"
 fn what_cannot_be_told_apart_is_named_and_left_at_zero() {
     let truth = Machine::parse(MACHINE, "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
-    lab.write("t.csv", &tracker(&truth, 30, 1.0, false));
+    lab.write("t.csv", &tracker(&truth, 30, 1.0));
     let found = lab
         .identify(
             "folds = 0
@@ -147,7 +146,11 @@ fn a_reversal_value_is_found_from_the_order_of_the_rows() {
         let index = truth.index_of(X).expect("X");
         state.approach[index] = before.and_then(|b| volcomp_vocabulary::Direction::of(x - b));
         before = Some(x);
-        let error = truth.error_at(&state, volcomp_kinematics::Form::Exact, &Default::default());
+        let error = truth.error_at(
+            &state,
+            volcomp_kinematics::Form::Exact,
+            &volcomp_model::Temperatures::default(),
+        );
         let _ = writeln!(text, "{x:?},{:?}", error.position_mm.x * 1e3);
     }
     lab.write("l.csv", &text);
@@ -237,7 +240,6 @@ dead_length = \"unknown\"
         "{ours} {expected} {:#?}",
         found.parameters
     );
-    let _ = (Z, C, B);
 }
 
 #[test]
@@ -245,7 +247,7 @@ fn a_judged_file_uses_the_set_up_of_the_fitted_one() {
     let truth =
         Machine::parse(&format!("{MACHINE}[errors]\nEC0Y = 30.0\n"), "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
-    let rows = tracker(&truth, 40, 0.0, false);
+    let rows = tracker(&truth, 40, 0.0);
     let lines: Vec<&str> = rows.lines().collect();
     lab.write("fit.csv", &lines[..31].join("\n"));
     lab.write(
