@@ -66,6 +66,11 @@ Examples:
   volcomp calibrate calibration.toml -o machine-new.toml
   volcomp --json calibrate calibration.toml -o machine-new.toml";
 
+pub(crate) const IDENTIFY: &str = "\
+Examples:
+  volcomp identify identification/observations.toml -o found.toml
+  volcomp --json identify identification/observations.toml -o found.toml";
+
 pub(crate) const SIMULATE: &str = "\
 Examples:
   volcomp simulate shop.toml -o lasers

@@ -6,6 +6,7 @@ use anstyle::{AnsiColor, Style};
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use volcomp_calibrate::CalibrateError;
 use volcomp_document::{InputError, ReadError};
+use volcomp_identify::IdentifyError;
 use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
 
@@ -197,6 +198,17 @@ impl From<CalibrateError> for Failure {
             CalibrateError::Machine(error) => error.into(),
             CalibrateError::Read(error) => error.into(),
             CalibrateError::Measurement(error) => error.into(),
+            other => Self::input(other),
+        }
+    }
+}
+
+impl From<IdentifyError> for Failure {
+    fn from(error: IdentifyError) -> Self {
+        match error {
+            IdentifyError::Input(place) => place.into(),
+            IdentifyError::Machine(error) => error.into(),
+            IdentifyError::Read(error) => error.into(),
             other => Self::input(other),
         }
     }

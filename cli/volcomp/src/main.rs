@@ -79,6 +79,8 @@ enum Command {
     Iso230(commands::iso230::Arguments),
     #[command(after_help = examples::CALIBRATE)]
     Calibrate(commands::calibrate::Arguments),
+    #[command(after_help = examples::IDENTIFY)]
+    Identify(commands::identify::Arguments),
     #[command(after_help = examples::SIMULATE)]
     Simulate(commands::simulate::Arguments),
     #[command(after_help = examples::DEMO)]
@@ -124,6 +126,7 @@ fn main() -> ExitCode {
         Command::FitThermal(a) => commands::fit_thermal::run(a),
         Command::Iso230(a) => commands::iso230::run(a),
         Command::Calibrate(a) => commands::calibrate::run(a),
+        Command::Identify(a) => commands::identify::run(a),
         Command::Simulate(a) => commands::simulate::run(a),
         Command::Demo(a) => commands::demo::run(a),
         Command::Inspect(a) => commands::inspect::run(a),

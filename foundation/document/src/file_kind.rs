@@ -9,6 +9,8 @@ pub enum FileKind {
     Machine,
     /// The measurement files of a machine, and how each was taken.
     Calibration,
+    /// Volumetric observations, and what is to be found from them.
+    Observations,
     /// A virtual shop: a machine and the instruments that measure it.
     Shop,
     /// The configuration of the gateway.
@@ -18,9 +20,10 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    const ALL: [Self; 5] = [
+    const ALL: [Self; 6] = [
         Self::Machine,
         Self::Calibration,
+        Self::Observations,
         Self::Shop,
         Self::Gateway,
         Self::Profile,
@@ -31,6 +34,7 @@ impl FileKind {
         match self {
             Self::Machine => "a machine file",
             Self::Calibration => "a calibration file",
+            Self::Observations => "a file of observations",
             Self::Shop => "a shop file",
             Self::Gateway => "a configuration of the gateway",
             Self::Profile => "a profile of a Modbus module",
@@ -42,6 +46,7 @@ impl FileKind {
         match self {
             Self::Machine => &["structure", "type", "axes", "errors", "assembly", "thermal"],
             Self::Calibration => &["reference", "reference_axes", "uncertainty"],
+            Self::Observations => &["unknown", "observation", "folds"],
             Self::Shop => &["instrument", "seed", "format"],
             Self::Gateway => &["controller", "thermometer", "guard", "cycle_ms", "audit"],
             Self::Profile => &["channels", "digital", "baud"],

@@ -8,6 +8,7 @@ pub(crate) mod diagonals;
 pub(crate) mod failure;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
+pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
@@ -42,6 +43,7 @@ pub(crate) const ALL: &[Named] = &[
     ("fit", schema::<fit::Fit>),
     ("fit-thermal", schema::<fit_thermal::FitThermal>),
     ("calibrate", schema::<calibrate::Calibrate>),
+    ("identify", schema::<identify::Identify>),
     ("iso230", schema::<iso230::Iso230>),
     ("inspect", schema::<inspect::Inspect>),
     ("simulate", schema::<simulate::Simulate>),

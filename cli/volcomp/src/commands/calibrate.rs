@@ -1,12 +1,12 @@
 //! `volcomp calibrate`: from measurement files to a machine file.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_vocabulary::{Um, Urad};
 
-use super::{Answer, fixed, table, table_text};
+use super::{Answer, fixed, refuse_overwriting, table, table_text};
 use crate::{
     answers::calibrate::Calibrate as Document, failure::Failure, output::OutputFile, progress,
 };
@@ -23,29 +23,13 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let file = CalibrationFile::read(&arguments.calibration)?;
-    refuse_overwriting(&file, &arguments.output)?;
+    refuse_overwriting(&file.files, &arguments.output, "calibration")?;
     let mut output = OutputFile::open(&arguments.output)?;
     let calibration = fit(&file)?;
     output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &calibration);
     Answer::new(&document, text(&document), calibration.warnings)
-}
-
-/// The output must not take the place of what it is made from: a second run would start from its own result.
-fn refuse_overwriting(file: &CalibrationFile, output: &Path) -> Result<(), Failure> {
-    let Ok(there) = output.canonicalize() else {
-        return Ok(()); // it does not exist yet
-    };
-    let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
-    match file.files.iter().find(same) {
-        Some(path) => Err(Failure::Input(format!(
-            "--output {}: is {}, which this calibration reads; expected another file",
-            output.display(),
-            path.display()
-        ))),
-        None => Ok(()),
-    }
 }
 
 /// Calibrates with a progress bar.

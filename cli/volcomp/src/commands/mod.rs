@@ -14,6 +14,7 @@ pub(crate) mod expression;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
 pub(crate) mod generate;
+pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
@@ -22,7 +23,7 @@ pub(crate) mod probe;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::Value;
@@ -64,6 +65,22 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     let mut file = OutputFile::open(path)?;
     file.append(text.as_bytes())?;
     file.finish()
+}
+
+/// The output must not take the place of what it is made from: a second run would start from its own result.
+fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<(), Failure> {
+    let Ok(there) = output.canonicalize() else {
+        return Ok(()); // it does not exist yet
+    };
+    let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
+    match files.iter().find(same) {
+        Some(path) => Err(Failure::Input(format!(
+            "--output {}: is {}, which this {what} reads; expected another file",
+            output.display(),
+            path.display()
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Converts a vector from mm to µm.

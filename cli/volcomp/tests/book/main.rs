@@ -4,6 +4,7 @@
 use std::{collections::BTreeSet, fs, path::Path};
 
 use volcomp_calibrate::CalibrationFile;
+use volcomp_identify::Observations;
 use volcomp_model::Machine;
 use volcomp_shop::Shop;
 use volcomp_test_support::{
@@ -31,13 +32,15 @@ travel = [0.0, 360.0]
 "#;
 
 /// What every block marked `toml` must begin with.
-const KINDS: [&str; 8] = [
+const KINDS: [&str; 10] = [
     "machine file",
     "part of a machine file",
     "calibration file",
     "part of a calibration file",
     "shop file",
     "part of a shop file",
+    "observations file",
+    "part of an observations file",
     // Read in the tests of volcomp-gateway.
     "gateway file",
     "part of a gateway file",
@@ -49,13 +52,14 @@ fn machine(text: &str) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// Reads a text as if it stood in `examples/calibration`.
+/// Reads a text as if it stood in a folder of `examples`.
 fn beside_the_examples<T, E: ToString>(
+    examples: &str,
     text: &str,
     read: impl Fn(&Path) -> Result<T, E>,
 ) -> Result<(), String> {
     let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
-    for entry in fs::read_dir(root().join("examples/calibration")).map_err(|e| e.to_string())? {
+    for entry in fs::read_dir(root().join("examples").join(examples)).map_err(|e| e.to_string())? {
         let entry = entry.map_err(|e| e.to_string())?;
         fs::copy(entry.path(), folder.path().join(entry.file_name())).map_err(|e| e.to_string())?;
     }
@@ -69,8 +73,9 @@ type Decode = fn(&str) -> Result<(), String>;
 
 /// The text of a block made whole, and its decoder; `None` where another test reads it.
 fn decoder(block: &Block) -> Option<(String, Decode)> {
-    let calibration = |text: &str| beside_the_examples(text, CalibrationFile::read);
-    let shop = |text: &str| beside_the_examples(text, Shop::read);
+    let calibration = |text: &str| beside_the_examples("calibration", text, CalibrationFile::read);
+    let shop = |text: &str| beside_the_examples("calibration", text, Shop::read);
+    let observations = |text: &str| beside_the_examples("identification", text, Observations::read);
     let text = &block.text;
     Some(if block.is("machine file") {
         (text.clone(), machine)
@@ -80,6 +85,10 @@ fn decoder(block: &Block) -> Option<(String, Decode)> {
         (text.clone(), calibration)
     } else if block.is("part of a calibration file") {
         (joined("machine = \"machine.toml\"", text), calibration)
+    } else if block.is("observations file") {
+        (text.clone(), observations)
+    } else if block.is("part of an observations file") {
+        (joined("machine = \"machine.toml\"", text), observations)
     } else if block.is("shop file") {
         (text.clone(), shop)
     } else if block.is("part of a shop file") {
@@ -141,6 +150,11 @@ fn keys_of_the_machine_file() {
 #[test]
 fn keys_of_the_calibration_file() {
     keys_of("calibration-file.md", &[]);
+}
+
+#[test]
+fn keys_of_the_file_of_observations() {
+    keys_of("observations-file.md", &["observation.target"]);
 }
 
 #[test]

@@ -39,6 +39,13 @@ fn scratch() -> tempfile::TempDir {
             fs::copy(&path, folder.path().join(name)).expect("copied");
         }
     }
+    let identification = folder.path().join("identification");
+    fs::create_dir(&identification).expect("made");
+    for entry in fs::read_dir(root().join("examples/identification")).expect("the examples") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_name().expect("a name");
+        fs::copy(&path, identification.join(name)).expect("copied");
+    }
     let points = "N,X,Y,Z\n10,100,200,0\n20,8000,4000,2500\n";
     fs::write(folder.path().join("points.csv"), points).expect("written");
     let spindle = root().join("fitting/fit/tests/data/spindle-2min.csv");

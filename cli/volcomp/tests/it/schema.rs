@@ -108,6 +108,12 @@ fn live_documents_follow_their_schemas() {
         &["inspect", &fit],
         &["inspect", POSITIONING],
         &["calibrate", &calibration, "-o", &found],
+        &[
+            "identify",
+            "examples/identification/observations.toml",
+            "-o",
+            &found,
+        ],
         &["simulate", "cli/volcomp/demo/shop.toml", "-o", &lasers],
         &["demo"],
         &["fit-thermal", SPINDLE, "--displacement", "ch1_um"],

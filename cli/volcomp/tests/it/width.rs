@@ -115,6 +115,12 @@ fn every_measurement_in_every_command() {
         &path("n.toml"),
     ]);
     fits(&[
+        "identify",
+        "examples/identification/observations.toml",
+        "-o",
+        &path("o.toml"),
+    ]);
+    fits(&[
         "simulate",
         "examples/calibration/shop.toml",
         "-o",

@@ -51,6 +51,7 @@ fn a_file_of_another_kind_is_named() {
             "found a machine file (it has the key `structure`), expected a calibration file",
         ),
         ("simulate", FIRST, "expected a shop file"),
+        ("identify", FIRST, "expected a file of observations"),
         (
             "calibrate",
             "examples/calibration/shop.toml",

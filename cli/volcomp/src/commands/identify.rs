@@ -1,0 +1,135 @@
+//! `volcomp identify`: from volumetric observations to a machine file.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use volcomp_identify::{Identification, Observations, identify};
+use volcomp_vocabulary::{Um, Urad};
+
+use super::{Answer, fixed, refuse_overwriting, table, table_text};
+use crate::{
+    answers::identify::{Identify as Document, Parameter},
+    failure::Failure,
+    output::OutputFile,
+    progress,
+};
+
+/// Finds errors from trackers, spheres, ballbars and diagonals
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The file of observations (TOML), which names the machine file and the row files
+    observations: PathBuf,
+    /// Machine file to write
+    #[arg(long, short)]
+    output: PathBuf,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let observations = Observations::read(&arguments.observations)?;
+    refuse_overwriting(&observations.files, &arguments.output, "identification")?;
+    let mut output = OutputFile::open(&arguments.output)?;
+    let found = find(&observations)?;
+    output.append(found.machine.to_toml().as_bytes())?;
+    output.finish()?;
+    let document = Document::new(arguments.output.display().to_string(), &found);
+    let text = text(&document, &arguments.output);
+    Answer::new(&document, text, found.warnings)
+}
+
+/// Identifies with a progress bar.
+fn find(observations: &Observations) -> Result<Identification, Failure> {
+    let bar = progress::bar(0, "fits");
+    let found = identify(observations, |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    Ok(found)
+}
+
+fn text(document: &Document, output: &Path) -> String {
+    let mut found = table(&["unknown", "value", "uncertainty", ""]);
+    for parameter in &document.parameters {
+        found.add_row([
+            parameter.name.clone(),
+            shown(parameter, parameter.value),
+            match parameter.uncertainty {
+                Some(uncertainty) => shown(parameter, uncertainty),
+                None => "not found".to_owned(),
+            },
+            symbol(parameter.unit).to_owned(),
+        ]);
+    }
+    let mut text = table_text(&found);
+    let mut figures = table(&["what is left, µm", "rms", "max", ""]);
+    let mut add = |what: &str, rms: f64, max: f64, of: String| {
+        figures.add_row([what.to_owned(), fixed(rms, 2), fixed(max, 2), of]);
+    };
+    let residual = &document.residual_um;
+    add("fitted rows", residual.rms, residual.max, String::new());
+    if let Some(left) = &document.left_out_um {
+        add(
+            "rows left out",
+            left.rms,
+            left.max,
+            format!("in {} parts", left.folds),
+        );
+    }
+    if let Some(judged) = &document.judged_um {
+        add(
+            "judged rows",
+            judged.rms,
+            judged.max,
+            format!("{} rows", judged.rows),
+        );
+    }
+    text.push('\n');
+    text += &table_text(&figures);
+    // Writing to a string never fails.
+    let _ = writeln!(
+        text,
+        "\nrank {} of {}, score {:.1e}",
+        document.rank,
+        document.parameters.len(),
+        document.score
+    );
+    if let Some(next) = &document.next {
+        let pose: Vec<String> = next
+            .pose
+            .0
+            .iter()
+            .map(|(axis, at)| format!("{axis}={at}"))
+            .collect();
+        let _ = writeln!(
+            text,
+            "measure next: {}\n  ({} becomes {:.1} % more certain)",
+            pose.join(","),
+            next.parameter,
+            100.0 * (next.improvement - 1.0)
+        );
+    }
+    let _ = writeln!(text, "wrote {}", output.display());
+    text += "\nUncertainty: standard (k = 1). Rows left out: predicted from the others, pose by\n\
+             pose. Score: 1 is best; near 0 some unknowns can hardly be told apart.\n";
+    text
+}
+
+/// Angles in degrees and lengths in mm have more digits than µm and µrad.
+fn shown(parameter: &Parameter, number: f64) -> String {
+    let digits = match parameter.unit {
+        "mm" => 4,
+        "deg" => 6,
+        _ => 2,
+    };
+    fixed(number, digits)
+}
+
+/// The unit of a key as people read it.
+fn symbol(unit: &str) -> &str {
+    match unit {
+        "um" => Um::SYMBOL,
+        "urad" => Urad::SYMBOL,
+        "um_per_m" => "µm/m",
+        other => other,
+    }
+}

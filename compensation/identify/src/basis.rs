@@ -1,0 +1,277 @@
+//! Curves as sums of modes: a constant, a line, and modes of rising curvature whose size a penalty may hold down.
+
+use volcomp_curve::{BSpline, Chebyshev, Curve, CurveError, Fourier};
+use volcomp_kinematics::nalgebra::DMatrix;
+
+/// Degree of the B-splines.
+const DEGREE: usize = 3;
+
+/// The kind of curve that an error is to have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Basis {
+    /// One number.
+    Constant,
+    /// Legendre polynomials up to this order over the range of the observations.
+    Legendre {
+        /// The highest order.
+        order: usize,
+    },
+    /// A cubic B-spline with so many coefficients on uniform knots over the range of the observations.
+    BSpline {
+        /// The number of coefficients, 4 or more.
+        coefficients: usize,
+    },
+    /// A Fourier series of period 360° with so many harmonics.
+    Fourier {
+        /// The number of harmonics.
+        harmonics: usize,
+    },
+}
+
+/// The modes of one curve: value(q) = Σ c_m φ_m(q), q in mm or deg.
+#[derive(Clone, Debug)]
+pub(crate) struct Modes {
+    basis: Basis,
+    domain: [f64; 2],
+    /// For a B-spline: the knots, and the spline's coefficients of each mode, a column each.
+    knots: Vec<f64>,
+    columns: DMatrix<f64>,
+    weights: Vec<f64>,
+}
+
+impl Modes {
+    /// The modes of a basis over the range of the observations.
+    pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Self {
+        let mut modes = Self {
+            basis,
+            domain,
+            knots: Vec::new(),
+            columns: DMatrix::zeros(0, 0),
+            weights: vec![0.0],
+        };
+        match basis {
+            Basis::Constant => {}
+            // Between the power of a curve whose slope is limited (2) and that of one whose bending is (4).
+            Basis::Legendre { order } => {
+                let weights = (1..=order).map(|k| (k as f64).powi(3));
+                modes.weights.extend(weights);
+            }
+            Basis::Fourier { harmonics } => {
+                for k in 1..=harmonics {
+                    modes.weights.extend([(k as f64).powi(3); 2]);
+                }
+            }
+            Basis::BSpline { coefficients } => modes.spline(coefficients.max(DEGREE + 1)),
+        }
+        modes
+    }
+
+    /// The space of the spline in the eigenvectors of its second-difference penalty: constant, line, and the rest by
+    /// rising penalty.
+    fn spline(&mut self, count: usize) {
+        let [lower, upper] = self.domain;
+        let segments = count - DEGREE;
+        let step = (upper - lower) / segments as f64;
+        let knot = |i: usize| match i {
+            // The ends of the domain are those of the observations to the last digit.
+            _ if i == DEGREE => lower,
+            _ if i == DEGREE + segments => upper,
+            _ => lower + (i as f64 - DEGREE as f64) * step,
+        };
+        self.knots = (0..=segments + 2 * DEGREE).map(knot).collect();
+        let mut differences = DMatrix::<f64>::zeros(count - 2, count);
+        for row in 0..count - 2 {
+            differences[(row, row)] = 1.0;
+            differences[(row, row + 1)] = -2.0;
+            differences[(row, row + 2)] = 1.0;
+        }
+        let eigen = (differences.transpose() * &differences).symmetric_eigen();
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+        self.columns = DMatrix::zeros(count, count);
+        for row in 0..count {
+            self.columns[(row, 0)] = 1.0;
+            // Coefficients on a line are the line itself, 1 at the upper end of the domain.
+            let place = row as f64 - 0.5 * (count - 1) as f64;
+            self.columns[(row, 1)] = 2.0 * place / segments as f64;
+        }
+        let least = eigen.eigenvalues[order[2]];
+        self.weights = vec![0.0, 1.0];
+        let size = (count as f64).sqrt();
+        for (mode, &source) in order.iter().enumerate().skip(2) {
+            let column = eigen.eigenvectors.column(source) * size;
+            self.columns.set_column(mode, &column);
+            // Against the slope's weight of 1 that of order 2.
+            self.weights.push(8.0 * eigen.eigenvalues[source] / least);
+        }
+    }
+
+    /// How many modes there are.
+    pub(crate) fn len(&self) -> usize {
+        self.weights.len()
+    }
+
+    /// The weight of each mode in the penalty; 0 for the constant.
+    pub(crate) fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// The names of the modes, as they stand behind the name of the error.
+    pub(crate) fn label(&self, mode: usize) -> String {
+        match (self.basis, mode) {
+            (_, 0) => "constant".to_owned(),
+            (Basis::Constant | Basis::Legendre { .. }, _) => format!("legendre {mode}"),
+            (Basis::BSpline { .. }, 1) => "slope".to_owned(),
+            (Basis::BSpline { .. }, _) => format!("bspline {mode}"),
+            (Basis::Fourier { .. }, _) if mode % 2 == 1 => format!("cos {}", mode.div_ceil(2)),
+            (Basis::Fourier { .. }, _) => format!("sin {}", mode / 2),
+        }
+    }
+
+    /// The order of a mode: what is kept first where modes of several curves cannot be told apart.
+    pub(crate) fn order(&self, mode: usize) -> usize {
+        match self.basis {
+            Basis::Fourier { .. } => mode.div_ceil(2),
+            _ => mode,
+        }
+    }
+
+    /// The value of every mode at a coordinate, mm or deg; outside the range those of its end.
+    pub(crate) fn values(&self, at: f64) -> Vec<f64> {
+        let [lower, upper] = self.domain;
+        let held = at.clamp(lower, upper);
+        match self.basis {
+            Basis::Constant => vec![1.0],
+            Basis::Legendre { order } => {
+                legendre((2.0 * held - lower - upper) / (upper - lower), order)
+            }
+            Basis::Fourier { harmonics } => {
+                let mut values = vec![1.0];
+                for k in 1..=harmonics {
+                    let (sin, cos) = (k as f64 * at.to_radians()).sin_cos();
+                    values.extend([cos, sin]);
+                }
+                values
+            }
+            Basis::BSpline { .. } => {
+                let value = |column: Vec<f64>| {
+                    BSpline::new(self.knots.clone(), column, DEGREE).map_or(0.0, |s| s.value(held))
+                };
+                let columns = self.columns.column_iter();
+                columns
+                    .map(|c| value(c.iter().copied().collect()))
+                    .collect()
+            }
+        }
+    }
+
+    /// The curve of these coefficients, as a machine file has it; `travel` is the axis's, mm or deg.
+    pub(crate) fn curve(
+        &self,
+        coefficients: &[f64],
+        travel: [f64; 2],
+    ) -> Result<Curve, CurveError> {
+        let first = coefficients.first().copied().unwrap_or_default();
+        Ok(match self.basis {
+            Basis::Constant => Curve::constant(first)?,
+            Basis::Legendre { order } => {
+                let value = |t: f64| {
+                    let values = legendre(t, order);
+                    values.iter().zip(coefficients).map(|(p, c)| p * c).sum()
+                };
+                Chebyshev::new(chebyshev_of(value, order), self.domain)?.into()
+            }
+            Basis::Fourier { .. } => Fourier::new(coefficients.to_vec(), 360.0, travel)?.into(),
+            Basis::BSpline { .. } => {
+                let mut found = vec![0.0; self.columns.nrows()];
+                for (column, c) in self.columns.column_iter().zip(coefficients) {
+                    for (sum, part) in found.iter_mut().zip(&column) {
+                        *sum += c * part;
+                    }
+                }
+                BSpline::new(self.knots.clone(), found, DEGREE)?.into()
+            }
+        })
+    }
+}
+
+/// P_0 to P_order at t.
+pub(crate) fn legendre(t: f64, order: usize) -> Vec<f64> {
+    let mut values = vec![1.0];
+    let (mut before, mut now) = (1.0, t);
+    for k in 1..=order {
+        values.push(now);
+        let n = k as f64;
+        (before, now) = (now, ((2.0 * n + 1.0) * t * now - n * before) / (n + 1.0));
+    }
+    values
+}
+
+/// The Chebyshev coefficients of a polynomial of this order on [−1, 1], from its values at the Chebyshev nodes.
+fn chebyshev_of(value: impl Fn(f64) -> f64, order: usize) -> Vec<f64> {
+    let count = order + 1;
+    let angle = |node: usize| core::f64::consts::PI * (node as f64 + 0.5) / count as f64;
+    let values: Vec<f64> = (0..count).map(|node| value(angle(node).cos())).collect();
+    let coefficient = |k: usize| {
+        let terms = values.iter().enumerate();
+        let sum: f64 = terms
+            .map(|(node, v)| v * (k as f64 * angle(node)).cos())
+            .sum();
+        sum * if k == 0 { 1.0 } else { 2.0 } / count as f64
+    };
+    (0..count).map(coefficient).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curve_of_a_machine_file_has_the_values_of_the_modes() {
+        for basis in [
+            Basis::Constant,
+            Basis::Legendre { order: 1 },
+            Basis::Legendre { order: 7 },
+            Basis::Fourier { harmonics: 3 },
+            Basis::BSpline { coefficients: 4 },
+            Basis::BSpline { coefficients: 9 },
+        ] {
+            let modes = Modes::new(basis, [-120.0, 75.0]);
+            let c: Vec<f64> = (0..modes.len()).map(|m| 3.0 - 1.7 * m as f64).collect();
+            let curve = modes.curve(&c, [-360.0, 360.0]).expect("a curve");
+            for at in [-120.0, -60.5, 0.0, 33.3, 75.0] {
+                let values = modes.values(at);
+                assert_eq!(values.len(), modes.len());
+                let expected: f64 = values.iter().zip(&c).map(|(v, c)| v * c).sum();
+                let found = curve.value(at);
+                assert!(
+                    (found - expected).abs() < 1e-10,
+                    "{basis:?} at {at}: {found} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn legendre_polynomials_are_those_of_the_book() {
+        let t: f64 = 0.3;
+        let expected = [1.0, t, 1.5 * t * t - 0.5, 2.5 * t.powi(3) - 1.5 * t];
+        for (found, expected) in legendre(t, 3).iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn constant_and_line_of_a_spline_are_not_bent() {
+        let modes = Modes::new(Basis::BSpline { coefficients: 7 }, [0.0, 10.0]);
+        for at in [0.0, 2.5, 5.0, 9.0, 10.0] {
+            let values = modes.values(at);
+            assert!((values[0] - 1.0).abs() < 1e-14);
+            assert!(
+                (values[1] - (at / 5.0 - 1.0)).abs() < 1e-13,
+                "{at}: {}",
+                values[1]
+            );
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! The ideal experiment: the same poses on a machine without errors, with readings that fit it exactly. What cannot be
+//! told apart there is told apart by the errors of the real one only in appearance.
+
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
+use volcomp_vocabulary::AxisKind;
+
+use crate::{
+    observations::{Row, Seen},
+    system::{Equations, Rows, System, Values},
+};
+
+/// Steps until the ideal tip is on the centre of a sphere; the linear axes are straight, so that two are enough.
+const STEPS: usize = 3;
+
+/// The equations of the ideal experiment.
+pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations {
+    let ideal: Vec<Row> = rows
+        .iter()
+        .map(|row| ideal_row(system, row, values))
+        .collect();
+    system.equations(&system.prepare(ideal.iter()), values, true)
+}
+
+/// A row on a sphere with the linear axes where the ideal machine would have stood.
+fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
+    let mut ideal = row.clone();
+    let Seen::Sphere { centre, .. } = row.seen else {
+        return ideal;
+    };
+    let centre = values.points[centre].0;
+    let chain = system.machine.chain();
+    for _ in 0..STEPS {
+        let state = ideal.stand.state;
+        let mut columns: Vec<(usize, Vector3<f64>)> = Vec::new();
+        let mut before = volcomp_kinematics::Pose::identity();
+        for (axis, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
+            if joint.kind == AxisKind::Linear {
+                columns.push((axis, before.rotation * joint.direction));
+            }
+            before = before * joint.motion(q);
+        }
+        let tip = before.transform_point(&ideal.stand.tip_mm) - chain.workpiece_origin_mm();
+        let miss = centre - tip;
+        let matrix = DMatrix::from_fn(3, columns.len(), |row, column| columns[column].1[row]);
+        let right = DVector::from_iterator(3, miss.iter().copied());
+        let Ok(moves) = matrix.svd(true, true).solve(&right, 1e-6) else {
+            return ideal;
+        };
+        for ((axis, _), by) in columns.iter().zip(&moves) {
+            ideal.stand.state.q[*axis] += by;
+        }
+    }
+    ideal
+}

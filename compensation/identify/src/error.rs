@@ -1,0 +1,77 @@
+//! The reasons why nothing can be identified.
+
+use volcomp_curve::CurveError;
+use volcomp_document::{InputError, ReadError};
+use volcomp_model::ModelError;
+
+/// Why observations do not make a machine.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum IdentifyError {
+    /// A file cannot be read as text.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// Something in a file is wrong.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// Something in the machine file is wrong, or the machine cannot have an error that was found.
+    #[error(transparent)]
+    Machine(#[from] ModelError),
+    /// A curve cannot be built from what was found.
+    #[error("{error}: {source}")]
+    Curve {
+        /// The error that is to be found.
+        error: volcomp_vocabulary::ErrorName,
+        /// Why the curve cannot be built.
+        source: CurveError,
+    },
+    /// There are fewer numbers than unknowns.
+    #[error(
+        "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine {rank} at the most: expected more poses, or fewer unknowns"
+    )]
+    TooFew {
+        /// How many poses there are.
+        poses: usize,
+        /// How many numbers were observed.
+        numbers: usize,
+        /// How many unknowns there are.
+        unknowns: usize,
+        /// How many of them the poses determine.
+        rank: usize,
+    },
+    /// The machine stood at the same place in all rows.
+    #[error(
+        "found {rows} rows that all stand at the same pose, expected poses that differ: one pose says nothing of the errors of an axis"
+    )]
+    AllAlike {
+        /// How many rows there are.
+        rows: usize,
+    },
+    /// No row is there to be fitted.
+    #[error(
+        "found no rows to fit, expected at least one observation with rows and without `judge = true`"
+    )]
+    NothingToFit,
+    /// The frame of a tracker is not determined.
+    #[error(
+        "{frame}: the frame cannot be found, {direction} is not determined by {rows} rows: expected at least three targets that are not on one line"
+    )]
+    Frame {
+        /// The name of the frame.
+        frame: String,
+        /// What of it is not determined.
+        direction: String,
+        /// How many rows see from it.
+        rows: usize,
+    },
+    /// The search did not come to an end.
+    #[error(
+        "the search did not converge in {steps} steps; the last step was {last} standard uncertainties: expected observations that the unknowns can explain"
+    )]
+    NotConverged {
+        /// How many steps were taken.
+        steps: usize,
+        /// The largest last step, in standard uncertainties.
+        last: f64,
+    },
+}

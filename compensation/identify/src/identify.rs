@@ -1,0 +1,382 @@
+//! From observations to a machine, in steps: set-up, rank, errors, judgement.
+
+use volcomp_curve::{ErrorCurve, Field};
+use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
+use volcomp_model::Machine;
+
+use crate::{
+    design::design,
+    error::IdentifyError,
+    judge::{Figures, figures, judged, left_out, outliers},
+    next::{Next, next},
+    observations::{Observations, Row, Seen},
+    rank::{Rank, independent},
+    solve::{Exactness, Solution, solve},
+    start::start,
+    system::{Param, Role, Rows, System, Values, micro, six_of},
+};
+
+/// What was found of one unknown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// The name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
+    pub name: String,
+    /// The value in `unit`; 0 where it is not determined.
+    pub value: f64,
+    /// `um`, `urad`, `mm`, `deg` or `um_per_m`.
+    pub unit: &'static str,
+    /// The standard uncertainty (k = 1) in `unit`; `None` where it is not determined.
+    pub uncertainty: Option<f64>,
+    /// Whether the observations determine it.
+    pub determined: bool,
+    /// The unknowns left at zero with which it is mixed up: its value holds if these are zero.
+    pub given_zero: Vec<String>,
+}
+
+/// What was found, and how far it can be trusted.
+#[derive(Clone, Debug)]
+pub struct Identification {
+    /// The machine with the errors that were found.
+    pub machine: Machine,
+    /// Every unknown: set-ups first, then the errors.
+    pub parameters: Vec<Parameter>,
+    /// The covariance of the determined parameters in their order, in the products of their units.
+    pub covariance: DMatrix<f64>,
+    /// How many combinations of the unknowns the observations determine.
+    pub rank: usize,
+    /// σ_min/σ_max of the columns scaled to unit length; 0 where the rank is not full.
+    pub score: f64,
+    /// Every combination that moves nothing: names and weights, the one that was left at zero first.
+    pub null: Vec<Vec<(String, f64)>>,
+    /// What is left of the fitted rows.
+    pub residual: Figures,
+    /// What is left of rows that were left out of the fit, and in how many parts.
+    pub left_out: Option<(Figures, usize)>,
+    /// What is left of the rows that are only predicted.
+    pub judged: Option<Figures>,
+    /// The variance of the residuals in units of the stated one.
+    pub variance: f64,
+    /// The effective number of unknowns.
+    pub degrees: f64,
+    /// The pose that would help most.
+    pub next: Option<Next>,
+    /// Messages that a person should read.
+    pub warnings: Vec<String>,
+}
+
+/// A fit to some rows.
+pub(crate) struct Fitted {
+    pub(crate) solution: Solution,
+    pub(crate) kept: Vec<usize>,
+    pub(crate) rank: Rank,
+}
+
+/// Finds the unknowns of the observations. `progress` is told how many of how many fits are done.
+///
+/// # Errors
+/// No rows, too few or all alike, a frame that cannot be found, a search that does not end.
+pub fn identify(
+    observations: &Observations,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<Identification, IdentifyError> {
+    let system = System::new(observations)?;
+    let fitted_rows = || observations.observations.iter().filter(|o| !o.judge);
+    let rows = system.prepare(fitted_rows().flat_map(|o| &o.rows));
+    check(&system, &rows)?;
+    let fits = 1 + observations.folds;
+    progress(0, fits);
+    let values = start(&system, observations, &rows)?;
+    let fitted = fit(&system, observations, &rows, values.clone())?;
+    progress(1, fits);
+    let machine = machine_of(&system, &fitted.solution.values)?;
+    let residuals = system.residuals(&rows, &fitted.solution.values);
+    let mut warnings = observations.notes.clone();
+    warnings.extend(outliers(observations, &rows, &residuals));
+    let left_out = left_out(&system, observations, &rows, &values, |done| {
+        progress(1 + done, fits);
+    })?;
+    let parameters = parameters(&system, &fitted);
+    let names =
+        |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
+    let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
+    let is_setup = |place: usize| fitted.rank.null[place][0].0 < system.setup_params();
+    let words = null.iter().enumerate();
+    warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
+    warnings.extend(contradiction(&fitted));
+    Ok(Identification {
+        covariance: covariance_in_units(&system, &fitted),
+        rank: fitted.kept.len(),
+        score: fitted.rank.singular[0] / fitted.rank.singular[1].max(f64::MIN_POSITIVE),
+        residual: figures(&residuals),
+        judged: judged(&system, observations, &fitted.solution.values),
+        left_out,
+        variance: fitted.solution.variance,
+        degrees: fitted.solution.degrees,
+        next: next(&system, observations, &rows, &fitted),
+        machine,
+        parameters,
+        null,
+        warnings,
+    })
+}
+
+/// Fits rows from a start of the set-ups.
+pub(crate) fn fit(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: Values,
+) -> Result<Fitted, IdentifyError> {
+    let design = design(system, rows, &values);
+    let rank = independent(&design.jacobian);
+    if rank.kept.len() > design.jacobian.nrows()
+        || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
+    {
+        return Err(IdentifyError::TooFew {
+            poses: rows.len(),
+            numbers: design.jacobian.nrows(),
+            unknowns: system.params.len(),
+            rank: rank.kept.len(),
+        });
+    }
+    // What is left at zero begins there.
+    let mut values = values;
+    for null in &rank.null {
+        if let Param::Coefficient { coefficient } = system.params[null[0].0] {
+            values.coefficients[coefficient] = 0.0;
+        }
+    }
+    let is_penalised = rank
+        .kept
+        .iter()
+        .any(|&column| system.group(column).is_some());
+    let solution = solve(
+        system,
+        rows,
+        values,
+        &rank.kept,
+        observations.robust,
+        is_penalised,
+        Exactness::Full,
+    )?;
+    Ok(Fitted {
+        solution,
+        kept: rank.kept.clone(),
+        rank,
+    })
+}
+
+/// Refuses rows from which nothing can be found.
+fn check(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
+    let Some(first) = rows.iter().next() else {
+        return Err(IdentifyError::NothingToFit);
+    };
+    let same = |row: &Row| {
+        let at = |row: &Row| row.stand.state.q;
+        let near = at(row)
+            .iter()
+            .zip(&at(first))
+            .all(|(a, b)| (a - b).abs() < 1e-9);
+        near && !matches!(row.seen, Seen::Pair { .. })
+    };
+    if rows.iter().all(same) && system.setup_params() < system.params.len() {
+        return Err(IdentifyError::AllAlike { rows: rows.len() });
+    }
+    Ok(())
+}
+
+/// The machine with the errors of these values.
+fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
+    let mut machine = system.machine.clone();
+    for (place, unknown) in system.unknown.iter().enumerate() {
+        let error = unknown.error;
+        let scale = micro(error.component);
+        let own = system.coefficients.iter().zip(&values.coefficients);
+        let own = own.filter(|(coefficient, _)| coefficient.curve == place);
+        let mut modes = vec![0.0; unknown.modes.as_ref().map_or(0, crate::basis::Modes::len)];
+        let mut reversal = None;
+        for (coefficient, value) in own {
+            match coefficient.role {
+                Role::Location => machine.set_location(error, value * scale)?,
+                Role::Mode(mode) => modes[mode] = value * scale,
+                Role::Reversal => reversal = Some(value * scale),
+            }
+        }
+        if unknown.error.location {
+            continue;
+        }
+        let travel = machine.axes()[unknown.axis].travel;
+        let before = machine.error(error).cloned();
+        let mean = match &unknown.modes {
+            Some(found) => {
+                let curve = found.curve(&modes, travel);
+                Field::Curve(curve.map_err(|source| IdentifyError::Curve { error, source })?)
+            }
+            None => match &before {
+                Some(ErrorCurve::Single(mean) | ErrorCurve::Reversal { mean, .. }) => mean.clone(),
+                _ => Field::Curve(volcomp_curve::Curve::Constant(0.0)),
+            },
+        };
+        // A reversal value that was not asked for stays.
+        let reversal = reversal.or(match before {
+            Some(ErrorCurve::Reversal { reversal, .. }) => Some(reversal),
+            _ => None,
+        });
+        let curve = match reversal {
+            Some(reversal) => ErrorCurve::with_reversal(mean, reversal)
+                .map_err(|source| IdentifyError::Curve { error, source })?,
+            None => ErrorCurve::Single(mean),
+        };
+        machine.set_error(error, curve)?;
+    }
+    Ok(machine)
+}
+
+/// The unit of a parameter, and its number for one mm or rad inside.
+fn unit_of(system: &System, param: usize) -> (&'static str, f64) {
+    match system.params[param] {
+        Param::Frame { place: 0..3, .. } | Param::Point { .. } => ("mm", 1.0),
+        Param::Frame { .. } => ("deg", 1.0_f64.to_degrees()),
+        Param::FrameDrift { place: 0..3, .. } | Param::PointDrift { .. } => ("um", 1e3),
+        Param::FrameDrift { .. } => ("urad", 1e6),
+        Param::Number { number } | Param::NumberDrift { number, .. } => {
+            system.unit_of_number(number)
+        }
+        Param::Coefficient { coefficient } => {
+            let component = system.coefficients[coefficient].error.component;
+            (component.unit(), micro(component))
+        }
+    }
+}
+
+/// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search
+/// moves them about their middle.
+fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
+    let count = fitted.kept.len();
+    let mut told = DMatrix::zeros(count, count);
+    for (row, &param) in fitted.kept.iter().enumerate() {
+        let (_, scale) = unit_of(system, param);
+        let Param::Frame { frame, place } = system.params[param] else {
+            told[(row, row)] = scale;
+            continue;
+        };
+        let frame_now = &fitted.solution.values.frames[frame];
+        let arm = frame_now.pose.translation_mm - frame_now.middle_mm;
+        let six = six_of(&frame_now.pose);
+        for (column, &other) in fitted.kept.iter().enumerate() {
+            let Param::Frame {
+                frame: of,
+                place: by,
+            } = system.params[other]
+            else {
+                continue;
+            };
+            if of != frame {
+                continue;
+            }
+            let mut turn = Vector3::zeros();
+            let mut shift = Vector3::zeros();
+            if by < 3 {
+                shift[by] = 1.0;
+            } else {
+                turn[by - 3] = 1.0;
+            }
+            told[(row, column)] = if place < 3 {
+                (shift + turn.cross(&arm))[place]
+            } else {
+                // ω = (R_z R_y e_x) da + (R_z e_y) db + e_z dc, solved for the rates of the angles.
+                let (sb, cb) = six[4].to_radians().sin_cos();
+                let (sc, cc) = six[5].to_radians().sin_cos();
+                let along = cc * turn.x + sc * turn.y;
+                let cosine = if cb.abs() < 1e-9 { 1e-9 } else { cb };
+                let rates = [
+                    along / cosine,
+                    cc * turn.y - sc * turn.x,
+                    turn.z + along * sb / cosine,
+                ];
+                rates[place - 3] * scale
+            };
+        }
+    }
+    told
+}
+
+fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
+    let told = told_by_searched(system, fitted);
+    &told * &fitted.solution.covariance * told.transpose()
+}
+
+fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
+    let covariance = covariance_in_units(system, fitted);
+    let values = &fitted.solution.values;
+    let parameter = |(param, what): (usize, &Param)| {
+        let (unit, scale) = unit_of(system, param);
+        let value = match *what {
+            Param::Frame { frame, place } => six_of(&values.frames[frame].pose)[place],
+            Param::FrameDrift {
+                frame,
+                order,
+                place,
+            } => values.frames[frame].drift[order - 1][place] * scale,
+            Param::Point { point, place } => values.points[point].0[place],
+            Param::PointDrift {
+                point,
+                order,
+                place,
+            } => values.points[point].1[order - 1][place] * scale,
+            Param::Number { number } => values.numbers[number].0 * scale,
+            Param::NumberDrift { number, order } => values.numbers[number].1[order - 1] * scale,
+            Param::Coefficient { coefficient } => values.coefficients[coefficient] * scale,
+        };
+        let place = fitted.kept.iter().position(|kept| *kept == param);
+        let mixed = |null: &&Vec<(usize, f64)>| null[1..].iter().any(|(c, _)| *c == param);
+        Parameter {
+            name: system.name(param),
+            value,
+            unit,
+            uncertainty: place.map(|place| covariance[(place, place)].max(0.0).sqrt()),
+            determined: place.is_some(),
+            given_zero: fitted
+                .rank
+                .null
+                .iter()
+                .filter(mixed)
+                .map(|null| system.name(null[0].0))
+                .collect(),
+        }
+    };
+    system.params.iter().enumerate().map(parameter).collect()
+}
+
+/// A combination that moves nothing, in words.
+fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
+    const SHOWN: usize = 4;
+    let (left, others) = (&null[0].0, &null[1..]);
+    let where_left = if is_setup {
+        "as it was at the start"
+    } else {
+        "at zero"
+    };
+    if others.is_empty() {
+        return format!("{left} moves nothing in these observations: it is left {where_left}");
+    }
+    let mut names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
+    let more = names.len().saturating_sub(SHOWN);
+    names.truncate(SHOWN);
+    let mut with = names.join(", ");
+    if more > 0 {
+        with = format!("{with} and {more} more");
+    }
+    format!("{left} cannot be told apart from {with}: it is left {where_left}")
+}
+
+/// A note where the residuals are far larger than what was stated.
+fn contradiction(fitted: &Fitted) -> Option<String> {
+    const TOO_MUCH: f64 = 3.0;
+    let factor = fitted.solution.variance.sqrt();
+    (factor > TOO_MUCH).then(|| {
+        format!(
+            "what is left is {factor:.1} times the stated uncertainty: the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small"
+        )
+    })
+}

@@ -1,0 +1,204 @@
+//! How good what was found is: residuals, rows that were left out, rows that are only predicted, outliers.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::nalgebra::Vector3;
+
+use crate::{
+    error::IdentifyError,
+    identify::fit,
+    observations::{Observations, Row, Seen},
+    system::{Rows, System, Values},
+};
+
+/// The size of what is left of rows: distances in three directions for `points` and `sphere`, else the number itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Root mean square, µm.
+    pub rms_um: f64,
+    /// The largest, µm.
+    pub max_um: f64,
+    /// How many rows.
+    pub rows: usize,
+}
+
+pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
+    let squares: f64 = residuals.iter().map(Vector3::norm_squared).sum();
+    let largest = residuals.iter().map(Vector3::norm).fold(0.0, f64::max);
+    Figures {
+        rms_um: 1e3 * (squares / residuals.len().max(1) as f64).sqrt(),
+        max_um: 1e3 * largest,
+        rows: residuals.len(),
+    }
+}
+
+/// The part of each row: rows of one pose are in the same part, poses are dealt out in an order drawn with a fixed seed.
+fn parts(rows: &Rows, count: usize) -> Vec<usize> {
+    let mut poses: Vec<&Row> = Vec::new();
+    let mut pose_of = Vec::new();
+    for row in rows.iter() {
+        let same = |other: &&Row| {
+            let near = other.stand.state.q.iter().zip(&row.stand.state.q);
+            near.into_iter().all(|(a, b)| (a - b).abs() < 1e-6)
+        };
+        let place = poses.iter().position(same);
+        pose_of.push(place.unwrap_or(poses.len()));
+        if place.is_none() {
+            poses.push(row);
+        }
+    }
+    let mut order: Vec<usize> = (0..poses.len()).collect();
+    let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
+    for last in (1..order.len()).rev() {
+        let drawn = random.next_u64() % (last as u64 + 1);
+        // At most `last`, which is a place of the list.
+        order.swap(last, usize::try_from(drawn).unwrap_or(last));
+    }
+    let mut part = vec![0; poses.len()];
+    for (place, pose) in order.into_iter().enumerate() {
+        part[pose] = place % count;
+    }
+    pose_of.into_iter().map(|pose| part[pose]).collect()
+}
+
+/// What is left of rows that were left out of the fit, in so many parts by pose; everything, penalties included, is
+/// found anew from the others. `None` where the poses are too few for it.
+pub(crate) fn left_out(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    start: &Values,
+    mut done: impl FnMut(usize),
+) -> Result<Option<(Figures, usize)>, IdentifyError> {
+    let folds = observations.folds;
+    let parts = parts(rows, folds.max(1));
+    let poses = rows.len();
+    if folds < 2 || poses < 2 * folds {
+        return Ok(None);
+    }
+    let mut residuals = Vec::new();
+    for fold in 0..folds {
+        let others = rows.only(|row| parts[row] != fold);
+        let left = rows.only(|row| parts[row] == fold);
+        let fitted = match fit(system, observations, &others, start.clone()) {
+            Ok(fitted) => fitted,
+            // Without these poses the others do not determine the unknowns: there is nothing to be judged.
+            Err(IdentifyError::TooFew { .. } | IdentifyError::NotConverged { .. }) => {
+                return Ok(None);
+            }
+            Err(error) => return Err(error),
+        };
+        residuals.extend(system.residuals(&left, &fitted.solution.values));
+        done(fold + 1);
+    }
+    Ok(Some((figures(&residuals), folds)))
+}
+
+/// What is left of the rows that are only predicted.
+pub(crate) fn judged(
+    system: &System,
+    observations: &Observations,
+    values: &Values,
+) -> Option<Figures> {
+    let judges = observations.observations.iter().filter(|o| o.judge);
+    let rows = system.prepare(judges.flat_map(|o| &o.rows));
+    (rows.len() > 0).then(|| figures(&system.residuals(&rows, values)))
+}
+
+/// Notes on rows that fit far worse than the others of their file, and on spheres that moved between files.
+pub(crate) fn outliers(
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+) -> Vec<String> {
+    const SHOWN: usize = 10;
+    let mut notes = Vec::new();
+    let mut first = 0;
+    let mut spheres: Vec<(usize, &str, Vector3<f64>, f64, usize)> = Vec::new();
+    for observation in observations.observations.iter().filter(|o| !o.judge) {
+        let own = first..first + observation.rows.len();
+        first = own.end;
+        let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
+        let is_spatial = observation
+            .rows
+            .iter()
+            .any(|row| matches!(row.seen, Seen::Point { .. } | Seen::Sphere { .. }));
+        // The median of the distances is 1.54 (one direction: 0.67) standard deviations.
+        let sigma = median(&sizes) / if is_spatial { 1.54 } else { 0.6745 };
+        let is_far = |place: &usize| {
+            let row = rows.get(*place);
+            let size = residuals[*place].norm();
+            size > 6.0 * sigma && size > 4.0 * row.uncertainty_mm
+        };
+        let mut far: Vec<usize> = own.clone().filter(is_far).collect();
+        far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
+        for place in far.iter().take(SHOWN) {
+            notes.push(format!(
+                "{}:{}: this row is {:.1} µm from what all rows say together, {:.0} times what is usual in this file: is it a slip? `robust = true` lets such rows count less",
+                observation.file,
+                rows.get(*place).line,
+                1e3 * residuals[*place].norm(),
+                residuals[*place].norm() / sigma.max(1e-12),
+            ));
+        }
+        if far.len() > SHOWN {
+            notes.push(format!(
+                "{}: {} more rows like these",
+                observation.file,
+                far.len() - SHOWN
+            ));
+        }
+        for place in own {
+            let Seen::Sphere { centre, .. } = rows.get(place).seen else {
+                continue;
+            };
+            let u = rows.get(place).uncertainty_mm;
+            let file = observation.file.as_str();
+            match spheres
+                .iter_mut()
+                .find(|(c, f, ..)| *c == centre && *f == file)
+            {
+                Some((_, _, sum, largest, count)) => {
+                    *sum += residuals[place];
+                    *largest = largest.max(u);
+                    *count += 1;
+                }
+                None => spheres.push((centre, file, residuals[place], u, 1)),
+            }
+        }
+    }
+    notes.extend(moved_spheres(observations, &spheres));
+    notes
+}
+
+/// A sphere whose rows in two files are apart by more than their uncertainty explains.
+fn moved_spheres(
+    observations: &Observations,
+    spheres: &[(usize, &str, Vector3<f64>, f64, usize)],
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (place, (centre, file, sum, u, count)) in spheres.iter().enumerate() {
+        for (other, before, other_sum, other_u, other_count) in &spheres[..place] {
+            if other != centre {
+                continue;
+            }
+            let mean = |sum: &Vector3<f64>, count: usize| sum / count as f64;
+            let apart = mean(sum, *count) - mean(other_sum, *other_count);
+            let expected = (u * u / *count as f64 + other_u * other_u / *other_count as f64).sqrt();
+            if apart.norm() > 6.0 * expected {
+                let name = &observations.setup.points[*centre].name;
+                notes.push(format!(
+                    "{name} seems to have moved by [{:.1}, {:.1}, {:.1}] µm between {before} and {file}: if so, give it another name in one of them",
+                    1e3 * apart.x, 1e3 * apart.y, 1e3 * apart.z
+                ));
+            }
+        }
+    }
+    notes
+}
+
+fn median(sizes: &[f64]) -> f64 {
+    let mut sorted = sizes.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or_default()
+}

@@ -1,0 +1,29 @@
+#![doc = include_str!("../README.md")]
+
+mod basis;
+mod derivatives;
+mod design;
+mod error;
+mod identify;
+mod judge;
+mod next;
+mod observations;
+mod penalty;
+mod rank;
+mod read;
+mod rows;
+mod solve;
+mod start;
+mod system;
+mod timeline;
+mod unknown_file;
+
+pub use basis::Basis;
+pub use error::IdentifyError;
+pub use identify::{Identification, Parameter, identify};
+pub use judge::Figures;
+pub use next::Next;
+pub use observations::{
+    Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, SetUp, Stand, Unknown,
+};
+pub use read::ReadFile;

@@ -1,0 +1,240 @@
+//! What was observed and what is to be found: plain data, as a file of observations states it.
+
+use std::path::PathBuf;
+
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
+
+use crate::basis::Basis;
+
+/// Part of the range of the observations that is added to it at both ends where spheres were probed.
+const SPHERE_MARGIN: f64 = 1e-3;
+
+/// Everything that a file of observations states, with the files that it names read.
+#[derive(Clone, Debug)]
+pub struct Observations {
+    /// The file of observations, its machine file and its row files, as paths: what must not be overwritten.
+    pub files: Vec<PathBuf>,
+    /// The machine: its geometry, the errors that are known, and start values of those that are not.
+    pub machine: Machine,
+    /// What is to be found.
+    pub unknown: Vec<Unknown>,
+    /// The observations in the order of the file.
+    pub observations: Vec<Observation>,
+    /// Frames, points and lengths of the set-ups that the observations refer to.
+    pub setup: SetUp,
+    /// Whether rows that do not fit count less (Huber).
+    pub robust: bool,
+    /// Into how many parts the poses are divided to judge what was found; 0: not judged.
+    pub folds: usize,
+    /// Notes on the files.
+    pub notes: Vec<String>,
+}
+
+/// One error that is to be found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unknown {
+    /// The error.
+    pub error: ErrorName,
+    /// Its curve; `None` where only the reversal value is to be found. A location error is a constant.
+    pub basis: Option<Basis>,
+    /// Whether the reversal value is to be found.
+    pub reversal: bool,
+    /// Whether a penalty on the curve's modes is chosen from the observations.
+    pub penalised: bool,
+}
+
+/// A frame, a point or a length of a set-up: known, or to be found from this start.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quantity<T> {
+    /// The name in answers: `tracker.csv:frame`.
+    pub name: String,
+    /// The value, or the start of the search; `None`: a start is made from the observations.
+    pub value: Option<T>,
+    /// Whether it is to be found.
+    pub unknown: bool,
+    /// The order of its drift over the rows.
+    pub drift: usize,
+}
+
+/// What the set-ups of all observations consist of.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SetUp {
+    /// Frames of trackers: x, y, z in mm and a, b, c in deg, in workpiece axes.
+    pub frames: Vec<Quantity<[f64; 6]>>,
+    /// Points in mm: targets on tools, centres of spheres, points on the table.
+    pub points: Vec<Quantity<[f64; 3]>>,
+    /// Dead lengths and offsets in mm, slopes in mm/mm.
+    pub numbers: Vec<Quantity<f64>>,
+    /// What each of the numbers is, for its unit in answers.
+    pub number_kinds: Vec<NumberKind>,
+}
+
+/// What a number of a set-up is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NumberKind {
+    /// A dead length, mm in files and answers.
+    DeadLength,
+    /// The offset of a line, µm in files and answers.
+    Offset,
+    /// The slope of a line, µm/m in files and answers.
+    Slope,
+}
+
+impl NumberKind {
+    /// The unit in keys and answers, and its number for one mm or mm/mm.
+    pub(crate) fn unit(self) -> (&'static str, f64) {
+        match self {
+            Self::DeadLength => ("mm", 1.0),
+            Self::Offset => ("um", 1e3),
+            Self::Slope => ("um_per_m", 1e6),
+        }
+    }
+}
+
+/// The rows of one file.
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// The name of the row file, as the file of observations states it.
+    pub file: String,
+    /// Whether distances count in three directions.
+    pub kind: Kind,
+    /// Whether the rows are only predicted.
+    pub judge: bool,
+    /// The rows.
+    pub rows: Vec<Row>,
+}
+
+/// The kinds of observation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Positions of a target on the tool, from a tracker.
+    Points,
+    /// Where the probe is on the centre of a sphere.
+    Sphere,
+    /// Distances.
+    Distance,
+    /// Displacements along a line of sight.
+    Line,
+}
+
+impl Kind {
+    /// The word in files and answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+            Self::Sphere => "sphere",
+            Self::Distance => "distance",
+            Self::Line => "line",
+        }
+    }
+}
+
+/// One pose of the machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stand {
+    /// Coordinates (mm, rad) and directions of approach.
+    pub state: State,
+    /// The functional point, mm in MCS at machine zero, without the offset of a target.
+    pub tip_mm: Vector3<f64>,
+}
+
+/// One row: a pose and what was seen there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The line in its file, from 1.
+    pub line: usize,
+    /// Where the machine stood.
+    pub stand: Stand,
+    /// What was seen.
+    pub seen: Seen,
+    /// Place in time between −1 (first row) and 1 (last row), for the drift.
+    pub time: f64,
+    /// Standard uncertainty of each number, mm.
+    pub uncertainty_mm: f64,
+}
+
+/// What was seen at a pose; numbers `frame`, `target` and so on are places in [`SetUp`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Seen {
+    /// The target on the tool, mm in the frame of the tracker.
+    Point {
+        /// Which frame.
+        frame: usize,
+        /// The point of the target's offset, mm in tool axes at machine zero, if it is not the tip.
+        target: Option<usize>,
+        /// The reading.
+        at_mm: Vector3<f64>,
+    },
+    /// The tip is at a sphere's centre, but for an offset in workpiece axes.
+    Sphere {
+        /// The point of the centre.
+        centre: usize,
+        /// Tip minus centre, mm.
+        offset_mm: Vector3<f64>,
+    },
+    /// The distance of the tip from a point.
+    Distance {
+        /// The point.
+        point: usize,
+        /// The dead length, which is added to the reading.
+        dead: usize,
+        /// The reading.
+        length_mm: f64,
+    },
+    /// The distance of the tip from where it is at another pose.
+    Pair {
+        /// The other pose.
+        from: Stand,
+        /// The dead length, which is added to the reading.
+        dead: usize,
+        /// The reading.
+        length_mm: f64,
+    },
+    /// The displacement along a line of sight.
+    Line {
+        /// Unit direction in workpiece axes.
+        direction: Vector3<f64>,
+        /// The number that is added to every reading.
+        offset: usize,
+        /// The number that is multiplied by the place along the line.
+        slope: usize,
+        /// The reading, mm.
+        deviation_mm: f64,
+    },
+}
+
+impl Observations {
+    /// The range of an axis in the rows that are fitted, mm or deg; its travel where the axis stood still.
+    pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
+        let travel = self.machine.axes()[axis].travel;
+        if matches!(basis, Basis::Constant | Basis::Fourier { .. }) {
+            return travel;
+        }
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut margin = 0.0;
+        let rows = self.observations.iter().filter(|o| !o.judge);
+        for row in rows.flat_map(|o| &o.rows) {
+            let from = match &row.seen {
+                Seen::Pair { from, .. } => Some(from.state),
+                _ => None,
+            };
+            // The ideal machine would stand a little beside where the real one found the sphere.
+            if let Seen::Sphere { .. } = row.seen {
+                margin = SPHERE_MARGIN;
+            }
+            for state in core::iter::once(row.stand.state).chain(from) {
+                let at = self.machine.curve_coordinates(&state)[axis];
+                range = [range[0].min(at), range[1].max(at)];
+            }
+        }
+        // A range of a millionth of the travel is an axis that stood still.
+        if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
+            let wider = margin * (range[1] - range[0]);
+            [range[0] - wider, range[1] + wider]
+        } else {
+            travel
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! Gauss–Newton on the exact model, with or without penalties whose weights are chosen from the observations.
+
+use volcomp_kinematics::nalgebra::{DMatrix, DVector};
+
+use crate::{
+    error::IdentifyError,
+    penalty::{Penalty, choose},
+    system::{Equations, Rows, System, Values},
+};
+
+/// How exactly the end is wanted: steps smaller than this of the standard uncertainty are none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Exactness {
+    /// A start for another search.
+    Rough,
+    /// The end itself.
+    Full,
+}
+
+/// The last step of a search with least squares, in standard uncertainties.
+const CONVERGED: f64 = 1e-9;
+/// The same with robust weights, which are found anew in every step.
+const CONVERGED_ROBUST: f64 = 1e-6;
+/// The same where penalties are chosen as well, and for a start.
+const CONVERGED_ROUGH: f64 = 1e-2;
+/// Steps in which the weights of penalties are chosen.
+const PENALTY_STEPS: usize = 3;
+const MOST_STEPS: usize = 60;
+const MOST_STEPS_ROBUST: usize = 400;
+/// Residuals above this count less (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
+const HUBER: f64 = 1.345;
+
+/// What was found, and how well.
+#[derive(Clone, Debug)]
+pub(crate) struct Solution {
+    pub(crate) values: Values,
+    /// The covariance of the parameters that were kept, mm and rad.
+    pub(crate) covariance: DMatrix<f64>,
+    /// The variance of the residuals in units of the stated one.
+    pub(crate) variance: f64,
+    /// How many parameters the observations determine; with penalties a fraction of them.
+    pub(crate) degrees: f64,
+}
+
+/// Finds the kept parameters from the rows. With groups of penalties their weights are chosen as well.
+pub(crate) fn solve(
+    system: &System,
+    rows: &Rows,
+    start: Values,
+    kept: &[usize],
+    robust: bool,
+    penalised: bool,
+    exactness: Exactness,
+) -> Result<Solution, IdentifyError> {
+    let (wanted, most) = match exactness {
+        Exactness::Rough => (CONVERGED_ROUGH, MOST_STEPS),
+        Exactness::Full if robust => (CONVERGED_ROBUST, MOST_STEPS_ROBUST),
+        Exactness::Full => (CONVERGED, MOST_STEPS),
+    };
+    let mut values = start;
+    let mut penalty = Penalty::none(system, kept);
+    let mut last = f64::INFINITY;
+    let mut equations = system.equations(rows, &values, false);
+    for turn in 0..most {
+        // The equations are nearly straight: after a few steps the weights change no more, and the search can end.
+        penalty.held = turn >= PENALTY_STEPS;
+        let step = Step::of(
+            system,
+            &equations,
+            &values,
+            kept,
+            robust,
+            penalised,
+            &mut penalty,
+        )?;
+        last = step.largest();
+        if last < wanted {
+            let count = equations.residuals.len() as f64;
+            let square = step.square;
+            let degrees = step.degrees;
+            let variance = square / (count - degrees).max(1.0);
+            return Ok(Solution {
+                values,
+                covariance: step.covariance,
+                variance,
+                degrees,
+            });
+        }
+        // Halved while it makes things worse: far from the end the equations are not yet straight.
+        let before = cost(&equations, robust);
+        let mut share = 1.0;
+        loop {
+            let tried = system.moved(&values, &spread(&step.by, kept, system.params.len(), share));
+            let there = system.equations(rows, &tried, false);
+            // A step of the size of rounding is neither better nor worse.
+            if cost(&there, robust) <= before * (1.0 + 1e-9) + 1e-20 || share < 1e-3 || penalised {
+                (values, equations) = (tried, there);
+                break;
+            }
+            share *= 0.5;
+        }
+    }
+    // With more digits than the numbers have the last steps are rounding.
+    if last < 1e-5 || exactness == Exactness::Rough {
+        let step = Step::of(
+            system,
+            &equations,
+            &values,
+            kept,
+            robust,
+            penalised,
+            &mut penalty,
+        )?;
+        let count = equations.residuals.len() as f64;
+        return Ok(Solution {
+            values,
+            covariance: step.covariance,
+            variance: step.square / (count - step.degrees).max(1.0),
+            degrees: step.degrees,
+        });
+    }
+    Err(IdentifyError::NotConverged { steps: most, last })
+}
+
+/// A step of the kept parameters among all.
+fn spread(step: &DVector<f64>, kept: &[usize], count: usize, share: f64) -> DVector<f64> {
+    let mut all = DVector::zeros(count);
+    for (&column, by) in kept.iter().zip(step) {
+        all[column] = by * share;
+    }
+    all
+}
+
+fn huber_weight(residual: f64) -> f64 {
+    let size = residual.abs();
+    if size > HUBER { HUBER / size } else { 1.0 }
+}
+
+fn cost(equations: &Equations, robust: bool) -> f64 {
+    let of = |r: &f64| {
+        let size = r.abs();
+        if robust && size > HUBER {
+            2.0 * HUBER * size - HUBER * HUBER
+        } else {
+            r * r
+        }
+    };
+    equations.residuals.iter().map(of).sum()
+}
+
+/// One step of Gauss–Newton and what belongs to it.
+struct Step {
+    by: DVector<f64>,
+    covariance: DMatrix<f64>,
+    /// The weighted sum of squares before the step.
+    square: f64,
+    degrees: f64,
+}
+
+impl Step {
+    fn of(
+        system: &System,
+        equations: &Equations,
+        values: &Values,
+        kept: &[usize],
+        robust: bool,
+        penalised: bool,
+        penalty: &mut Penalty,
+    ) -> Result<Self, IdentifyError> {
+        let mut jacobian = equations.jacobian.select_columns(kept);
+        let mut residuals = equations.residuals.clone();
+        let square = cost(equations, robust);
+        if robust {
+            for (row, residual) in residuals.iter_mut().enumerate() {
+                let root = huber_weight(*residual).sqrt();
+                *residual *= root;
+                jacobian.row_mut(row).scale_mut(root);
+            }
+        }
+        let mut scale = DVector::from_element(kept.len(), 1.0);
+        for (place, mut column) in jacobian.column_iter_mut().enumerate() {
+            let length = column.norm();
+            if length > 0.0 {
+                scale[place] = 1.0 / length;
+                column.scale_mut(scale[place]);
+            }
+        }
+        let failed = || IdentifyError::TooFew {
+            poses: equations.places.len(),
+            numbers: equations.residuals.len(),
+            unknowns: system.params.len(),
+            rank: kept.len(),
+        };
+        let (step, mut covariance, degrees) = if penalised {
+            let now = DVector::from_iterator(
+                kept.len(),
+                kept.iter()
+                    .map(|&column| system.coefficient_value(values, column)),
+            );
+            let chosen = choose(&jacobian, &residuals, &scale, &now, penalty).ok_or_else(failed)?;
+            (chosen.step, chosen.covariance, chosen.degrees)
+        } else {
+            let qr = jacobian.clone().qr();
+            let r = qr.r();
+            let right = -(qr.q().transpose() * &residuals);
+            let step = r.solve_upper_triangular(&right).ok_or_else(failed)?;
+            let count = kept.len();
+            let inverse = r
+                .solve_upper_triangular(&DMatrix::identity(count, count))
+                .ok_or_else(failed)?;
+            (step, &inverse * inverse.transpose(), count as f64)
+        };
+        for (place, factor) in scale.iter().enumerate() {
+            covariance.row_mut(place).scale_mut(*factor);
+            covariance.column_mut(place).scale_mut(*factor);
+        }
+        Ok(Self {
+            by: step.component_mul(&scale),
+            covariance,
+            square,
+            degrees,
+        })
+    }
+
+    /// The largest step in standard uncertainties.
+    fn largest(&self) -> f64 {
+        let variances = self.covariance.diagonal();
+        let steps = self.by.iter().zip(&variances);
+        let sizes = steps.map(|(step, variance)| {
+            if *variance > 0.0 {
+                step.abs() / variance.sqrt()
+            } else {
+                0.0
+            }
+        });
+        sizes.fold(0.0, f64::max)
+    }
+}

@@ -1,0 +1,303 @@
+//! Where the search begins: frames, targets, spheres and points from the readings and the nominal machine.
+
+use volcomp_kinematics::{
+    Pose,
+    nalgebra::{DMatrix, DVector, Matrix3, Vector3},
+};
+
+use crate::{
+    design::design,
+    error::IdentifyError,
+    observations::{Observations, Row, Seen},
+    rank::independent,
+    solve::{Exactness, solve},
+    system::{Param, Rows, System, Values},
+};
+
+/// Fewer rows do not determine targets and a general matrix for the frame.
+const LEAST_FOR_MATRIX: usize = 6;
+
+/// The set-ups as the nominal machine sees them, and the parameters of the set-ups that the rows determine.
+pub(crate) fn start(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+) -> Result<Values, IdentifyError> {
+    let mut values = system.start();
+    points_of_spheres_and_bars(system, observations, rows, &mut values);
+    let mut candidates = vec![values.clone()];
+    frames(system, observations, rows, &mut candidates[0], false);
+    let mut other = values;
+    if frames(system, observations, rows, &mut other, true) {
+        candidates.push(other);
+    }
+    let mut best: Option<(f64, Values)> = None;
+    let mut failure = None;
+    for candidate in candidates {
+        match setup_only(system, observations, rows, candidate) {
+            Ok((cost, values)) => {
+                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                    best = Some((cost, values));
+                }
+            }
+            Err(error) => failure = Some(error),
+        }
+    }
+    match (best, failure) {
+        (Some((_, values)), _) => Ok(values),
+        (None, Some(error)) => Err(error),
+        (None, None) => Err(IdentifyError::NothingToFit),
+    }
+}
+
+/// Set-ups alone, the errors as they are.
+fn setup_only(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: Values,
+) -> Result<(f64, Values), IdentifyError> {
+    let count = system.setup_params();
+    let design = design(system, rows, &values).jacobian;
+    let rank = independent(&design.columns(0, count).into_owned());
+    for null in &rank.null {
+        let column = null[0].0;
+        if let Param::Frame { frame, .. } = system.params[column] {
+            let quantity = &observations.setup.frames[frame];
+            let sees =
+                |row: &&Row| matches!(row.seen, Seen::Point { frame: of, .. } if of == frame);
+            return Err(IdentifyError::Frame {
+                frame: quantity.name.clone(),
+                direction: system.name(column),
+                rows: rows.iter().filter(sees).count(),
+            });
+        }
+    }
+    let values = solve(
+        system,
+        rows,
+        values,
+        &rank.kept,
+        true,
+        false,
+        Exactness::Rough,
+    )?
+    .values;
+    let residuals = system.residuals(rows, &values);
+    Ok((residuals.iter().map(Vector3::norm).sum(), values))
+}
+
+/// The nominal tip of a row in workpiece axes, its rotation, without the offset of a target.
+fn nominal(system: &System, row: &Row) -> (Vector3<f64>, Matrix3<f64>) {
+    let chain = system.machine.chain();
+    let pose = chain.ideal_pose(&row.stand.state);
+    let tip = pose.transform_point(&row.stand.tip_mm) - chain.workpiece_origin_mm();
+    (tip, pose.rotation)
+}
+
+/// Frames that have no start: the rigid transform that fits best (Kabsch), or with the targets' offsets from a linear
+/// system in a general matrix (`with_targets`). Whether that was possible.
+fn frames(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: &mut Values,
+    with_targets: bool,
+) -> bool {
+    let mut is_other = false;
+    for (place, quantity) in observations.setup.frames.iter().enumerate() {
+        let seen: Vec<(&Row, Vector3<f64>, Option<usize>)> = rows
+            .iter()
+            .filter_map(|row| match &row.seen {
+                Seen::Point {
+                    frame,
+                    at_mm,
+                    target,
+                } if *frame == place => Some((row, *at_mm, *target)),
+                _ => None,
+            })
+            .collect();
+        if seen.is_empty() {
+            continue;
+        }
+        if quantity.unknown && quantity.value.is_none() {
+            if with_targets {
+                is_other |= targets_by_matrix(system, observations, &seen, values);
+            }
+            let tips: Vec<Vector3<f64>> = seen
+                .iter()
+                .map(|(row, _, target)| {
+                    let (tip, rotation) = nominal(system, row);
+                    tip + target.map_or_else(Vector3::zeros, |t| rotation * values.points[t].0)
+                })
+                .collect();
+            let from: Vec<Vector3<f64>> = seen.iter().map(|(_, at, _)| *at).collect();
+            values.frames[place].pose = kabsch(&from, &tips);
+        }
+        let pose = values.frames[place].pose;
+        let middle = seen.iter().map(|(_, at, _)| pose.transform_point(at));
+        values.frames[place].middle_mm = middle.sum::<Vector3<f64>>() / seen.len() as f64;
+    }
+    is_other
+}
+
+/// Targets' offsets o from M·y + t = tip + R·o, linear in the nine numbers of M, in t and in o.
+fn targets_by_matrix(
+    system: &System,
+    observations: &Observations,
+    seen: &[(&Row, Vector3<f64>, Option<usize>)],
+    values: &mut Values,
+) -> bool {
+    let mut targets: Vec<usize> = seen.iter().filter_map(|(_, _, target)| *target).collect();
+    targets.sort_unstable();
+    targets.dedup();
+    targets.retain(|&target| observations.setup.points[target].unknown);
+    if targets.is_empty() || seen.len() < LEAST_FOR_MATRIX + targets.len() {
+        return false;
+    }
+    let mut matrix = DMatrix::zeros(3 * seen.len(), 12 + 3 * targets.len());
+    let mut right = DVector::zeros(3 * seen.len());
+    for (place, (row, at, target)) in seen.iter().enumerate() {
+        let (tip, rotation) = nominal(system, row);
+        for k in 0..3 {
+            for j in 0..3 {
+                matrix[(3 * place + k, 3 * k + j)] = at[j];
+            }
+            matrix[(3 * place + k, 9 + k)] = 1.0;
+            right[3 * place + k] = tip[k];
+            if let Some(column) = targets.iter().position(|t| Some(*t) == *target) {
+                for j in 0..3 {
+                    matrix[(3 * place + k, 12 + 3 * column + j)] = -rotation[(k, j)];
+                }
+            }
+        }
+    }
+    let Ok(solution) = matrix.svd(true, true).solve(&right, 1e-9) else {
+        return false;
+    };
+    for (column, &target) in targets.iter().enumerate() {
+        let first = 12 + 3 * column;
+        let offset = Vector3::new(solution[first], solution[first + 1], solution[first + 2]);
+        if offset.iter().any(|x| !x.is_finite()) {
+            return false;
+        }
+        values.points[target].0 = offset;
+    }
+    true
+}
+
+/// The rigid transform that takes the points `from` to the points `to` with the least squares.
+fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
+    let middle =
+        |points: &[Vector3<f64>]| points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let (a, b) = (middle(from), middle(to));
+    let spread = from
+        .iter()
+        .zip(to)
+        .fold(Matrix3::zeros(), |sum: Matrix3<f64>, (p, q)| {
+            sum + (q - b) * (p - a).transpose()
+        });
+    let svd = spread.svd(true, true);
+    let rotation = match (svd.u, svd.v_t) {
+        (Some(u), Some(v)) => {
+            let mirror = if (u * v).determinant() < 0.0 {
+                -1.0
+            } else {
+                1.0
+            };
+            u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, mirror)) * v
+        }
+        _ => Matrix3::identity(),
+    };
+    Pose {
+        rotation,
+        translation_mm: b - rotation * a,
+    }
+}
+
+/// Centres of spheres from the tips that stand there; points of bars by trilateration.
+fn points_of_spheres_and_bars(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: &mut Values,
+) {
+    for (place, quantity) in observations.setup.points.iter().enumerate() {
+        if !quantity.unknown || quantity.value.is_some() {
+            continue;
+        }
+        let mut centres = Vec::new();
+        let mut reaches = Vec::new();
+        let mut dead_of = None;
+        for row in rows.iter() {
+            match &row.seen {
+                Seen::Sphere { centre, offset_mm } if *centre == place => {
+                    centres.push(nominal(system, row).0 - offset_mm);
+                }
+                Seen::Distance {
+                    point,
+                    dead,
+                    length_mm,
+                } if *point == place => {
+                    reaches.push((nominal(system, row).0, *length_mm));
+                    dead_of = Some(*dead);
+                }
+                _ => {}
+            }
+        }
+        if !centres.is_empty() {
+            values.points[place].0 = centres.iter().sum::<Vector3<f64>>() / centres.len() as f64;
+        }
+        if let Some(dead) = dead_of {
+            let number = &observations.setup.numbers[dead];
+            let free = number.unknown && number.value.is_none();
+            let (point, found) = trilateration(&reaches, values.numbers[dead].0, free);
+            values.points[place].0 = point;
+            if free {
+                values.numbers[dead].0 = found;
+            }
+        }
+    }
+}
+
+/// The point P and the dead length d with |a − P| = L + d, from |a|² − L² = 2 a·P + 2 L·d − (|P|² − d²), a from the
+/// middle of all; of least norm where the tips lie in a plane.
+fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (Vector3<f64>, f64) {
+    let middle = reaches.iter().map(|(tip, _)| tip).sum::<Vector3<f64>>() / reaches.len() as f64;
+    let unknowns = if free { 5 } else { 4 };
+    let mut matrix = DMatrix::zeros(reaches.len(), unknowns);
+    let mut right = DVector::zeros(reaches.len());
+    for (row, (tip, length)) in reaches.iter().enumerate() {
+        let a = tip - middle;
+        let length = if free { *length } else { length + dead_mm };
+        for k in 0..3 {
+            matrix[(row, k)] = 2.0 * a[k];
+        }
+        matrix[(row, 3)] = -1.0;
+        if free {
+            matrix[(row, 4)] = 2.0 * length;
+        }
+        right[row] = a.norm_squared() - length * length;
+    }
+    let size = matrix.amax().max(1.0);
+    match matrix.svd(true, true).solve(&right, 1e-9 * size) {
+        Ok(x) => {
+            let point = Vector3::new(x[0], x[1], x[2]);
+            // With a length that is nearly the same everywhere the constant holds it.
+            let dead = if free { x[4] } else { dead_mm };
+            let mean = reaches
+                .iter()
+                .map(|(tip, length)| (tip - middle - point).norm() - length);
+            let mean = mean.sum::<f64>() / reaches.len() as f64;
+            (
+                middle + point,
+                if free && (dead - mean).abs() > 1.0 {
+                    mean
+                } else {
+                    dead
+                },
+            )
+        }
+        Err(_) => (middle, dead_mm),
+    }
+}

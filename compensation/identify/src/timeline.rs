@@ -1,0 +1,137 @@
+//! The order of the rows: their place in time, and from which side each axis came.
+
+use volcomp_kinematics::State;
+use volcomp_model::Machine;
+use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
+
+use crate::observations::{Observation, Row, Seen};
+
+/// A change of direction counts after travel over this from the last turning point, mm (linear) or deg (rotary).
+const THRESHOLD: [f64; 2] = [5e-3, 5e-4];
+
+/// An observation with the order of its rows.
+pub(crate) struct Timed {
+    pub(crate) observation: Observation,
+    pub(crate) orders: Vec<f64>,
+    pub(crate) has_order: bool,
+    pub(crate) has_drift: bool,
+}
+
+/// The frame that all rows of an observation see from.
+fn frame_of(observation: &Observation) -> Option<usize> {
+    observation.rows.first().and_then(|row| match row.seen {
+        Seen::Point { frame, .. } => Some(frame),
+        _ => None,
+    })
+}
+
+/// Sets time and direction of approach of every row. Files with the column `order` and the same frame are one run; the
+/// others are a run each, and the rows of a judged file have the times of a fitted one's row numbers.
+pub(crate) fn set_times(
+    mut timed: Vec<Timed>,
+    machine: &Machine,
+    notes: &mut Vec<String>,
+) -> Vec<Observation> {
+    for place in 0..timed.len() {
+        let frame = frame_of(&timed[place].observation);
+        let has_order = timed[place].has_order;
+        let together = |other: &Timed| {
+            frame.is_some() && frame_of(&other.observation) == frame && other.has_order == has_order
+        };
+        let range_of = |timed: &[Timed], fitted: bool| {
+            let runs = timed.iter().enumerate();
+            let runs = runs.filter(|(index, run)| {
+                (*index == place || together(run)) && !(fitted && run.observation.judge)
+            });
+            let orders = runs.flat_map(|(_, run)| run.orders.iter().copied());
+            orders.fold([f64::INFINITY, f64::NEG_INFINITY], |r, o| {
+                [r[0].min(o), r[1].max(o)]
+            })
+        };
+        let mut range = range_of(&timed, true);
+        if range[0] > range[1] {
+            range = range_of(&timed, false);
+        }
+        let orders = timed[place].orders.clone();
+        let rows = &mut timed[place].observation.rows;
+        for (row, order) in rows.iter_mut().zip(orders) {
+            let width = range[1] - range[0];
+            let time = if width > 0.0 {
+                2.0 * (order - range[0]) / width - 1.0
+            } else {
+                0.0
+            };
+            row.time = time.clamp(-1.0, 1.0);
+        }
+        if timed[place].observation.judge
+            && !has_order
+            && timed.iter().any(|t| t.has_drift && !t.observation.judge)
+        {
+            notes.push(format!(
+                "{}: without a column `order` its rows have the drift of the same row numbers of the fitted file",
+                timed[place].observation.file
+            ));
+        }
+    }
+    // Runs: rows by their order, with the place of each.
+    let mut done = vec![false; timed.len()];
+    for first in 0..timed.len() {
+        if done[first] {
+            continue;
+        }
+        let frame = frame_of(&timed[first].observation);
+        let run: Vec<usize> = (first..timed.len())
+            .filter(|&other| {
+                let same = frame.is_some() && frame_of(&timed[other].observation) == frame;
+                other == first || (same && timed[first].has_order && timed[other].has_order)
+            })
+            .collect();
+        let mut places: Vec<(f64, usize, usize)> = Vec::new();
+        for &index in &run {
+            done[index] = true;
+            let orders = timed[index].orders.iter().enumerate();
+            places.extend(orders.map(|(row, &order)| (order, index, row)));
+        }
+        places.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut approach = Approach::default();
+        for (_, index, row) in places {
+            let row: &mut Row = &mut timed[index].observation.rows[row];
+            if let Seen::Pair { .. } = row.seen {
+                continue;
+            }
+            approach.to(&mut row.stand.state, machine);
+        }
+    }
+    timed.into_iter().map(|timed| timed.observation).collect()
+}
+
+/// The direction of the last travel of each axis.
+#[derive(Default)]
+struct Approach {
+    /// The last turning point of each axis, mm or rad.
+    extreme: Option<[f64; MAX_AXES]>,
+    direction: [Option<Direction>; MAX_AXES],
+}
+
+impl Approach {
+    /// Goes to a state and sets its directions.
+    fn to(&mut self, state: &mut State, machine: &Machine) {
+        let extreme = self.extreme.get_or_insert(state.q.0);
+        for (axis, (described, &q)) in machine.axes().iter().zip(&state.q).enumerate() {
+            let kind = described.name.kind();
+            let threshold = THRESHOLD[usize::from(described.name.is_rotary())];
+            let threshold = Displacement::from_coordinate(kind, threshold).mm_or_rad();
+            let travelled = q - extreme[axis];
+            let now = Direction::of(travelled);
+            if travelled.abs() > threshold {
+                self.direction[axis] = now;
+                extreme[axis] = q;
+            } else if now.is_some() && now == self.direction[axis] {
+                extreme[axis] = q;
+            }
+        }
+        for (place, direction) in state.approach.iter_mut().zip(self.direction) {
+            *place = direction;
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! The key `unknown` of a file of observations.
+
+use volcomp_curve::ErrorCurve;
+use volcomp_document::{InputError, Section, Value};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{ErrorName, UnknownErrorName};
+
+use crate::{basis::Basis, observations::Unknown};
+
+/// More coefficients than this are no error of an axis.
+const MOST_COEFFICIENTS: usize = 60;
+
+/// Whether penalties are chosen where an unknown does not say so.
+pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
+    section.one_of("penalty", &[("auto", true), ("none", false)], default)
+}
+
+/// Decodes every unknown.
+pub(crate) fn decode_unknown(
+    value: &Value<'_>,
+    machine: &Machine,
+    penalised: bool,
+) -> Result<Vec<Unknown>, InputError> {
+    let mut found: Vec<Unknown> = Vec::new();
+    for item in value.items()? {
+        let unknown = decode_item(&item, machine, penalised)?;
+        match found.iter_mut().find(|other| other.error == unknown.error) {
+            None => found.push(unknown),
+            // `{ error = "ECC", reversal = true }` beside `{ error = "ECC", legendre = 3 }`.
+            Some(other)
+                if (other.basis.is_none() || unknown.basis.is_none())
+                    && !(other.reversal && unknown.reversal) =>
+            {
+                other.reversal |= unknown.reversal;
+                other.penalised |= unknown.basis.is_some() && unknown.penalised;
+                other.basis = other.basis.or(unknown.basis);
+            }
+            Some(_) => return Err(item.error(format!("{} stands twice", unknown.error))),
+        }
+    }
+    if found.is_empty() {
+        return Err(value.error("found no unknown, expected at least one error to be found"));
+    }
+    Ok(found)
+}
+
+fn decode_item(
+    item: &Value<'_>,
+    machine: &Machine,
+    penalised: bool,
+) -> Result<Unknown, InputError> {
+    let Ok(section) = item.section() else {
+        let error = decode_name(item, machine)?;
+        return Ok(Unknown {
+            error,
+            basis: Some(Basis::Constant),
+            reversal: false,
+            penalised: false,
+        });
+    };
+    section.allow(&[
+        "error", "legendre", "bspline", "fourier", "reversal", "penalty",
+    ])?;
+    let name = section.require("error")?;
+    let error = decode_name(&name, machine)?;
+    let mut bases = Vec::new();
+    if let Some(value) = section.get("legendre") {
+        let order = value.whole(0..=MOST_COEFFICIENTS)?;
+        bases.push((value, Basis::Legendre { order }));
+    }
+    if let Some(value) = section.get("bspline") {
+        let coefficients = value.whole(4..=MOST_COEFFICIENTS)?;
+        bases.push((value, Basis::BSpline { coefficients }));
+    }
+    if let Some(value) = section.get("fourier") {
+        let harmonics = value.whole(0..=MOST_COEFFICIENTS / 2)?;
+        if !error.axis.is_rotary() {
+            let message = format!(
+                "found a Fourier series for {error}, expected `legendre` or `bspline`: {} is a linear axis",
+                error.axis
+            );
+            return Err(value.error(message));
+        }
+        bases.push((value, Basis::Fourier { harmonics }));
+    }
+    let reversal = section.truth_or("reversal", false)?;
+    let basis = match bases.as_slice() {
+        [] if error.location || !reversal => Some(Basis::Constant),
+        [] => None,
+        [(value, basis)] => {
+            let goes_round = machine
+                .axis(error.axis)
+                .is_some_and(|axis| axis.modulo.is_some());
+            if goes_round && !matches!(basis, Basis::Fourier { .. }) {
+                return Err(value.error(format!(
+                    "found a curve that does not close, expected `fourier`: {} has a modulo",
+                    error.axis
+                )));
+            }
+            Some(*basis)
+        }
+        [_, (value, _), ..] => {
+            return Err(
+                value.error("found two kinds of curve, expected one of legendre, bspline, fourier")
+            );
+        }
+    };
+    if error.location && (reversal || !bases.is_empty()) {
+        return Err(section.error(format!(
+            "{error}: a location error is one number, never a curve"
+        )));
+    }
+    if reversal && matches!(machine.error(error), Some(ErrorCurve::Pair { .. })) && basis.is_none()
+    {
+        return Err(section.error(format!(
+            "{error} has `forward` and `backward` in the machine file, expected one curve to which a reversal value is added: state a kind of curve too"
+        )));
+    }
+    Ok(Unknown {
+        error,
+        basis,
+        reversal,
+        penalised: decode_penalty(&section, penalised)?,
+    })
+}
+
+fn decode_name(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {
+    let name: ErrorName = value
+        .text()?
+        .parse()
+        .map_err(|error: UnknownErrorName| value.error(error.to_string()))?;
+    let structure = machine.chain().structure();
+    let Some(index) = structure.index_of(name.axis) else {
+        return Err(value.error(format!(
+            "the structure `{structure}` has no axis {}",
+            name.axis
+        )));
+    };
+    let no_effect = machine.chain().joints()[index].no_effect(name.component);
+    match no_effect.filter(|_| name.location) {
+        Some(reason) => Err(value.error(format!("{name} {reason}"))),
+        None => Ok(name),
+    }
+}

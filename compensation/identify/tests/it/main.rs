@@ -1,0 +1,10 @@
+//! Identification against closed forms, an independent program, and its own statistics.
+
+mod coverage;
+mod fuzz_corpus;
+mod lab;
+mod messages;
+mod peer;
+mod penalised;
+mod reader;
+mod simulated;

@@ -1,0 +1,280 @@
+//! What is refused or noted, and in what words.
+
+use std::fmt::Write as _;
+
+use volcomp_model::Machine;
+use volcomp_vocabulary::AxisName::{X, Y};
+
+use crate::lab::{Lab, Noise, tip};
+
+const MACHINE: &str = "structure = \"w b X Y t\"
+[axes.X]
+travel = [0.0, 500.0]
+[axes.Y]
+travel = [0.0, 400.0]
+[tools.T1]
+tip = [0.0, 0.0, -100.0]
+";
+
+fn points(extra: &str) -> String {
+    format!(
+        "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n{extra}\n"
+    )
+}
+
+/// Rows of the nominal machine.
+fn rows(places: &[(f64, f64)], noise_um: f64) -> String {
+    let machine = Machine::parse(MACHINE, "m").expect("a machine");
+    let mut noise = Noise::new(1);
+    let mut text = String::from("X,Y,x,y,z\n");
+    for &(x, y) in places {
+        let at = tip(&machine, &[(X, x), (Y, y)], [0.0; 3]);
+        let [a, b, c] = [at.x, at.y, at.z].map(|p| p + noise.normal(noise_um * 1e-3));
+        let _ = writeln!(text, "{x},{y},{a:?},{b:?},{c:?}");
+    }
+    text
+}
+
+const SQUARE: [(f64, f64); 6] = [
+    (0.0, 0.0),
+    (500.0, 0.0),
+    (500.0, 400.0),
+    (0.0, 400.0),
+    (250.0, 200.0),
+    (100.0, 300.0),
+];
+
+#[test]
+fn wrong_rows_are_refused_with_their_place() {
+    let lab = Lab::new(MACHINE);
+    for (table, extra, expected) in [
+        (
+            "X,Y,x,y,z\n1,2,3,nan,5\n",
+            "",
+            "t.csv:2: y: found `nan`, expected a finite number",
+        ),
+        ("X,Y,x,y\n1,2,3,4\n", "", "expected a column `z`"),
+        (
+            "Z,x,y,z\n1,2,3,4\n",
+            "",
+            "found a column `Z`, the structure `w b X Y t` has no axis Z",
+        ),
+        (
+            "x,y,z\n2,3,4\n",
+            "",
+            "expected the letters of the machine's axes: X, Y",
+        ),
+        (
+            "X,Y,x,y,z\n5000,2,3,4,5\n",
+            "",
+            "t.csv:2: X: found 5000 mm, expected a position within the travel of X, 0 to 500 mm: is it another unit",
+        ),
+        (
+            "X,Y,x,y,z,tool\n1,2,3,4,5,T9\n",
+            "",
+            "t.csv:2: tool: machine `` has no tool `T9`, expected one of: T1",
+        ),
+        (
+            "X,Y,x,y,z,order\n1,2,3,4,5,7\n1,2,3,4,5,6\n",
+            "",
+            "t.csv:3: order: found 6 after 7, expected rising numbers",
+        ),
+        (
+            "X,Y,x,y,z,uncertainty_um\n1,2,3,4,5,0\n",
+            "",
+            "t.csv:2: uncertainty_um: found 0, expected a number above 0",
+        ),
+        ("X,Y,x,y,z\n", "", "found no rows"),
+        (
+            "X,Y,x,y,z\n1,2,3,4,5\n",
+            "judge = true",
+            "expected a fitted observation of this kind with the same frame",
+        ),
+        ("X,Y,x,y,z\n1,2,3,4,5\n", "offset = 3", "unknown key"),
+    ] {
+        lab.write("t.csv", table);
+        let message = lab.refused(&points(extra));
+        assert!(message.contains(expected), "{table}\n{message}\n{expected}");
+    }
+}
+
+#[test]
+fn wrong_unknowns_are_refused() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &rows(&SQUARE, 1.0));
+    for (unknown, expected) in [
+        ("", "found no unknown"),
+        ("\"EXZ\"", "has no axis Z"),
+        (
+            "\"EX0X\"",
+            "has no effect; put a zero offset into the constant of EXX",
+        ),
+        ("\"EC0Y\", \"EC0Y\"", "EC0Y stands twice"),
+        (
+            "{ error = \"EC0Y\", legendre = 2 }",
+            "a location error is one number, never a curve",
+        ),
+        (
+            "{ error = \"EXX\", fourier = 2 }",
+            "expected `legendre` or `bspline`: X is a linear axis",
+        ),
+        (
+            "{ error = \"EXX\", legendre = 2, bspline = 5 }",
+            "found two kinds of curve",
+        ),
+        (
+            "{ error = \"EXX\", bspline = 3 }",
+            "a whole number from 4 to",
+        ),
+    ] {
+        let text = points("").replace("\"EC0Y\"", unknown);
+        let message = lab.refused(&text);
+        assert!(message.contains(expected), "{unknown}\n{message}");
+    }
+}
+
+#[test]
+fn poses_that_say_nothing_are_refused() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &rows(&[(100.0, 100.0); 5], 1.0));
+    let message = lab.refused(&points(""));
+    assert!(
+        message.contains("found 5 rows that all stand at the same pose"),
+        "{message}"
+    );
+    lab.write(
+        "t.csv",
+        &rows(&[(0.0, 0.0), (250.0, 200.0), (500.0, 400.0)], 1.0),
+    );
+    let message = lab.refused(&points(""));
+    assert!(
+        message.contains("t.csv:frame: the frame cannot be found"),
+        "{message}"
+    );
+    lab.write("t.csv", &rows(&SQUARE[..3], 1.0));
+    let many = points("").replace(
+        "[\"EC0Y\"]",
+        "[\"EC0Y\", { error = \"EXX\", legendre = 5 }, { error = \"EYY\", legendre = 5 }]",
+    );
+    let message = lab.refused(&many);
+    assert!(
+        message.contains("found 9 numbers in 3 poses for 19 unknowns")
+            && message.contains("determine 9 at the most"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_slip_is_named_with_its_line_and_counts_less_where_asked() {
+    let lab = Lab::new(MACHINE);
+    let places: Vec<(f64, f64)> = (0..30)
+        .map(|k| (f64::from(k % 6) * 100.0, f64::from(k / 6) * 100.0))
+        .collect();
+    let good = rows(&places, 1.0);
+    let mut lines: Vec<String> = good.lines().map(str::to_owned).collect();
+    let mut cells: Vec<String> = lines[12].split(',').map(str::to_owned).collect();
+    cells[2] = format!("{:?}", cells[2].parse::<f64>().expect("a number") + 0.2);
+    lines[12] = cells.join(",");
+    lab.write("t.csv", &lines.join("\n"));
+    let found = lab.identify(&points("")).expect("found");
+    let note = found
+        .warnings
+        .iter()
+        .find(|w| w.contains("t.csv:13"))
+        .expect("named");
+    assert!(note.contains("is it a slip?"), "{note}");
+    assert!(
+        found
+            .warnings
+            .iter()
+            .any(|w| w.contains("times the stated uncertainty"))
+    );
+    let plain = crate::lab::value(&found, "EC0Y").0;
+    let robust = lab
+        .identify(&format!("robust = true\n{}", points("")))
+        .expect("found");
+    assert!(
+        crate::lab::value(&robust, "EC0Y").0.abs() < 0.3 * plain.abs(),
+        "{plain}"
+    );
+}
+
+#[test]
+fn poses_outside_travel_and_unused_columns_are_noted() {
+    let lab = Lab::new(MACHINE);
+    let text = rows(&SQUARE, 1.0).replace("X,Y,x,y,z", "X,Y,x,y,z,operator");
+    let text: Vec<String> = text
+        .lines()
+        .enumerate()
+        .map(|(k, l)| {
+            if k == 0 {
+                l.to_owned()
+            } else {
+                format!("{l},me")
+            }
+        })
+        .collect();
+    lab.write(
+        "t.csv",
+        &text.join("\n").replace("\n500,400,", "\n520,400,"),
+    );
+    let found = lab.identify(&points("")).expect("found");
+    let words = found.warnings.join("\n");
+    assert!(
+        words.contains("line 4: X: found 520 mm, expected a position within the travel of X"),
+        "{words}"
+    );
+    assert!(
+        words.contains("columns that are not used: operator"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_sphere_that_moved_between_files_is_named() {
+    let lab = Lab::new(
+        "structure = \"w b X Y Z C B t\"
+axes.X.travel = [-500.0, 500.0]
+axes.Y.travel = [-500.0, 500.0]
+axes.Z.travel = [-500.0, 500.0]
+axes.C.travel = [-180.0, 180.0]
+axes.B.travel = [-90.0, 90.0]
+[tool]
+tip = [0.0, 0.0, -200.0]
+",
+    );
+    let mut noise = Noise::new(9);
+    let mut table = |moved: f64| {
+        let mut text = String::from("X,Y,Z,C,B,sphere\n");
+        for k in 0..12 {
+            let (c, b) = (f64::from(k) * 30.0 - 170.0, f64::from(k % 4) * 40.0 - 60.0);
+            let (c_rad, b_rad) = (c.to_radians(), b.to_radians());
+            // The tip of a tool of 200 mm, turned by B and then by C.
+            let x = -200.0 * b_rad.sin();
+            let [px, py, pz] = [x * c_rad.cos(), x * c_rad.sin(), -200.0 * b_rad.cos()];
+            let mut n = || noise.normal(0.001);
+            let _ = writeln!(
+                text,
+                "{:?},{:?},{:?},{c},{b},S1",
+                100.0 + moved - px + n(),
+                50.0 - py + n(),
+                -300.0 - pz + n()
+            );
+        }
+        text
+    };
+    lab.write("one.csv", &table(0.0));
+    lab.write("two.csv", &table(0.03));
+    let text = "folds = 0\nunknown = [\"EX0C\", \"EA0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"one.csv\"\n[[observation]]\nkind = \"sphere\"\nfile = \"two.csv\"\n";
+    let found = lab.identify(text).expect("found");
+    let note = found
+        .warnings
+        .iter()
+        .find(|w| w.contains("seems to have moved"))
+        .expect("named");
+    assert!(
+        note.starts_with("sphere S1 seems to have moved by [30.")
+            || note.starts_with("sphere S1 seems to have moved by [29."),
+        "{note}"
+    );
+}

@@ -1,0 +1,76 @@
+//! Curves whose bending is chosen from the observations.
+
+use std::fmt::Write as _;
+
+use crate::lab::{Lab, Noise};
+
+const MACHINE: &str = "structure = \"w b X t\"
+[axes.X]
+travel = [0.0, 1000.0]
+";
+
+fn readings(of: impl Fn(f64) -> f64, sigma: f64) -> String {
+    let mut noise = Noise::new(3);
+    let mut text = String::from("X,deviation_um\n");
+    for k in 0..60 {
+        let x = f64::from(k) * 1000.0 / 59.0;
+        let _ = writeln!(text, "{x:?},{:?}", of(x) + noise.normal(sigma));
+    }
+    text
+}
+
+const TEXT: &str = "penalty = \"auto\"\nfolds = 10
+unknown = [{ error = \"EXX\", bspline = 20 }]
+[[observation]]
+kind = \"line\"
+file = \"x.csv\"
+direction = [1, 0, 0]
+";
+
+#[test]
+fn a_straight_line_takes_two_coefficients_and_a_wave_takes_what_it_needs() {
+    let lab = Lab::new(MACHINE);
+    lab.write("x.csv", &readings(|x| 0.01 * x - 3.0, 1.0));
+    let straight = lab.identify(TEXT).expect("found");
+    assert!(
+        (1.0..6.0).contains(&straight.degrees),
+        "{}",
+        straight.degrees
+    );
+    lab.write("x.csv", &readings(|x| 10.0 * (x / 60.0).sin(), 1.0));
+    let bent = lab.identify(TEXT).expect("found");
+    assert!((10.0..20.0).contains(&bent.degrees), "{}", bent.degrees);
+    // The truth is followed better than the readings scatter.
+    let curve = bent
+        .machine
+        .error("EXX".parse().expect("a name"))
+        .expect("a curve");
+    let wrong = (0..100).map(|k| {
+        let x = 10.0 * f64::from(k);
+        (curve.value(0, &[x], None) - 10.0 * (x / 60.0).sin()).powi(2)
+    });
+    let rms = (wrong.sum::<f64>() / 100.0).sqrt();
+    assert!(rms < 0.8, "{rms}");
+    let left = bent.left_out.expect("judged").0.rms_um;
+    assert!((0.8..1.6).contains(&left), "{left}");
+}
+
+#[test]
+fn noise_is_found_where_it_was_stated_too_small() {
+    let lab = Lab::new(MACHINE);
+    lab.write("x.csv", &readings(|x| 0.01 * x, 5.0));
+    let found = lab.identify(TEXT).expect("found");
+    assert!(
+        (3.5..6.5).contains(&found.variance.sqrt()),
+        "{}",
+        found.variance
+    );
+    assert!(
+        found
+            .warnings
+            .iter()
+            .any(|w| w.contains("times the stated uncertainty")),
+        "{:?}",
+        found.warnings
+    );
+}

@@ -1,0 +1,286 @@
+//! Known errors are found again.
+
+use std::fmt::Write as _;
+
+use volcomp_model::Machine;
+use volcomp_vocabulary::AxisName::{B, C, X, Y, Z};
+
+use crate::lab::{Lab, Noise, tip, value};
+
+const MACHINE: &str = "structure = \"w C' X' b Y Z B t\"
+[axes.X]
+travel = [-300.0, 300.0]
+[axes.Y]
+travel = [-200.0, 200.0]
+[axes.Z]
+travel = [0.0, 400.0]
+[axes.C]
+travel = [-360.0, 360.0]
+[axes.B]
+travel = [-100.0, 100.0]
+point = [0.0, 0.0, 300.0]
+[tool]
+tip = [0.0, 0.0, 100.0]
+";
+
+/// Rows of a tracker whose frame lies elsewhere, with a target beside the tip.
+fn tracker(truth: &Machine, poses: usize, noise_um: f64) -> String {
+    let mut noise = Noise::new(11);
+    let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
+    for _ in 0..poses {
+        let at = [
+            (X, noise.between(-300.0, 300.0)),
+            (Y, noise.between(-200.0, 200.0)),
+            (Z, noise.between(0.0, 400.0)),
+            (C, noise.between(-360.0, 360.0)),
+            (B, noise.between(-100.0, 100.0)),
+        ];
+        let seen = tip(truth, &at, [3.0, -2.0, 5.0]);
+        let [x, y, z] = [seen.x, seen.y, seen.z].map(|x| x + noise.normal(noise_um * 1e-3));
+        let numbers: Vec<String> = at.iter().map(|(_, q)| format!("{q:?}")).collect();
+        // Turned by +90° about Z and shifted: workpiece = (−y', x', z') + (1000, 0, −50).
+        let _ = writeln!(
+            text,
+            "{},{:?},{:?},{:?}",
+            numbers.join(","),
+            y,
+            1000.0 - x,
+            z + 50.0
+        );
+    }
+    text
+}
+
+#[test]
+fn errors_without_noise_are_found_to_the_last_digit() {
+    let errors = "EC0Y = 30.0\nEA0B = -40.0\nEC0B = 12.0\nEX0C = 15.0\nEY0C = -9.0\nEA0C = 25.0\nEB0C = -14.0
+EXX = { poly = [0.0, 0.02] }\nEYZ = { poly = [0.0, 0.0, 0.0001] }\nEBY = { poly = [0.0, 0.1] }
+ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n";
+    let truth =
+        Machine::parse(&format!("{MACHINE}[errors]\n{errors}"), "truth").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &tracker(&truth, 60, 0.0));
+    let found = lab
+        .identify(
+            "folds = 5
+unknown = [\"EC0Y\", \"EA0B\", \"EC0B\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\",
+{ error = \"EXX\", legendre = 1 }, { error = \"EYZ\", legendre = 2 }, { error = \"EBY\", legendre = 1 }, { error = \"ECC\", fourier = 1 }]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+target = \"unknown\"
+",
+        )
+        .expect("found");
+    // What is left at zero is the same only to the first order: products of errors of 30 µrad are left.
+    assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
+    let left = found.left_out.expect("judged").0;
+    assert!(left.max_um < 1e-2, "{left:?}");
+    // Single parameters depend on what is left at zero; the volumetric errors do not, but for one rigid motion.
+    let (frame_c, _) = value(&found, "t.csv:frame.c");
+    assert!((frame_c - 90.0).abs() < 0.01, "{frame_c}");
+    let others = [(X, 100.0), (Y, 50.0), (Z, 200.0), (C, 30.0), (B, 20.0)];
+    let machine = &found.machine;
+    assert!((tip(machine, &others, [0.0; 3]) - tip(&truth, &others, [0.0; 3])).norm() < 0.2);
+}
+
+#[test]
+fn what_cannot_be_told_apart_is_named_and_left_at_zero() {
+    let truth = Machine::parse(MACHINE, "truth").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &tracker(&truth, 30, 1.0));
+    let found = lab
+        .identify(
+            "folds = 0
+unknown = [\"EXX\", \"EX0C\", \"EC0Y\"]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+target = \"unknown\"
+",
+        )
+        .expect("found");
+    assert!(found.left_out.is_none());
+    // C stands between the frame and X: a shift of X turns with C, and so does one of the axis of C.
+    let null: Vec<&(String, f64)> = found.null.iter().flatten().collect();
+    assert_eq!(found.null.len(), 1, "{null:?}");
+    let names: Vec<&str> = null.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names[0], "EXX constant");
+    assert!(names.contains(&"EX0C"), "{names:?}");
+    assert_eq!(found.rank, found.parameters.len() - 1);
+    assert_eq!(found.score, 0.0);
+    let left = found
+        .parameters
+        .iter()
+        .find(|p| p.name == "EXX constant")
+        .expect("there");
+    assert!(!left.determined && left.value == 0.0 && left.uncertainty.is_none());
+    let mixed = found
+        .parameters
+        .iter()
+        .find(|p| p.name == "EX0C")
+        .expect("there");
+    assert!(mixed.determined);
+    assert_eq!(mixed.given_zero, ["EXX constant"]);
+    let words = found.warnings.join("\n");
+    assert!(
+        words.contains("EXX constant cannot be told apart from") && words.contains("EX0C"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_reversal_value_is_found_from_the_order_of_the_rows() {
+    let truth = Machine::parse(
+        &format!("{MACHINE}[errors]\nEXX = {{ mean = 0.0, reversal = 8.0 }}\n"),
+        "truth",
+    )
+    .expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let mut text = String::from("X,deviation_um\n");
+    let mut before: Option<f64> = None;
+    for x in [
+        -300.0, -100.0, 0.0, 100.0, 300.0, 100.0, 0.0, -100.0, -200.0, 50.0,
+    ] {
+        let mut state = truth.state(&[(X, x)]).expect("a state");
+        let index = truth.index_of(X).expect("X");
+        state.approach[index] = before.and_then(|b| volcomp_vocabulary::Direction::of(x - b));
+        before = Some(x);
+        let error = truth.error_at(
+            &state,
+            volcomp_kinematics::Form::Exact,
+            &volcomp_model::Temperatures::default(),
+        );
+        let _ = writeln!(text, "{x:?},{:?}", error.position_mm.x * 1e3);
+    }
+    lab.write("l.csv", &text);
+    let found = lab
+        .identify(
+            "unknown = [{ error = \"EXX\", reversal = true }]
+[[observation]]
+kind = \"line\"
+file = \"l.csv\"
+direction = [2, 0, 0]
+offset = \"unknown\"
+",
+        )
+        .expect("found");
+    let (reversal, _) = value(&found, "EXX reversal");
+    assert!((reversal - 8.0).abs() < 1e-9, "{reversal}");
+    let curve = found.machine.error("EXX".parse().expect("a name"));
+    assert!(
+        matches!(curve, Some(volcomp_curve::ErrorCurve::Reversal { reversal: b, .. }) if *b == reversal),
+        "{curve:?}"
+    );
+}
+
+#[test]
+fn distances_between_poses_and_from_a_point() {
+    // X is 10 µm too long on 600 mm: a step gauge along it says so, and a ballbar about a point does.
+    let truth = Machine::parse(
+        &format!("{MACHINE}[errors]\nEXX = {{ poly = [0.0, 0.0166666666666667] }}\nEYY = {{ poly = [0.0, -0.02] }}\n"),
+        "truth",
+    )
+    .expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let at = |x: f64, y: f64| tip(&truth, &[(X, x), (Y, y)], [0.0; 3]);
+    let mut gauge = String::from("pose,X,Y,from,to,length_mm\n");
+    for x in [-300, -100, 100, 300] {
+        let _ = writeln!(gauge, "p{x},{x},0,,,");
+    }
+    for x in [-100, 100, 300] {
+        let length = (at(f64::from(x), 0.0) - at(-300.0, 0.0)).norm();
+        let _ = writeln!(gauge, ",,,p-300,p{x},{length:?}");
+    }
+    lab.write("gauge.csv", &gauge);
+    let mut bar = String::from("X,Y,Z,length_mm\n");
+    let centre = volcomp_kinematics::nalgebra::Vector3::new(20.0, 10.0, 100.0);
+    for step in 0..36 {
+        let angle = f64::from(step) / 18.0 * core::f64::consts::PI;
+        let (x, y) = (20.0 + 150.0 * angle.cos(), 10.0 + 150.0 * angle.sin());
+        let _ = writeln!(
+            bar,
+            "{x:?},{y:?},0,{:?}",
+            (at(x, y) - centre).norm() - 150.0
+        );
+    }
+    lab.write("bar.csv", &bar);
+    let found = lab
+        .identify(
+            "unknown = [{ error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 1 }, \"EC0Y\"]
+[[observation]]
+kind = \"distance\"
+file = \"gauge.csv\"
+[[observation]]
+kind = \"distance\"
+file = \"bar.csv\"
+point = \"unknown\"
+dead_length = \"unknown\"
+",
+        )
+        .expect("found");
+    assert!(found.residual.max_um < 1e-6, "{:?}", found.residual);
+    assert!((value(&found, "EXX legendre 1").0 - 5.0).abs() < 1e-3);
+    assert!((value(&found, "bar.csv:point.x").0 - 20.0).abs() < 0.01);
+    assert!(value(&found, "EC0Y").0.abs() < 1e-3);
+    let slope = |machine: &Machine| {
+        let curve = machine
+            .error("EYY".parse().expect("a name"))
+            .expect("a curve");
+        let index = machine.index_of(Y).expect("Y");
+        let mut at = [0.0; 9];
+        at[index] = 100.0;
+        let high = curve.value(index, &at, None);
+        at[index] = -100.0;
+        high - curve.value(index, &at, None)
+    };
+    let [ours, expected] = [&found.machine, &truth].map(slope);
+    assert!(
+        (ours - expected).abs() < 1e-3,
+        "{ours} {expected} {:#?}",
+        found.parameters
+    );
+}
+
+#[test]
+fn a_judged_file_uses_the_set_up_of_the_fitted_one() {
+    let truth =
+        Machine::parse(&format!("{MACHINE}[errors]\nEC0Y = 30.0\n"), "truth").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let rows = tracker(&truth, 40, 0.0);
+    let lines: Vec<&str> = rows.lines().collect();
+    lab.write("fit.csv", &lines[..31].join("\n"));
+    lab.write(
+        "judge.csv",
+        &[&lines[..1], &lines[31..]].concat().join("\n"),
+    );
+    let text = |unknown: &str| {
+        format!(
+            "folds = 0\nunknown = [{unknown}]
+[[observation]]
+kind = \"points\"
+file = \"judge.csv\"
+target = \"unknown\"
+judge = true
+[[observation]]
+kind = \"points\"
+file = \"fit.csv\"
+target = \"unknown\"
+"
+        )
+    };
+    let judged = lab
+        .identify(&text("\"EC0Y\""))
+        .expect("found")
+        .judged
+        .expect("judged");
+    assert_eq!(judged.rows, 10);
+    assert!(judged.max_um < 1e-6, "{judged:?}");
+    // With the wrong unknown something is left.
+    let judged = lab
+        .identify(&text("\"EA0Z\""))
+        .expect("found")
+        .judged
+        .expect("judged");
+    assert!(judged.rms_um > 0.5, "{judged:?}");
+}
