@@ -166,7 +166,7 @@ fn lines_that_take_over_begin_with_what_they_carry() {
 /// What lines were left with, nobody knows by whom, is told where their device tells it, and disarming takes it out.
 #[test]
 fn what_lines_were_left_with_is_told_and_disarming_takes_it_out() {
-    let mut world = World::blind(&limits());
+    let mut world = World::lines(&limits());
     let unknown = axes(f64::NAN, f64::NAN);
     world
         .read_back

@@ -67,7 +67,7 @@ fn lines_are_known_by_readings_that_are_late() {
         to_zero: 100 * MS,
     };
     for control in [None, Some(control)] {
-        let mut read_back = ReadBack::blind(control);
+        let mut read_back = ReadBack::no_read_back(control);
         let unknown = PerChannel::from_fn(|_| f64::NAN);
         read_back.restore(Duration::ZERO, &unknown, Duration::ZERO, &limits());
         assert_eq!(read_back.known().confirmed, None);
