@@ -115,6 +115,11 @@ pub(crate) struct World {
     pub(crate) largest_step: f64,
 }
 
+/// Each axis has the place on this path that it had on the one before.
+pub(crate) fn same_places() -> PerChannel<Option<usize>> {
+    PerChannel::from_fn(Some)
+}
+
 pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
     let mut values = PerChannel::ZERO;
     (values[0], values[1]) = (x, y);
@@ -192,6 +197,15 @@ impl World {
 
     pub(crate) fn known(&self) -> &Known {
         self.read_back.known()
+    }
+
+    /// Lowers the limit of every axis to this, mm.
+    pub(crate) fn lower_limits(&mut self, limit: f64) {
+        let mut lowered = *self.guard.limits();
+        for axis in &mut lowered.axes {
+            (axis.limit, axis.warn) = (limit, limit);
+        }
+        self.guard.set_limits(lowered).expect("good limits");
     }
 
     fn is_stopped(&self) -> bool {
