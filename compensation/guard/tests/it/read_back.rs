@@ -27,7 +27,7 @@ fn a_reading_confirms_as_of_when_it_held() {
     for late in [Duration::ZERO, 7 * MS, hold] {
         let (known, now) = heard(&mut ReadBack::plain(Duration::ZERO), late);
         let confirmed = known.confirmed.expect("three equal readings");
-        assert_eq!(confirmed.at, now - late);
+        assert_eq!(confirmed.at, now.saturating_sub(late));
         assert!((confirmed.values[0] - 5.0 * STEP).abs() < 1e-12);
     }
     let (known, _) = heard(&mut ReadBack::plain(Duration::ZERO), hold + MS);
@@ -51,7 +51,7 @@ fn a_reading_that_is_repeated_grows_old() {
     let known = read_back.known();
     assert_eq!(known.confirmed.map(|confirmed| confirmed.at), Some(last));
     assert!(!known.writable);
-    let unlanded = known.unlanded_since.map(|since| now - since);
+    let unlanded = known.unlanded_since.map(|since| now.saturating_sub(since));
     assert!(
         unlanded.is_some_and(|time| time < limits.zero_after),
         "{unlanded:?}"
@@ -74,7 +74,11 @@ fn lines_are_known_by_readings_that_are_late() {
         let (known, now) = heard(&mut read_back, 7 * MS);
         let at = known.confirmed.map(|confirmed| confirmed.at);
         // Lines of a control that has gone to zero by itself say nothing of it.
-        let expected = if control.is_none() { now - 7 * MS } else { now };
+        let expected = if control.is_none() {
+            now.saturating_sub(7 * MS)
+        } else {
+            now
+        };
         assert_eq!(at, Some(expected), "{control:?}");
         assert!(known.writable);
     }
