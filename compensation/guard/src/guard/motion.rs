@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::Guard;
 use crate::{
-    Confirmed, Inputs, Reasons, Scheme, Vector,
+    Confirmed, Inputs, Limits, Reasons, Scheme, Vector,
     state::{Phase, State},
     step::ROUNDING,
 };
@@ -22,12 +22,15 @@ impl Guard {
         };
         let reach = self.reach(inputs.known.scheme);
         let [lowest, highest] = inputs.known.between;
+        let sent = self.before.output();
         for share in SHARES {
             self.vector = self.before;
             let moved = self.move_by(inputs, dt_s * share);
             let output = self.output();
             let is_near = |i: usize| {
-                let most = values[i].abs().max(self.limits.axes[i].reachable());
+                // The word that was sent last is on its way: what comes in from beyond a limit begins there.
+                let stood = values[i].abs().max(sent[i].abs());
+                let most = stood.max(self.limits.axes[i].reachable());
                 let reach = reach[i] * ROUNDING;
                 output[i] - lowest[i] <= reach
                     && highest[i] - output[i] <= reach
@@ -65,14 +68,14 @@ impl Guard {
         let limits = self.limits;
         if !inputs.interlocks.is_empty() {
             match self.held {
-                Some(held) => self.move_to(&held, dt_s),
+                Some(held) => self.move_to_held(&held, dt_s),
                 None => self.vector.stop(),
             }
             return Reasons::NONE;
         }
         match self.state {
             State::Arming(Phase::Proving) => {
-                self.move_to(&self.proof.goal(&self.from, &limits), dt_s);
+                self.move_to(&self.proof.goal(&self.from, &limits), &limits, dt_s);
                 Reasons::NONE
             }
             State::Arming(Phase::Ramping) | State::Compensating => {
@@ -99,14 +102,24 @@ impl Guard {
         }
     }
 
+    /// Moves the vector to where the control holds by itself, also beyond a limit that was lowered meanwhile: it is led in after
+    /// the stop, in which nothing moves.
+    fn move_to_held(&mut self, held: &PerChannel<f64>, dt_s: f64) {
+        let (stands, mut limits) = (self.vector.smooth(), self.limits);
+        for (i, axis) in limits.axes.iter_mut().enumerate() {
+            axis.limit = axis.limit.max(held[i].abs()).max(stands[i].abs());
+        }
+        self.move_to(held, &limits, dt_s);
+    }
+
     /// Moves the vector on a line to a goal that is some steps away: it takes the fewest cycles, not those of the ramp of a
     /// correction. What a lowered limit left outside comes in by a ramp.
-    fn move_to(&mut self, goal: &PerChannel<f64>, dt_s: f64) {
+    fn move_to(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
         // Also anew where a write was not sent, and the vector is as it was before.
         if !self.vector.leads_to(goal) {
             self.vector.begin_line(goal);
         }
-        let (smooth, mut limits) = (self.vector.smooth(), self.limits);
+        let (smooth, mut limits) = (self.vector.smooth(), *limits);
         let is_within = |i: usize| smooth[i].abs() <= limits.axes[i].reachable() * (1.0 + 1e-9);
         if self.all(is_within) {
             limits.ramp = Duration::ZERO;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Interlock, Interlocks, Limits, Reasons, Request, State};
+use volcomp_guard::{Hold, Interlock, Interlocks, Limits, Reasons, Request, State};
+use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, World, axes, limits};
 
@@ -175,5 +176,133 @@ fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
             assert_eq!(world.guard.state(), State::Compensating);
             assert!((furthest - 0.140).abs() < 1e-9);
         }
+    }
+}
+
+/// A barrier some cycles away that holds by an emergency stop, which began in the middle of a ramp.
+fn stopped(read_back_cycles: usize, late: usize) -> World {
+    let mut world = World::guarded(&Limits {
+        read_back_cycles,
+        ..limits()
+    });
+    (world.sent_late, world.told_late) = (late, late);
+    world.target = Some(axes(0.140, -0.070));
+    world.request(Request::Arm);
+    world.run(100 * PERIOD);
+    world.emergency_stop = true;
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.guard.state(), State::Holding(Hold::Interlocked));
+    world
+}
+
+/// In a stop the word goes to where the control stands, and stays there when a person lowers the limits: it went from 100 µm to
+/// 69 µm.
+#[test]
+fn limits_lowered_in_a_stop_do_not_move_the_word() {
+    let mut world = stopped(14, 4);
+    let stands = world.applied;
+    let off = |word: PerChannel<f64>| (word[0] - stands[0]).abs();
+    assert!(off(world.run(PERIOD).correction) < 1e-9);
+    world.lower_limits(0.030);
+    for _ in 0..250 {
+        assert!(off(world.run(Duration::ZERO).correction) < 1e-9);
+        assert_eq!(world.applied, stands);
+    }
+}
+
+/// Limits are lowered while the word is still on its way to where the control stands: it goes there all the same.
+#[test]
+fn limits_lowered_as_a_stop_begins_leave_the_word_where_the_control_stands() {
+    for cycles in 0..40 {
+        let mut world = World::guarded(&Limits {
+            read_back_cycles: 14,
+            ..limits()
+        });
+        (world.sent_late, world.told_late) = (4, 4);
+        world.target = Some(axes(0.140, -0.070));
+        world.request(Request::Arm);
+        world.run(100 * PERIOD);
+        world.emergency_stop = true;
+        world.run(cycles * PERIOD);
+        world.lower_limits(0.030);
+        let stands = world.applied;
+        let word = world.run(Duration::from_secs(1)).correction;
+        assert_eq!(world.applied, stands);
+        assert!((word[0] - stands[0]).abs() < 1e-9, "{cycles}: {}", word[0]);
+        world.emergency_stop = false;
+        assert_eq!(world.run(Duration::from_secs(2)).state, State::Compensating);
+        assert!((world.applied[0] - 0.030).abs() < 1e-9);
+    }
+}
+
+/// The control is free again while another path still shows the stop: the axis went from 106 µm to 30 µm in it.
+#[test]
+fn limits_lowered_in_a_stop_that_another_path_shows_move_no_axis() {
+    let mut world = stopped(8, 2);
+    world.interlocks.see(1, STOP);
+    world.emergency_stop = false;
+    world.run(Duration::from_millis(200));
+    let stands = world.applied;
+    world.lower_limits(0.030);
+    for _ in 0..750 {
+        world.run(Duration::ZERO);
+        assert_eq!(world.applied, stands);
+    }
+    assert_eq!(world.guard.state(), State::Holding(Hold::Interlocked));
+}
+
+/// When the stop ends the axis comes in by the slew of the guard, and not by the rate of the barrier.
+#[test]
+fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
+    // How far the axis goes beyond the slew in any window of time, mm.
+    let goes_beyond = |read_back_cycles, late, limit| {
+        let mut world = stopped(read_back_cycles, late);
+        world.lower_limits(limit);
+        world.run(Duration::from_secs(1));
+        world.emergency_stop = false;
+        let mut seen = vec![world.applied[0]];
+        for _ in 0..400 {
+            world.run(Duration::ZERO);
+            seen.push(world.applied[0]);
+        }
+        let slewed = limits().axes[0].slew_per_s * PERIOD.as_secs_f64();
+        let mut most = 0.0_f64;
+        for (i, from) in seen.iter().enumerate() {
+            for (cycles, to) in seen[i..].iter().enumerate() {
+                most = most.max((to - from).abs() - slewed * cycles as f64);
+            }
+        }
+        most
+    };
+    // One step for rounding, and one since the barrier goes by its own rate within a cycle.
+    for (read_back_cycles, late, limit) in
+        [(14, 4, 0.150), (2, 0, 0.030), (8, 2, 0.030), (14, 4, 0.030)]
+    {
+        let beyond = goes_beyond(read_back_cycles, late, limit);
+        assert!(beyond <= 0.002 + 1e-9, "{late}, to {limit}: {beyond}");
+    }
+}
+
+/// Limits are lowered in the cycle in which a stop begins that only another path shows: the axis goes no way twice.
+#[test]
+fn limits_lowered_as_a_stop_begins_lead_no_axis_back() {
+    for late in [0, 2, 4, 6] {
+        let mut world = World::guarded(&Limits {
+            read_back_cycles: 2 * late + 2,
+            ..limits()
+        });
+        (world.sent_late, world.told_late) = (late, late);
+        world.target = Some(axes(0.140, -0.070));
+        world.request(Request::Arm);
+        world.run(100 * PERIOD);
+        world.interlocks.see(1, STOP);
+        world.lower_limits(0.030);
+        let mut furthest = 0.0_f64;
+        for _ in 0..300 {
+            world.run(Duration::ZERO);
+            furthest = furthest.max(world.applied[0]);
+            assert_eq!(world.applied[0], furthest, "{late} cycles late");
+        }
+        assert!(furthest > 0.100, "{furthest}");
     }
 }

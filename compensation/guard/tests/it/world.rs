@@ -194,6 +194,15 @@ impl World {
         self.read_back.known()
     }
 
+    /// Lowers the limit of every axis to this, mm.
+    pub(crate) fn lower_limits(&mut self, limit: f64) {
+        let mut lowered = *self.guard.limits();
+        for axis in &mut lowered.axes {
+            (axis.limit, axis.warn) = (limit, limit);
+        }
+        self.guard.set_limits(lowered).expect("good limits");
+    }
+
     fn is_stopped(&self) -> bool {
         !self.referenced || self.alarm || self.emergency_stop
     }
