@@ -9,7 +9,9 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{
     Confirmed, Inputs, Known, Limits, LimitsError, Output, Reading, Reasons, Request, Scheme,
-    Vector, Wanted, ceiling,
+    Vector, Wanted,
+    allowed::Allowed,
+    ceiling,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
     state::{Cause, Facts, Hold, Phase, State},
@@ -34,8 +36,8 @@ pub struct Guard {
     corridor: Corridor,
     /// What was confirmed last.
     confirmed: PerChannel<f64>,
-    /// The largest correction of each axis that is no surprise: its limit, or more where that was lowered.
-    allowed: PerChannel<f64>,
+    /// What is no surprise where it is found.
+    allowed: Allowed,
     /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
     stood: bool,
     /// Where the control stands by itself while an interlock lasts: what is sent on to its barrier goes there.
@@ -70,7 +72,7 @@ impl Guard {
             from: PerChannel::ZERO,
             corridor: Corridor::about(&PerChannel::ZERO, &limits),
             confirmed: PerChannel::ZERO,
-            allowed: limits.of_axes(|axis| axis.limit),
+            allowed: Allowed::within(&limits),
             stood: true,
             held: None,
             took_over: true,
@@ -92,33 +94,29 @@ impl Guard {
     /// Those of [`Limits::check_in_place_of`]: the old ones stay.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
-        let output = self.output();
-        for i in 0..limits.count {
-            let stands = output[i].abs().max(self.confirmed[i].abs());
-            // What was a surprise before is one with the new limits, too.
-            self.allowed[i] = limits.axes[i].limit.max(stands.min(self.allowed[i]));
-        }
+        let stands = self.stands().unwrap_or_default();
+        self.allowed.narrow(&stands, &limits);
         self.limits = limits;
         Ok(())
     }
 
     /// Another path writes from the next cycle on, with these limits in its order of axes: the output begins with what is
-    /// known to be applied on it.
+    /// known to be applied on it. `places` says which place each of its axes had on the path before; `None`: that path did
+    /// not write it. What lies beyond the new limits, and was sent by the path before or known there, comes in by a ramp.
     ///
     /// # Errors
     /// Limits that make no sense: the path before goes on.
-    pub fn take_path(&mut self, limits: Limits) -> Result<(), LimitsError> {
+    pub fn take_path(
+        &mut self,
+        limits: Limits,
+        places: &PerChannel<Option<usize>>,
+    ) -> Result<(), LimitsError> {
         limits.check()?;
-        // What is on its way in from beyond a limit is no surprise on this path either, in whatever order its axes are.
-        let led_in = |kind| {
-            let is_led_in = |i: &usize| {
-                let axis = &self.limits.axes[*i];
-                axis.kind == kind && self.allowed[*i] > axis.limit
-            };
-            let axes = (0..self.limits.count).filter(is_led_in);
-            axes.map(|i| self.allowed[i]).fold(0.0, f64::max)
-        };
-        self.allowed = limits.of_axes(|axis| axis.limit.max(led_in(axis.kind)));
+        // What the path before has sent, or was known to apply, is no surprise on this path either.
+        let stands = self.stands().unwrap_or_default();
+        let now = self.last_cycle.unwrap_or_default();
+        let both = [&self.limits, &limits];
+        self.allowed.take_path(now, places, &stands, both);
         self.limits = limits;
         self.adopted = PerChannel::default();
         self.took_over = true;
@@ -334,23 +332,25 @@ impl Guard {
     /// Keeps the largest correction that is no surprise: more than the limit only on the way in, where it was lowered or
     /// a person has looked.
     fn allow(&mut self, inputs: &Inputs, before: State) {
-        if self.took_over {
-            // What stands on this path is not known yet.
+        let Some(stands) = self.stands() else {
             return;
-        }
+        };
         let leads_out = matches!(self.state, State::RampingOut(_))
             && !matches!(before, State::RampingOut(_))
             && inputs.request == Some(Request::Acknowledge);
-        let output = self.output();
-        for i in 0..self.limits.count {
-            let stands = output[i].abs().max(self.confirmed[i].abs());
-            let most = if leads_out {
-                stands
-            } else {
-                self.allowed[i].min(stands)
-            };
-            self.allowed[i] = self.limits.axes[i].limit.max(most);
+        if leads_out {
+            self.allowed.accept(&stands, &self.limits);
+        } else {
+            self.allowed.narrow(&stands, &self.limits);
         }
+        if let Some(confirmed) = inputs.known.confirmed {
+            self.allowed.pass(inputs.now, confirmed.at, &self.limits);
+        }
+    }
+
+    /// Where the output and the control stand; `None`: another path writes, and it is not known yet on this one.
+    fn stands(&self) -> Option<[PerChannel<f64>; 2]> {
+        (!self.took_over).then(|| [self.output(), self.confirmed])
     }
 
     /// A ramp or a line begins where the output stands.

@@ -1,6 +1,7 @@
 #![no_std]
 #![doc = include_str!("../README.md")]
 
+mod allowed;
 pub mod barrier;
 pub mod ceiling;
 mod corridor;

@@ -162,6 +162,15 @@ impl ControlPath {
         self.seen.machine_axis.into_iter().take(self.count())
     }
 
+    /// The place that each of its axes has on another path; `None`: that path does not write it.
+    pub(crate) fn places_on(&self, other: &Self) -> PerChannel<Option<usize>> {
+        let mut places = PerChannel::default();
+        for (place, axis) in places.iter_mut().zip(self.written()) {
+            *place = other.written().position(|of_other| of_other == axis);
+        }
+        places
+    }
+
     /// Values of its axes in machine order; zero for axes that it does not write.
     pub(crate) fn in_machine(&self, values: &PerChannel<f64>) -> PerAxis<f64> {
         let mut machine = PerAxis::ZERO;

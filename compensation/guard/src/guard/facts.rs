@@ -9,7 +9,6 @@ use crate::{
     Inputs, Known, Reading, Reasons, ceiling,
     read_back::are_equal,
     state::{Facts, Phase, State},
-    step::one_step,
 };
 
 /// So many confirmed corrections of an axis in a row that were not sent, without one between that was, make a fault.
@@ -46,12 +45,7 @@ impl Guard {
         let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
         let values = known.confirmed.map(|confirmed| confirmed.values);
         let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
-        let beyond = |values: &PerChannel<f64>| {
-            let is_beyond = |i: usize| {
-                values[i].abs() > self.allowed[i] + one_step(self.limits.axes[i].resolution)
-            };
-            (0..self.limits.count).any(is_beyond)
-        };
+        let beyond = |values: &PerChannel<f64>| self.allowed.is_exceeded_by(values, limits);
         Facts {
             request: inputs.request,
             interlocked,

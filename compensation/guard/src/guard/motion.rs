@@ -43,6 +43,7 @@ impl Guard {
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;
                 self.corridor.narrow(&output, &self.limits);
+                self.allowed.send(&output);
                 return true;
             }
         }

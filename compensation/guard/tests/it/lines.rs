@@ -5,7 +5,7 @@ use core::time::Duration;
 use volcomp_guard::{ControlTimeOut, ReadBack, Reasons, Request, State, Told};
 use volcomp_vocabulary::PerChannel;
 
-use crate::world::{PERIOD, STEP, World, axes, limits};
+use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -237,7 +237,10 @@ fn lines_that_take_over_again_begin_with_what_they_wrote() {
     let left = world.applied[0];
     assert!(left > 0.01, "{left}");
     // Another path writes meanwhile.
-    world.guard.take_path(limits()).expect("good limits");
+    world
+        .guard
+        .take_path(limits(), &same_places())
+        .expect("good limits");
     world.read_back.take_over(world.now, false);
     world.run(10 * PERIOD);
     world.largest_step = 0.0;

@@ -1,9 +1,14 @@
 //! Limits and accelerations that are lowered while the correction is applied: the whole vector comes in on one line.
 
-use volcomp_guard::{Limits, Vector, Wanted};
+use std::time::Duration;
+
+use volcomp_guard::{Cause, Interlock, Limits, ReadBack, Request, State, Vector, Wanted};
 use volcomp_vocabulary::PerChannel;
 
-use crate::vector::{five, of, three};
+use crate::{
+    vector::{five, of, three},
+    world::{self, PERIOD, World, axes},
+};
 
 const CYCLE_S: f64 = 0.004;
 
@@ -133,7 +138,7 @@ fn a_lowered_acceleration_does_not_overshoot() {
     let wanted = Wanted::linear(of([0.091, -0.040, 0.0]));
     for (cycles, part) in [(10, 0.1), (30, 0.025), (40, 0.005), (20, 0.005)] {
         let before = Limits {
-            ramp: std::time::Duration::from_millis(100),
+            ramp: Duration::from_millis(100),
             ..with_accel(&three(), 20.0)
         };
         let after = with_accel(&before, 20.0 * part);
@@ -162,4 +167,165 @@ fn a_lowered_acceleration_does_not_overshoot() {
         assert!(vector.is_ramped());
         assert!((vector.output()[0] - 0.091).abs() < 1e-9);
     }
+}
+
+/// A barrier some cycles away, in the middle of the ramp of a correction to 140 µm.
+fn in_motion(late: usize, after: u32) -> World {
+    let mut world = World::guarded(&Limits {
+        read_back_cycles: 2 * late + 2,
+        ..world::limits()
+    });
+    (world.sent_late, world.told_late) = (late, late);
+    world.target = Some(axes(0.140, -0.070));
+    world.request(Request::Arm);
+    world.run(after * PERIOD);
+    world
+}
+
+/// What was on its way to a barrier lands after the limit was lowered, and comes in: it was a correction that nobody has sent,
+/// and the whole correction was lost.
+#[test]
+fn limits_lowered_in_motion_behind_a_slow_way_are_no_fault() {
+    for late in [0, 1, 2, 4, 6] {
+        for after in [60, 80, 100, 120, 140] {
+            for limit in [0.100, 0.030] {
+                let mut world = in_motion(late, after);
+                world.largest_step = 0.0;
+                world.lower_limits(limit);
+                world.request(Request::Switched);
+                let state = world.run(Duration::from_secs(2)).state;
+                let case = format!("{late} cycles late, after {after}, to {limit}");
+                assert_eq!(state, State::Compensating, "{case}: {:?}", world.applied);
+                assert!((world.applied[0] - limit).abs() < 1e-9, "{case}");
+                // The barrier goes by its own rate, twice the slew, and no further in a cycle.
+                assert!(world.largest_step <= 0.002 + 1e-9, "{case}");
+            }
+        }
+    }
+}
+
+/// The same by words that are read back some cycles late, and as a stop begins.
+#[test]
+fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
+    for late in [0, 1, 2, 4, 6] {
+        for after in [60, 80, 100, 120, 140] {
+            for (limit, emergency_stop) in
+                [(0.100, false), (0.030, false), (0.100, true), (0.030, true)]
+            {
+                let mut world = World::new(&Limits {
+                    read_back_cycles: late + 2,
+                    ..world::limits()
+                });
+                world.told_late = late;
+                world.target = Some(axes(0.140, -0.070));
+                world.request(Request::Arm);
+                world.run(after * PERIOD);
+                world.lower_limits(limit);
+                let stop = |emergency_stop| {
+                    Some(Interlock {
+                        emergency_stop,
+                        ..Interlock::default()
+                    })
+                };
+                world.interlocks.see(1, stop(emergency_stop));
+                world.request(Request::Switched);
+                world.run(Duration::from_secs(1));
+                world.interlocks.see(1, stop(false));
+                let state = world.run(Duration::from_secs(3)).state;
+                let case = format!("{late} cycles late, after {after}, to {limit}");
+                assert_eq!(state, State::Compensating, "{case}, {emergency_stop}");
+                assert!(world.largest_step <= 0.002 + 1e-9, "{case}");
+            }
+        }
+    }
+}
+
+/// What was sent is no surprise for as long as it may be on its way: found later, nobody has sent it.
+#[test]
+fn what_was_sent_long_before_a_limit_was_lowered_is_a_surprise() {
+    for found in [0.140, 0.040] {
+        let mut world = World::new(&world::limits());
+        world.target = Some(axes(0.140, -0.070));
+        world.request(Request::Arm);
+        world.run(Duration::from_secs(2));
+        world.lower_limits(0.030);
+        world.request(Request::Switched);
+        world.run(Duration::from_secs(2));
+        assert!((world.applied[0] - 0.030).abs() < 1e-9);
+        world.request(Request::Disarm);
+        world.run(Duration::from_secs(2));
+        world.clear(axes(found, 0.0));
+        world.run(Duration::from_secs(2));
+        let state = world.request(Request::Arm).state;
+        assert_eq!(state, State::Faulted(Cause::BeyondLimit), "{found}");
+    }
+}
+
+/// A path whose axes are in another order and whose limit is 30 µm, as one without a barrier, takes over from one that applies
+/// 140 and -70 µm: what was sent there comes in by a ramp. It was a fault, and the correction stayed in the words.
+#[test]
+fn a_path_with_lower_limits_leads_in_what_the_path_before_has_sent() {
+    // What the words hold when it takes over: what was sent; more than that; and on one axis what was sent on the other.
+    for (found, is_expected) in [
+        (axes(-0.070, 0.140), true),
+        (axes(-0.070, 0.142), false),
+        (axes(-0.140, 0.140), false),
+    ] {
+        let mut world = World::compensating(&world::limits());
+        world.target = Some(axes(0.140, -0.070));
+        world.run(Duration::from_secs(2));
+        let mut lower = world::limits();
+        for axis in &mut lower.axes {
+            (axis.limit, axis.warn) = (0.030, 0.030);
+        }
+        let places = PerChannel::leading([Some(1), Some(0)]);
+        world.guard.take_path(lower, &places).expect("good limits");
+        world.read_back = ReadBack::plain(Duration::ZERO);
+        world.applied = found;
+        world.target = Some(axes(-0.070, 0.140));
+        world.largest_step = 0.0;
+        world.request(Request::TakeOver);
+        let state = world.run(Duration::from_secs(3)).state;
+        if is_expected {
+            assert_eq!(state, State::Compensating, "{:?}", world.applied);
+            // Both by one factor.
+            let comes_in = axes(-0.015, 0.030);
+            let off = |i: usize| (world.applied[i] - comes_in[i]).abs();
+            assert!(off(0) < 1e-9 && off(1) < 1e-9, "{:?}", world.applied);
+            assert!(world.largest_step <= 0.002 + 1e-9);
+        } else {
+            assert_eq!(state, State::Faulted(Cause::BeyondLimit), "{found:?}");
+            assert_eq!(world.applied, found);
+        }
+    }
+}
+
+/// Two changes of path at once, before anything is known on the one between: what was sent is carried over both, by its axis.
+#[test]
+fn what_was_sent_is_carried_over_two_changes_of_path() {
+    let mut world = World::compensating(&world::limits());
+    world.target = Some(axes(0.140, -0.020));
+    world.run(Duration::from_secs(2));
+    let mut lower = world::limits();
+    for axis in &mut lower.axes {
+        (axis.limit, axis.warn) = (0.030, 0.030);
+    }
+    let places = PerChannel::leading([Some(1), Some(0)]);
+    for limits in [world::limits(), lower] {
+        world.guard.take_path(limits, &places).expect("good limits");
+        world.read_back.take_over(world.now, false);
+    }
+    world.request(Request::TakeOver);
+    let state = world.run(Duration::from_secs(3)).state;
+    assert_eq!(state, State::Compensating, "{:?}", world.applied);
+    // An axis that the path before did not write has sent nothing.
+    let mut world = World::compensating(&world::limits());
+    world.target = Some(axes(0.140, -0.020));
+    world.run(Duration::from_secs(2));
+    let places = PerChannel::leading([None, Some(1)]);
+    world.guard.take_path(lower, &places).expect("good limits");
+    world.read_back.take_over(world.now, false);
+    world.request(Request::TakeOver);
+    let state = world.run(Duration::from_secs(3)).state;
+    assert_eq!(state, State::Faulted(Cause::BeyondLimit));
 }

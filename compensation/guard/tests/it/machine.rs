@@ -14,7 +14,7 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, PerChannel};
 
-use crate::world::{MACHINE, PERIOD, SCAN, limits};
+use crate::world::{MACHINE, PERIOD, SCAN, limits, same_places};
 
 /// A path that stands by is asked this often.
 const STANDBY_EVERY: Duration = Duration::from_millis(100);
@@ -463,7 +463,9 @@ impl Machine {
         let choice = self.selector.choose(now, &health);
         if choice.switched {
             self.ways[choice.active].read_back.take_over(now, false);
-            self.guard.take_path(self.limits).expect("good limits");
+            self.guard
+                .take_path(self.limits, &same_places())
+                .expect("good limits");
             self.seen.began = true;
         }
         choice.switched

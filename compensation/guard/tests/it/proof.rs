@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use Proven::{Contained, NotContained, NotProven};
 
-use crate::world::{PERIOD, STEP, World, axes, limits};
+use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
 
 const SHIFT: f64 = 5.0 * STEP;
 const SECOND: Duration = Duration::from_secs(1);
@@ -413,7 +413,10 @@ fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     let mut world = World::new(&limits);
     world.positions = axes(100.0, 100.0);
     world.run(SECOND);
-    world.guard.take_path(limits).expect("good limits");
+    world
+        .guard
+        .take_path(limits, &same_places())
+        .expect("good limits");
     world.positions = axes(100.2, 100.2);
     world.run(PERIOD);
     world.request(Request::Arm);

@@ -388,7 +388,11 @@ fn what_is_led_out_from_beyond_the_limit_goes_on_over_a_change_of_paths() {
         world.run(5 * PERIOD);
         // The other path has its axes in another order.
         world.applied = axes(world.applied[1], world.applied[0]);
-        world.guard.take_path(limits()).expect("good limits");
+        let places = PerChannel::leading([Some(1), Some(0)]);
+        world
+            .guard
+            .take_path(limits(), &places)
+            .expect("good limits");
         world.read_back = ReadBack::plain(Duration::ZERO);
         world.applied[1] = found_there.unwrap_or(world.applied[1]);
         let led_out = world.run(5 * SECOND).state == State::Disarmed;

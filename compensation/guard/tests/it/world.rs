@@ -115,6 +115,11 @@ pub(crate) struct World {
     pub(crate) largest_step: f64,
 }
 
+/// Each axis has the place on this path that it had on the one before.
+pub(crate) fn same_places() -> PerChannel<Option<usize>> {
+    PerChannel::from_fn(Some)
+}
+
 pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
     let mut values = PerChannel::ZERO;
     (values[0], values[1]) = (x, y);

@@ -89,9 +89,9 @@ impl Cycle {
             // A barrier that is at zero has let go of what came on lines, too.
             let let_go = self.paths[before].known().scheme == Scheme::Barrier;
             self.paths[choice.active].read_back.take_over(now, let_go);
-            let limits = self.paths[choice.active].limits();
-            // The plan has checked them.
-            let _ = self.guard.take_path(limits);
+            let (path, left) = (&self.paths[choice.active], &self.paths[before]);
+            // The plan has checked the limits.
+            let _ = self.guard.take_path(path.limits(), &path.places_on(left));
         }
         let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(is_left);
         (blocked, choice.switched)
