@@ -215,7 +215,7 @@ impl ControlPath {
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered) = (self.reading.as_ref()?, self.answered?);
         let age = answered.saturating_sub(self.flags_taken);
-        let shown = &self.description.shown;
+        let shown = self.description.shown;
         Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
@@ -379,7 +379,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
 /// What a reading says of the machine whose flags are so old, where flags older than `hold` say nothing.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
-    shown: &ShownStates,
+    shown: ShownStates,
     age: Duration,
     hold: Duration,
 ) -> Interlock {

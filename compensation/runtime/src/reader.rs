@@ -135,7 +135,7 @@ impl PositionReader {
         let age = |at: Instant| now.saturating_sub(held(at));
         // A device that only repeats what it said longer ago than that has not answered.
         let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
-        let shown = &self.description.shown;
+        let shown = self.description.shown;
         self.said = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
         let Some(snapshot) = young else {
             return false;

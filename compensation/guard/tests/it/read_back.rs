@@ -15,7 +15,12 @@ fn heard(read_back: &mut ReadBack, late: Duration) -> (Known, Duration) {
     let mut now = Duration::from_secs(1);
     for _ in 0..20 {
         now += PERIOD;
-        read_back.hear(now, now - late, &Told::Values(values), &limits);
+        read_back.hear(
+            now,
+            now.saturating_sub(late),
+            &Told::Values(values),
+            &limits,
+        );
     }
     (*read_back.known(), now)
 }

@@ -146,7 +146,7 @@ fn old_positions_are_held_and_ramped_out() {
     let mut scene = Scene::new();
     let report = scene.holds(POSITIONS, State::Holding(Hold::Stale));
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
-    let report = scene.run(ZERO_AFTER - HOLD - PERIOD);
+    let report = scene.run(ZERO_AFTER.saturating_sub(HOLD + PERIOD));
     assert_eq!(
         (report.state, scene.x_um()),
         (State::Holding(Hold::Stale), 25.0)
