@@ -134,6 +134,15 @@ impl Guard {
         Ok(())
     }
 
+    /// After [`take_path`](Self::take_path): what the path before has sent last, in the order of axes of this path. It is the
+    /// output until it is known what is applied on this path, and nothing from then on.
+    pub fn carry_over(&mut self, sent: &PerChannel<f64>) {
+        if self.took_over {
+            self.vector = Vector::at(sent);
+            self.before = self.vector;
+        }
+    }
+
     /// The output of the last cycle was not sent, or its sending failed: it does not count as moved.
     pub fn not_sent(&mut self) {
         self.vector = self.before;

@@ -89,9 +89,11 @@ impl Cycle {
             // A barrier that is at zero has let go of what came on lines, too.
             let let_go = self.paths[before].known().scheme == Scheme::Barrier;
             self.paths[choice.active].read_back.take_over(now, let_go);
-            let limits = self.paths[choice.active].limits();
+            let sent = self.paths[before].in_machine(&self.guard.output());
+            let path = &self.paths[choice.active];
             // The plan has checked them.
-            let _ = self.guard.take_path(limits);
+            let _ = self.guard.take_path(path.limits());
+            self.guard.carry_over(&path.in_channel(&sent));
         }
         let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(is_left);
         (blocked, choice.switched)
