@@ -38,6 +38,8 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
 /// nothing, since one of three that agree is right.
 const READINGS: usize = 5;
 const AGREE: u32 = 3;
+/// After so many turns in one direction positions are counted from a place nearby again.
+const MANY_TURNS: f64 = 1000.0;
 /// The bits of so many readings.
 const ALL: u8 = (1 << READINGS) - 1;
 
@@ -49,8 +51,9 @@ const ALL: u8 = (1 << READINGS) - 1;
 pub struct DirectionMemory {
     /// When the last reading held.
     taken: Option<Duration>,
-    /// The last positions, as far as they count for the extreme, the newest first.
+    /// The last positions, the newest first, as if none began anew: how many there are, and how many count for the extreme.
     positions: [f64; READINGS],
+    seen: usize,
     count: usize,
     extreme: Option<f64>,
     /// Which of the last readings since the extreme lay beyond the threshold from it, towards larger and towards smaller
@@ -70,27 +73,40 @@ impl DirectionMemory {
         threshold: f64,
         turn: Option<f64>,
     ) -> Option<Direction> {
+        // Where the axis was last, and not the extreme, which may stay half a turn behind.
+        let last = if self.seen == READINGS {
+            Some(self.amid(None))
+        } else {
+            self.extreme
+        };
+        let position = last.map_or(position, |last| unrolled(position, last, turn));
         if !position.is_finite() || self.taken.replace(taken) == Some(taken) {
             return self.direction;
         }
         self.positions.rotate_right(1);
         self.positions[0] = position;
+        self.seen = (self.seen + 1).min(READINGS);
         self.count = (self.count + 1).min(READINGS);
         let Some(extreme) = self.extreme else {
-            if self.count == READINGS {
+            if self.seen == READINGS {
                 let amid = self.amid(turn);
-                self.extreme = Some(self.reached(amid, Direction::Positive, turn));
+                let positions = self.positions.map(|at| unrolled(at, amid, turn));
+                if positions.iter().all(|at| at.is_finite()) {
+                    self.positions = positions;
+                    self.extreme = Some(self.reached(Direction::Positive));
+                }
             }
             return self.direction;
         };
         if let Some(direction) = self.direction.filter(|_| self.count >= AGREE as usize) {
-            let reached = self.reached(extreme, direction, turn);
-            if shortest_way(reached - extreme, turn) * direction.sign() > 0.0 {
+            let reached = self.reached(direction);
+            if (reached - extreme) * direction.sign() > 0.0 {
                 (self.extreme, self.beyond) = (Some(reached), [0; 2]);
+                self.rebase(turn);
                 return self.direction;
             }
         }
-        let way = shortest_way(position - extreme, turn);
+        let way = position - extreme;
         for (seen, direction) in self.beyond.iter_mut().zip(Direction::BOTH) {
             let is_beyond = way * direction.sign() > threshold;
             *seen = (*seen << 1 | u8::from(is_beyond)) & ALL;
@@ -101,20 +117,21 @@ impl DirectionMemory {
         let turned = self.beyond.into_iter().zip(Direction::BOTH).find(agree);
         if let Some((seen, direction)) = turned {
             // From the one of these readings that is nearest to where it came from: the axis is there, or further on.
-            let away = |k: &usize| shortest_way(self.positions[*k] - extreme, turn).abs();
+            let away = |k: &usize| (self.positions[*k] - extreme).abs();
             let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
             let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));
-            self.begin(nearest.map(|k| self.positions[k]), direction);
+            (self.extreme, self.direction) = (nearest.map(|k| self.positions[k]), Some(direction));
+            // What was read before does not count.
+            (self.count, self.beyond) = (0, [0; 2]);
         }
         self.direction
     }
 
-    /// The position that as many of the last readings reached in a direction as must agree, seen from `origin`.
-    fn reached(&self, origin: f64, direction: Direction, turn: Option<f64>) -> f64 {
-        let way = |position: &f64| shortest_way(position - origin, turn) * direction.sign();
+    /// The position that as many of the last readings reached in a direction as must agree.
+    fn reached(&self, direction: Direction) -> f64 {
         let mut positions = self.positions;
         let counted = &mut positions[..self.count];
-        counted.sort_unstable_by(|a, b| way(b).total_cmp(&way(a)));
+        counted.sort_unstable_by(|a, b| (b * direction.sign()).total_cmp(&(a * direction.sign())));
         counted[AGREE as usize - 1]
     }
 
@@ -137,23 +154,34 @@ impl DirectionMemory {
         nearest
     }
 
-    /// The axis goes in this direction from here on: what was read before does not count.
-    fn begin(&mut self, extreme: Option<f64>, direction: Direction) {
-        *self = Self {
-            taken: self.taken,
-            extreme,
-            direction: Some(direction),
-            ..Self::default()
+    /// Leaves out whole turns where there are many, since large numbers are coarse.
+    fn rebase(&mut self, turn: Option<f64>) {
+        let (Some(turn), Some(extreme)) = (turn, self.extreme) else {
+            return;
         };
+        if turn > 0.0 && extreme.abs() > MANY_TURNS * turn {
+            let whole = extreme - shortest_way(extreme, Some(turn));
+            self.extreme = Some(extreme - whole);
+            self.positions = self.positions.map(|at| at - whole);
+        }
     }
 
     /// The axis is at `position`, and the control tells in which direction it is commanded: that counts at once,
-    /// without a threshold.
+    /// without a threshold. What was read before does not count.
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {
-            self.begin(Some(position), direction);
+            *self = Self {
+                taken: self.taken,
+                extreme: Some(position),
+                ..Self::default()
+            };
         }
         self.direction = Some(direction);
         self.direction
     }
+}
+
+/// A position as if none began anew after a `turn`: that one which is nearest to another.
+fn unrolled(position: f64, to: f64, turn: Option<f64>) -> f64 {
+    to + shortest_way(position - to, turn)
 }

@@ -117,6 +117,11 @@ impl Guard {
         let now = self.last_cycle.unwrap_or_default();
         let both = [&self.limits, &limits];
         self.allowed.take_path(now, places, &stands, both);
+        // What the path before sent is the output until it is known what is applied on this one.
+        let sent = self.output();
+        let carried = places.map(|place| place.map_or(0.0, |place| sent[place]));
+        self.vector = Vector::at(&carried);
+        self.before = self.vector;
         self.limits = limits;
         self.adopted = PerChannel::default();
         self.took_over = true;

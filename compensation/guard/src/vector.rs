@@ -68,8 +68,8 @@ pub struct Vector {
     /// the ramp.
     offset: PerChannel<f64>,
     excess: PerChannel<f64>,
-    /// The part of the offset that could be reached in the last cycle.
-    reachable: f64,
+    /// The part of the offset of each linear axis that could be reached in the last cycle.
+    reachable: PerChannel<f64>,
     motion: Motion,
 }
 

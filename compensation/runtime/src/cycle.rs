@@ -17,7 +17,7 @@ use volcomp_guard::{
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
-use volcomp_vocabulary::{PerAxis, PerChannel};
+use volcomp_vocabulary::PerAxis;
 
 use self::{lag::Lag, standby::Standby};
 use crate::{
@@ -171,10 +171,7 @@ impl Cycle {
         self.left_nothing = correction.iter().all(|value| *value == 0.0);
         for path in &mut self.paths {
             let limits = path.limits();
-            let mut applied = PerChannel::ZERO;
-            for (into, axis) in applied.iter_mut().zip(path.written()) {
-                *into = correction[axis];
-            }
+            let applied = path.in_channel(correction);
             path.read_back
                 .restore(Duration::ZERO, &applied, age, &limits);
         }

@@ -180,6 +180,15 @@ impl ControlPath {
         machine
     }
 
+    /// Values in machine order for its axes, in its order.
+    pub(crate) fn in_channel(&self, values: &PerAxis<f64>) -> PerChannel<f64> {
+        let mut channel = PerChannel::ZERO;
+        for (into, axis) in channel.iter_mut().zip(self.written()) {
+            *into = values[axis];
+        }
+        channel
+    }
+
     /// Whether it writes an axis that another path does not.
     pub(crate) fn leaves_axes_to(&self, other: &Self) -> bool {
         left_to(&self.description, &other.description).is_some()

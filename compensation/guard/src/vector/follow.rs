@@ -119,7 +119,7 @@ impl Vector {
                 self.excess[i] = (self.smooth[i].abs() - reach[i]).max(0.0);
             }
             self.target = self.smooth;
-            self.reachable = 1.0;
+            self.reachable = self.reachable.map(|_| 1.0);
             self.motion = Motion::Ramps {
                 left: 1.0,
                 rate: 0.0,
@@ -162,29 +162,30 @@ impl Vector {
     /// Keeps for this cycle what can be reached of the offset. Gives what stays of it: what could be reached in this cycle
     /// or in the one before, since a single cycle in which something absurd is wanted must not end the ramp.
     fn reach_offset(&mut self, wanted: &Wanted, cycle: &Cycle) -> PerChannel<f64> {
-        let part = self.reachable_offset(wanted, cycle);
-        let stays = part.max(self.reachable);
-        let offset = self.offset.map(|offset| stays * offset);
-        self.offset = self.offset.map(|offset| part * offset);
-        self.reachable = if stays > 0.0 { part / stays } else { 1.0 };
+        let mut offset = self.offset;
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let part = self.reachable_offset(i, wanted, cycle);
+            let stays = part.max(self.reachable[i]);
+            offset[i] = stays * self.offset[i];
+            self.offset[i] *= part;
+            self.reachable[i] = if stays > 0.0 { part / stays } else { 1.0 };
+        }
         offset
     }
 
-    /// The part of the offset with which no position share is more than the axes can carry, wherever the rotary axes are:
-    /// the whole one but where a ramp began with something wanted that no machine asks for.
-    fn reachable_offset(&self, wanted: &Wanted, cycle: &Cycle) -> f64 {
-        let mut part = 1.0_f64;
-        for i in cycle.of_kind(AxisKind::Linear) {
-            let following = cycle.of_kind(AxisKind::Rotary);
-            let following: f64 = following
-                .map(|r| wanted.follow[r][i].abs() * cycle.reach[r])
-                .sum();
-            let (offset, reach) = (self.offset[i], cycle.reach[i] + following);
-            if offset != 0.0 {
-                part = part.min((reach.copysign(offset) - wanted.position[i]) / offset);
-            }
+    /// The part of the offset of a linear axis with which its position share is no more than the axis can carry, wherever the
+    /// rotary axes are: the whole one but where more was wanted as the ramp began, or is wanted now. Beyond that the offset leads
+    /// nowhere, so the ramp of the other axes goes on; what is left of it only shrinks, and the tool is no further off for it.
+    fn reachable_offset(&self, axis: usize, wanted: &Wanted, cycle: &Cycle) -> f64 {
+        let following = cycle.of_kind(AxisKind::Rotary);
+        let following: f64 = following
+            .map(|r| wanted.follow[r][axis].abs() * cycle.reach[r])
+            .sum();
+        let (offset, reach) = (self.offset[axis], cycle.reach[axis] + following);
+        if offset == 0.0 {
+            return 1.0;
         }
-        part.max(0.0)
+        ((reach.copysign(offset) - wanted.position[axis]) / offset).clamp(0.0, 1.0)
     }
 
     fn pass_ramp(&mut self, before: f64, passed: f64, dt_s: f64) {

@@ -1,6 +1,8 @@
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{AxisLimits, DirectionMemory, reversal_threshold};
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -207,6 +209,78 @@ fn a_flickering_count_turns_nothing() {
         before = direction;
     }
     assert_eq!(turns, 0);
+}
+
+/// Two wrong readings in five put off the first direction: half a turn from where the axis was first seen, right ones pointed the
+/// other way.
+#[test]
+fn the_first_direction_is_right_half_a_turn_on() {
+    let told = [
+        0.0, 210.0, 40.0, 0.0, 80.0, 100.0, 120.0, 240.0, 260.0, 180.0,
+    ];
+    for (sign, direction) in [(1.0, Direction::Positive), (-1.0, Direction::Negative)] {
+        let mut memory = Memory::default();
+        let mut seen = None;
+        // 20° a reading; wrong are the second, the fourth, the eighth and the ninth.
+        for position in told
+            .into_iter()
+            .chain((10..20).map(|k| 20.0 * f64::from(k)))
+        {
+            let position = (sign * position).rem_euclid(360.0).to_radians();
+            let found = memory.at(position, 0.005, Some(TAU));
+            assert!(found.is_none() || found == Some(direction), "{found:?}");
+            seen = found;
+        }
+        assert_eq!(seen, Some(direction));
+    }
+}
+
+/// Two wrong readings in any five, on any way: a direction is that of a way which the axis has gone, by more than the threshold.
+#[test]
+fn with_two_wrong_readings_in_five_a_direction_is_one_that_the_axis_went() {
+    const THRESHOLD: f64 = 5.0;
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    for turn in [None, Some(360.0)] {
+        let mut turns = 0;
+        for run in 0..8000 {
+            let mut memory = Memory::default();
+            let [mut position, mut speed] = [0.0_f64; 2];
+            let (mut wrong, mut ways) = (Vec::new(), Vec::new());
+            let (mut since, mut last) = (0, None);
+            for k in 0..60_usize {
+                if rng.random_range(0..8) == 0 {
+                    speed = [-20.0, -3.0, -1.0, 0.0, 1.0, 3.0, 20.0][rng.random_range(0..7)];
+                }
+                position += speed;
+                ways.push(position);
+                let is_wrong = wrong.iter().rev().take(4).filter(|is| **is).count() < 2
+                    && rng.random_range(0..3) == 0;
+                wrong.push(is_wrong);
+                let error = [-170.0, -60.0, -7.0, 6.0, 30.0, 100.0][rng.random_range(0..6)];
+                let told = position + if is_wrong { error } else { 0.0 };
+                let told = turn.map_or(told, |turn| told.rem_euclid(turn));
+                let found = memory.at(told, THRESHOLD, turn);
+                if found == last {
+                    continue;
+                }
+                let sign = found.expect("kept").sign();
+                // The furthest that it went in this direction since the last turn.
+                let (mut went, mut least) = (0.0_f64, f64::INFINITY);
+                for way in ways[since..].iter().map(|way| way * sign) {
+                    least = least.min(way);
+                    went = went.max(way - least);
+                }
+                assert!(
+                    went > THRESHOLD,
+                    "{turn:?}, run {run}, reading {k}: {last:?} {found:?} after {went}"
+                );
+                // The extreme is one of the last readings.
+                (last, since) = (found, k.saturating_sub(4));
+                turns += 1;
+            }
+        }
+        assert!(turns > 8000, "{turns}");
+    }
 }
 
 /// Wrong positions of any size, at most two in any five readings in a row.

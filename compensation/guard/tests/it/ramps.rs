@@ -2,10 +2,13 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Limits, Vector, Wanted};
+use volcomp_guard::{Limits, Request, State, Vector, Wanted};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
-use crate::vector::{five, of, three};
+use crate::{
+    vector::{five, of, three},
+    world::{World, axes, limits},
+};
 
 /// How long a line takes, s.
 fn line_s(limits: &Limits, from: &PerChannel<f64>, to: &PerChannel<f64>) -> f64 {
@@ -247,4 +250,45 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
             }
         }
     }
+}
+
+/// A ramp of five seconds. On its way X is wanted 5 µm beyond its limit, as on any machine with a limit: Y goes on by the ramp.
+#[test]
+fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
+    let limits = Limits {
+        ramp: Duration::from_secs(5),
+        ..three()
+    };
+    let mut vector = Vector::at(&of([0.140, 0.0, 0.0]));
+    vector.begin_ramp();
+    let mut largest = 0.0_f64;
+    for cycle in 0..500 {
+        // The machine goes on: 0.2 µm more in each cycle.
+        let x = (0.100 + 0.0002 * f64::from(cycle)).min(0.155);
+        let before = vector.smooth()[1];
+        vector.follow(&Wanted::linear(of([x, -0.120, 0.0])), &limits, 0.004);
+        let rate = (vector.smooth()[1] - before).abs() / 0.004;
+        largest = largest.max(rate);
+    }
+    // 120 µm in 5 s, and some for the limit that takes a part of all.
+    assert!(largest <= 0.05, "{largest} mm/s");
+}
+
+/// The same through the guard, where X is wanted beyond its limit from one cycle to the next.
+#[test]
+fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_guard() {
+    let mut world = World::new(&Limits {
+        ramp: Duration::from_secs(5),
+        ..limits()
+    });
+    world.target = Some(axes(-0.100, 0.100));
+    world.request(Request::Arm);
+    let output = world.run(Duration::from_secs(1));
+    assert_eq!(output.state.name(), "arming");
+    let before = world.applied;
+    world.target = Some(axes(0.160, 0.100));
+    let output = world.run(Duration::from_millis(300));
+    let after = world.applied;
+    assert_ne!(output.state, State::Compensating, "1.3 s of a ramp of 5 s");
+    assert!((after[1] - before[1]).abs() < 0.030, "{before:?} {after:?}");
 }

@@ -34,7 +34,7 @@ fn held_limits(axis: &Axis) -> AxisLimits {
 }
 
 /// The limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no test shift, and
-/// need no limits.
+/// need no limits; where some are stated, those of the device and of a path without a barrier bound them, too.
 ///
 /// # Errors
 /// Rotary axes that correct and have no limits, limits that a guard refuses, or that are larger than what the device
@@ -55,8 +55,15 @@ pub(super) fn limits(
     for ((((into, shift), place), position_step), axis) in places.zip(&description.axes) {
         let of_kind = guard.of(axis.name);
         if !correctors.contains(*place) {
+            // Another model may correct it: the bounds of the device and of a path without a barrier hold all the same.
             *into =
                 of_kind.map_or_else(|| held_limits(axis), |of_kind| axis_limits(axis, &of_kind));
+            if let Some(largest) = axis.largest {
+                lower_to(into, largest.mm_or_rad());
+            }
+            if !description.barrier {
+                without_barrier(into, guard);
+            }
             continue;
         }
         let of_kind = of_kind.ok_or_else(|| PlanError::NoRotaryLimits {
@@ -156,6 +163,11 @@ fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
         AxisKind::Linear => guard.without_barrier.linear.to_mm().0,
         AxisKind::Rotary => guard.without_barrier.rotary.to_rad().0,
     };
+    lower_to(limits, most);
+}
+
+/// A limit of `most` (mm or rad) at the most, and its warning, which lies within.
+fn lower_to(limits: &mut AxisLimits, most: f64) {
     if limits.warn <= limits.limit {
         limits.warn = limits.warn.min(most);
     }

@@ -15,6 +15,7 @@ mod left_out;
 mod limited;
 mod old_positions;
 mod only_thermal;
+mod order_of_axes;
 mod plan;
 mod quiet;
 mod raised_slew;

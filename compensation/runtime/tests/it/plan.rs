@@ -2,16 +2,16 @@
 
 use std::time::Duration;
 
-use volcomp_model::Machine;
+use volcomp_model::{Fading, Machine};
 use volcomp_port::{Axis, Clock, Controller, Description, Heartbeat};
 use volcomp_runtime::{
-    ControlPath, Cycle, GuardSettings, Model, OrderRefusal, PathPlan, PathSettings, PlanError,
-    Replacement, Sensors,
+    AxisSettings, ControlPath, Cycle, GuardSettings, Model, OrderRefusal, PathPlan, PathSettings,
+    PlanError, Replacement, Sensors, WithoutBarrier,
     guard::{Quantity, Request, State},
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Um, Urad};
 
-use crate::rig::{PERIOD, Rig, alone, control, guard, machine};
+use crate::rig::{PERIOD, Rig, alone, control, guard, machine, without_barrier};
 
 fn planned(
     describe: impl FnOnce(&mut Description),
@@ -331,4 +331,63 @@ fn a_position_step_has_the_kind_of_its_axis() {
             "{refused:?}"
         );
     }
+}
+
+/// A machine file that corrects Y as well takes the place of one that leaves it out: without a barrier Y gets 30 µm at most.
+#[test]
+fn an_axis_that_a_new_model_corrects_keeps_to_the_limit_without_a_barrier() {
+    let text = "structure = \"w X' Y' b Z t\"
+axes = { X.travel = [0, 100], Y.travel = [0, 500], Z.travel = [0, 400] }
+errors = { EYY = 1000, EXX = 280 }";
+    let only_x = format!("correct = [\"X\"]\n{text}");
+    let mut settings = GuardSettings::new(AxisSettings::new(Um(250.0), Um(500.0)));
+    settings.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
+    settings.without_barrier = WithoutBarrier {
+        linear: Um(30.0),
+        rotary: Urad(30.0),
+    };
+    let machine = Machine::parse(&only_x, "m").expect("valid");
+    let names = [AxisName::X, AxisName::Y, AxisName::Z];
+    let clock = Clock::manual();
+    let mut rig = Rig::with(&machine, &settings, &names, &[100.0, 200.0, 0.0], &clock);
+    rig.run(10);
+    rig.step(Some(Request::Arm));
+    let report = rig.run(1500);
+    assert_eq!(report.state, State::Compensating);
+    let [x, y] = [AxisName::X, AxisName::Y].map(|name| machine.index_of(name).expect("an axis"));
+    assert!(report.correction[x].abs() > 0.025 && report.correction[x].abs() <= 0.030 + 1e-9);
+    assert_eq!(report.correction[y], 0.0);
+    let all = Machine::parse(text, "m").expect("valid");
+    let model = Model::new(&all, Fading::default()).expect("compiles");
+    let swapped = rig
+        .cycle
+        .swap_model(&mut Replacement::new(Box::new(model), &[]));
+    swapped.expect("the same axes");
+    rig.step(Some(Request::Switched));
+    let report = rig.run(1500);
+    assert!(
+        report.correction[y].abs() <= 0.030 + 1e-9,
+        "Y has {} mm without a barrier",
+        report.correction[y]
+    );
+}
+
+/// The same for what a device can be told: the limit of an axis that does not correct is no larger, and no reason to refuse.
+#[test]
+fn an_axis_that_does_not_correct_keeps_to_what_the_device_can_be_told() {
+    let text = "correct = [\"X\"]
+structure = \"w X' Y' b Z t\"
+axes = { X.travel = [0, 100], Y.travel = [0, 500], Z.travel = [0, 400] }
+errors = { EYY = 1000, EXX = 280 }";
+    let machine = Machine::parse(text, "m").expect("valid");
+    let model = Model::new(&machine, Fading::default()).expect("compiles");
+    let mut description = without_barrier("one", &[AxisName::X, AxisName::Y, AxisName::Z]);
+    description.axes[1].largest = Some(Displacement::Length(Mm(0.1)));
+    let plan = PathPlan::new(description, &model, &guard(), &alone(), PERIOD).expect("fits");
+    let limits = plan.limits.axes.map(|axis| [axis.limit, axis.warn]);
+    assert!((limits[0][0] - 0.25).abs() < 1e-12, "{limits:?}");
+    assert!(
+        (limits[1][0] - 0.1).abs() < 1e-12 && limits[1][1] <= 0.1,
+        "{limits:?}"
+    );
 }
