@@ -15,6 +15,10 @@ use crate::until;
 
 /// What the module holds, and how it behaves.
 #[derive(Default)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "ways to misbehave that do not exclude one another"
+)]
 struct Inside {
     inputs: u8,
     coils: u8,
