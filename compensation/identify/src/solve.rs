@@ -42,6 +42,19 @@ pub(crate) struct Solution {
     pub(crate) degrees: f64,
 }
 
+impl Solution {
+    /// The values at which a step was found to be none, with what that step knows of them.
+    fn at(values: Values, equations: &Equations, step: Step) -> Self {
+        let count = equations.residuals.len() as f64;
+        Self {
+            values,
+            covariance: step.covariance,
+            variance: step.square / (count - step.degrees).max(1.0),
+            degrees: step.degrees,
+        }
+    }
+}
+
 /// Finds the kept parameters from the rows. With groups of penalties their weights are chosen as well.
 pub(crate) fn solve(
     system: &System,
@@ -75,16 +88,7 @@ pub(crate) fn solve(
         )?;
         last = step.largest();
         if last < wanted {
-            let count = equations.residuals.len() as f64;
-            let square = step.square;
-            let degrees = step.degrees;
-            let variance = square / (count - degrees).max(1.0);
-            return Ok(Solution {
-                values,
-                covariance: step.covariance,
-                variance,
-                degrees,
-            });
+            return Ok(Solution::at(values, &equations, step));
         }
         // Halved while it makes things worse: far from the end the equations are not yet straight.
         let before = cost(&equations, robust);
@@ -111,13 +115,7 @@ pub(crate) fn solve(
             penalised,
             &mut penalty,
         )?;
-        let count = equations.residuals.len() as f64;
-        return Ok(Solution {
-            values,
-            covariance: step.covariance,
-            variance: step.square / (count - step.degrees).max(1.0),
-            degrees: step.degrees,
-        });
+        return Ok(Solution::at(values, &equations, step));
     }
     Err(IdentifyError::NotConverged { steps: most, last })
 }

@@ -324,14 +324,10 @@ impl System {
         });
         let numbers = self.setup.numbers.iter();
         let stated = |c: &Coefficient| match c.role {
-            Role::Location => self.machine.locations().get(&c.error).map_or(0.0, |value| {
-                value
-                    * if c.error.component.is_angular() {
-                        1e-6
-                    } else {
-                        1e-3
-                    }
-            }),
+            Role::Location => {
+                let value = self.machine.locations().get(&c.error);
+                value.map_or(0.0, |value| value / micro(c.error.component))
+            }
             _ => 0.0,
         };
         Values {
