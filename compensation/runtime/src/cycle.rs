@@ -310,16 +310,18 @@ impl Cycle {
         if asked.request == Some(Request::Acknowledge) {
             self.acknowledge(since_start, asked);
         }
-        let selects = own_clock();
+        let mut computes = own_clock();
         let (notes, switched) = self.select(since_start);
-        let selected = own_clock();
+        let mut own = Duration::ZERO;
         if switched {
+            own = own_clock().saturating_sub(computes);
             // What it said while it stood by may be some readings old.
             let active = self.selector.active();
             let deadline = self.instant() + self.paths[active].patience();
             self.read(active, deadline, since_start);
+            computes = own_clock();
         }
-        let (computes, read) = (own_clock(), Instant::now());
+        let read = Instant::now();
         self.thermal(since_start, passed);
         let output = self.decide(since_start, asked, notes, switched);
         let (computed, writes) = (own_clock(), Instant::now());
@@ -330,9 +332,7 @@ impl Cycle {
         self.tell(since_start, asked, &output);
         Spent {
             exchange: read.saturating_duration_since(now) + (written - writes),
-            own: selected.saturating_sub(selects)
-                + computed.saturating_sub(computes)
-                + own_clock().saturating_sub(tells),
+            own: own + computed.saturating_sub(computes) + own_clock().saturating_sub(tells),
         }
     }
 
