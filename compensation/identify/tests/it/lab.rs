@@ -24,6 +24,11 @@ impl Lab {
         fs::write(self.0.path().join(name), text).expect("written");
     }
 
+    pub(crate) fn machine(&self) -> Machine {
+        let text = fs::read_to_string(self.0.path().join("machine.toml")).expect("read");
+        Machine::parse(&text, "machine.toml").expect("a machine")
+    }
+
     pub(crate) fn read(&self, text: &str) -> Result<Observations, IdentifyError> {
         self.write("o.toml", &format!("machine = \"machine.toml\"\n{text}"));
         Observations::read(&self.0.path().join("o.toml"))

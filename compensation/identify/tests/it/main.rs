@@ -8,3 +8,4 @@ mod peer;
 mod penalised;
 mod reader;
 mod simulated;
+mod types;
