@@ -179,6 +179,15 @@ fn factors(chain: &Chain, errors: &Errors, state: &State) -> Vec<Factor> {
     factors
 }
 
+/// One of the six components of an error motion.
+pub(crate) fn component_of(motion: &mut ErrorMotion, component: usize) -> &mut f64 {
+    if component < 3 {
+        &mut motion.linear_mm[component]
+    } else {
+        &mut motion.angular_rad[component - 3]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

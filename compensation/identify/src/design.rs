@@ -6,7 +6,9 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{
     observations::{Row, Seen},
-    system::{Equations, Rows, System, Values},
+    prepared::Rows,
+    system::{Equations, System},
+    values::Values,
 };
 
 /// Steps until the ideal tip is on the centre of a sphere; the linear axes are straight, so that two are enough.
@@ -27,7 +29,7 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let Seen::Sphere { centre, .. } = row.seen else {
         return ideal;
     };
-    let centre = values.points[centre].0;
+    let centre = values.points[centre][0];
     let chain = system.machine.chain();
     for _ in 0..STEPS {
         let state = ideal.stand.state;

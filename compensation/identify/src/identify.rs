@@ -5,15 +5,19 @@ use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 use volcomp_model::Machine;
 
 use crate::{
+    coefficients::{Role, micro},
     design::design,
     error::IdentifyError,
     judge::{Figures, figures, judged, left_out, outliers},
     next::{Next, next},
     observations::{Observations, Row, Seen},
+    params::{Param, Part},
+    prepared::Rows,
     rank::{Rank, independent},
     solve::{Exactness, Solution, solve},
     start::start,
-    system::{Param, Role, Rows, System, Values, micro, six_of},
+    system::System,
+    values::{Values, six_of},
 };
 
 /// What was found of one unknown.
@@ -99,7 +103,7 @@ pub fn identify(
     let names =
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
-    let is_setup = |place: usize| fitted.rank.null[place][0].0 < system.setup_params();
+    let is_setup = |place: usize| fitted.rank.null[place][0].0 < system.params.setup();
     let words = null.iter().enumerate();
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
     warnings.extend(contradiction(&fitted));
@@ -142,7 +146,7 @@ pub(crate) fn fit(
     // What is left at zero begins there.
     let mut values = values;
     for null in &rank.null {
-        if let Param::Coefficient { coefficient } = system.params[null[0].0] {
+        if let Param::Coefficient(coefficient) = system.params.at(null[0].0) {
             values.coefficients[coefficient] = 0.0;
         }
     }
@@ -179,7 +183,7 @@ fn check(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
             .all(|(a, b)| (a - b).abs() < 1e-9);
         near && !matches!(row.seen, Seen::Pair { .. })
     };
-    if rows.iter().all(same) && system.setup_params() < system.params.len() {
+    if rows.iter().all(same) && system.params.setup() < system.params.len() {
         return Err(IdentifyError::AllAlike { rows: rows.len() });
     }
     Ok(())
@@ -188,10 +192,14 @@ fn check(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
 /// The machine with the errors of these values.
 fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
     let mut machine = system.machine.clone();
-    for (place, unknown) in system.unknown.iter().enumerate() {
+    for (place, unknown) in system.unknowns.curves.iter().enumerate() {
         let error = unknown.error;
         let scale = micro(error.component);
-        let own = system.coefficients.iter().zip(&values.coefficients);
+        let own = system
+            .unknowns
+            .coefficients
+            .iter()
+            .zip(&values.coefficients);
         let own = own.filter(|(coefficient, _)| coefficient.curve == place);
         let mut modes = vec![0.0; unknown.modes.as_ref().map_or(0, crate::basis::Modes::len)];
         let mut reversal = None;
@@ -232,31 +240,14 @@ fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError
     Ok(machine)
 }
 
-/// The unit of a parameter, and its number for one mm or rad inside.
-fn unit_of(system: &System, param: usize) -> (&'static str, f64) {
-    match system.params[param] {
-        Param::Frame { place: 0..3, .. } | Param::Point { .. } => ("mm", 1.0),
-        Param::Frame { .. } => ("deg", 1.0_f64.to_degrees()),
-        Param::FrameDrift { place: 0..3, .. } | Param::PointDrift { .. } => ("um", 1e3),
-        Param::FrameDrift { .. } => ("urad", 1e6),
-        Param::Number { number } | Param::NumberDrift { number, .. } => {
-            system.unit_of_number(number)
-        }
-        Param::Coefficient { coefficient } => {
-            let component = system.coefficients[coefficient].error.component;
-            (component.unit(), micro(component))
-        }
-    }
-}
-
 /// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search
 /// moves them about their middle.
 fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let count = fitted.kept.len();
     let mut told = DMatrix::zeros(count, count);
     for (row, &param) in fitted.kept.iter().enumerate() {
-        let (_, scale) = unit_of(system, param);
-        let Param::Frame { frame, place } = system.params[param] else {
+        let (_, scale) = system.unit_of(param);
+        let Some((frame, place)) = of_frame(system.params.at(param)) else {
             told[(row, row)] = scale;
             continue;
         };
@@ -264,16 +255,10 @@ fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
         let arm = frame_now.pose.translation_mm - frame_now.middle_mm;
         let six = six_of(&frame_now.pose);
         for (column, &other) in fitted.kept.iter().enumerate() {
-            let Param::Frame {
-                frame: of,
-                place: by,
-            } = system.params[other]
+            let Some((_, by)) = of_frame(system.params.at(other)).filter(|(of, _)| *of == frame)
             else {
                 continue;
             };
-            if of != frame {
-                continue;
-            }
             let mut turn = Vector3::zeros();
             let mut shift = Vector3::zeros();
             if by < 3 {
@@ -285,8 +270,8 @@ fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
                 (shift + turn.cross(&arm))[place]
             } else {
                 // ω = (R_z R_y e_x) da + (R_z e_y) db + e_z dc, solved for the rates of the angles.
-                let (sb, cb) = six[4].to_radians().sin_cos();
-                let (sc, cc) = six[5].to_radians().sin_cos();
+                let (sb, cb) = six[4].sin_cos();
+                let (sc, cc) = six[5].sin_cos();
                 let along = cc * turn.x + sc * turn.y;
                 let cosine = if cb.abs() < 1e-9 { 1e-9 } else { cb };
                 let rates = [
@@ -301,6 +286,18 @@ fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     told
 }
 
+/// Which frame a number that does not drift belongs to, and which of its six it is.
+fn of_frame(param: Param) -> Option<(usize, usize)> {
+    match param {
+        Param::SetUp {
+            part: Part::Frame(frame),
+            place,
+            order: 0,
+        } => Some((frame, place)),
+        _ => None,
+    }
+}
+
 fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let told = told_by_searched(system, fitted);
     &told * &fitted.solution.covariance * told.transpose()
@@ -309,25 +306,9 @@ fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
 fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     let covariance = covariance_in_units(system, fitted);
     let values = &fitted.solution.values;
-    let parameter = |(param, what): (usize, &Param)| {
-        let (unit, scale) = unit_of(system, param);
-        let value = match *what {
-            Param::Frame { frame, place } => six_of(&values.frames[frame].pose)[place],
-            Param::FrameDrift {
-                frame,
-                order,
-                place,
-            } => values.frames[frame].drift[order - 1][place] * scale,
-            Param::Point { point, place } => values.points[point].0[place],
-            Param::PointDrift {
-                point,
-                order,
-                place,
-            } => values.points[point].1[order - 1][place] * scale,
-            Param::Number { number } => values.numbers[number].0 * scale,
-            Param::NumberDrift { number, order } => values.numbers[number].1[order - 1] * scale,
-            Param::Coefficient { coefficient } => values.coefficients[coefficient] * scale,
-        };
+    let parameter = |(param, what): (usize, Param)| {
+        let (unit, scale) = system.unit_of(param);
+        let value = values.of(what) * scale;
         let place = fitted.kept.iter().position(|kept| *kept == param);
         let mixed = |null: &&Vec<(usize, f64)>| null[1..].iter().any(|(c, _)| *c == param);
         Parameter {

@@ -8,7 +8,9 @@ use crate::{
     error::IdentifyError,
     identify::fit,
     observations::{Observations, Row, Seen},
-    system::{Rows, System, Values},
+    prepared::Rows,
+    system::System,
+    values::Values,
 };
 
 /// The size of what is left of rows: distances in three directions for `points` and `sphere`, else the number itself.

@@ -1,14 +1,18 @@
 #![doc = include_str!("../README.md")]
 
 mod basis;
+mod coefficients;
 mod derivatives;
 mod design;
+mod equation;
 mod error;
 mod identify;
 mod judge;
 mod next;
 mod observations;
+mod params;
 mod penalty;
+mod prepared;
 mod rank;
 mod read;
 mod rows;
@@ -17,6 +21,7 @@ mod start;
 mod system;
 mod timeline;
 mod unknown_file;
+mod values;
 
 pub use basis::Basis;
 pub use error::IdentifyError;

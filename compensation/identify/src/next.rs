@@ -9,7 +9,8 @@ use volcomp_vocabulary::{AxisName, Displacement};
 use crate::{
     identify::Fitted,
     observations::{Observations, Row, Seen, Stand},
-    system::{Rows, System},
+    prepared::Rows,
+    system::System,
 };
 
 /// How many poses are looked at.
@@ -48,7 +49,7 @@ pub(crate) fn next(
         .iter()
         .enumerate()
         .map(|(place, &param)| {
-            if param < system.setup_params() {
+            if param < system.params.setup() {
                 0.0
             } else {
                 now.column(place).norm() / count.sqrt()

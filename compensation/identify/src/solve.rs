@@ -5,7 +5,9 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use crate::{
     error::IdentifyError,
     penalty::{Penalty, choose},
-    system::{Equations, Rows, System, Values},
+    prepared::Rows,
+    system::{Equations, System},
+    values::Values,
 };
 
 /// How exactly the end is wanted: steps smaller than this of the standard uncertainty are none.
@@ -94,7 +96,10 @@ pub(crate) fn solve(
         let before = cost(&equations, robust);
         let mut share = 1.0;
         loop {
-            let tried = system.moved(&values, &spread(&step.by, kept, system.params.len(), share));
+            let tried = values.moved(
+                &system.params,
+                &spread(&step.by, kept, system.params.len(), share),
+            );
             let there = system.equations(rows, &tried, false);
             // A step of the size of rounding is neither better nor worse.
             if cost(&there, robust) <= before * (1.0 + 1e-9) + 1e-20 || share < 1e-3 || penalised {
@@ -193,7 +198,7 @@ impl Step {
             let now = DVector::from_iterator(
                 kept.len(),
                 kept.iter()
-                    .map(|&column| system.coefficient_value(values, column)),
+                    .map(|&column| values.of(system.params.at(column))),
             );
             let chosen = choose(&jacobian, &residuals, &scale, &now, penalty).ok_or_else(failed)?;
             (chosen.step, chosen.covariance, chosen.degrees)

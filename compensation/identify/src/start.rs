@@ -9,9 +9,12 @@ use crate::{
     design::design,
     error::IdentifyError,
     observations::{Observations, Row, Seen},
+    params::{Param, Part},
+    prepared::Rows,
     rank::independent,
     solve::{Exactness, solve},
-    system::{Param, Rows, System, Values},
+    system::System,
+    values::Values,
 };
 
 /// Fewer rows do not determine targets and a general matrix for the frame.
@@ -57,12 +60,16 @@ fn setup_only(
     rows: &Rows,
     values: Values,
 ) -> Result<(f64, Values), IdentifyError> {
-    let count = system.setup_params();
+    let count = system.params.setup();
     let design = design(system, rows, &values).jacobian;
     let rank = independent(&design.columns(0, count).into_owned());
     for null in &rank.null {
         let column = null[0].0;
-        if let Param::Frame { frame, .. } = system.params[column] {
+        if let Param::SetUp {
+            part: Part::Frame(frame),
+            ..
+        } = system.params.at(column)
+        {
             let quantity = &observations.setup.frames[frame];
             let sees =
                 |row: &&Row| matches!(row.seen, Seen::Point { frame: of, .. } if of == frame);
@@ -128,7 +135,7 @@ fn frames(
                 .iter()
                 .map(|(row, _, target)| {
                     let (tip, rotation) = nominal(system, row);
-                    tip + target.map_or_else(Vector3::zeros, |t| rotation * values.points[t].0)
+                    tip + target.map_or_else(Vector3::zeros, |t| rotation * values.points[t][0])
                 })
                 .collect();
             let from: Vec<Vector3<f64>> = seen.iter().map(|(_, at, _)| *at).collect();
@@ -181,7 +188,7 @@ fn targets_by_matrix(
         if offset.iter().any(|x| !x.is_finite()) {
             return false;
         }
-        values.points[target].0 = offset;
+        values.points[target][0] = offset;
     }
     true
 }
@@ -246,15 +253,15 @@ fn points_of_spheres_and_bars(
             }
         }
         if !centres.is_empty() {
-            values.points[place].0 = centres.iter().sum::<Vector3<f64>>() / centres.len() as f64;
+            values.points[place][0] = centres.iter().sum::<Vector3<f64>>() / centres.len() as f64;
         }
         if let Some(dead) = dead_of {
             let number = &observations.setup.numbers[dead];
             let free = number.unknown && number.value.is_none();
-            let (point, found) = trilateration(&reaches, values.numbers[dead].0, free);
-            values.points[place].0 = point;
+            let (point, found) = trilateration(&reaches, values.numbers[dead][0], free);
+            values.points[place][0] = point;
             if free {
-                values.numbers[dead].0 = found;
+                values.numbers[dead][0] = found;
             }
         }
     }

@@ -1,0 +1,220 @@
+//! What one row says: its residuals and how each parameter moves them.
+
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
+
+use crate::{
+    basis::legendre,
+    coefficients::Unknowns,
+    derivatives::{Errors, Tip, component_of, tip},
+    observations::Seen,
+    params::{Params, Part},
+    prepared::{PreparedRow, PreparedStand},
+    system::{Equations, System},
+    values::{Values, unit},
+};
+
+/// The rows of the matrix that belong to one row of a file: one for each direction in which it sees.
+struct Writer<'e> {
+    residuals: &'e mut DVector<f64>,
+    jacobian: &'e mut DMatrix<f64>,
+    params: &'e Params,
+    unknowns: &'e Unknowns,
+    /// The first equation.
+    first: usize,
+    /// One by the uncertainty.
+    weight: f64,
+    /// The Legendre polynomials of the row's time.
+    polynomials: Vec<f64>,
+}
+
+impl Writer<'_> {
+    /// Takes what the tip moves with one unit of each coefficient of an error, seen in these directions.
+    fn coefficients(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
+        for &(axis, component, coefficient, value) in &stand.terms {
+            let moved = tip.by_motion[axis][component] * value;
+            self.add(self.params.setup() + coefficient, &moved, directions);
+        }
+        for &(axis, component, coefficient) in &self.unknowns.locations {
+            let moved = tip.by_location[axis][component];
+            self.add(self.params.setup() + coefficient, &moved, directions);
+        }
+    }
+
+    /// Takes how the residual moves with one unit of each number of a frame or point. `moved` is given the number's place and the order
+    /// of its drift.
+    fn part(
+        &mut self,
+        part: Part,
+        directions: &[Vector3<f64>],
+        moved: impl Fn(usize, usize) -> Vector3<f64>,
+    ) {
+        for at in self.params.of(part) {
+            let moved = moved(at.place, at.order) * self.polynomials[at.order];
+            self.add(at.param, &moved, directions);
+        }
+    }
+
+    /// Takes how the residual moves with one unit of a number.
+    fn number(&mut self, number: usize, by: f64) {
+        for at in self.params.of(Part::Number(number)) {
+            self.jacobian[(self.first, at.param)] += by * self.polynomials[at.order] * self.weight;
+        }
+    }
+
+    fn add(&mut self, column: usize, moved: &Vector3<f64>, directions: &[Vector3<f64>]) {
+        for (k, direction) in directions.iter().enumerate() {
+            self.jacobian[(self.first + k, column)] += direction.dot(moved) * self.weight;
+        }
+    }
+
+    fn residual(&mut self, k: usize, value_mm: f64) {
+        self.residuals[self.first + k] = value_mm * self.weight;
+    }
+}
+
+impl System {
+    /// The actual tip in workpiece axes and how it moves with the errors; `design`: that of the ideal machine.
+    fn tip_at(
+        &self,
+        stand: &PreparedStand,
+        values: &Values,
+        offset: &Vector3<f64>,
+        design: bool,
+    ) -> Tip {
+        let mut errors = Errors::default();
+        if !design {
+            errors = stand.known;
+            for &(axis, component, coefficient, value) in &stand.terms {
+                *component_of(&mut errors.motion[axis], component) +=
+                    value * values.coefficients[coefficient];
+            }
+            for &(axis, component, coefficient) in &self.unknowns.locations {
+                *component_of(&mut errors.location[axis], component) =
+                    values.coefficients[coefficient];
+            }
+        }
+        let chain = self.machine.chain();
+        let at_mm = stand.stand.tip_mm + offset;
+        let mut tip = tip(chain, &errors, &stand.stand.state, &at_mm);
+        tip.position_mm -= chain.workpiece_origin_mm();
+        tip
+    }
+
+    /// Writes the equations of the row at this place; see [`System::equations`].
+    pub(crate) fn write_row(
+        &self,
+        row: &PreparedRow,
+        values: &Values,
+        design: bool,
+        place: usize,
+        equations: &mut Equations,
+    ) {
+        let time = row.row.time;
+        let mut out = Writer {
+            residuals: &mut equations.residuals,
+            jacobian: &mut equations.jacobian,
+            params: &self.params,
+            unknowns: &self.unknowns,
+            first: equations.places[place].0,
+            weight: 1.0 / row.row.uncertainty_mm,
+            polynomials: legendre(time, self.params.highest_order()),
+        };
+        let axes = [unit(0), unit(1), unit(2)];
+        let target = match &row.row.seen {
+            Seen::Point { target, .. } => *target,
+            _ => None,
+        };
+        let offset = target.map_or_else(Vector3::zeros, |target| values.point_at(target, time));
+        let tip = self.tip_at(&row.stand, values, &offset, design);
+        match &row.row.seen {
+            Seen::Point { frame, at_mm, .. } => {
+                let of = &values.frames[*frame];
+                let still = of.pose.transform_point(at_mm);
+                // What has drifted turns what it displaces; the ideal does not drift.
+                let [shift, turn] = if design {
+                    [Vector3::zeros(); 2]
+                } else {
+                    of.drifted(time)
+                };
+                let seen = if design {
+                    tip.position_mm
+                } else {
+                    still + shift + turn.cross(&(still - of.middle_mm))
+                };
+                let lever = if design { seen } else { still } - of.middle_mm;
+                for k in 0..3 {
+                    out.residual(k, tip.position_mm[k] - seen[k]);
+                }
+                out.coefficients(&row.stand, &tip, &axes);
+                out.part(Part::Frame(*frame), &axes, |place, order| {
+                    let moved = frame_motion(place, &lever);
+                    match order {
+                        0 => -moved - turn.cross(&moved),
+                        _ => -moved,
+                    }
+                });
+                if let Some(target) = target {
+                    let rotation = &tip.rotation;
+                    out.part(Part::Point(target), &axes, |place, _| {
+                        rotation.column(place).into()
+                    });
+                }
+            }
+            Seen::Sphere { centre, offset_mm } => {
+                let residual = tip.position_mm - values.point_at(*centre, time) - offset_mm;
+                for k in 0..3 {
+                    out.residual(k, residual[k]);
+                }
+                out.coefficients(&row.stand, &tip, &axes);
+                out.part(Part::Point(*centre), &axes, |place, _| -unit(place));
+            }
+            Seen::Distance {
+                point,
+                dead,
+                length_mm,
+            } => {
+                let reach = tip.position_mm - values.point_at(*point, time);
+                let along = [reach.try_normalize(1e-9).unwrap_or_else(Vector3::z)];
+                out.residual(0, reach.norm() - values.number_at(*dead, time) - length_mm);
+                out.coefficients(&row.stand, &tip, &along);
+                out.part(Part::Point(*point), &along, |place, _| -unit(place));
+                out.number(*dead, -1.0);
+            }
+            Seen::Pair {
+                dead, length_mm, ..
+            } => {
+                let Some(from) = &row.from else { return };
+                let other = self.tip_at(from, values, &Vector3::zeros(), design);
+                let reach = tip.position_mm - other.position_mm;
+                let along = reach.try_normalize(1e-9).unwrap_or_else(Vector3::z);
+                out.residual(0, reach.norm() - values.number_at(*dead, time) - length_mm);
+                out.coefficients(&row.stand, &tip, &[along]);
+                out.coefficients(from, &other, &[-along]);
+                out.number(*dead, -1.0);
+            }
+            Seen::Line {
+                direction,
+                offset,
+                slope,
+                deviation_mm,
+            } => {
+                let place = direction.dot(&row.ideal_mm);
+                let displacement = direction.dot(&(tip.position_mm - row.ideal_mm));
+                let line = values.number_at(*offset, time) + values.number_at(*slope, time) * place;
+                out.residual(0, displacement - line - deviation_mm);
+                out.coefficients(&row.stand, &tip, &[*direction]);
+                out.number(*offset, -1.0);
+                out.number(*slope, -place);
+            }
+        }
+    }
+}
+
+/// How a point at a lever moves with one unit of a displacement (0 to 2) or a rotation (3 to 5).
+fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
+    if place < 3 {
+        unit(place)
+    } else {
+        unit(place - 3).cross(lever_mm)
+    }
+}

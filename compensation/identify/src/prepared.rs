@@ -1,0 +1,117 @@
+//! Rows with what of them does not change while the parameters do.
+
+use volcomp_kinematics::{ErrorSource, nalgebra::Vector3};
+use volcomp_model::Temperatures;
+use volcomp_vocabulary::Direction;
+
+use crate::{
+    coefficients::Role,
+    derivatives::{Errors, component_of},
+    observations::{Row, Seen, Stand},
+    system::System,
+};
+
+/// A pose with what of it does not change while the parameters do.
+#[derive(Clone, Debug)]
+pub(crate) struct PreparedStand {
+    pub(crate) stand: Stand,
+    /// The errors that are known, unknown location errors as zero.
+    pub(crate) known: Errors,
+    /// Axis, component, coefficient and what one unit of it makes.
+    pub(crate) terms: Vec<(usize, usize, usize, f64)>,
+}
+
+/// A row with its poses and, mm, the tip of the ideal machine.
+#[derive(Clone, Debug)]
+pub(crate) struct PreparedRow {
+    pub(crate) row: Row,
+    pub(crate) stand: PreparedStand,
+    pub(crate) from: Option<PreparedStand>,
+    pub(crate) ideal_mm: Vector3<f64>,
+}
+
+/// The rows of a system, prepared.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rows(pub(crate) Vec<PreparedRow>);
+
+impl Rows {
+    pub(crate) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    pub(crate) fn get(&self, place: usize) -> &Row {
+        &self.0[place].row
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Row> {
+        self.0.iter().map(|row| &row.row)
+    }
+
+    /// Only these rows.
+    pub(crate) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept = self.0.iter().enumerate().filter(|(place, _)| keep(*place));
+        Self(kept.map(|(_, row)| row.clone()).collect())
+    }
+}
+
+impl System {
+    /// Prepares rows: their known errors and the modes at their coordinates.
+    pub(crate) fn prepare<'r>(&self, rows: impl Iterator<Item = &'r Row>) -> Rows {
+        let prepared = rows.map(|row| PreparedRow {
+            row: row.clone(),
+            stand: self.prepare_stand(&row.stand),
+            from: match &row.seen {
+                Seen::Pair { from, .. } => Some(self.prepare_stand(from)),
+                _ => None,
+            },
+            ideal_mm: self
+                .machine
+                .chain()
+                .ideal_pose(&row.stand.state)
+                .transform_point(&row.stand.tip_mm)
+                - self.machine.chain().workpiece_origin_mm(),
+        });
+        Rows(prepared.collect())
+    }
+
+    fn prepare_stand(&self, stand: &Stand) -> PreparedStand {
+        let source = self.machine.source(&Temperatures::default());
+        let mut known = Errors::default();
+        for axis in 0..self.machine.axes().len() {
+            known.motion[axis] = source.error_motion(axis, &stand.state);
+            known.location[axis] = source.location(axis);
+            known.assembly[axis] = source.assembly(axis);
+        }
+        for &(axis, component, _) in &self.unknowns.locations {
+            *component_of(&mut known.location[axis], component) = 0.0;
+        }
+        let at = self.machine.curve_coordinates(&stand.state);
+        let modes: Vec<Vec<f64>> = self
+            .unknowns
+            .curves
+            .iter()
+            .map(|u| {
+                u.modes
+                    .as_ref()
+                    .map_or_else(Vec::new, |m| m.values(at[u.axis]))
+            })
+            .collect();
+        let mut terms = Vec::new();
+        for (place, coefficient) in self.unknowns.coefficients.iter().enumerate() {
+            let axis = self.unknowns.curves[coefficient.curve].axis;
+            let value = match coefficient.role {
+                Role::Location => continue,
+                Role::Mode(mode) => modes[coefficient.curve][mode],
+                Role::Reversal => 0.5 * stand.state.approach[axis].map_or(0.0, Direction::sign),
+            };
+            if value != 0.0 {
+                terms.push((axis, coefficient.error.component.index(), place, value));
+            }
+        }
+        PreparedStand {
+            stand: *stand,
+            known,
+            terms,
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! The values of all parameters, and what they make of frames, points and numbers at a time.
+
+use volcomp_kinematics::{
+    Pose,
+    nalgebra::{DVector, Matrix3, Vector3},
+    rotation_from_vector,
+};
+
+use crate::{
+    basis::legendre,
+    observations::SetUp,
+    params::{Param, Params, Part},
+};
+
+/// A frame with its drift: the pose of the tracker in workpiece axes.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    pub(crate) pose: Pose,
+    /// The point about which it turns, mm in workpiece axes: the middle of what it saw.
+    pub(crate) middle_mm: Vector3<f64>,
+    /// Displacement (mm) and rotation (rad) for each Legendre polynomial of the time, from order 1.
+    drift: Vec<[f64; 6]>,
+}
+
+/// The values of all parameters, mm and rad. Points and numbers have a value for each Legendre polynomial of the time: that
+/// of order 0 is what does not drift.
+#[derive(Clone, Debug)]
+pub(crate) struct Values {
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) points: Vec<Vec<Vector3<f64>>>,
+    pub(crate) numbers: Vec<Vec<f64>>,
+    pub(crate) coefficients: Vec<f64>,
+}
+
+impl Values {
+    /// What the files state of the set-ups; the middle of the frames at zero.
+    pub(crate) fn stated(setup: &SetUp, coefficients: Vec<f64>) -> Self {
+        let frames = setup.frames.iter().map(|frame| Frame {
+            pose: pose_of(&frame.value.unwrap_or_default()),
+            middle_mm: Vector3::zeros(),
+            drift: vec![[0.0; 6]; frame.drift],
+        });
+        let points = setup.points.iter().map(|point| {
+            let mut values = vec![Vector3::zeros(); point.drift + 1];
+            values[0] = Vector3::from(point.value.unwrap_or_default());
+            values
+        });
+        let numbers = setup.numbers.iter().map(|number| {
+            let mut values = vec![0.0; number.drift + 1];
+            values[0] = number.value.unwrap_or_default();
+            values
+        });
+        Self {
+            frames: frames.collect(),
+            points: points.collect(),
+            numbers: numbers.collect(),
+            coefficients,
+        }
+    }
+
+    /// A point at a time, mm.
+    pub(crate) fn point_at(&self, place: usize, time: f64) -> Vector3<f64> {
+        let values = &self.points[place];
+        let polynomials = legendre(time, values.len() - 1);
+        let terms = values.iter().zip(&polynomials);
+        terms.fold(Vector3::zeros(), |sum, (value, p)| sum + value * *p)
+    }
+
+    /// A number at a time.
+    pub(crate) fn number_at(&self, place: usize, time: f64) -> f64 {
+        let values = &self.numbers[place];
+        let polynomials = legendre(time, values.len() - 1);
+        values.iter().zip(&polynomials).map(|(v, p)| v * p).sum()
+    }
+
+    /// The value of a parameter, mm or rad.
+    pub(crate) fn of(&self, param: Param) -> f64 {
+        match param {
+            Param::Coefficient(coefficient) => self.coefficients[coefficient],
+            Param::SetUp { part, place, order } => match (part, order) {
+                (Part::Frame(index), 0) => six_of(&self.frames[index].pose)[place],
+                (Part::Frame(index), _) => self.frames[index].drift[order - 1][place],
+                (Part::Point(index), _) => self.points[index][order][place],
+                (Part::Number(index), _) => self.numbers[index][order],
+            },
+        }
+    }
+
+    /// Values moved by a step in the parameters.
+    pub(crate) fn moved(&self, params: &Params, step: &DVector<f64>) -> Self {
+        let mut moved = self.clone();
+        let mut turns = vec![[0.0; 6]; moved.frames.len()];
+        for (param, &by) in params.iter().zip(step) {
+            match param {
+                Param::SetUp { part, place, order } => match (part, order) {
+                    (Part::Frame(index), 0) => turns[index][place] += by,
+                    (Part::Frame(index), _) => moved.frames[index].drift[order - 1][place] += by,
+                    (Part::Point(index), _) => moved.points[index][order][place] += by,
+                    (Part::Number(index), _) => moved.numbers[index][order] += by,
+                },
+                Param::Coefficient(coefficient) => moved.coefficients[coefficient] += by,
+            }
+        }
+        for (frame, six) in moved.frames.iter_mut().zip(turns) {
+            let turn = rotation_from_vector(&Vector3::new(six[3], six[4], six[5]));
+            let shift = Vector3::new(six[0], six[1], six[2]);
+            frame.pose = Pose {
+                rotation: turn * frame.pose.rotation,
+                translation_mm: frame.middle_mm
+                    + turn * (frame.pose.translation_mm - frame.middle_mm)
+                    + shift,
+            };
+        }
+        moved
+    }
+}
+
+impl Frame {
+    /// How far it has drifted at a time: displacement, mm, and rotation, rad.
+    pub(crate) fn drifted(&self, time: f64) -> [Vector3<f64>; 2] {
+        let polynomials = legendre(time, self.drift.len());
+        let orders = self.drift.iter().zip(&polynomials[1..]);
+        orders.fold([Vector3::zeros(); 2], |[shift, turn], (six, p)| {
+            let of = |first: usize| Vector3::new(six[first], six[first + 1], six[first + 2]) * *p;
+            [shift + of(0), turn + of(3)]
+        })
+    }
+}
+
+/// A unit vector along an axis.
+pub(crate) fn unit(place: usize) -> Vector3<f64> {
+    let mut vector = Vector3::zeros();
+    vector[place] = 1.0;
+    vector
+}
+
+/// A frame from x, y, z (mm) and a, b, c (deg): turned about X by a, then about the fixed Y by b, then about the
+/// fixed Z by c.
+pub(crate) fn pose_of(six: &[f64; 6]) -> Pose {
+    let [a, b, c] = [six[3], six[4], six[5]].map(f64::to_radians);
+    let about = |place: usize, angle: f64| rotation_from_vector(&(unit(place) * angle));
+    Pose {
+        rotation: about(2, c) * about(1, b) * about(0, a),
+        translation_mm: Vector3::new(six[0], six[1], six[2]),
+    }
+}
+
+/// The inverse of [`pose_of`], but for the angles, which are in rad.
+pub(crate) fn six_of(pose: &Pose) -> [f64; 6] {
+    let r: &Matrix3<f64> = &pose.rotation;
+    let t = &pose.translation_mm;
+    let b = (-r[(2, 0)]).atan2(r[(0, 0)].hypot(r[(1, 0)]));
+    let a = r[(2, 1)].atan2(r[(2, 2)]);
+    let c = r[(1, 0)].atan2(r[(0, 0)]);
+    [t.x, t.y, t.z, a, b, c]
+}
