@@ -3,7 +3,7 @@
 use volcomp_kinematics::{ErrorSource, Joint, Side, State, nalgebra::Vector3};
 use volcomp_metrology::{CarriedSide, MotionKind, Rides, Travel, abbe_um, lever_mm};
 use volcomp_model::{Machine, ModelError, Temperatures};
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{AxisKind, Direction, Displacement};
 
 use crate::{calibration_file::Line, profile::Profile};
 
@@ -22,7 +22,7 @@ pub(crate) fn without_abbe<'a>(
     Ok(profile)
 }
 
-/// The lever of a measured line of a linear axis, in the frame of what carries the axis: MCS at machine zero, brought
+/// The lever of a measured line, in the frame of what carries the axis: MCS at machine zero, brought
 /// by the held axes to where the axis was during the test.
 pub(crate) struct Lever {
     point: [f64; 3],
@@ -38,20 +38,17 @@ impl Lever {
         let setup = &line.setup;
         let index = machine.index_of(setup.error.axis)?;
         let joint = machine.chain().joints()[index];
-        let carried = machine
-            .chain()
-            .carrier_pose(index, &held_state(line, machine)?)
-            .inverse();
-        let point = setup.point_mcs.map_or(joint.point_mm, |point_mcs| {
-            carried.transform_point(&Vector3::from(point_mcs))
-        });
         let mut component = Vector3::zeros();
         component[setup.error.component.mcs_index()] = 1.0;
         Ok(Self {
             // Measured at the axis's own point unless stated; on the other side of the joint the
             // travel is a lever still.
-            point: point.into(),
-            rides: setup.rides,
+            point: measured_point(line, machine)?.into(),
+            // A rotary axis does not carry its own point along: the lever stays as it is.
+            rides: match joint.kind {
+                AxisKind::Linear => setup.rides,
+                AxisKind::Rotary => Rides::Carriage,
+            },
             joint,
             sense: match MotionKind::of(setup.error) {
                 MotionKind::Positioning => joint.direction,
@@ -91,6 +88,20 @@ impl Lever {
     }
 }
 
+/// The measured point of a line in the frame that carries its axis, mm: MCS at machine zero, brought by the held axes to
+/// where the axis was during the test. The axis's own point unless stated.
+pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f64>, ModelError> {
+    let index = machine.index_of(line.setup.error.axis)?;
+    let own = machine.chain().joints()[index].point_mm;
+    let Some(point_mcs) = line.setup.point_mcs else {
+        return Ok(own);
+    };
+    let carried = machine
+        .chain()
+        .carrier_pose(index, &held_state(line, machine)?);
+    Ok(carried.inverse().transform_point(&Vector3::from(point_mcs)))
+}
+
 /// ε of the measured axis at a target, µrad, on the branch of the direction.
 fn tilts_urad(
     line: &Line,
@@ -100,8 +111,8 @@ fn tilts_urad(
 ) -> Result<[f64; 3], ModelError> {
     let index = machine.index_of(line.setup.error.axis)?;
     let mut state = held_state(line, machine)?;
-    // A linear axis: mm in the chain as in the file.
-    state.q[index] = target;
+    let kind = machine.chain().joints()[index].kind;
+    state.q[index] = Displacement::from_coordinate(kind, target).mm_or_rad();
     state.approach[index] = Some(direction);
     let none = Temperatures::new();
     let error = machine.source(&none).error_motion(index, &state);

@@ -6,6 +6,7 @@ use crate::{
     calibration_file::CalibrationFile,
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
+    locations::without_location,
     profile::Profile,
 };
 
@@ -18,13 +19,17 @@ pub(crate) struct Angular {
 }
 
 /// Fits every angular error; `step` is called after each.
+///
+/// `known` is the machine of the file with the errors that are known before: its location errors are taken off the
+/// readings of rotary axes.
 pub(crate) fn angular(
     file: &CalibrationFile,
+    known: &Machine,
     mut step: impl FnMut(),
 ) -> Result<Angular, CalibrateError> {
     let mut result = Angular {
         fitted: Vec::new(),
-        tilted: file.machine.clone(),
+        tilted: known.clone(),
         notes: Vec::new(),
     };
     let names = measured(file).into_iter();
@@ -33,7 +38,7 @@ pub(crate) fn angular(
         let mut profiles = Vec::new();
         for line in lines_of(file, error) {
             result.notes.extend(notes_of(line));
-            profiles.push(Profile::new(line, &joint)?);
+            profiles.push(without_location(Profile::new(line, &joint)?, known)?);
         }
         let (fitted, _) = fit(file, error, profiles)?;
         for one in &fitted {
@@ -56,7 +61,7 @@ mod tests {
         let mut file = file(vec![line("ECX", |q| 3.0 + 0.02 * q), line("EXX", |q| q)]);
         file.reference[0] = 200.0;
         let mut steps = 0;
-        let found = angular(&file, || steps += 1).unwrap();
+        let found = angular(&file, &file.machine, || steps += 1).unwrap();
         assert_eq!(
             (steps, found.fitted.len()),
             (1, 1),

@@ -12,6 +12,7 @@ use crate::{
     fitted::measured,
     fitted_curve::FittedCurve,
     linear::linear,
+    locations::located,
     not_measured::not_measured,
     slopes::slopes,
     squares::{set_square, squares},
@@ -46,7 +47,8 @@ pub fn calibrate(
         done += 1;
         progress(done, measured.len());
     };
-    let angular = angular(file, &mut step)?;
+    let known = located(file)?;
+    let angular = angular(file, &known, &mut step)?;
     let linear = linear(file, &angular.tilted, &mut step)?;
     let slopes = slopes(&linear.removed, &angular.tilted)?;
     let squareness = squares(file, &slopes)?;
@@ -68,7 +70,7 @@ pub fn calibrate(
     }
     warnings.extend(angular.notes);
     warnings.extend(linear.notes);
-    warnings.extend(not_measured(&machine, &measured, &curves, &squareness));
+    warnings.extend(not_measured(file, &machine, &measured, &curves));
     Ok(Calibration {
         machine,
         curves,

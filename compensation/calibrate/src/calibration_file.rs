@@ -24,6 +24,8 @@ pub struct CalibrationFile {
     pub measurements: Vec<Line>,
     /// Every squareness error, in the order of the file.
     pub squareness: Vec<Squareness>,
+    /// Every location error that an instrument gave directly, in the order of the file.
+    pub locations: Vec<Location>,
     /// Contributions to the uncertainty that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
 }
@@ -39,6 +41,20 @@ pub struct Line {
     pub readings: Measurement,
     /// The kind of curve wanted, where stated.
     pub curve: Option<CurveChoice>,
+    /// Of a rotary axis: whether the readings were taken against the commanded pose, so that they hold what the location
+    /// errors of the axis add; `false` where the instrument was centred on the axis itself (ISO 230-7).
+    pub holds_location: bool,
+}
+
+/// A location error as an instrument gave it: `EX0C`, `EA0C`, `EC0Y`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Location {
+    /// The location error.
+    pub error: ErrorName,
+    /// Its value, µm or µrad.
+    pub value: f64,
+    /// The standard uncertainty (k = 1) of the value, µm or µrad.
+    pub uncertainty: f64,
 }
 
 /// A squareness error and where it comes from.

@@ -11,6 +11,8 @@ mod error;
 mod fitted;
 mod fitted_curve;
 mod linear;
+mod location_file;
+mod locations;
 mod not_measured;
 mod profile;
 mod read;
@@ -23,7 +25,9 @@ mod testing;
 mod varied;
 
 pub use calibration::{Calibration, calibrate};
-pub use calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource, Uncertainty};
+pub use calibration_file::{
+    CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
+};
 pub use curve_choice::CurveChoice;
 pub use error::CalibrateError;
 pub use fitted_curve::{FitQuality, FittedCurve, Quality};

@@ -3,13 +3,14 @@
 
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
-use volcomp_vocabulary::{AxisKind, Component, ErrorName, Urad};
+use volcomp_vocabulary::{Component, ErrorName, Urad};
 
 use crate::{
     abbe::{Lever, without_abbe},
     calibration_file::{CalibrationFile, Line},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
+    locations::without_location,
     profile::Profile,
 };
 
@@ -43,10 +44,8 @@ pub(crate) fn linear<'a>(
         for line in lines_of(file, error) {
             result.notes.extend(notes_of(line));
             let mut profile = Profile::new(line, &joint)?;
-            if error.axis.kind() == AxisKind::Linear {
-                profile = without_abbe(profile, tilted)?;
-                result.notes.extend(levers_left_in(&profile, tilted)?);
-            }
+            profile = without_abbe(without_location(profile, tilted)?, tilted)?;
+            result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
         if straightness {

@@ -1,17 +1,29 @@
 //! Notes on the errors that a calibration did not measure.
 
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
+use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity};
+use volcomp_vocabulary::{AxisKind, Component, Displacement, ErrorName};
 
-use crate::{fitted_curve::FittedCurve, squares::partner_of};
+use crate::{
+    calibration_file::CalibrationFile,
+    fitted_curve::FittedCurve,
+    location_file::{is_square, square_of},
+    squares::{partner_of, reference_of},
+};
+
+/// Nodes on a rotary axis at which the effect of an error is looked at. On a linear axis the largest effect is at an end,
+/// because a displacement that grows with the coordinate is never longer between two places than at both.
+const ROTARY_NODES: usize = 9;
+/// The size of an error whose effect is told, µm or µrad.
+const TOLD: f64 = 10.0;
 
 /// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
-/// squareness errors.
+/// location errors, those of squareness among them, each with what it can do.
 pub(crate) fn not_measured(
+    file: &CalibrationFile,
     machine: &Machine,
     measured: &[ErrorName],
     curves: &[FittedCurve],
-    squareness: &[(ErrorName, Urad)],
 ) -> Vec<String> {
     let mut notes = Vec::new();
     for axis in machine.axes() {
@@ -32,22 +44,73 @@ pub(crate) fn not_measured(
             }
         }
     }
-    for name in [
-        ErrorName::location(Component::EC, AxisName::Y),
-        ErrorName::location(Component::EA, AxisName::Z),
-        ErrorName::location(Component::EB, AxisName::Z),
-    ] {
-        let there = |axis| machine.axis(axis).is_some();
-        let known = squareness.iter().any(|(known, _)| *known == name);
-        if known || !there(name.axis) || !there(partner_of(name)) {
-            continue;
-        }
-        notes.push(match machine.locations().get(&name) {
+    let names = locations_not_measured(file, machine);
+    let effects = largest_effects(machine, &names);
+    for (name, effect) in names.into_iter().zip(effects) {
+        let (unit, stated) = (name.component.symbol(), machine.locations().get(&name));
+        let told = match stated {
             Some(value) => format!(
-                "squareness not measured, kept from the machine file: {name} = {value} µrad"
+                "{name} was not measured and is kept from the machine file: its {value} {unit} move the tool by up to {:.1} µm within the travel",
+                value.abs() * effect
             ),
-            None => format!("squareness not measured, taken as 0: {name}"),
-        });
+            None => format!(
+                "{name} was not measured and is taken as 0: each {TOLD} {unit} of it move the tool by up to {:.1} µm within the travel",
+                TOLD * effect
+            ),
+        };
+        notes.push(told);
     }
     notes
+}
+
+/// The location errors that move something and that no table of the file states: of the two tilts that make a
+/// squareness the one that is not zero by definition.
+fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<ErrorName> {
+    let mut names = Vec::new();
+    for joint in machine.chain().joints() {
+        for component in Component::ALL {
+            let name = ErrorName::location(component, joint.name);
+            if joint.no_effect(component).is_some() {
+                continue;
+            }
+            if is_square(name) {
+                let is_reference = reference_of(file.reference_axes, name) == name.axis;
+                if is_reference || machine.axis(partner_of(name)).is_none() {
+                    continue;
+                }
+            }
+            let square = square_of(name);
+            let stated = file.locations.iter().any(|location| location.error == name)
+                || file.squareness.iter().any(|entry| entry.error == square);
+            if !stated {
+                names.push(name);
+            }
+        }
+    }
+    names
+}
+
+/// The largest displacement of the tool over the travels for 1 µm or 1 µrad of each error, µm; to first order, with the
+/// tool of the machine file.
+fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<f64> {
+    let terms: Vec<ErrorTerm> = names.iter().copied().map(ErrorTerm::Named).collect();
+    let nodes = machine.axes().iter().map(|axis| {
+        let kind = axis.name.kind();
+        let count = match kind {
+            AxisKind::Linear => 2,
+            AxisKind::Rotary => ROTARY_NODES,
+        };
+        let [low, high] = axis.travel;
+        let node = |place: usize| {
+            let at = low + (high - low) * place as f64 / (count - 1) as f64;
+            Displacement::from_coordinate(kind, at).mm_or_rad()
+        };
+        (0..count).map(node).collect()
+    });
+    let poses = Poses::Grid(nodes.collect());
+    match sensitivity(machine.chain(), &terms, &poses) {
+        Ok(found) => found.errors.iter().map(|e| e.position_max_um).collect(),
+        // No names, or more poses than can be looked at: nothing is told.
+        Err(_) => vec![0.0; names.len()],
+    }
 }

@@ -5,13 +5,16 @@ use std::path::Path;
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, read_file, squareness_parts};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, Urad};
+use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::{
-    calibration_file::{CalibrationFile, Line, Squareness, SquarenessSource, Uncertainty},
+    calibration_file::{
+        CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
+    },
     checks,
     curve_choice::CurveChoice,
     error::CalibrateError,
+    location_file::{decode_location, square_of, standard_uncertainty},
     setup::Setup,
     setup_file::{decode_error, decode_motion, set_coordinates},
 };
@@ -38,6 +41,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
             "reference_axes",
             "measurement",
             "squareness",
+            "location",
             "uncertainty",
         ],
     )?;
@@ -51,6 +55,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     if let Some(section) = root.section("reference")? {
         set_coordinates(&mut reference, &section, &machine)?;
     }
+    let reference_axes = decode_reference_axes(root)?;
     let items = |key: &str| {
         root.get(key)
             .map_or_else(|| Ok(Vec::new()), |value| value.items())
@@ -70,19 +75,47 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         }
         squareness.push(found);
     }
+    let mut locations: Vec<Location> = Vec::new();
+    for item in items("location")? {
+        let section = item.section()?;
+        for found in decode_location(&section, &machine, reference_axes)? {
+            check_once(&item, found.error, &locations, &squareness)?;
+            locations.push(found);
+        }
+    }
     let measured = measurements.iter().map(|line| line.file.clone());
     Ok(CalibrationFile {
         files: core::iter::once(machine_file).chain(measured).collect(),
-        reference_axes: decode_reference_axes(root)?,
+        reference_axes,
         machine,
         reference,
         measurements,
         squareness,
+        locations,
         uncertainty: match root.section("uncertainty")? {
             Some(section) => decode_uncertainty(&section)?,
             None => Uncertainty::default(),
         },
     })
+}
+
+/// Refuses a location error that another table states already.
+fn check_once(
+    item: &Value<'_>,
+    error: ErrorName,
+    locations: &[Location],
+    squareness: &[Squareness],
+) -> Result<(), InputError> {
+    if locations.iter().any(|other| other.error == error) {
+        return Err(item.error(format!("{error} stands in two [[location]] tables")));
+    }
+    let square = square_of(error);
+    if squareness.iter().any(|other| other.error == square) {
+        return Err(item.error(format!(
+            "{error} stands in [[location]], and [[squareness]] states {square}: expected one of them"
+        )));
+    }
+    Ok(())
 }
 
 /// 0, or the travel end nearest to it.
@@ -113,10 +146,21 @@ fn decode_line(
     machine: &Machine,
     folder: &Path,
 ) -> Result<Line, CalibrateError> {
-    let keys = [&["error", "file", "unit", "curve"][..], &Setup::KEYS].concat();
-    section.allow(&keys)?;
+    let own = ["error", "file", "unit", "curve", "holds_location"];
+    section.allow(&[&own[..], &Setup::KEYS].concat())?;
     let error = decode_motion(&section.require("error")?, machine)?;
     let setup = Setup::decode(section, error, machine)?;
+    let holds_location = section.truth_or("holds_location", true)?;
+    if let Some(value) = section
+        .get("holds_location")
+        .filter(|_| !error.axis.is_rotary())
+    {
+        return Err(value
+            .error(format!(
+                "found it for {error}, expected it for errors of a rotary axis only"
+            ))
+            .into());
+    }
     let file_value = section.require("file")?;
     let file = folder.join(file_value.text()?);
     let mut readings = read_file(&file).map_err(|error| match error {
@@ -152,6 +196,7 @@ fn decode_line(
             .get("curve")
             .map(|value| CurveChoice::decode(&value, error.axis))
             .transpose()?,
+        holds_location,
     })
 }
 
@@ -256,13 +301,7 @@ fn decode_uncertainty(section: &Section<'_>) -> Result<Uncertainty, InputError> 
         let Some(value) = section.get(key) else {
             return Ok(0.0);
         };
-        let found = value.number()?;
-        if found < 0.0 {
-            return Err(value.error(format!(
-                "found {found}, expected a standard uncertainty of 0 or more"
-            )));
-        }
-        Ok(found)
+        standard_uncertainty(&value)
     };
     Ok(Uncertainty {
         laser_um_per_m: number("laser_um_per_m")?,

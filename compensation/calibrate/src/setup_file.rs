@@ -140,7 +140,7 @@ pub fn decode_motion(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, 
     Ok(error)
 }
 
-fn decode_sign(section: &Section<'_>) -> Result<f64, InputError> {
+pub(crate) fn decode_sign(section: &Section<'_>) -> Result<f64, InputError> {
     let Some(value) = section.get("sign") else {
         return Ok(1.0);
     };

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_kinematics::{ErrorSource, nalgebra::Vector3};
+use volcomp_kinematics::{ErrorSource, nalgebra::Vector3, vector_from_rotation};
 use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use crate::{abbe::held_state, calibration_file::Line};
+use crate::{abbe::held_state, calibration_file::Line, locations::displaced};
 
 /// The least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
 pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
@@ -47,7 +47,10 @@ fn held_slope(line: &Line, tilted: &Machine) -> Result<Urad, ModelError> {
     let chain = tilted.chain();
     let tilt_mcs = tilting.fold(Vector3::zeros(), |sum: Vector3<f64>, held| {
         let carried = chain.carrier_pose(held, &state).rotation;
-        sum + carried * source.error_motion(held, &state).angular_rad
+        // A rotary axis that is held off 0 and whose line is tilted stands askew.
+        let askew = displaced(&joints[held], &source.location(held), state.q[held]);
+        let tilt = source.error_motion(held, &state).angular_rad;
+        sum + carried * (tilt + vector_from_rotation(&askew.rotation))
     });
     let own = chain.carrier_pose(index, &state).rotation;
     let tilt = own.transpose() * tilt_mcs;

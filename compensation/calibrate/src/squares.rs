@@ -47,14 +47,7 @@ pub(crate) fn set_square(
     value: Urad,
 ) -> Result<(), ModelError> {
     let partner = partner_of(error);
-    let [primary, secondary] = reference_axes;
-    let pair = [error.axis, partner];
-    let reference = if pair.contains(&primary) {
-        primary
-    } else {
-        secondary
-    };
-    let (on_error, on_partner) = if reference == partner {
+    let (on_error, on_partner) = if reference_of(reference_axes, error) == partner {
         (value, Urad(0.0))
     } else {
         (Urad(0.0), -value)
@@ -69,6 +62,16 @@ pub(crate) fn set_square(
         }
     }
     Ok(())
+}
+
+/// Which of the two axes of a squareness has no tilt: the primary reference axis where it is one of them, else the
+/// secondary.
+pub(crate) fn reference_of([primary, secondary]: [AxisName; 2], squareness: ErrorName) -> AxisName {
+    if [squareness.axis, partner_of(squareness)].contains(&primary) {
+        primary
+    } else {
+        secondary
+    }
 }
 
 /// The other axis of a squareness: neither its own nor the one it turns about.

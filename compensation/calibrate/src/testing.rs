@@ -26,6 +26,7 @@ pub(crate) fn file(measurements: Vec<Line>) -> CalibrationFile {
         reference_axes: [AxisName::X, AxisName::Y],
         measurements,
         squareness: Vec::new(),
+        locations: Vec::new(),
         uncertainty: Uncertainty::default(),
     }
 }
@@ -60,5 +61,6 @@ pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
             ..Measurement::default()
         },
         curve: Some(CurveChoice::Polynomial { order: 3 }),
+        holds_location: true,
     }
 }

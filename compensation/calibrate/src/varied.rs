@@ -31,6 +31,9 @@ impl CalibrationFile {
             }) = &mut squareness.source;
             *angle += self.uncertainty.square_urad * normal(&mut rng);
         }
+        for location in &mut varied.locations {
+            location.value += location.uncertainty * normal(&mut rng);
+        }
         varied
     }
 

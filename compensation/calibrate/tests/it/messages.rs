@@ -48,6 +48,51 @@ fn every_wrong_key_is_named() {
             "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 1\nreference_angle_urad = 1",
             "together",
         ),
+        ("holds_location = false", "for errors of a rotary axis only"),
+        (
+            "[[location]]\nvalue_um = 1.0",
+            "key `error` or `errors` is missing",
+        ),
+        (
+            "[[location]]\nerror = \"EC0Y\"\nvalue_um = 1.0",
+            "location[0].value_um: EC0Y is in urad, expected the key with the ending _urad",
+        ),
+        (
+            "[[location]]\nerror = \"EC0Y\"",
+            "key `value_urad` is missing",
+        ),
+        (
+            "[[location]]\nerrors = [\"EC0Y\"]\nvalues_urad = [1.0, 2.0]",
+            "found 2 values, expected 1",
+        ),
+        (
+            "[[location]]\nerrors = [\"EC0Y\", \"EC0Y\"]\nvalues_urad = [1.0, 2.0]",
+            "location[0].errors[1]: EC0Y stands twice",
+        ),
+        (
+            "[[location]]\nerror = \"EC0X\"\nvalue_urad = 1.0",
+            "location[0].error: EC0X is 0 by definition, because X is a reference axis: expected EC0Y",
+        ),
+        (
+            "[[location]]\nerror = \"EXX\"\nvalue_um = 1.0",
+            "found EXX, expected a location error",
+        ),
+        (
+            "[[location]]\nerror = \"EX0X\"\nvalue_um = 1.0",
+            "location[0].error: EX0X ",
+        ),
+        (
+            "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0\nuncertainty_urad = -1",
+            "expected a standard uncertainty of 0 or more",
+        ),
+        (
+            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0",
+            "EC0Y stands in [[location]], and [[squareness]] states EC0Y: expected one of them",
+        ),
+        (
+            "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0",
+            "EC0Y stands in two [[location]] tables",
+        ),
         (
             "[[measurement]]\nerror = \"EXZ\"\nfile = \"a.csv\"",
             "has no axis Z",

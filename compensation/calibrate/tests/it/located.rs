@@ -1,0 +1,297 @@
+//! A five-axis machine with every error motion measured and its location errors given directly.
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_kinematics::{Form, State};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisName, Displacement, ErrorName};
+
+use crate::instrument::{Line, Noise, measure};
+
+pub(crate) const GEOMETRY: &str = "structure = \"w C' A' X' b Y Z t\"
+[axes.X]
+travel = [0.0, 600.0]
+[axes.Y]
+travel = [0.0, 500.0]
+[axes.Z]
+travel = [0.0, 400.0]
+[axes.A]
+travel = [-100.0, 30.0]
+point = [20.0, 250.0, 120.0]
+[axes.C]
+travel = [0.0, 360.0]
+modulo = 360
+point = [320.0, 240.0, 0.0]
+[tool]
+tip = [0.0, 0.0, -50.0]
+[workpiece]
+origin = [300.0, 250.0, 150.0]
+";
+
+/// Lengths in µm, angles in µrad.
+pub(crate) const LOCATIONS: [(&str, f64); 7] = [
+    ("EC0Y", 14.0),
+    ("EA0Z", -11.0),
+    ("EB0Z", 9.0),
+    ("EY0A", 17.0),
+    ("EB0A", 21.0),
+    ("EC0A", -18.0),
+    ("EA0C", -16.0),
+];
+/// The others of the two rotary axes.
+pub(crate) const MORE: [(&str, f64); 4] = [
+    ("EZ0A", -12.0),
+    ("EX0C", 15.0),
+    ("EY0C", -13.0),
+    ("EB0C", 12.0),
+];
+
+/// Motions that are 0 at 0; a straightness has no least-squares line over equal targets from end to end.
+pub(crate) fn truth() -> Machine {
+    let mut errors = String::new();
+    for (place, (axis, low, high)) in [("X", 0.0, 600.0), ("Y", 0.0, 500.0), ("Z", 0.0, 400.0)]
+        .into_iter()
+        .enumerate()
+    {
+        for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
+            let wave = |f: f64| (f * (7 * place + 5 * k + 2) as f64).sin();
+            let coefficients = if k < 3 && k != place {
+                // t² minus its mean over 11 equal targets, t from −1 to 1 over the travel.
+                let (middle, half) = (0.5_f64 * (low + high), 0.5_f64 * (high - low));
+                let size = 8.0 * wave(1.1);
+                [
+                    size * ((middle / half).powi(2) - 0.4),
+                    -2.0 * size * middle / half.powi(2),
+                    size / half.powi(2),
+                ]
+            } else {
+                [
+                    0.0,
+                    20.0 * wave(0.7) / high,
+                    15.0 * wave(1.9) / (high * high),
+                ]
+            };
+            writeln!(errors, "{component}{axis} = {{ poly = {coefficients:?} }}")
+                .expect("a String");
+        }
+    }
+    for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
+        let size = 6.0 + k as f64;
+        // The parallelism of A must not be taken for this slope.
+        let slope = if component == "EB" {
+            0.049
+        } else {
+            -0.03 - 0.01 * k as f64
+        };
+        writeln!(
+            errors,
+            "{component}A = {{ poly = [0.0, {slope:?}, 0.0004] }}"
+        )
+        .expect("a String");
+        writeln!(
+            errors,
+            "{component}C = {{ fourier = [{0:?}, {1:?}, {size:?}, {1:?}, 2.0], period = 360.0 }}",
+            size,
+            -0.5 * size
+        )
+        .expect("a String");
+    }
+    for (name, value) in LOCATIONS.iter().chain(&MORE) {
+        writeln!(errors, "{name} = {value:?}").expect("a String");
+    }
+    Machine::parse(&format!("{GEOMETRY}[errors]\n{errors}"), "truth").expect("a machine")
+}
+
+/// All 30 lines, 0.3 µm or µrad of noise, as tables of a calibration file; `rotary` decides which errors of rotary axes.
+pub(crate) fn lines(folder: &Path, truth: &Machine, rotary: impl Fn(&str) -> bool) -> String {
+    use AxisName::{X, Y, Z};
+    let mut noise = Noise::new(5);
+    let mut text = String::new();
+    for (axis, at, point, other, curve) in [
+        (
+            "X",
+            &[(Y, 200.0), (Z, 150.0)][..],
+            [30.0, 180.0, 90.0],
+            true,
+            "poly = { order = 2 }",
+        ),
+        (
+            "Y",
+            &[(X, 300.0), (Z, 100.0)],
+            [0.0, 20.0, 60.0],
+            false,
+            "poly = { order = 2 }",
+        ),
+        (
+            "Z",
+            &[(X, 250.0), (Y, 240.0)],
+            [40.0, 260.0, 10.0],
+            false,
+            "poly = { order = 2 }",
+        ),
+        // The table of X has gone to −X by 300 mm: the axes stand at −280 and 20.
+        (
+            "A",
+            &[(X, 300.0)],
+            [-240.0, 290.0, 180.0],
+            false,
+            "poly = { order = 2 }",
+        ),
+        (
+            "C",
+            &[(X, 300.0)],
+            [70.0, 200.0, 160.0],
+            false,
+            "fourier = { order = 2 }",
+        ),
+    ] {
+        for component in ["EX", "EY", "EZ", "EA", "EB", "EC"] {
+            let error = format!("{component}{axis}");
+            if matches!(axis, "A" | "C") && !rotary(&error) {
+                continue;
+            }
+            let line = Line {
+                error: &error,
+                at,
+                point,
+                other,
+                targets: 11,
+                runs: 3,
+            };
+            let file = format!("{error}.csv");
+            text += &measure(folder, truth, &file, &line, 0.3, &mut noise);
+            writeln!(text, "curve = {{ {curve} }}").expect("a String");
+        }
+    }
+    text
+}
+
+/// The calibration of these tables, which follow the keys at the top.
+pub(crate) fn calibrated(folder: &Path, text: &str) -> Calibration {
+    fs::write(folder.join("machine.toml"), GEOMETRY).expect("written");
+    let path = folder.join("calibration.toml");
+    fs::write(&path, text).expect("written");
+    calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
+}
+
+/// The largest difference of the position errors of two machines over the volume, µm.
+pub(crate) fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
+    let none = Temperatures::new();
+    let mut largest = 0.0_f64;
+    for place in 0..3 * 3 * 3 * 5 * 8 {
+        let mut rest = place;
+        let mut state = State::default();
+        for (index, axis) in one.axes().iter().enumerate() {
+            let count = match axis.name {
+                AxisName::C => 8,
+                AxisName::A => 5,
+                _ => 3,
+            };
+            let [low, high] = axis.travel;
+            let at = low + (high - low) * (rest % count) as f64 / (count - 1) as f64;
+            state.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
+            rest /= count;
+        }
+        let [a, b] =
+            [one, other].map(|machine| machine.error_at(&state, Form::Exact, &none).position_mm);
+        largest = largest.max((a - b).norm() * 1e3);
+    }
+    largest
+}
+
+/// The mean slope of an error motion between two coordinates, per deg.
+fn slope(machine: &Machine, error: &str, from: f64, to: f64) -> f64 {
+    let name: ErrorName = error.parse().expect("a name");
+    let index = machine.index_of(name.axis).expect("an axis");
+    let value = |at: f64| {
+        let mut coordinates = [0.0; 9];
+        coordinates[index] = at;
+        machine
+            .error(name)
+            .expect("a curve")
+            .value(index, &coordinates, None)
+    };
+    (value(to) - value(from)) / (to - from)
+}
+
+#[test]
+fn every_motion_and_the_locations_make_the_machine() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = truth();
+    let mut text = String::from("machine = \"machine.toml\"\n");
+    text += &lines(folder.path(), &truth, |_| true);
+    let mut noise = Noise::new(9);
+    // One after the other, and several of one instrument in its own sign.
+    for (name, value) in LOCATIONS {
+        let unit = if name.starts_with("EY") { "um" } else { "urad" };
+        let value = value + noise.normal(0.3);
+        writeln!(
+            text,
+            "[[location]]\nerror = \"{name}\"\nvalue_{unit} = {value}"
+        )
+        .expect("a String");
+    }
+    text += "[[location]]\nerrors = [\"EZ0A\", \"EX0C\", \"EY0C\"]\nvalues_um = [12.0, -15.0, 13.0]\nsign = -1\nuncertainty_um = 0.3\n";
+    text += "[[location]]\nerror = \"EB0C\"\nvalue_urad = 12.0\nuncertainty_urad = 0.3\n";
+    let found = calibrated(folder.path(), &text);
+    let left = largest_difference_um(&found.machine, &truth);
+    assert!(left <= 2.0, "{left} µm are left");
+    // A tilt of 18 µrad would make −0.31 µrad/deg of it.
+    let [found_slope, expected] =
+        [&found.machine, &truth].map(|machine| slope(machine, "EBA", -30.0, 30.0));
+    assert!(
+        (found_slope - expected).abs() < 0.01,
+        "{found_slope} for {expected}"
+    );
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+}
+
+/// The largest |(R⁻¹ω − ω) × p| of a tilt of 10 µrad of C about X or Y over eighths of a turn and the corners, µm.
+fn tilt_of_c_um(about_y: bool) -> f64 {
+    let mut largest = 0.0_f64;
+    for eighth in 0..8 {
+        let (s, c) = (f64::from(eighth) * core::f64::consts::FRAC_PI_4).sin_cos();
+        let [a, b] = if about_y { [s, c - 1.0] } else { [c - 1.0, -s] };
+        for corner in 0..8 {
+            let at = |bit: i32, length: f64| if corner & bit == 0 { 0.0 } else { length };
+            let [x, y, z] = [at(1, 300.0), at(2, 200.0), at(4, 400.0)];
+            let moved = [b * z, -a * z, a * y - b * x];
+            largest = largest.max(moved.iter().map(|m| m * m).sum::<f64>().sqrt());
+        }
+    }
+    largest * 10e-3
+}
+
+/// What nothing measured is named with what it can do.
+#[test]
+fn what_was_not_measured_is_told_with_its_effect() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let geometry = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\nC.travel = [0, 360]\n";
+    fs::write(folder.path().join("machine.toml"), geometry).expect("written");
+    let path = folder.path().join("calibration.toml");
+    let text = "machine = \"machine.toml\"\n[[location]]\nerror = \"EX0C\"\nvalue_um = 3.0\n[[location]]\nerror = \"EA0Z\"\nvalue_urad = 2.0\n";
+    fs::write(&path, text).expect("written");
+    let file = CalibrationFile::read(&path).expect("read");
+    let told = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+    for (name, effect_um) in [
+        ("EY0C", 20.0),
+        ("EA0C", tilt_of_c_um(false)),
+        ("EB0C", tilt_of_c_um(true)),
+        ("EC0Y", 10e-3 * 200.0),
+        ("EB0Z", 10e-3 * 400.0),
+    ] {
+        let found = told.iter().find(|note| note.starts_with(name)).expect(name);
+        let expected = format!("by up to {effect_um:.1} µm");
+        assert!(
+            found.contains("taken as 0") && found.contains(&expected),
+            "{found}: {expected}"
+        );
+    }
+    assert!(
+        !told
+            .iter()
+            .any(|note| note.starts_with("EX0C") || note.starts_with("EA0Z")),
+        "{told:?}"
+    );
+}
