@@ -48,7 +48,7 @@ Examples:
 
 pub(crate) const FIT: &str = "\
 Examples:
-  volcomp fit exx.rtl --method mls --auto --residual 1
+  volcomp fit exx.rtl --method mls --auto --residual 1 --scan
   volcomp fit exx.rtl --method chebyshev --order 5 --at 0,4000";
 
 pub(crate) const FIT_THERMAL: &str = "\
@@ -79,7 +79,7 @@ Examples:
 pub(crate) const DEMO: &str = "\
 Examples:
   volcomp demo
-  volcomp demo -o demo --seed 7";
+  volcomp demo -o demo --seed 7 --curve mls";
 
 pub(crate) const INSPECT: &str = "\
 Examples:

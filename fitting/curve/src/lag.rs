@@ -14,3 +14,24 @@ pub fn first_order_lag(before: f64, input: f64, dt: f64, lag: f64) -> f64 {
         input
     }
 }
+
+/// How fast a signal changes, smoothed: the difference of the signal and its first-order lag over the time constant of
+/// [`TIME_S`](Self::TIME_S), which for a steady rise is its rate. What a temperature rises and falls by, in a test and
+/// at run time, is measured by this one rule. State: the lagged signal.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SmoothedRate {
+    lagged: Option<f64>,
+}
+
+impl SmoothedRate {
+    /// The time constant, s: ten minutes.
+    pub const TIME_S: f64 = 600.0;
+
+    /// Takes the value of the signal after a step of `dt_s`: the rate, for each second. The first value has the rate 0.
+    pub fn step(&mut self, value: f64, dt_s: f64) -> f64 {
+        let before = self.lagged.unwrap_or(value);
+        let lagged = first_order_lag(before, value, dt_s, Self::TIME_S);
+        self.lagged = Some(lagged);
+        (value - lagged) / Self::TIME_S
+    }
+}

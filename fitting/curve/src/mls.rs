@@ -165,12 +165,23 @@ impl MovingLeastSquares {
             && self.half_width() > sparsest(&self.nodes, order).1 * (1.0 + 1e-9)
     }
 
-    /// The reciprocal condition number (1-norm) of the least-squares problem at `x`: of the matrix of the local powers
-    /// at the nodes, each row times the root of its weight. 1 is the best, 0 singular. Outside the range that of its end.
-    pub fn reciprocal_condition(&self, x: f64) -> f64 {
-        domain::held(self.domain(), x, |x| {
-            self.triangle(x).reciprocal_condition()
-        })
+    /// The rows of the least-squares problem at `x`, one for each node of positive weight: the powers, from 0 to the order,
+    /// of the node's distance over [`scale`](Self::scale), each times the root of its weight. How well conditioned they are
+    /// tells whether the nodes carry the curve there. Outside the range those of its end.
+    pub fn design(&self, x: f64) -> Vec<Vec<f64>> {
+        let [lower, upper] = self.domain();
+        let weighted = self.active(x.clamp(lower, upper));
+        let weighted = weighted.filter(|node| node.weight > 0.0);
+        let row = |node: Active| {
+            let root = libm::sqrt(node.weight);
+            let powers = self.powers(node.t);
+            powers
+                .iter()
+                .take(self.order + 1)
+                .map(|p| p * root)
+                .collect()
+        };
+        weighted.map(row).collect()
     }
 
     fn range(&self) -> f64 {
@@ -178,8 +189,9 @@ impl MovingLeastSquares {
         upper - lower
     }
 
-    /// The unit of the local argument; a support wider than the range would make powers tiny.
-    fn scale(&self) -> f64 {
+    /// The unit of the local argument: the half width of the weight, or the range where that is less, since a support wider
+    /// than the range would make powers tiny.
+    pub fn scale(&self) -> f64 {
         self.range().min(self.half_width())
     }
 
@@ -321,26 +333,6 @@ impl Triangle {
             a[i] = (b[i] - known) / self.r[i][i];
         }
         a
-    }
-
-    /// 1/(‖R‖·‖R⁻¹‖) in the 1-norm, the largest sum of a column; 0 where R is singular.
-    fn reciprocal_condition(&self) -> f64 {
-        let sum = |column: &[f64]| column.iter().map(|x| libm::fabs(*x)).sum::<f64>();
-        let (mut norm, mut inverse) = (0.0_f64, 0.0_f64);
-        for j in 0..self.size {
-            let mut unit = [0.0; SIZE];
-            unit[j] = 1.0;
-            inverse = inverse.max(sum(&self.back(&unit)));
-            let column: [f64; SIZE] = core::array::from_fn(|i| self.r[i][j]);
-            norm = norm.max(sum(&column));
-        }
-        let reciprocal = 1.0 / (norm * inverse);
-        // A zero on the diagonal gives infinite or undefined entries of the inverse.
-        if reciprocal.is_finite() {
-            reciprocal
-        } else {
-            0.0
-        }
     }
 
     fn coefficients(&self) -> [f64; SIZE] {

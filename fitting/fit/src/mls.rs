@@ -1,3 +1,4 @@
+use nalgebra::DMatrix;
 use volcomp_curve::MovingLeastSquares;
 
 use crate::fit::{Judged, left_out, rms};
@@ -10,7 +11,7 @@ const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
 const PURPOSE: &str = "moving least squares";
 /// The published order and support of long gantries, tried besides the grid.
 const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
-/// The smallest reciprocal condition number of the weighted design matrix of a candidate.
+/// The smallest ratio of singular values of the weighted design matrix of a candidate.
 const LEAST_CONDITION: f64 = 1e-10;
 
 /// Fits moving least squares of the order, the support (fraction of the range of the targets) and
@@ -31,12 +32,50 @@ pub fn fit_mls(
     Ok(Candidate::new(targets, order, support, shape)?.fit(x, u))
 }
 
+/// An order and a support that the automatic mode of moving least squares tries, and how well they do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct MlsTrial {
+    /// The order of the local polynomial.
+    pub order: usize,
+    /// The half width of the weight as a share of the range.
+    pub support: f64,
+    /// Largest deviation of a target's mean reading from the curve.
+    pub max_residual: f64,
+    /// Root mean square of the errors with which the curve predicts a target that is left out.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    pub leave_one_out_rms: f64,
+}
+
+/// The settings among which [`fit_mls_auto`] chooses, lower orders first, within an order wider supports first. An order
+/// and support that is not in the list is not carried by the targets.
+///
+/// # Errors
+/// Those of [`fit_mls_auto`].
+pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitError> {
+    let targets = scanned(x, u, shape)?;
+    let trial = |candidate: Candidate| MlsTrial {
+        order: candidate.curve.order(),
+        support: candidate.curve.support(),
+        max_residual: candidate.max_residual,
+        leave_one_out_rms: candidate.leave_one_out_rms,
+    };
+    let trials: Vec<MlsTrial> = candidates(&targets, shape).map(trial).collect();
+    if trials.is_empty() {
+        return Err(FitError::NoCandidate {
+            targets: targets.len(),
+            shape,
+        });
+    }
+    Ok(trials)
+}
+
 /// Fits moving least squares in the automatic mode.
 ///
 /// Orders 1 to 6 and supports 0.15 to 1 in steps of 0.05 are tried, and the published pair of order 4 and support 1/3.
 /// Candidates are those with at least order + 2 nodes of positive weight everywhere in the range, so that a node
-/// left out still leaves order + 1, and with a weighted design matrix in the local basis whose reciprocal condition
-/// number is 1e-10 or more. Of the candidates that meet the required
+/// left out still leaves order + 1, and with a weighted design matrix in the local basis whose smallest singular value is at
+/// least 1e-10 of the largest. Of the candidates that meet the required
 /// residual (largest deviation of a target's mean reading) the one with the smallest leave-one-out
 /// RMS is taken, ties to the lower order, then to the wider support. When none meets it,
 /// [`Fit::meets_required`] is false and the smallest leave-one-out RMS of all decides.
@@ -50,11 +89,8 @@ pub fn fit_mls_auto(
     shape: f64,
     required_residual: Option<f64>,
 ) -> Result<Fit, FitError> {
-    let targets = readings::checked_targets(x, u, 3, PURPOSE)?;
     readings::check_required(required_residual)?;
-    // The shape is refused here, before it is taken for a lack of candidates.
-    MovingLeastSquares::new(targets.clone(), 1, 2.0 * targets.len() as f64, shape)?;
-
+    let targets = scanned(x, u, shape)?;
     let judged = |c: &Candidate| Judged {
         meets: required_residual.is_none_or(|r| c.max_residual <= r),
         leave_one_out_rms: c.leave_one_out_rms,
@@ -76,6 +112,14 @@ pub fn fit_mls_auto(
         meets_required: met,
         ..best.fit(x, u)
     })
+}
+
+/// The targets of a scan over orders and supports.
+fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> {
+    let targets = readings::checked_targets(x, u, 3, PURPOSE)?;
+    // The shape is refused here, before it is taken for a lack of candidates.
+    MovingLeastSquares::new(targets.clone(), 1, 2.0 * targets.len() as f64, shape)?;
+    Ok(targets)
 }
 
 /// All candidates that the targets carry, lower orders first, within an order wider supports first.
@@ -150,5 +194,17 @@ fn carries(curve: &MovingLeastSquares) -> bool {
         .chain(nodes.iter().flat_map(|n| [n[0], n[0] - h, n[0] + h]))
         .chain(middles)
         .filter(|x| (lower..=upper).contains(x));
-    places.all(|x| curve.reciprocal_condition(x) >= LEAST_CONDITION)
+    places.all(|x| reciprocal_condition(&curve.design(x)) >= LEAST_CONDITION)
+}
+
+/// The smallest singular value of some rows over the largest; 0 where they are singular.
+fn reciprocal_condition(rows: &[Vec<f64>]) -> f64 {
+    let columns = rows.first().map_or(0, Vec::len);
+    let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);
+    if matrix.nrows() < columns || columns == 0 {
+        return 0.0;
+    }
+    let values = matrix.singular_values();
+    // The largest is positive: the nearest node has the weight 1 in the first column, up to a factor.
+    values.min() / values.max()
 }

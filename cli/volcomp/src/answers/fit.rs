@@ -26,6 +26,32 @@ pub(crate) struct Fit {
     /// Whether the residual asked for with `--residual` is met; only with `--auto --residual`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) meets_required: Option<bool>,
+    /// The orders and supports of moving least squares that the targets carry; only with `--scan`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) scan: Option<Vec<Trial>>,
+}
+
+/// One order and support of moving least squares.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+pub(crate) struct Trial {
+    /// Order of the local polynomial.
+    pub(crate) order: usize,
+    /// Half width of the weight as a share of the range.
+    pub(crate) support: f64,
+    /// Largest magnitude of a residual, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) largest_residual_um: Option<f64>,
+    /// Largest magnitude of a residual, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) largest_residual_urad: Option<f64>,
+    /// Root mean square of the leave-one-out errors, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_um: Option<f64>,
+    /// Root mean square of the leave-one-out errors, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_urad: Option<f64>,
+    /// Whether the curve of this document is the one of this setting.
+    pub(crate) shown: bool,
 }
 
 /// The range and the size of the residuals, readings minus curve, in the unit of the key.

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp_calibrate::CalibrationFile;
+use clap::ValueEnum;
+use volcomp_calibrate::{CalibrationFile, CurveChoice};
 use volcomp_kinematics::CorrectionOptions;
 use volcomp_model::{Diagonal, Machine, Temperatures, corrected, diagonals, quantised};
 use volcomp_shop::Shop;
@@ -31,6 +32,38 @@ pub(crate) struct Arguments {
     /// Seed of the noise; default: the shop's
     #[arg(long)]
     seed: Option<u64>,
+    /// Kind of curve that every line is fitted with: chosen for each line by its leave-one-out error, or one for all:
+    /// polynomials of order 6, Chebyshev series of order 6, moving least squares of order 4 over a third of the range,
+    /// smoothing B-splines
+    #[arg(long, default_value = "auto")]
+    curve: CurveKind,
+}
+
+/// The kinds of curve that all lines can be fitted with.
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum CurveKind {
+    Auto,
+    Poly,
+    Chebyshev,
+    Mls,
+    Bspline,
+}
+
+impl CurveKind {
+    /// What the calibration file asks for.
+    fn choice(self) -> CurveChoice {
+        match self {
+            Self::Auto => CurveChoice::Auto,
+            Self::Poly => CurveChoice::Polynomial { order: 6 },
+            Self::Chebyshev => CurveChoice::Chebyshev { order: 6 },
+            Self::Mls => CurveChoice::MovingLeastSquares {
+                order: 4,
+                support: 1.0 / 3.0,
+                shape: 3.0,
+            },
+            Self::Bspline => CurveChoice::BSpline,
+        }
+    }
 }
 
 /// Before and after, of everything.
@@ -47,6 +80,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Ok(Machine::parse(TRUTH, "truth.toml")?)
     })?;
     shop.seed = arguments.seed.unwrap_or(shop.seed);
+    if arguments.curve != CurveKind::Auto {
+        for line in &mut shop.lines {
+            line.curve = Some(arguments.curve.choice());
+        }
+    }
     let temporary;
     let folder = if let Some(folder) = &arguments.output {
         folder.as_path()

@@ -6,14 +6,15 @@ use clap::ValueEnum;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Fit, FitError, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto, fit_polynomial,
+    Fit, FitError, MlsTrial, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto, fit_polynomial,
+    scan_mls,
 };
 use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
 use volcomp_model::write_curve;
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
-    answers::fit::{Fit as Document, Point, Spread},
+    answers::fit::{Fit as Document, Point, Spread, Trial},
     failure::Failure,
     unit::{self, Unit},
 };
@@ -49,6 +50,9 @@ pub(crate) struct Arguments {
         value_name = "UM_OR_URAD"
     )]
     residual: Option<f64>,
+    /// Show residual and leave-one-out error of every order and support that --auto chooses from (mls)
+    #[arg(long)]
+    scan: bool,
     /// Coordinates at which to print the curve: 0,100,200
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
     at: Vec<f64>,
@@ -63,9 +67,11 @@ enum Method {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    if arguments.auto && arguments.method != Method::Mls {
-        let message = "--auto: found another method, expected --method mls";
-        return Err(Failure::Input(message.to_owned()));
+    for (asked, option) in [(arguments.auto, "--auto"), (arguments.scan, "--scan")] {
+        if asked && arguments.method != Method::Mls {
+            let message = format!("{option}: found another method, expected --method mls");
+            return Err(Failure::Input(message));
+        }
     }
     let numbers = arguments.at.iter().chain(&arguments.residual);
     if let Some(wrong) = numbers.copied().find(|x| !x.is_finite()) {
@@ -76,8 +82,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
-    let fit = fit(arguments, &x, &u)
-        .map_err(|e| Failure::Input(format!("{}: {e}", arguments.data.display())))?;
+    let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
+    let fit = fit(arguments, &x, &u).map_err(failed)?;
+    let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape));
+    let scan = match trials {
+        Some(trials) => Some(scan(&trials.map_err(failed)?, &fit.curve, unit)),
+        None => None,
+    };
     let values: Vec<(f64, f64)> = arguments
         .at
         .iter()
@@ -90,11 +101,76 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         );
     }
     notes.extend(outside_note(&fit.curve, &arguments.at));
-    Answer::new(
-        &document(&fit, &values, unit)?,
-        text(&fit, &values, unit),
-        notes,
-    )
+    let scanned = scan.as_deref().map_or(String::new(), scan_text);
+    let document = Document {
+        scan,
+        ..document(&fit, &values, unit)?
+    };
+    Answer::new(&document, text(&fit, &values, unit) + &scanned, notes)
+}
+
+/// The settings of a scan as the document has them.
+fn scan(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> Vec<Trial> {
+    let angular = unit == DeviationUnit::Urad;
+    let is_shown = |trial: &MlsTrial| match curve {
+        Curve::MovingLeastSquares(curve) => {
+            curve.order() == trial.order && (curve.support() - trial.support).abs() < 1e-9
+        }
+        _ => false,
+    };
+    let row = |trial: &MlsTrial| Trial {
+        order: trial.order,
+        support: trial.support,
+        largest_residual_um: (!angular).then_some(trial.max_residual),
+        largest_residual_urad: angular.then_some(trial.max_residual),
+        leave_one_out_um: (!angular).then_some(trial.leave_one_out_rms),
+        leave_one_out_urad: angular.then_some(trial.leave_one_out_rms),
+        shown: is_shown(trial),
+    };
+    trials.iter().map(row).collect()
+}
+
+/// Two tables, of the largest residual and of the leave-one-out error, a row for each support and a column for each
+/// order.
+fn scan_text(trials: &[Trial]) -> String {
+    let mut supports: Vec<f64> = trials.iter().map(|trial| trial.support).collect();
+    supports.sort_by(f64::total_cmp);
+    supports.dedup();
+    let residual = |t: &Trial| t.largest_residual_um.or(t.largest_residual_urad);
+    let leave_one_out = |t: &Trial| t.leave_one_out_um.or(t.leave_one_out_urad);
+    let parts: [(&str, &dyn Fn(&Trial) -> Option<f64>); 2] = [
+        ("Largest residual", &residual),
+        ("Leave-one-out error", &leave_one_out),
+    ];
+    let symbol = if trials.iter().any(|t| t.largest_residual_urad.is_some()) {
+        "µrad"
+    } else {
+        "µm"
+    };
+    let mut text = String::new();
+    for (title, value) in parts {
+        let mut rows = table(&["support", "order 1", "2", "3", "4", "5", "6"]);
+        for &support in &supports {
+            let cell = |order: usize| {
+                let mut trials = trials.iter();
+                let trial = trials.find(|t| t.order == order && t.support == support);
+                let shown = trial.map_or(String::new(), |trial| {
+                    let value = value(trial).filter(|value| value.is_finite());
+                    let mark = if trial.shown { "*" } else { "" };
+                    value.map_or(String::new(), |v| mark.to_owned() + &fixed(v, 2))
+                });
+                if shown.is_empty() {
+                    "-".to_owned()
+                } else {
+                    shown
+                }
+            };
+            let cells = (1..=6).map(cell);
+            rows.add_row([fixed(support, 3)].into_iter().chain(cells));
+        }
+        text += &format!("\n{title}, {symbol}\n{}", table_text(&rows));
+    }
+    text + "\n* the curve above; - too few targets within the support\n"
 }
 
 /// A note where the curve is printed outside its range.
@@ -152,6 +228,7 @@ fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Doc
         leave_one_out_urad: angular.then_some(fit.leave_one_out_rms),
         values: values.iter().map(point).collect(),
         meets_required: fit.meets_required,
+        scan: None,
     })
 }
 

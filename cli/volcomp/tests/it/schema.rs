@@ -94,6 +94,7 @@ fn live_documents_follow_their_schemas() {
             "--auto",
             "--residual-um",
             "1",
+            "--scan",
             "--at",
             "0,100",
         ],

@@ -55,6 +55,67 @@ fn the_demo_reaches_its_goals() {
     }
 }
 
+/// Moving least squares on every line: the goals are the same.
+#[test]
+fn the_demo_with_moving_least_squares_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let kept = folder.path().display().to_string();
+    let answer = json(&["demo", "--curve", "mls", "-o", &kept]);
+    let calibrated = fs::read_to_string(folder.path().join("calibrated.toml")).expect("kept");
+    let curves = calibrated.lines().filter(|line| line.starts_with('E'));
+    for curve in curves.filter(|line| line.contains('{')) {
+        assert!(curve.contains("mls"), "{curve}");
+        assert!(!curve.contains("bspline") && !curve.contains("poly"));
+    }
+    let mean = &answer["mean_percent"];
+    assert!(number(&mean["positioning"]) <= -94.0, "{mean}");
+    assert!(number(&mean["straightness"]) <= -90.0, "{mean}");
+    assert!(number(&mean["diagonals"]) <= -95.0, "{mean}");
+    // What was kept says how it was fitted: calibrated once more it is the same machine.
+    let again = folder.path().join("again.toml").display().to_string();
+    let calibration = folder.path().join("calibration.toml").display().to_string();
+    json(&["calibrate", &calibration, "-o", &again]);
+    assert_eq!(fs::read_to_string(again).expect("written"), calibrated);
+}
+
+/// A residual of 2 um is met on every linear axis of the demo, and the leave-one-out error is no worse than that of the
+/// default setting.
+#[test]
+fn the_automatic_mode_meets_2_um_on_the_demo() {
+    let folder = tempfile::tempdir().expect("a folder");
+    json(&["simulate", SHOP, "-o", &folder.path().display().to_string()]);
+    for file in ["exx.rtl", "eyy.rtl", "ezz.rtl"] {
+        let path = folder.path().join(file).display().to_string();
+        let fit = ["fit", &path, "--method", "mls"];
+        let default = json(&fit);
+        let automatic = json(&[&fit[..], &["--auto", "--residual-um", "2", "--scan"]].concat());
+        assert_eq!(automatic["meets_required"], true, "{file}");
+        for end in ["min", "max"] {
+            assert!(
+                number(&automatic["residual_um"][end]).abs() <= 2.0,
+                "{file}"
+            );
+        }
+        let leave_one_out = number(&automatic["leave_one_out_um"]);
+        assert!(
+            leave_one_out <= number(&default["leave_one_out_um"]),
+            "{file}"
+        );
+        // The table shows where it was taken from.
+        let scan = automatic["scan"].as_array().expect("a list");
+        let shown: Vec<&Value> = scan.iter().filter(|trial| trial["shown"] == true).collect();
+        assert_eq!(shown.len(), 1, "{file}");
+        assert_eq!(shown[0]["leave_one_out_um"], automatic["leave_one_out_um"]);
+        let meeting = scan
+            .iter()
+            .filter(|trial| number(&trial["largest_residual_um"]) <= 2.0);
+        let least = meeting
+            .map(|trial| number(&trial["leave_one_out_um"]))
+            .fold(f64::INFINITY, f64::min);
+        assert!((least - leave_one_out).abs() < 1e-6, "{file}");
+    }
+}
+
 #[test]
 fn the_demo_reads_well() {
     let printed = text(&["demo"]);

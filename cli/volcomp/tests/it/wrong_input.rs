@@ -182,6 +182,16 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
         "--method mls",
     ),
     (
+        &[
+            "fit",
+            "fitting/metrology/tests/data/iso230-2-axis.csv",
+            "--method",
+            "bspline",
+            "--scan",
+        ],
+        "--scan: found another method, expected --method mls",
+    ),
+    (
         &["calibrate", "nowhere.toml", "-o", "m.toml"],
         "nowhere.toml: cannot be read",
     ),

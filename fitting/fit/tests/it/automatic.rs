@@ -1,9 +1,7 @@
 use volcomp_fit::curve::{Curve, MovingLeastSquares};
-use volcomp_fit::{Fit, FitError, fit_auto, fit_mls, fit_mls_auto};
+use volcomp_fit::{Fit, FitError, MlsTrial, fit_auto, fit_mls_auto, scan_mls};
 
-use nalgebra::DMatrix;
-
-use crate::{at, noisy, targets};
+use crate::{at, brute_force, noisy, targets};
 
 fn mls(fit: &Fit) -> &MovingLeastSquares {
     let Curve::MovingLeastSquares(curve) = &fit.curve else {
@@ -12,64 +10,68 @@ fn mls(fit: &Fit) -> &MovingLeastSquares {
     curve
 }
 
-/// Whether 8000 mm of targets carry an order and a support, from the rule as it is written, on a fine uniform grid:
-/// nodes of positive weight, and singular values of the weighted Vandermonde matrix in powers of (x_j − x) over the
-/// half width or the range, whichever is less.
-fn carried(x: &[f64], order: usize, support: f64) -> bool {
-    let h = support * 8000.0;
-    let unit = h.min(8000.0);
-    (0..=1600).map(|i| f64::from(i) * 5.0).all(|at| {
-        let edge = (-9.0_f64).exp();
-        let weight = |xj: f64| {
-            let d = (at - xj).abs();
-            let inside = (-(3.0 * d / h).powi(2)).exp() - edge;
-            if d < h { inside / (1.0 - edge) } else { 0.0 }
-        };
-        let near: Vec<f64> = x.iter().copied().filter(|xj| weight(*xj) > 0.0).collect();
-        if near.len() < order + 2 {
-            return false;
-        }
-        let rows = DMatrix::from_fn(near.len(), order + 1, |j, k| {
-            weight(near[j]).sqrt() * ((near[j] - at) / unit).powf(k as f64)
-        });
-        let values = rows.singular_values();
-        values.min() / values.max() >= 1e-10
+/// Readings with a trend, waves and noise over some targets.
+fn wavy(x: &[f64], seed: u64) -> Vec<f64> {
+    noisy(x, 0.5, seed, |x| {
+        10.0 * (x / 700.0).sin() + 4.0 * (x / 300.0).cos()
     })
 }
 
-/// The orders and supports of the rule: a grid, and the published pair.
-fn tried() -> Vec<(usize, f64)> {
-    let grid = (1..=6).flat_map(|order| (3..=20).map(move |step| (order, f64::from(step) * 0.05)));
-    grid.chain([(4, 1.0 / 3.0)]).collect()
+/// Evenly spaced targets, none of them at the very edge of a support that is tried, where rounding alone would decide
+/// whether it counts; and targets of which the ends are dense and the middle is sparse.
+fn spacings() -> [Vec<f64>; 2] {
+    let uneven = |i: u32| 4000.0 * (1.0 - (f64::from(i) * std::f64::consts::PI / 22.0).cos());
+    [targets(32), (0..=22).map(uneven).collect()]
+}
+
+#[test]
+fn the_scan_is_that_of_brute_force() {
+    for x in spacings() {
+        let u = wavy(&x, 21);
+        let nodes: Vec<[f64; 2]> = x.iter().zip(&u).map(|(&x, &u)| [x, u]).collect();
+        let mut expected = brute_force::scan(&nodes);
+        let mut found = scan_mls(&x, &u, 3.0).unwrap();
+        assert!(
+            expected.len() > 20 && expected.len() < 109,
+            "{}",
+            expected.len()
+        );
+        expected.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        found.sort_by(|a, b| a.order.cmp(&b.order).then(a.support.total_cmp(&b.support)));
+        let settings = |found: &[(usize, f64)]| format!("{found:.3?}");
+        let of_brute_force: Vec<(usize, f64)> = expected.iter().map(|t| (t.0, t.1)).collect();
+        let of_scan: Vec<(usize, f64)> = found.iter().map(|t| (t.order, t.support)).collect();
+        assert_eq!(settings(&of_scan), settings(&of_brute_force));
+        for (found, (order, support, largest, leave_one_out)) in found.iter().zip(expected) {
+            assert_eq!(found.order, order);
+            assert!((found.support - support).abs() < 1e-12);
+            assert!(
+                (found.max_residual - largest).abs() < 1e-6,
+                "{found:?} {largest}"
+            );
+            // What rounding leaves grows with the condition of the equations.
+            assert!(
+                (found.leave_one_out_rms / leave_one_out - 1.0).abs() < 1e-4,
+                "{found:?} {leave_one_out}"
+            );
+        }
+    }
 }
 
 #[test]
 fn takes_the_best_of_all_candidates() {
-    let x = targets(31);
-    let u = noisy(&x, 0.5, 21, |x| {
-        10.0 * (x / 700.0).sin() + 4.0 * (x / 300.0).cos()
-    });
-    for required in [None, Some(1.0), Some(0.01)] {
-        let mut all = Vec::new();
-        for (order, support) in tried() {
-            if carried(&x, order, support) {
-                let fit = fit_mls(&x, &u, order, support, 3.0).unwrap();
-                all.push((order, support, fit));
-            }
+    for (seed, x) in (21..).zip(spacings()) {
+        let u = wavy(&x, seed);
+        let nodes: Vec<[f64; 2]> = x.iter().zip(&u).map(|(&x, &u)| [x, u]).collect();
+        let all = brute_force::scan(&nodes);
+        // The second is met by few settings, the last by none.
+        for required in [None, Some(1.0), Some(0.5), Some(1e-6)] {
+            let ((order, support, ..), any) = brute_force::choice(&all, required);
+            let found = fit_mls_auto(&x, &u, 3.0, required).unwrap();
+            assert_eq!(mls(&found).order(), order, "{required:?}");
+            assert!((mls(&found).support() - support).abs() < 1e-12);
+            assert_eq!(found.meets_required, required.map(|_| any));
         }
-        assert!(all.len() > 20 && all.len() < 109, "{}", all.len());
-        let meeting = |fit: &Fit| required.is_none_or(|r| fit.max_abs() <= r);
-        let any = all.iter().any(|(_, _, fit)| meeting(fit));
-        let (order, support, expected) = all
-            .iter()
-            .filter(|(_, _, fit)| !any || meeting(fit))
-            .min_by(|a, b| a.2.leave_one_out_rms.total_cmp(&b.2.leave_one_out_rms))
-            .unwrap();
-        let found = fit_mls_auto(&x, &u, 3.0, required).unwrap();
-        assert_eq!(mls(&found).order(), *order, "{required:?}");
-        assert!((mls(&found).support() - support).abs() < 1e-12);
-        assert!((found.leave_one_out_rms - expected.leave_one_out_rms).abs() < 1e-9);
-        assert_eq!(found.meets_required, required.map(|_| any));
     }
 }
 
@@ -77,22 +79,15 @@ fn takes_the_best_of_all_candidates() {
 #[test]
 fn the_published_pair_is_carried_by_its_own_targets() {
     let x = targets(21);
-    assert!(carried(&x, 4, 1.0 / 3.0));
+    let nodes: Vec<[f64; 2]> = x.iter().map(|&x| [x, 0.0]).collect();
+    assert!(brute_force::carried(&nodes, 4, 8000.0 / 3.0));
     // What a window of a sixth of the range to each side follows and a wider one does not.
     let u = at(&x, |x| 8.0 * (x / 420.0).sin());
-    let published = fit_mls(&x, &u, 4, 1.0 / 3.0, 3.0).unwrap();
+    let trials = scan_mls(&x, &u, 3.0).unwrap();
+    let is_published = |t: &&MlsTrial| t.order == 4 && (t.support - 1.0 / 3.0).abs() < 1e-12;
+    let published = trials.iter().find(is_published).unwrap();
     let found = fit_mls_auto(&x, &u, 3.0, None).unwrap();
     assert!(found.leave_one_out_rms <= published.leave_one_out_rms * (1.0 + 1e-9));
-    let best = tried()
-        .into_iter()
-        .filter(|&(order, support)| carried(&x, order, support))
-        .map(|(order, support)| {
-            fit_mls(&x, &u, order, support, 3.0)
-                .unwrap()
-                .leave_one_out_rms
-        })
-        .fold(f64::INFINITY, f64::min);
-    assert!((found.leave_one_out_rms - best).abs() < 1e-9 * best);
 }
 
 #[test]
@@ -143,6 +138,10 @@ fn few_targets_get_simpler_curves() {
     let x = targets(3);
     assert!(matches!(
         fit_mls_auto(&x, &x, 3.0, None),
+        Err(FitError::NoCandidate { targets: 3, .. })
+    ));
+    assert!(matches!(
+        scan_mls(&x, &x, 3.0),
         Err(FitError::NoCandidate { targets: 3, .. })
     ));
     let x = targets(7);

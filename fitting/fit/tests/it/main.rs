@@ -4,6 +4,7 @@
 
 mod absurd;
 mod automatic;
+mod brute_force;
 mod irregular_axis;
 mod leave_one_out;
 mod refusals;
