@@ -139,6 +139,8 @@ reasons! {
     STANDBY_HOLDS = informs, "a standby path holds a correction";
     /// Another path does not answer.
     STANDBY_SILENT = informs, "a standby path does not answer";
+    /// A temperature, or the rate at which it changes, is beyond what the thermal terms were found from: they hold and fade.
+    BEYOND_SEEN = informs, "outside what the thermal terms have seen";
 }
 
 impl Reasons {

@@ -207,6 +207,56 @@ pub enum ThermalRefusal {
         /// The value that was found.
         found: f64,
     },
+    /// A margin that is too small, too large or no number.
+    #[error("margin_k is {found} K, expected 0.1 to 100 K")]
+    Margin {
+        /// The margin that was found, K.
+        found: f64,
+    },
+    /// Temperatures that cannot be the range of a test.
+    #[error(
+        "the terms of {error} have seen {sensor} at {low} to {high} °C, expected two different temperatures, the lower one first"
+    )]
+    SeenTemperatures {
+        /// The error whose terms are meant.
+        error: ErrorName,
+        /// Name of the sensor.
+        sensor: String,
+        /// The first temperature, °C.
+        low: f64,
+        /// The second temperature, °C.
+        high: f64,
+    },
+    /// Rates that cannot be the range of a test.
+    #[error(
+        "the terms of {error} have seen {sensor} change by {fall} to {rise} K/min, expected 0 or less, then 0 or more"
+    )]
+    SeenRates {
+        /// The error whose terms are meant.
+        error: ErrorName,
+        /// Name of the sensor.
+        sensor: String,
+        /// The first rate, K/min.
+        fall: f64,
+        /// The second rate, K/min.
+        rise: f64,
+    },
+    /// What the terms of an error have seen of a sensor is stated more than once.
+    #[error("what the terms of {error} have seen of {sensor} stands twice, expected it once")]
+    SeenTwice {
+        /// The error whose terms are meant.
+        error: ErrorName,
+        /// Name of the sensor.
+        sensor: String,
+    },
+    /// Something is stated as seen that no term of the error looks at.
+    #[error("no thermal term of {error} has the sensor {sensor}, expected one that it has")]
+    SeenUnused {
+        /// The error that is named.
+        error: ErrorName,
+        /// Name of the sensor.
+        sensor: String,
+    },
     /// Times of holding and fading that are negative or no numbers.
     #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
     Fading {

@@ -12,12 +12,14 @@ mod inverse;
 mod machine;
 mod machine_file;
 mod map;
+mod seen;
 #[cfg(feature = "serde")]
 mod serialised;
 mod source;
 mod thermal;
 mod thermal_state;
 mod tool;
+mod watch;
 
 pub use axis::Axis;
 pub use curve_file::write_curve;
@@ -27,6 +29,7 @@ pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
 pub use machine::Machine;
 pub use map::MapGrid;
+pub use seen::Seen;
 pub use source::MachineErrors;
 pub use thermal::{Drift, Expansion, POSSIBLE_DEGC, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};

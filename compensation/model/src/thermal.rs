@@ -7,7 +7,7 @@ use volcomp_kinematics::Structure;
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
-use crate::error::ThermalRefusal;
+use crate::{error::ThermalRefusal, seen::Seen};
 
 /// Temperatures by sensor name, °C. The temperature of a sensor that is not named is unknown.
 pub type Temperatures = BTreeMap<String, f64>;
@@ -22,6 +22,20 @@ pub struct Thermal {
     pub expansion: Vec<Expansion>,
     /// Terms by which an error follows temperatures with a lag.
     pub drift: Vec<Drift>,
+    /// What the terms have seen, where it is stated; beyond it they hold and fade.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub seen: Vec<Seen>,
+    /// How far beyond what they have seen the terms are zero, K.
+    #[cfg_attr(feature = "serde", serde(default = "default_margin_k"))]
+    pub margin_k: f64,
+}
+
+/// The margins that [`Thermal::margin_k`] may have, K.
+pub(crate) const MARGINS_K: RangeInclusive<f64> = 0.1..=100.0;
+
+/// 5 K.
+pub(crate) fn default_margin_k() -> f64 {
+    5.0
 }
 
 /// A scale or screw that grows with a temperature: E += k·(T − T_ref)·(q − q_fixed). Growth named as the positioning
@@ -63,6 +77,8 @@ impl Default for Thermal {
             reference_degc: 20.0,
             expansion: Vec::new(),
             drift: Vec::new(),
+            seen: Vec::new(),
+            margin_k: default_margin_k(),
         }
     }
 }
@@ -81,11 +97,19 @@ impl Thermal {
         for term in &self.expansion {
             term.check(structure)?;
         }
-        self.drift.iter().try_for_each(|term| term.check(structure))
+        for term in &self.drift {
+            term.check(structure)?;
+        }
+        if !MARGINS_K.contains(&self.margin_k) {
+            let found = self.margin_k;
+            return Err(ThermalRefusal::Margin { found });
+        }
+        self.seen.iter().try_for_each(|seen| seen.check(self))
     }
 
     /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error`, whose axis has this unit direction (in MCS),
-    /// at steady temperatures: a lag starts at its first input. A term whose sensors are not all known is left out.
+    /// at steady temperatures: a lag starts at its first input. A term whose sensors are not all known is left out; beyond
+    /// what they have seen the terms hold and fade ([`Seen`]).
     pub fn offset_and_slope(
         &self,
         error: ErrorName,
@@ -97,8 +121,10 @@ impl Thermal {
             if error.location || error.component.is_angular() || error.axis != term.error.axis {
                 continue;
             }
-            if let Some(degc) = temperatures.get(&term.sensor) {
-                let share = term.shares(direction)[error.component.mcs_index()];
+            if let Some(&degc) = temperatures.get(&term.sensor) {
+                let share = term.shares(direction)[error.component.mcs_index()]
+                    * self.steady_share(term.error, temperatures);
+                let degc = self.held_degc(term.error, &term.sensor, degc);
                 let slope = share * term.um_per_m_k * 1e-3 * (degc - self.reference_degc);
                 sum[0] -= slope * term.fixed_mm;
                 sum[1] += slope;
@@ -106,11 +132,11 @@ impl Thermal {
         }
         for term in self.drift.iter().filter(|term| term.error == error) {
             let difference = |(sensor, weight): (&String, &f64)| {
-                let degc = temperatures.get(sensor)?;
+                let degc = self.held_degc(error, sensor, *temperatures.get(sensor)?);
                 Some(weight * (degc - self.reference_degc))
             };
             if let Some(input) = term.sensors.iter().map(difference).sum::<Option<f64>>() {
-                sum[0] += term.per_k * input;
+                sum[0] += self.steady_share(error, temperatures) * term.per_k * input;
             }
         }
         sum

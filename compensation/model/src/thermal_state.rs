@@ -9,6 +9,7 @@ use crate::{
     error::{ModelError, ThermalRefusal},
     machine::Machine,
     thermal::{Drift, Expansion, Thermal},
+    watch::Watch,
 };
 
 /// The times of fading: how a thermal term goes to zero while one of its sensors is missing.
@@ -32,23 +33,29 @@ impl Default for Fading {
 }
 
 /// The thermal terms of a machine over time. State: the lagged temperatures of each term, how long its sensors have been
-/// missing, and how far it has faded. No call but [`new`](Self::new) allocates.
+/// missing, how far it has faded, and how fast sensors change. No call but [`new`](Self::new) allocates.
 ///
 /// A lag steps by [`first_order_lag`], which is exact for a temperature that holds for the step, and starts at its
 /// first input. A term of which a sensor is missing holds, then fades ([`Fading`]). When the sensor is back the lag goes
 /// on over the whole time for which it was missing, with the temperature that it tells then; what had faded comes in
 /// again as slowly as it went.
+///
+/// Beyond what the terms of an error have seen ([`Seen`](crate::Seen)) they hold and fade together, so that terms which
+/// work against each other stay so; their share changes no faster than in the time of [`Fading::fade_s`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
     reference_degc: f64,
     fading: Fading,
     terms: Vec<Term>,
+    watches: Vec<Watch>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     axis: usize,
+    /// Place of the watch over its error, where there is one.
+    watch: Option<usize>,
     effect: Effect,
     inputs: Vec<Input>,
     lag_s: f64,
@@ -94,18 +101,29 @@ impl ThermalState {
         }
         let thermal = machine.thermal();
         let sensors: Vec<String> = thermal.sensors().into_iter().map(str::to_owned).collect();
+        let watches = Watch::over(thermal, &sensors);
+        let watch = |error| watches.iter().position(|watch| watch.error == error);
         let mut terms = Vec::new();
         for term in &thermal.expansion {
-            terms.push(Term::expansion(machine, term, &sensors)?);
+            let found = Term::expansion(machine, term, &sensors)?;
+            terms.push(Term {
+                watch: watch(term.error),
+                ..found
+            });
         }
         for term in &thermal.drift {
-            terms.push(Term::drift(machine, term, &sensors)?);
+            let found = Term::drift(machine, term, &sensors)?;
+            terms.push(Term {
+                watch: watch(term.error),
+                ..found
+            });
         }
         Ok(Self {
             sensors,
             reference_degc: thermal.reference_degc,
             fading,
             terms,
+            watches,
         })
     }
 
@@ -125,11 +143,19 @@ impl ThermalState {
                 .filter(|t| t.is_finite());
             degc.map(|degc| degc - self.reference_degc)
         };
+        for watch in &mut self.watches {
+            watch.step(dt_s.max(0.0), over, self.fading);
+        }
         for term in &mut self.terms {
             term.unheard_s += dt_s.max(0.0);
+            let watch = term.watch.and_then(|place| self.watches.get(place));
+            let held = |sensor: usize| {
+                let over_k = over(sensor)?;
+                Some(watch.map_or(over_k, |watch| watch.held_k(sensor, over_k)))
+            };
             if term.inputs.iter().all(|input| over(input.sensor).is_some()) {
                 for input in &mut term.inputs {
-                    input.lagged_k = over(input.sensor).map(|k| {
+                    input.lagged_k = held(input.sensor).map(|k| {
                         first_order_lag(input.lagged_k.unwrap_or(k), k, term.unheard_s, term.lag_s)
                     });
                 }
@@ -147,6 +173,9 @@ impl ThermalState {
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
             term.unheard_s += stood_s.max(0.0);
+        }
+        for watch in &mut self.watches {
+            watch.stand(stood_s.max(0.0));
         }
     }
 
@@ -174,6 +203,19 @@ impl ThermalState {
                 }
             }
         }
+        for watch in &mut self.watches {
+            let same =
+                |mine: usize, other: usize| self.sensors.get(mine) == from.sensors.get(other);
+            for other in &from.watches {
+                watch.carry_over(other, same);
+            }
+        }
+    }
+
+    /// Whether temperatures or their rates are beyond what the terms of an error have seen, or its terms still come in
+    /// again after that.
+    pub fn is_beyond_seen(&self) -> bool {
+        self.watches.iter().any(Watch::is_beyond)
     }
 
     /// Whether a term holds, fades or has not started because one of its sensors is missing, or comes in again after that.
@@ -188,7 +230,8 @@ impl ThermalState {
         let mut offsets = [[0.0; 6]; MAX_AXES];
         let mut slopes = [[0.0; 3]; MAX_AXES];
         for term in &self.terms {
-            let kelvin = term.lagged_k() * term.share;
+            let watch = term.watch.and_then(|place| self.watches.get(place));
+            let kelvin = term.lagged_k() * term.share * watch.map_or(1.0, Watch::share);
             match term.effect {
                 Effect::Expansion { per_k, fixed_mm } => {
                     for (component, per_k) in per_k.into_iter().enumerate() {
@@ -218,6 +261,12 @@ impl Fading {
     fn share(&self, missing_s: f64) -> f64 {
         let faded_s = (missing_s - self.hold_s).max(0.0);
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
+    }
+
+    /// The share after `dt_s` on its way to `target`.
+    pub(crate) fn towards(self, share: f64, target: f64, dt_s: f64) -> f64 {
+        let step = dt_s / self.fade_s.max(f64::MIN_POSITIVE);
+        share + (target - share).clamp(-step, step)
     }
 
     /// The share after `dt_s` in which every sensor was heard.
@@ -270,6 +319,7 @@ impl Term {
         };
         Self {
             axis,
+            watch: None,
             effect,
             inputs: weights.into_iter().filter_map(input).collect(),
             lag_s,

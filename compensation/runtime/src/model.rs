@@ -172,6 +172,11 @@ impl Model {
         self.thermal.is_degraded()
     }
 
+    /// Whether temperatures are beyond what thermal terms have seen: see [`ThermalState::is_beyond_seen`].
+    pub fn is_beyond_seen(&self) -> bool {
+        self.thermal.is_beyond_seen()
+    }
+
     /// Lets time pass in which the program stood: see [`ThermalState::stand`]. Allocates nothing.
     pub fn stand(&mut self, stood_s: f64) {
         self.thermal.stand(stood_s);

@@ -2,7 +2,7 @@
 
 use volcomp_model::{ModelError, diagonals};
 
-use super::{Answer, fixed, table, table_text, thermal_note};
+use super::{Answer, fixed, table, table_text, thermal_notes};
 use crate::{
     answers::diagonals::{Diagonal, Diagonals},
     compensation::{Compensation, CompensationArguments},
@@ -67,6 +67,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(
         &document,
         table_text(&table) + &compensation.words(),
-        thermal_note(&machine, &temperatures).into_iter().collect(),
+        thermal_notes(&machine, &temperatures),
     )
 }

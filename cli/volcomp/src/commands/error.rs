@@ -6,7 +6,7 @@ use volcomp_model::{Machine, Temperatures};
 use super::{
     Answer, fixed, micrometres, microradians,
     outside::{outside, outside_note, remarks},
-    table, table_text, thermal_note,
+    table, table_text, thermal_notes,
 };
 use crate::{
     answers::position::ErrorAt,
@@ -36,10 +36,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let text = text(&rows);
     let notes = [
         states.note(),
-        thermal_note(&machine, &temperatures),
         outside_note(rows.iter().map(|row| &row.outside)),
     ];
-    let notes = notes.into_iter().flatten().collect();
+    let mut notes: Vec<String> = notes.into_iter().flatten().collect();
+    notes.extend(thermal_notes(&machine, &temperatures));
     Answer::new(&states.document(rows), text, notes)
 }
 

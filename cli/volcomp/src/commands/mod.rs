@@ -103,6 +103,32 @@ fn in_degrees(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).mm_or_deg()
 }
 
+/// What there is to say about temperatures and thermal terms.
+fn thermal_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> {
+    let notes = [
+        thermal_note(machine, temperatures),
+        seen_note(machine, temperatures),
+    ];
+    notes.into_iter().flatten().collect()
+}
+
+/// Names the temperatures beyond what thermal terms have seen.
+fn seen_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
+    let beyond = machine.thermal().beyond_seen(temperatures);
+    let said = |seen: &&volcomp_model::Seen| {
+        let [low, high] = seen.degc;
+        format!("{} for {} ({low} to {high} °C)", seen.sensor, seen.error)
+    };
+    let said: Vec<String> = beyond.iter().map(said).collect();
+    (!said.is_empty()).then(|| {
+        format!(
+            "outside what the thermal terms have seen: {}; beyond it they hold and fade, to zero at {} K",
+            said.join(", "),
+            machine.thermal().margin_k
+        )
+    })
+}
+
 /// Names the sensors whose thermal terms count nothing.
 fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let mut missing = machine.thermal().sensors();

@@ -8,18 +8,40 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     error::ThermalRefusal,
-    thermal::{Drift, Expansion, POSSIBLE_DEGC, Thermal},
+    seen::Seen,
+    thermal::{Drift, Expansion, MARGINS_K, POSSIBLE_DEGC, Thermal, default_margin_k},
 };
 
 pub(super) fn decode_thermal(
     section: &Section<'_>,
     structure: &Structure,
 ) -> Result<Thermal, InputError> {
-    section.allow(&["reference", "expansion", "drift"])?;
-    Ok(Thermal {
+    section.allow(&["reference", "expansion", "drift", "seen", "margin_k"])?;
+    let mut thermal = Thermal {
         reference_degc: section.number_or("reference", POSSIBLE_DEGC, 20.0)?,
         expansion: section.tables("expansion", |term| decode_expansion(term, structure))?,
         drift: section.tables("drift", |term| decode_drift(term, structure))?,
+        seen: Vec::new(),
+        margin_k: section.number_or("margin_k", MARGINS_K, default_margin_k())?,
+    };
+    let mut all = Vec::new();
+    section.tables("seen", |seen| {
+        all.push(decode_seen(seen, structure)?);
+        // Held against the terms and against those before it.
+        thermal.seen.clone_from(&all);
+        let last = all.last().map_or(Ok(()), |last| last.check(&thermal));
+        last.map_err(|refusal| seen.error(refusal.to_string()))
+    })?;
+    Ok(thermal)
+}
+
+fn decode_seen(seen: &Section<'_>, structure: &Structure) -> Result<Seen, InputError> {
+    seen.allow(&["error", "sensor", "degc", "k_per_min"])?;
+    Ok(Seen {
+        error: decode_motion(seen, structure)?,
+        sensor: seen.require("sensor")?.text()?.to_owned(),
+        degc: seen.require("degc")?.vector()?,
+        k_per_min: seen.get("k_per_min").map(|v| v.vector()).transpose()?,
     })
 }
 

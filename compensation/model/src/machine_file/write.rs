@@ -86,6 +86,10 @@ fn write_tool(tool: &Tool) -> String {
 
 fn write_thermal(thermal: &Thermal) -> String {
     let mut text = format!("\n[thermal]\nreference = {:?}\n", thermal.reference_degc);
+    // The text of files without it stays what it was, and so does their checksum.
+    if !thermal.seen.is_empty() || thermal.margin_k != Thermal::default().margin_k {
+        let _ = writeln!(text, "margin_k = {:?}", thermal.margin_k); // writing to a String cannot fail
+    }
     for term in &thermal.expansion {
         let _ = write!(
             text,
@@ -111,6 +115,18 @@ fn write_thermal(thermal: &Thermal) -> String {
             term.per_k,
             term.lag_s
         );
+    }
+    for seen in &thermal.seen {
+        let _ = write!(
+            text,
+            "\n[[thermal.seen]]\nerror = \"{}\"\nsensor = {}\ndegc = {:?}\n",
+            seen.error,
+            quoted(&seen.sensor),
+            seen.degc
+        );
+        if let Some(rates) = seen.k_per_min {
+            let _ = writeln!(text, "k_per_min = {rates:?}");
+        }
     }
     text
 }

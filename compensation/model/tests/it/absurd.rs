@@ -80,6 +80,7 @@ fn thermal() -> impl Strategy<Value = Thermal> {
             reference_degc,
             expansion,
             drift,
+            ..Thermal::default()
         })
 }
 

@@ -286,3 +286,199 @@ fn lags_are_carried_over_to_the_same_terms() {
     let (near, _) = z_um(&text(3.0, 599.0, 20.0), Some(&before));
     assert!((near - warm).abs() < 1e-9, "{near}");
 }
+
+/// One drift with what it has seen: 20 to 30 °C, 0.3 K/min down and 0.5 K/min up, gone 4 K beyond.
+const SEEN: &str = r#"
+structure = "w X' b Y Z t"
+[axes.X]
+travel = [0.0, 800.0]
+[axes.Y]
+travel = [0.0, 400.0]
+[axes.Z]
+travel = [0.0, 250.0]
+[thermal]
+reference = 20.0
+margin_k = 4.0
+[[thermal.expansion]]
+error = "EZZ"
+sensor = "column"
+um_per_m_k = 10.0
+[[thermal.drift]]
+error = "EZZ"
+sensors = { spindle = 1.0 }
+um_per_k = 3.0
+[[thermal.drift]]
+error = "EXX"
+sensors = { spindle = 1.0 }
+um_per_k = 1.0
+[[thermal.seen]]
+error = "EZZ"
+sensor = "spindle"
+degc = [20.0, 30.0]
+k_per_min = [-0.3, 0.5]
+"#;
+
+/// X and Z (µm) at Z = 100 mm.
+fn x_z_um(machine: &Machine, thermal: &ThermalState) -> [f64; 2] {
+    let mut compiled = machine.compile(Tolerance::default()).unwrap();
+    thermal.apply(&mut compiled);
+    let error = compiled.evaluate(&State::from_coordinates(&[0.0, 0.0, 100.0]));
+    [error.position_mm[0] * 1e3, error.position_mm[2] * 1e3]
+}
+
+/// In the order of the names: column, spindle.
+fn column_spindle(column: f64, spindle: f64) -> [Option<f64>; 2] {
+    [Some(column), Some(spindle)]
+}
+
+/// Inside nothing changes; beyond, the terms of the error hold and go to zero over the margin, all together; those of
+/// another error, of which nothing is stated, go on. The steady source says the same.
+#[test]
+fn beyond_what_they_have_seen_terms_hold_and_fade() {
+    for (spindle, share) in [
+        (20.0, 1.0),
+        (26.0, 1.0),
+        (30.0, 1.0),
+        (31.0, 0.75),
+        (32.0, 0.5),
+        (34.0, 0.0),
+        (60.0, 0.0),
+        (19.0, 0.75),
+        (-40.0, 0.0),
+    ] {
+        let (machine, mut thermal) = state_of(SEEN);
+        let degc = column_spindle(25.0, spindle);
+        thermal.step(0.004, &degc);
+        let held = f64::clamp(spindle, 20.0, 30.0);
+        // 10 µm/(m·K) · 5 K · 0.1 m, and 3 µm/K.
+        let expected = [spindle - 20.0, share * (5.0 + 3.0 * (held - 20.0))];
+        let found = x_z_um(&machine, &thermal);
+        let error = machine.error_at(
+            &State::from_coordinates(&[0.0, 0.0, 100.0]),
+            Form::Twist,
+            &steady(&thermal, &degc),
+        );
+        let steady = [error.position_mm[0] * 1e3, error.position_mm[2] * 1e3];
+        for found in [found, steady] {
+            for (found, expected) in found.iter().zip(expected) {
+                assert!(
+                    (found - expected).abs() < 1e-3,
+                    "{spindle}: {found} {expected}"
+                );
+            }
+        }
+        assert_eq!(thermal.is_beyond_seen(), share < 1.0, "{spindle}");
+        assert!(!thermal.is_degraded());
+    }
+}
+
+/// A temperature that leaves the range at 2 K/min: nothing jumps, nothing is told before it is so, and what has faded comes
+/// in again with the temperature.
+#[test]
+fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
+    // Without rates, so that the temperature alone decides.
+    let text = SEEN.replace("k_per_min = [-0.3, 0.5]", "");
+    let (machine, mut thermal) = state_of(&text);
+    let step_s = 2.0;
+    let spindle = |i: u32| {
+        let minutes = f64::from(i) * step_s / 60.0;
+        22.0 + f64::min(2.0 * minutes, 2.0 * (60.0 - minutes)).clamp(0.0, 18.0)
+    };
+    let (mut before, mut gone, mut back) = (0.0, false, false);
+    for i in 0..3600 {
+        let degc = column_spindle(20.0, spindle(i));
+        assert_no_alloc(|| thermal.step(if i == 0 { 0.0 } else { step_s }, &degc));
+        let z_um = x_z_um(&machine, &thermal)[1];
+        if i > 0 {
+            // 3 µm/K at 2 K/min, and 30 µm in ten minutes; no more.
+            let most = 3.0 * 2.0 * step_s / 60.0 + 30.0 * step_s / 600.0;
+            assert!((z_um - before).abs() <= most + 1e-6, "{i}: {before} {z_um}");
+        }
+        if spindle(i) > 30.0 {
+            assert!(thermal.is_beyond_seen(), "{i}");
+        }
+        gone |= z_um < 1e-9;
+        back |= gone && !thermal.is_beyond_seen() && z_um > 1.0;
+        before = z_um;
+    }
+    assert!(gone && back);
+}
+
+/// A spindle that rises faster than in the tests: its rate counts as the change in ten minutes.
+#[test]
+fn a_rate_beyond_what_was_seen_fades_as_well() {
+    let (machine, mut thermal) = state_of(SEEN);
+    thermal.step(0.0, &column_spindle(20.0, 20.0));
+    let mut unseen = 0.0_f64;
+    // 0.45 K/min is within it.
+    for i in 1..=1200 {
+        thermal.step(
+            1.0,
+            &column_spindle(20.0, 20.0 + 0.45 * f64::from(i) / 60.0),
+        );
+        assert!(!thermal.is_beyond_seen(), "{i}");
+    }
+    // It stands at 29 °C for an hour; then down by 0.7 K/min, whose smoothed rate passes 0.3 K/min after some minutes.
+    for _ in 0..3600 {
+        thermal.step(1.0, &column_spindle(20.0, 29.0));
+    }
+    for i in 1..=700 {
+        thermal.step(1.0, &column_spindle(20.0, 29.0 - 0.7 * f64::from(i) / 60.0));
+        let z_um = x_z_um(&machine, &thermal)[1];
+        let whole = 3.0 * (9.0 - 0.7 * f64::from(i) / 60.0);
+        unseen = unseen.max(whole - z_um);
+    }
+    assert!(thermal.is_beyond_seen());
+    assert!(unseen > 1.0, "{unseen}");
+    // It stands: the rate goes, and the terms are back.
+    for _ in 0..3600 {
+        thermal.step(1.0, &column_spindle(20.0, 20.0));
+    }
+    assert!(!thermal.is_beyond_seen());
+}
+
+/// A reload with a wider range while the terms have faded: they come in again, and do not jump.
+#[test]
+fn a_reload_does_not_jump_beyond_what_was_seen() {
+    let (_, mut old) = state_of(SEEN);
+    let warm = column_spindle(20.0, 33.0);
+    old.step(0.0, &warm);
+    let (machine, mut new) = state_of(&SEEN.replace("[20.0, 30.0]", "[20.0, 40.0]"));
+    new.carry_over(&old);
+    new.step(1.0, &warm);
+    // A quarter of 39 µm, and a second of ten minutes of the rest.
+    let z_um = x_z_um(&machine, &new)[1];
+    assert!((z_um - 39.0 * (0.25 + 1.0 / 600.0)).abs() < 0.01, "{z_um}");
+    new.step(600.0, &warm);
+    assert!((x_z_um(&machine, &new)[1] - 39.0).abs() < 1e-3);
+}
+
+#[test]
+fn what_was_seen_is_written_and_read_and_checked() {
+    let (machine, _) = state_of(SEEN);
+    let text = machine.to_toml();
+    let again = Machine::parse(&text, "again").expect(&text);
+    assert_eq!(again.thermal(), machine.thermal());
+    assert_eq!(again.checksum(), machine.checksum());
+    let (without, _) = state_of(THREE_AXES);
+    assert!(!without.to_toml().contains("margin_k"));
+    for (from, to, expected) in [
+        ("margin_k = 4.0", "margin_k = 0.0", "margin_k"),
+        ("[20.0, 30.0]", "[30.0, 20.0]", "30 to 20 °C"),
+        ("[20.0, 30.0]", "[20.0]", "an array of 2 numbers"),
+        ("[-0.3, 0.5]", "[0.1, 0.5]", "0.1 to 0.5 K/min"),
+        (
+            "sensor = \"spindle\"",
+            "sensor = \"bed\"",
+            "has the sensor bed",
+        ),
+        ("k_per_min = [", "k_per_s = [", "k_per_s"),
+    ] {
+        let wrong = SEEN.replace(from, to);
+        let told = Machine::parse(&wrong, "m").unwrap_err().to_string();
+        assert!(told.contains(expected), "{told}");
+    }
+    let seen = &SEEN[SEEN.find("[[thermal.seen]]").unwrap()..];
+    let told = Machine::parse(&format!("{SEEN}{seen}"), "m").unwrap_err();
+    assert!(told.to_string().contains("stands twice"), "{told}");
+}

@@ -35,8 +35,11 @@ impl Cycle {
         report.state = output.state;
         report.active = active;
         report.held_back = output.held_back;
-        report.reasons =
-            output.reasons | asked.forbids | asked.notes | Reasons::DEGRADED.when(self.degraded);
+        report.reasons = output.reasons
+            | asked.forbids
+            | asked.notes
+            | Reasons::DEGRADED.when(self.degraded)
+            | Reasons::BEYOND_SEEN.when(self.model.is_beyond_seen());
         let paths = self.paths.iter().map(|path| path.report(since_start));
         let readers = self.readers.iter();
         let readers = readers.map(|reader| reader.report(since_start));

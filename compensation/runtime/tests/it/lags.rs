@@ -2,10 +2,10 @@
 
 use std::{sync::Arc, time::Duration};
 
-use volcomp_guard::SensorLimits;
+use volcomp_guard::{Reasons, SensorLimits};
 use volcomp_kinematics::State;
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{Axis, Clock, Controller, Temperature, published, simulated};
+use volcomp_port::{Axis, Clock, Controller, Publisher, Temperature, published, simulated};
 use volcomp_runtime::{
     Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Sensors,
 };
@@ -21,72 +21,133 @@ fn model(lag_s: f64, weight: f64) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// What is wanted of Z (µm) 14 minutes after the spindle began to warm up by 4 K, within two minutes. `stands`: the
-/// program stands for ten of them.
-fn wanted_after_warming(stands: bool) -> f64 {
-    let (model, clock) = (model(600.0, 1.0), Clock::manual());
-    let axis = |name| Axis {
-        name,
-        includes_correction: false,
-        resolution: Displacement::Length(Mm(0.001)),
-        largest: None,
-    };
-    let control = simulated::Machine {
-        axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
-        program: vec![simulated::Move {
-            to: PerChannel([100.0; 9]),
-            feed_per_s: 100.0,
-            dwell: Duration::from_secs(100_000),
-        }],
-        acceleration_per_s2: 1000.0,
-        sensors: Vec::new(),
-        truth: Arc::new(|_, _| PerChannel::ZERO),
-        clock: clock.clone(),
-    };
-    let (control, _, _) = control.start();
-    let guard = GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)));
-    let settings = PathSettings {
-        watch: Duration::ZERO,
-        ..PathSettings::default()
-    };
-    let description = control.description().clone();
-    let plan = PathPlan::new(description, &model, &guard, &settings, PERIOD).expect("fits");
-    let path = ControlPath::new(Box::new(control), &plan).expect("fits");
-    let (mut publisher, thermometer) = published("t", vec!["spindle".to_owned()]);
-    let limits = SensorLimits {
-        stuck_after: None,
-        ..SensorLimits::default()
-    };
-    let sensors = Sensors::new(vec![Box::new(thermometer)], limits);
-    let cycle = Cycle::new(
-        Box::new(model),
-        vec![path],
-        guard.hand_back,
-        sensors,
-        PERIOD,
-    );
-    let mut cycle = cycle.expect("fits").with_clock(clock.clone());
-    let mut run = |seconds: u32, degc: f64| {
+/// A cycle on a simulated control with one thermometer, on a clock that is counted.
+struct Rig {
+    cycle: Cycle,
+    publisher: Publisher,
+    clock: Clock,
+}
+
+impl Rig {
+    fn new(model: Model) -> Self {
+        let clock = Clock::manual();
+        let axis = |name| Axis {
+            name,
+            includes_correction: false,
+            resolution: Displacement::Length(Mm(0.001)),
+            largest: None,
+        };
+        let control = simulated::Machine {
+            axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
+            program: vec![simulated::Move {
+                to: PerChannel([100.0; 9]),
+                feed_per_s: 100.0,
+                dwell: Duration::from_secs(100_000),
+            }],
+            acceleration_per_s2: 1000.0,
+            sensors: Vec::new(),
+            truth: Arc::new(|_, _| PerChannel::ZERO),
+            clock: clock.clone(),
+        };
+        let (control, _, _) = control.start();
+        let guard = GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)));
+        let settings = PathSettings {
+            watch: Duration::ZERO,
+            ..PathSettings::default()
+        };
+        let description = control.description().clone();
+        let plan = PathPlan::new(description, &model, &guard, &settings, PERIOD).expect("fits");
+        let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+        let (publisher, thermometer) = published("t", vec!["spindle".to_owned()]);
+        let limits = SensorLimits {
+            stuck_after: None,
+            ..SensorLimits::default()
+        };
+        let sensors = Sensors::new(vec![Box::new(thermometer)], limits);
+        let cycle = Cycle::new(
+            Box::new(model),
+            vec![path],
+            guard.hand_back,
+            sensors,
+            PERIOD,
+        );
+        let cycle = cycle.expect("fits").with_clock(clock.clone());
+        Self {
+            cycle,
+            publisher,
+            clock,
+        }
+    }
+
+    /// Runs with this temperature; what is wanted of Z then, µm.
+    fn run(&mut self, seconds: u32, degc: f64) -> f64 {
         // The thermometer is read once a second, in the middle of it: after the program stood its reading is old at first.
         for k in 0..seconds * 250 {
             if k % 250 == 125 {
-                publisher.publish(&[Temperature::good(degc, clock.now())]);
+                let now = self.clock.now();
+                self.publisher.publish(&[Temperature::good(degc, now)]);
             }
-            clock.advance(PERIOD);
-            cycle.run(clock.now(), &Asked::default(), &mut || Duration::ZERO);
+            self.clock.advance(PERIOD);
+            let now = self.clock.now();
+            self.cycle
+                .run(now, &Asked::default(), &mut || Duration::ZERO);
         }
-        cycle.report().wanted[2] * 1e3
-    };
-    run(2, 20.0);
+        self.cycle.report().wanted[2] * 1e3
+    }
+
+    fn says(&self, reason: Reasons) -> bool {
+        self.cycle.report().reasons.contains(reason)
+    }
+}
+
+/// What is wanted of Z (µm) 14 minutes after the spindle began to warm up by 4 K, within two minutes. `stands`: the
+/// program stands for ten of them.
+fn wanted_after_warming(stands: bool) -> f64 {
+    let mut rig = Rig::new(model(600.0, 1.0));
+    rig.run(2, 20.0);
     for k in 1..=8 {
-        run(15, 20.0 + 0.5 * f64::from(k));
+        rig.run(15, 20.0 + 0.5 * f64::from(k));
     }
     if stands {
-        clock.advance(Duration::from_secs(600));
+        rig.clock.advance(Duration::from_secs(600));
     } else {
-        run(600, 24.0);
+        rig.run(600, 24.0);
     }
-    run(4, 24.0)
+    rig.run(4, 24.0)
+}
+
+/// A spindle that gets warmer than in the tests of its thermal term: the cycle says so and fades the term, and takes it
+/// back when the spindle is where it was tested.
+#[test]
+fn a_cycle_says_when_it_is_beyond_what_thermal_terms_have_seen() {
+    let text = model(0.0, 1.0).text
+        + "[[thermal.seen]]\nerror = \"EZZ\"\nsensor = \"spindle\"\ndegc = [19.0, 22.0]\n";
+    // The checksum is that of the text before.
+    let lines = text.lines().filter(|line| !line.starts_with("checksum"));
+    let text: String = lines.map(|line| line.to_owned() + "\n").collect();
+    let machine = Machine::parse(&text, "m").expect("valid");
+    let fading = Fading {
+        fade_s: 20.0,
+        ..Fading::default()
+    };
+    let mut rig = Rig::new(Model::new(&machine, fading).expect("compiles"));
+    // Half a kelvin at a time, which is no jump.
+    rig.run(2, 20.0);
+    rig.run(15, 20.5);
+    let inside = rig.run(15, 21.0);
+    assert!((inside + 10.0).abs() < 0.01, "{inside} µm");
+    assert!(!rig.says(Reasons::BEYOND_SEEN));
+    for degc in [21.5, 22.0, 22.5] {
+        rig.run(15, degc);
+    }
+    // One of five kelvin beyond: four fifths of 20 µm.
+    let beyond = rig.run(40, 23.0);
+    assert!((beyond + 16.0).abs() < 0.01, "{beyond} µm");
+    assert!(rig.says(Reasons::BEYOND_SEEN) && !rig.says(Reasons::DEGRADED));
+    rig.run(15, 22.5);
+    let back = rig.run(40, 22.0);
+    assert!((back + 20.0).abs() < 0.01, "{back} µm");
+    assert!(!rig.says(Reasons::BEYOND_SEEN));
 }
 
 /// A process that is stopped, a virtual machine that is moved: before, the lags lost the time.

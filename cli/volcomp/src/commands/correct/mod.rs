@@ -12,7 +12,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use super::{
     Answer, in_degrees, micro, micrometres, microradians,
     outside::{outside, outside_note},
-    thermal_note,
+    thermal_notes,
 };
 use crate::{
     answers::position::CorrectionAt,
@@ -65,13 +65,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let text = text::text(&machine, &rows, rotary);
     let notes = [
         states.note(),
-        thermal_note(&machine, &temperatures),
         outside_note(rows.iter().map(|row| &row.outside)),
         one_rotary_note(&machine, &options),
         not_converged_note(&rows),
         arguments.output.as_ref().and(columns.replaced_note()),
     ];
-    let notes = notes.into_iter().flatten().collect();
+    let mut notes: Vec<String> = notes.into_iter().flatten().collect();
+    notes.extend(thermal_notes(&machine, &temperatures));
     Answer::new(&states.document(rows), text, notes)
 }
 

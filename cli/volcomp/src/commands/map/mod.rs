@@ -20,7 +20,7 @@ use self::{
     uncertainty::{ensemble, read_calibration},
     work::{Largest, Work},
 };
-use super::{Answer, fixed, thermal_note};
+use super::{Answer, fixed, thermal_notes};
 use crate::{
     answers::{
         ByAxis,
@@ -89,7 +89,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let model = arguments.model()?;
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
-    let mut notes: Vec<String> = thermal_note(&machine, &temperatures).into_iter().collect();
+    let mut notes = thermal_notes(&machine, &temperatures);
     let calibration = match &arguments.uncertainty {
         Some(path) => Some(read_calibration(path, &machine, &mut notes)?),
         None => None,
