@@ -54,7 +54,7 @@ Examples:
 pub(crate) const FIT_THERMAL: &str = "\
 Examples:
   volcomp fit-thermal spindle.csv --displacement ch1_um --error EZZ
-  volcomp fit-thermal spindle.csv --lags 0,300,1800 --select";
+  volcomp fit-thermal spindle.csv --lags 0,300,1800 --most-sensors 4";
 
 pub(crate) const ISO230: &str = "\
 Examples:

@@ -23,8 +23,9 @@ pub use mls::{MlsTrial, fit_mls, fit_mls_auto, scan_mls};
 pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use table::{fit_cubic_table, fit_linear_table};
 pub use thermal::{
-    ThermalChoice, ThermalFit, ThermalOptions, ThermalRecord, ThermalSegment, ThermalTerm,
-    fit_thermal, refit_thermal,
+    ThermalChoice, ThermalEffect, ThermalFit, ThermalNumber, ThermalOptions, ThermalRecord,
+    ThermalRun, ThermalSearch, ThermalSeen, ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms,
+    fit_thermal, left_out_runs, refit_thermal, search_thermal, search_thermal_rows,
 };
 pub use volcomp_curve as curve;
 

@@ -10,8 +10,9 @@ use serde::Serialize;
 pub(crate) struct FitThermal {
     /// One entry for each displacement that was fitted.
     pub(crate) displacements: Vec<Displacement>,
-    /// Share of the time that was fitted; the rest was predicted.
-    pub(crate) train: f64,
+    /// Share of the time that was fitted; the rest was predicted. Of a single file only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) train: Option<f64>,
     /// The temperature columns, without `_degc`.
     pub(crate) sensors: Vec<String>,
 }
@@ -23,17 +24,32 @@ pub(crate) struct Displacement {
     pub(crate) name: String,
     /// Ridge regression on the temperatures as they are.
     pub(crate) baseline: Prediction,
-    /// The same with time constants.
+    /// Regression on all sensors with many time constants, as a measure of what few terms lose; of a single file only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) dense: Option<Prediction>,
+    /// Few terms with time constants.
     pub(crate) fit: Prediction,
-    /// The drift terms, fitted on the whole time.
+    /// The error in each file that was left out; empty for a single file.
+    pub(crate) left_out: Vec<LeftOut>,
+    /// The numbers of the terms, found from everything.
+    pub(crate) numbers: Vec<Number>,
+    /// The error of validation against the number of numbers, many first.
+    pub(crate) sizes: Vec<Size>,
+    /// The drift terms, found from everything.
     pub(crate) drift: Vec<DriftTerm>,
+    /// The expansion terms, found from everything; only where an axis was moved.
+    pub(crate) expansion: Vec<ExpansionTerm>,
+    /// The temperatures and rates that the sensors of the terms have shown.
+    pub(crate) seen: Vec<Seen>,
     /// The constant that belongs to the terms, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) constant_um: Option<f64>,
     /// The constant that belongs to the terms, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) constant_urad: Option<f64>,
-    /// The drift terms as they stand in a machine file.
+    /// How far the constants of the files and positions are apart, in the unit of the column.
+    pub(crate) constant_spread: f64,
+    /// The terms as they stand in a machine file.
     pub(crate) toml: String,
 }
 
@@ -84,4 +100,75 @@ pub(crate) struct DriftTerm {
     pub(crate) lag_s: f64,
     /// Weight of each sensor, µm/K or µrad/K.
     pub(crate) sensors: BTreeMap<String, f64>,
+}
+
+/// One `[[thermal.expansion]]` of a machine file.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct ExpansionTerm {
+    /// Name of the sensor.
+    pub(crate) sensor: String,
+    /// The expansion, µm/(m·K).
+    pub(crate) um_per_m_k: f64,
+    /// The coordinate at which nothing moves, mm.
+    pub(crate) fixed_mm: f64,
+}
+
+/// The error in a file that was left out.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct LeftOut {
+    /// The file as it was named in the call.
+    pub(crate) file: String,
+    /// Root mean square error, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rms_um: Option<f64>,
+    /// Root mean square error, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rms_urad: Option<f64>,
+}
+
+/// One number of the terms. It fills the key of its unit.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Number {
+    /// Name of the sensor.
+    pub(crate) sensor: String,
+    /// Time constant of the lag, s; not there for an expansion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lag_s: Option<f64>,
+    /// Drift, µm/K.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) um_per_k: Option<f64>,
+    /// Drift, µrad/K.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) urad_per_k: Option<f64>,
+    /// Expansion, µm/(m·K).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) um_per_m_k: Option<f64>,
+    /// Standard uncertainty of the number, in its unit.
+    pub(crate) uncertainty: f64,
+}
+
+/// The error of validation with so many numbers.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Size {
+    /// How many numbers.
+    pub(crate) numbers: usize,
+    /// Root mean square error of validation, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rms_um: Option<f64>,
+    /// Root mean square error of validation, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rms_urad: Option<f64>,
+    /// Standard error of it over the files or stretches of time, in the same unit.
+    pub(crate) standard_error: f64,
+}
+
+/// What a sensor has shown in the tests.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Seen {
+    /// Name of the sensor.
+    pub(crate) sensor: String,
+    /// Lowest and highest temperature, °C.
+    pub(crate) degc: [f64; 2],
+    /// Fastest fall and rise, K/min, smoothed over ten minutes.
+    pub(crate) k_per_min: [f64; 2],
 }

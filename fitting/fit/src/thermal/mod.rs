@@ -9,16 +9,25 @@ use std::ops::Range;
 use crate::FitError;
 
 mod choice;
+mod columns;
 mod features;
 mod fitted;
+mod found;
 mod options;
 mod record;
 mod ridge;
+mod runs;
+mod search;
+mod sensors;
 
 pub use choice::ThermalChoice;
+pub use columns::ThermalEffect;
 pub use fitted::{ThermalFit, ThermalSegment, ThermalTerm};
+pub use found::{ThermalNumber, ThermalSeen, ThermalSize, ThermalTerms};
 pub use options::ThermalOptions;
 pub use record::ThermalRecord;
+pub use runs::ThermalRun;
+pub use search::{ThermalSearch, left_out_runs, search_thermal, search_thermal_rows};
 
 use choice::{BLOCKS, best_choices};
 use features::Features;

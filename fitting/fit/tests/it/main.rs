@@ -5,6 +5,8 @@
 mod absurd;
 mod automatic;
 mod brute_force;
+mod few_terms;
+mod heat_network;
 mod irregular_axis;
 mod leave_one_out;
 mod refusals;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use volcomp_document::{Column, CsvTable, read_text};
+use volcomp_model::vocabulary::{AxisKind, AxisName};
 
 use crate::failure::Failure;
 
@@ -15,11 +16,22 @@ pub(super) struct Columns {
     pub(super) degc: Vec<Vec<f64>>,
     /// Name of the column with its unit, and its values.
     pub(super) displacements: Vec<(String, Vec<f64>)>,
+    /// The axis that was moved during the test, where the column names one, and its position in each row, mm.
+    pub(super) position: Option<(Option<AxisName>, Vec<f64>)>,
     /// Notes for a person on how the file was read.
     pub(super) notes: Vec<String>,
 }
 
-/// Reads the column `time_s`, those that end in `_degc` and those that end in `_um` or `_urad`.
+/// The axis of a column with positions: `X`, `X_mm`; none for `position_mm`, which names none.
+fn position_of(name: &str) -> Option<Option<AxisName>> {
+    if name == "position_mm" {
+        return Some(None);
+    }
+    let axis: AxisName = name.strip_suffix("_mm").unwrap_or(name).parse().ok()?;
+    (axis.kind() == AxisKind::Linear).then_some(Some(axis))
+}
+
+/// Reads the column `time_s`, those that end in `_degc`, those that end in `_um` or `_urad`, and the position of an axis.
 pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
     let numbers = |column: Column| {
@@ -31,6 +43,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
         sensors: Vec::new(),
         degc: Vec::new(),
         displacements: Vec::new(),
+        position: None,
         notes: Vec::new(),
     };
     if let Some(time) = table.column("time_s")? {
@@ -44,6 +57,15 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
             found
                 .displacements
                 .push((name.to_owned(), numbers(column)?));
+        } else if let Some(axis) = position_of(name) {
+            let position = numbers(column)?;
+            if position.windows(2).all(|pair| pair[0] == pair[1]) {
+                continue;
+            }
+            if found.position.replace((axis, position)).is_some() {
+                let message = "found several positions that change, expected one axis that moves";
+                return Err(table.header_error(message.to_owned()).into());
+            }
         }
     }
     let missing = if found.time_s.is_empty() {
@@ -67,6 +89,35 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     let columns: Vec<&str> = table.names().map(|(_, name)| name).collect();
     let message = format!("found no {missing}; the columns are {}", columns.join(", "));
     Err(table.header_error(message).into())
+}
+
+impl Columns {
+    /// The sensors and displacements of another file, in its order; those that it does not have are passed over.
+    pub(super) fn in_order_of(mut self, first: &Self, path: &Path) -> Result<Self, Failure> {
+        let missing = |name: &str| {
+            let message = format!("found no column {name}, which the first file has");
+            Failure::in_file(path, message)
+        };
+        let mut degc = Vec::new();
+        for sensor in &first.sensors {
+            let place = self.sensors.iter().position(|name| name == sensor);
+            let place = place.ok_or_else(|| missing(&format!("{sensor}_degc")))?;
+            degc.push(std::mem::take(&mut self.degc[place]));
+        }
+        let mut displacements = Vec::new();
+        for (name, _) in &first.displacements {
+            let mut own = self.displacements.iter_mut();
+            let own = own.find(|(known, _)| known == name);
+            let own = own.ok_or_else(|| missing(name))?;
+            displacements.push((name.clone(), std::mem::take(&mut own.1)));
+        }
+        Ok(Self {
+            sensors: first.sensors.clone(),
+            degc,
+            displacements,
+            ..self
+        })
+    }
 }
 
 /// Rows with one time are spread evenly up to the next: some loggers write too few digits. How many there were;

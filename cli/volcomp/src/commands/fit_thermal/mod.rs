@@ -1,43 +1,41 @@
-//! `volcomp fit-thermal`: temperatures and displacements over time to drift terms of the machine file.
+//! `volcomp fit-thermal`: temperatures and displacements over time to thermal terms of the machine file.
 
 mod columns;
+mod document;
+mod terms;
 mod text;
 
 use std::path::PathBuf;
 
 use volcomp_fit::{
-    ThermalFit, ThermalOptions, ThermalRecord, ThermalSegment, fit_thermal, refit_thermal,
+    FitError, ThermalOptions, ThermalRecord, ThermalRun, ThermalSearch, ThermalSegment,
+    ThermalTerms, fit_thermal, left_out_runs, search_thermal, search_thermal_rows,
 };
+use volcomp_model::{ErrorName, POSSIBLE_DEGC, vocabulary::AxisKind};
 
-use volcomp_model::POSSIBLE_DEGC;
-
-use self::{
-    columns::Columns,
-    text::{comparison, terms_toml},
-};
+use self::columns::Columns;
 use super::Answer;
-use crate::{
-    answers::fit_thermal::{Displacement, DriftTerm, FitThermal, Prediction, Segment},
-    failure::Failure,
-};
+use crate::failure::Failure;
 
-/// Finds thermal drift terms from temperatures and displacements over time
+/// Finds thermal terms from temperatures and displacements over time
 ///
-/// The file has a column time_s, temperatures in columns that end in _degc and displacements in columns that end in
-/// _um or _urad; other columns are not read. Time constants, penalty and sensors are chosen on the first part of the
-/// time, each stretch predicted from what came before it; the rest of the time shows how well the fit predicts. The
-/// terms that are printed are fitted once more on the whole time.
+/// Each file is one test: a column time_s, temperatures in columns that end in _degc, displacements in columns that end in
+/// _um or _urad, and where an axis was moved its position in a column X or X_mm; other columns are not read. Few sensors,
+/// few time constants and few numbers are chosen. Several files are judged by leaving out each one as a whole. A single file is
+/// judged by its last part: each stretch of the time before is predicted from what came before it, and the rest shows how
+/// well the terms predict. The terms that are printed are found in the same way from everything.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Time, temperatures and displacements: .csv
-    data: PathBuf,
+    /// Time, temperatures and displacements: .csv, one file for each test
+    #[arg(required = true)]
+    data: Vec<PathBuf>,
     /// Column with the displacement to fit, more than once for several; without it all are fitted
     #[arg(long)]
     displacement: Vec<String>,
     /// The error that the displacement is, for the terms of the machine file
     #[arg(long, default_value = "EZZ")]
     error: String,
-    /// Share of the time on which the terms are fitted, 0.05 to 0.95; the rest is predicted
+    /// Share of the time on which the terms of a single file are fitted, 0.05 to 0.95; the rest is predicted
     #[arg(long, default_value_t = 0.7)]
     train: f64,
     /// Temperature at which the terms are zero, °C
@@ -46,182 +44,290 @@ pub(crate) struct Arguments {
     /// Time constants to choose from, s: 0,300,900
     #[arg(long, value_delimiter = ',')]
     lags: Vec<f64>,
-    /// Drop sensors without which the prediction is no worse
-    #[arg(long)]
+    /// The most sensors that the terms may have
+    #[arg(long, default_value_t = 6)]
+    most_sensors: usize,
+    /// The most time constants that the terms may have
+    #[arg(long, default_value_t = 3)]
+    most_lags: usize,
+    /// Needless sensors are always dropped: taken for calls of before
+    #[arg(long, hide = true)]
     select: bool,
 }
 
-/// A displacement, fitted plainly and with lags.
+/// A displacement and the terms that were found for it.
 struct Channel {
     name: String,
+    /// Without time constants.
     plain: Judged,
-    lagged: Judged,
-    /// The same choice fitted on all rows.
-    terms: ThermalFit,
+    /// Every sensor with the mean of many choices of time constants; of a single file only.
+    dense: Option<Judged>,
+    few: Judged,
+    /// The terms from everything.
+    terms: ThermalTerms,
+    /// Root mean square error in each file that was left out, where there are several.
+    left_out: Vec<f64>,
 }
 
-/// A fit on the first part of the time, and how well it predicts the rest.
+/// How well terms predict what they have not seen.
 struct Judged {
-    fit: ThermalFit,
     /// Root mean square error of the prediction, µm or µrad.
     rms: f64,
     worst: Option<ThermalSegment>,
+    /// Root mean square error of validation.
+    validated: f64,
+    penalties: Vec<f64>,
+    lags_s: Vec<f64>,
+    sensors: Vec<usize>,
+}
+
+impl Channel {
+    /// Whether the displacement is a rotation in µrad and not a translation in µm.
+    fn is_angular(&self) -> bool {
+        self.name.ends_with("_urad")
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    if !(0.05..=0.95).contains(&arguments.train) {
-        let message = format!("--train: found {}, expected 0.05 to 0.95", arguments.train);
-        return Err(Failure::Input(message));
+    let error = arguments.checked_error()?;
+    let files = read(arguments)?;
+    let first = &files[0];
+    let mut notes: Vec<String> = Vec::new();
+    for (path, columns) in arguments.data.iter().zip(&files) {
+        let note = |note: &String| match &files[..] {
+            [_] => note.clone(),
+            _ => format!("{}: {note}", path.display()),
+        };
+        notes.extend(columns.notes.iter().map(note));
     }
-    if !POSSIBLE_DEGC.contains(&arguments.reference) {
-        return Err(Failure::Input(format!(
-            "--reference: found {}, expected {} to {} °C",
-            arguments.reference,
-            POSSIBLE_DEGC.start(),
-            POSSIBLE_DEGC.end()
-        )));
-    }
-    let error = arguments
-        .error
-        .parse::<volcomp_model::ErrorName>()
-        .map_err(|e| Failure::Input(format!("--error: {e}")))?;
-    let mut options = ThermalOptions {
-        select_sensors: arguments.select,
-        ..ThermalOptions::default()
-    };
-    if !arguments.lags.is_empty() {
-        options.lags_s.clone_from(&arguments.lags);
-    }
-    let columns = columns::read(&arguments.data)?;
-    let wanted = |name: &str| {
-        arguments.displacement.is_empty() || arguments.displacement.iter().any(|d| d == name)
-    };
-    if let Some(missing) = arguments
-        .displacement
-        .iter()
-        .find(|d| columns.displacements.iter().all(|(name, _)| name != *d))
-    {
-        let known: Vec<&str> = columns
-            .displacements
+    let moved = files.iter().filter_map(|file| file.position.as_ref());
+    let moved: Vec<_> = moved.map(|(axis, _)| *axis).collect();
+    let is_length = error.axis.kind() == AxisKind::Linear && !error.component.is_angular();
+    let expansions = is_length
+        && moved
             .iter()
-            .map(|(name, _)| name.as_str())
-            .collect();
+            .all(|axis| axis.is_none_or(|a| a == error.axis));
+    if !moved.is_empty() && !expansions {
+        notes.push(format!(
+            "the axis that was moved is not that of {error}, or {error} is no length: no expansion is looked for"
+        ));
+    }
+    if moved.iter().any(|axis| *axis != moved[0])
+        || (!moved.is_empty() && moved.len() != files.len())
+    {
+        return Err(Failure::Input(
+            "found files in which one axis moves and files in which another or none does, expected the same in all"
+                .to_owned(),
+        ));
+    }
+    let search = ThermalSearch {
+        lags_s: if arguments.lags.is_empty() {
+            ThermalSearch::default().lags_s
+        } else {
+            arguments.lags.clone()
+        },
+        most_sensors: arguments.most_sensors,
+        most_lags: arguments.most_lags,
+        expansions,
+        ..ThermalSearch::default()
+    };
+    let names = first.displacements.iter().map(|(name, _)| name.as_str());
+    let names: Vec<&str> = names
+        .filter(|name| {
+            arguments.displacement.is_empty() || arguments.displacement.iter().any(|d| d == name)
+        })
+        .collect();
+    let channels = names
+        .iter()
+        .map(|name| channel(name, &files, arguments, &search))
+        .collect::<Result<Vec<_>, _>>()?;
+    let sensors = &first.sensors;
+    for channel in &channels {
+        let spread = channel.terms.constant_at(arguments.reference).1;
+        if files.len() > 1 && moved.is_empty() && spread > 3.0 * channel.few.rms {
+            notes.push(format!(
+                "{}: the constants of the files differ by {spread:.1}: each test has a zero of its own, and the constant is their mean",
+                channel.name
+            ));
+        }
+    }
+    let document = document::document(&channels, sensors, arguments, error);
+    Answer::new(
+        &document,
+        text::text(&channels, sensors, arguments, error),
+        notes,
+    )
+}
+
+impl Arguments {
+    /// The error that is named, when the rest of the call makes sense as well.
+    fn checked_error(&self) -> Result<ErrorName, Failure> {
+        if !(0.05..=0.95).contains(&self.train) {
+            let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);
+            return Err(Failure::Input(message));
+        }
+        if !POSSIBLE_DEGC.contains(&self.reference) {
+            return Err(Failure::Input(format!(
+                "--reference: found {}, expected {} to {} °C",
+                self.reference,
+                POSSIBLE_DEGC.start(),
+                POSSIBLE_DEGC.end()
+            )));
+        }
+        self.error
+            .parse()
+            .map_err(|e| Failure::Input(format!("--error: {e}")))
+    }
+}
+
+/// Every file, with the sensors and the displacements of the first in its order.
+fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
+    let mut files: Vec<Columns> = Vec::new();
+    for path in &arguments.data {
+        let columns = columns::read(path)?;
+        files.push(match files.first() {
+            Some(first) => columns.in_order_of(first, path)?,
+            None => columns,
+        });
+    }
+    // clap asks for at least one file.
+    let known = files
+        .first()
+        .map_or(&[][..], |file| &file.displacements[..]);
+    let is_known = |wanted: &String| known.iter().any(|(name, _)| name == wanted);
+    if let Some(missing) = arguments.displacement.iter().find(|d| !is_known(d)) {
+        let known: Vec<&str> = known.iter().map(|(name, _)| name.as_str()).collect();
         return Err(Failure::Input(format!(
             "--displacement: found {missing}, expected one of {}",
             known.join(", ")
         )));
     }
-    let chosen = columns
-        .displacements
-        .iter()
-        .filter(|(name, _)| wanted(name));
-    let channels = chosen
-        .map(|(name, displacement)| channel(name, displacement, &columns, arguments, &options))
-        .collect::<Result<Vec<_>, _>>()?;
-    let toml =
-        |channel: &Channel| terms_toml(channel, &columns.sensors, error, arguments.reference);
-    let documents = channels
-        .iter()
-        .map(|c| document(c, &columns.sensors, arguments.reference, toml(c)));
-    let document = FitThermal {
-        displacements: documents.collect(),
-        train: arguments.train,
-        sensors: columns.sensors.clone(),
-    };
-    let terms: Vec<String> = channels
-        .iter()
-        .map(|c| format!("\n# {}\n{}", c.name, toml(c)))
-        .collect();
-    Answer::new(
-        &document,
-        comparison(&channels) + &terms.concat(),
-        columns.notes.clone(),
-    )
+    Ok(files)
 }
 
 fn channel(
     name: &str,
-    displacement: &[f64],
-    columns: &Columns,
+    files: &[Columns],
     arguments: &Arguments,
-    options: &ThermalOptions,
+    search: &ThermalSearch,
 ) -> Result<Channel, Failure> {
-    let record = ThermalRecord {
-        time_s: columns.time_s.clone(),
-        degc: columns.degc.clone(),
-        displacement: displacement.to_vec(),
+    let run = |columns: &Columns| {
+        let mut displacements = columns.displacements.iter();
+        let displacement = displacements.find(|(known, _)| known == name);
+        ThermalRun {
+            record: ThermalRecord {
+                time_s: columns.time_s.clone(),
+                degc: columns.degc.clone(),
+                displacement: displacement.map_or_else(Vec::new, |(_, values)| values.clone()),
+            },
+            position_mm: columns
+                .position
+                .as_ref()
+                .map_or_else(Vec::new, |p| p.1.clone()),
+        }
     };
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a share of a count"
-    )]
-    let train = (record.len() as f64 * arguments.train) as usize;
-    let failed = |e| Failure::in_file(&arguments.data, format_args!("{name}: {e}"));
-    let judged = |options: &ThermalOptions| -> Result<Judged, Failure> {
-        let fit = fit_thermal(&record, 0..train, options).map_err(failed)?;
-        let (rms, worst) = fit.residual(&record, train..record.len());
-        Ok(Judged { fit, rms, worst })
+    let runs: Vec<ThermalRun> = files.iter().map(run).collect();
+    let failed = |e: FitError| Failure::in_file(&arguments.data[0], format_args!("{name}: {e}"));
+    let without_lags = ThermalSearch {
+        lags_s: vec![0.0],
+        ..search.clone()
     };
-    let lagged = judged(options)?;
+    if let [run] = &runs[..] {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of a count"
+        )]
+        let train = (run.record.len() as f64 * arguments.train) as usize;
+        let by_time = |search: &ThermalSearch| {
+            let terms = search_thermal_rows(run, 0..train, search)?;
+            Ok(Judged::by_time(&terms, run, train))
+        };
+        // Everything at every position at once is no business of the regressions on one record.
+        let dense = |options: ThermalOptions| -> Result<Judged, FitError> {
+            let fit = fit_thermal(&run.record, 0..train, &options)?;
+            let (rms, worst) = fit.residual(&run.record, train..run.record.len());
+            Ok(Judged {
+                rms,
+                worst,
+                validated: fit.forward_rms,
+                penalties: fit.choices.iter().map(|c| c.penalty).collect(),
+                lags_s: fit.terms.iter().map(|term| term.lag_s).collect(),
+                sensors: fit.sensors(),
+            })
+        };
+        let stands = run.position_mm.is_empty();
+        return Ok(Channel {
+            name: name.to_owned(),
+            plain: if stands {
+                dense(ThermalOptions::plain()).map_err(failed)?
+            } else {
+                by_time(&without_lags).map_err(failed)?
+            },
+            dense: stands
+                .then(|| dense(ThermalOptions::default()))
+                .transpose()
+                .map_err(failed)?,
+            few: by_time(search).map_err(failed)?,
+            terms: search_thermal(&runs, search).map_err(failed)?,
+            left_out: Vec::new(),
+        });
+    }
+    let terms = search_thermal(&runs, search).map_err(failed)?;
+    let left_out = left_out_runs(&runs, search).map_err(failed)?;
+    let plain = search_thermal(&runs, &without_lags).map_err(failed)?;
+    let plain_left_out = left_out_runs(&runs, &without_lags).map_err(failed)?;
     Ok(Channel {
         name: name.to_owned(),
-        plain: judged(&ThermalOptions::plain())?,
-        terms: refit_thermal(&record, 0..record.len(), options, &lagged.fit.choices)
-            .map_err(failed)?,
-        lagged,
+        plain: Judged::by_runs(&plain, &runs, &plain_left_out),
+        dense: None,
+        few: Judged::by_runs(&terms, &runs, &left_out),
+        terms,
+        left_out,
     })
 }
 
-fn document(
-    channel: &Channel,
-    sensors: &[String],
-    reference_degc: f64,
-    toml: String,
-) -> Displacement {
-    let angular = channel.is_angular();
-    let in_um = |value: f64| (!angular).then_some(value);
-    let in_urad = |value: f64| angular.then_some(value);
-    let prediction = |judged: &Judged| Prediction {
-        rms_um: in_um(judged.rms),
-        rms_urad: in_urad(judged.rms),
-        worst_segment: judged.worst.as_ref().map(|worst| Segment {
-            from_s: worst.from_s,
-            to_s: worst.to_s,
-            rms_um: in_um(worst.rms),
-            rms_urad: in_urad(worst.rms),
-        }),
-        forward_rms_um: in_um(judged.fit.forward_rms),
-        forward_rms_urad: in_urad(judged.fit.forward_rms),
-        penalties: judged.fit.choices.iter().map(|c| c.penalty).collect(),
-        lags_s: judged.fit.terms.iter().map(|term| term.lag_s).collect(),
-        sensors: judged
-            .fit
-            .sensors()
+impl Judged {
+    fn new(terms: &ThermalTerms, rms: f64, worst: Option<ThermalSegment>) -> Self {
+        let squares: f64 = terms.validated.iter().map(|rms| rms * rms).sum();
+        Self {
+            rms,
+            worst,
+            validated: (squares / terms.validated.len().max(1) as f64).sqrt(),
+            penalties: vec![terms.penalty],
+            lags_s: terms.lags_s(),
+            sensors: terms.sensors(),
+        }
+    }
+
+    /// By the rows from `train` on.
+    fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
+        let errors = terms.errors(run);
+        let rms = |rows: std::ops::Range<usize>| {
+            let squares: f64 = errors[rows.clone()].iter().map(|e| e * e).sum();
+            (squares / rows.len().max(1) as f64).sqrt()
+        };
+        let (from, count) = (train, errors.len() - train);
+        let parts = 10.min(count);
+        let end = |part: usize| from + count * part / parts.max(1);
+        let segments = (0..parts).map(|part| ThermalSegment {
+            from_s: run.record.time_s[end(part)],
+            to_s: run.record.time_s[end(part + 1) - 1],
+            rms: rms(end(part)..end(part + 1)),
+        });
+        let worst = segments.max_by(|a, b| a.rms.total_cmp(&b.rms));
+        Self::new(terms, rms(from..errors.len()), worst)
+    }
+
+    /// By whole runs that were left out; each counts by its rows.
+    fn by_runs(terms: &ThermalTerms, runs: &[ThermalRun], left_out: &[f64]) -> Self {
+        let rows = runs.iter().map(|run| run.record.len() as f64);
+        let squares: f64 = left_out
             .iter()
-            .filter_map(|&sensor| sensors.get(sensor).cloned())
-            .collect(),
-    };
-    let constant = channel.terms.constant_at(reference_degc);
-    Displacement {
-        name: channel.name.clone(),
-        baseline: prediction(&channel.plain),
-        fit: prediction(&channel.lagged),
-        drift: channel
-            .terms
-            .terms
-            .iter()
-            .map(|term| DriftTerm {
-                lag_s: term.lag_s,
-                sensors: sensors
-                    .iter()
-                    .cloned()
-                    .zip(term.per_k.iter().copied())
-                    .collect(),
-            })
-            .collect(),
-        constant_um: in_um(constant),
-        constant_urad: in_urad(constant),
-        toml,
+            .zip(rows.clone())
+            .map(|(rms, n)| rms * rms * n)
+            .sum();
+        let all: f64 = rows.sum();
+        Self::new(terms, (squares / all.max(1.0)).sqrt(), None)
     }
 }

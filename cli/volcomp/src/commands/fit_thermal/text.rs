@@ -1,89 +1,117 @@
-//! The result of a thermal fit as text for people and for a machine file.
+//! The result of a thermal fit as text for people.
 
-use std::fmt::Write;
-
+use volcomp_fit::ThermalEffect;
 use volcomp_model::ErrorName;
 
-use super::Channel;
-use crate::commands::{table, table_text};
+use super::{Arguments, Channel, terms};
+use crate::commands::{fixed, table, table_text};
 
-impl Channel {
-    /// Whether the displacement is a rotation in µrad and not a translation in µm.
-    pub(super) fn is_angular(&self) -> bool {
-        self.name.ends_with("_urad")
-    }
-}
-
-/// The terms as `[[thermal.drift]]`, and the constant that belongs to them.
-pub(super) fn terms_toml(
-    channel: &Channel,
+/// The errors of the prediction, the numbers, and what belongs into the machine file.
+pub(super) fn text(
+    channels: &[Channel],
     sensors: &[String],
+    arguments: &Arguments,
     error: ErrorName,
-    reference_degc: f64,
 ) -> String {
-    let (unit, symbol) = if channel.is_angular() {
-        ("urad", "µrad")
-    } else {
-        ("um", "µm")
-    };
-    let mut text = format!(
-        "# With {reference_degc} °C as [thermal] reference the constant\n# {:.3} {symbol} belongs to the curve of {error}.\n",
-        channel.terms.constant_at(reference_degc)
-    );
-    for term in &channel.terms.terms {
-        let weighted = sensors
-            .iter()
-            .zip(&term.per_k)
-            .filter(|(_, per_k)| **per_k != 0.0);
-        let weights: Vec<String> = weighted
-            .map(|(name, per_k)| format!("{name} = {per_k:.6}"))
-            .collect();
-        // Writing to a string never fails.
-        let _ = write!(
-            text,
-            "[[thermal.drift]]\nerror = \"{error}\"\nsensors = {{ {} }}\n{unit}_per_k = 1.0\nlag_s = {:.1}\n",
-            weights.join(", "),
-            term.lag_s
+    let mut text = comparison(channels, arguments.data.len());
+    for channel in channels {
+        let found = &channel.terms;
+        let toml = terms::toml(
+            found,
+            sensors,
+            error,
+            arguments.reference,
+            channel.is_angular(),
+        );
+        text += &format!(
+            "\n{}\n{}\n{}\n# {}\n{toml}",
+            channel.name,
+            numbers(channel, sensors),
+            sizes(channel),
+            channel.name
         );
     }
     text
 }
 
 /// The root mean square errors of the prediction, without and with time constants.
-pub(super) fn comparison(channels: &[Channel]) -> String {
+fn comparison(channels: &[Channel], files: usize) -> String {
     let mut lines = table(&[
         "RMS of prediction",
         "no lag",
-        "with lags",
-        "",
+        "dense",
+        "few terms",
         "worst",
         "from h",
-        "lags s",
+        "numbers",
         "sensors",
+        "lags",
     ]);
     for channel in channels {
-        let (plain, lagged) = (&channel.plain, &channel.lagged);
-        let lags = lagged.fit.terms.iter().map(|term| term.lag_s);
-        let [shortest, longest] = [
-            lags.clone().fold(f64::INFINITY, f64::min),
-            lags.fold(0.0, f64::max),
-        ];
-        let worst = lagged.worst.as_ref();
+        let few = &channel.few;
+        let worst = few.worst.as_ref();
+        let or_nothing = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
         lines.add_row([
             channel.name.clone(),
-            format!("{:.2}", plain.rms),
-            format!("{:.2}", lagged.rms),
-            format!("{:.0} %", 100.0 * (lagged.rms / plain.rms - 1.0)),
-            worst.map_or(String::new(), |w| format!("{:.2}", w.rms)),
-            worst.map_or(String::new(), |w| format!("{:.1}", w.from_s / 3600.0)),
-            if shortest.is_finite() {
-                format!("{shortest} to {longest}")
-            } else {
-                "none".to_owned()
-            },
-            format!("{}", lagged.fit.sensors().len()),
+            fixed(channel.plain.rms, 2),
+            or_nothing(channel.dense.as_ref().map(|dense| fixed(dense.rms, 2))),
+            fixed(few.rms, 2),
+            or_nothing(worst.map(|w| fixed(w.rms, 2))),
+            or_nothing(worst.map(|w| fixed(w.from_s / 3600.0, 1))),
+            channel.terms.numbers.len().to_string(),
+            channel.terms.sensors().len().to_string(),
+            channel.terms.lags_s().len().to_string(),
+        ]);
+    }
+    let of_what = if files == 1 {
+        "The prediction is of the last part of the time, in the unit of the column (µm or\n\
+         µrad). Dense: all sensors with many time constants, as a measure of what few\n\
+         terms lose."
+    } else {
+        "The prediction is of each file from all others, in the unit of the column (µm or\n\
+         µrad), both counted from the start of the file."
+    };
+    table_text(&lines) + "\n" + of_what + "\n"
+}
+
+/// Every number with its uncertainty.
+fn numbers(channel: &Channel, sensors: &[String]) -> String {
+    let unit = if channel.is_angular() {
+        "µrad/K"
+    } else {
+        "µm/K"
+    };
+    let mut lines = table(&["number of", "lag s", "value", "+/-", "unit"]);
+    for number in &channel.terms.numbers {
+        let (lag, scale, unit) = match number.effect {
+            ThermalEffect::Drift { lag_s } => (format!("{lag_s}"), 1.0, unit),
+            ThermalEffect::Expansion => ("-".to_owned(), 1e3, "µm/(m·K)"),
+        };
+        lines.add_row([
+            sensors.get(number.sensor).cloned().unwrap_or_default(),
+            lag,
+            fixed(number.value * scale, 3),
+            fixed(number.uncertainty * scale, 3),
+            unit.to_owned(),
         ]);
     }
     table_text(&lines)
-        + "\nThe prediction is of the last part of the time, in the unit of the column\n(µm or µrad).\n"
+}
+
+/// The error of validation against the number of numbers, a few of each line.
+fn sizes(channel: &Channel) -> String {
+    let mut lines = table(&["numbers", "RMS of validation", "+/-"]);
+    for size in channel.terms.path.iter().rev() {
+        let mark = if size.numbers == channel.terms.numbers.len() {
+            "*"
+        } else {
+            ""
+        };
+        lines.add_row([
+            format!("{}{mark}", size.numbers),
+            fixed(size.rms, 2),
+            fixed(size.standard_error, 2),
+        ]);
+    }
+    table_text(&lines) + "* taken: the fewest within one standard error of the best\n"
 }

@@ -1,0 +1,120 @@
+//! The numbers that were found as terms of a machine file.
+
+use std::{collections::BTreeMap, fmt::Write as _};
+
+use volcomp_fit::{ThermalEffect, ThermalTerms};
+use volcomp_model::ErrorName;
+
+/// A lag, and for each sensor its weight, µm/K or µrad/K.
+pub(super) type Drift = (f64, BTreeMap<String, f64>);
+
+/// An expansion as a machine file states it.
+pub(super) struct Expansion {
+    pub(super) sensor: String,
+    pub(super) um_per_m_k: f64,
+    pub(super) fixed_mm: f64,
+}
+
+/// Drift by time constant, and expansions: what a sensor without a lag adds says where its expansion has its fixed point.
+pub(super) fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<Drift>, Vec<Expansion>) {
+    let expansion_of = |sensor: usize| {
+        let mut numbers = found.numbers.iter();
+        let number = numbers.find(|n| n.sensor == sensor && n.effect == ThermalEffect::Expansion);
+        number.filter(|number| number.value != 0.0)
+    };
+    let (mut drift, mut expansions): (Vec<Drift>, Vec<Expansion>) = (Vec::new(), Vec::new());
+    for number in &found.numbers {
+        let Some(sensor) = sensors.get(number.sensor) else {
+            continue;
+        };
+        let ThermalEffect::Drift { lag_s } = number.effect else {
+            let without_lag = found.numbers.iter().find(|other| {
+                other.sensor == number.sensor && other.effect == ThermalEffect::Drift { lag_s: 0.0 }
+            });
+            let fixed_mm = without_lag.map_or(0.0, |other| -other.value / number.value);
+            expansions.push(Expansion {
+                sensor: sensor.clone(),
+                um_per_m_k: number.value * 1e3,
+                fixed_mm: if fixed_mm.is_finite() { fixed_mm } else { 0.0 },
+            });
+            continue;
+        };
+        if lag_s == 0.0 && expansion_of(number.sensor).is_some() {
+            continue;
+        }
+        let place = drift.iter().position(|(known, _)| *known == lag_s);
+        let place = place.unwrap_or_else(|| {
+            drift.push((lag_s, BTreeMap::new()));
+            drift.len() - 1
+        });
+        drift[place].1.insert(sensor.clone(), number.value);
+    }
+    (drift, expansions)
+}
+
+/// The terms as `[[thermal.drift]]`, `[[thermal.expansion]]` and `[[thermal.seen]]`, and the constant that belongs to them.
+pub(super) fn toml(
+    found: &ThermalTerms,
+    sensors: &[String],
+    error: ErrorName,
+    reference_degc: f64,
+    is_angular: bool,
+) -> String {
+    let (unit, symbol) = if is_angular {
+        ("urad", "µrad")
+    } else {
+        ("um", "µm")
+    };
+    let mut text = format!(
+        "# With {reference_degc} °C as [thermal] reference the constant\n# {:.3} {symbol} belongs to the curve of {error}.\n",
+        found.constant_at(reference_degc).0
+    );
+    let (drift, expansions) = terms(found, sensors);
+    // Writing to a string never fails.
+    for term in expansions {
+        let _ = write!(
+            text,
+            "[[thermal.expansion]]\nerror = \"{error}\"\nsensor = {}\num_per_m_k = {:.6}\nfixed_mm = {:.3}\n",
+            quoted(&term.sensor),
+            term.um_per_m_k,
+            term.fixed_mm
+        );
+    }
+    for (lag_s, weights) in drift {
+        let weights = weights
+            .iter()
+            .map(|(name, k)| format!("{} = {k:.6}", key(name)));
+        let _ = write!(
+            text,
+            "[[thermal.drift]]\nerror = \"{error}\"\nsensors = {{ {} }}\n{unit}_per_k = 1.0\nlag_s = {lag_s:.1}\n",
+            weights.collect::<Vec<_>>().join(", "),
+        );
+    }
+    for seen in &found.seen {
+        let Some(sensor) = sensors.get(seen.sensor) else {
+            continue;
+        };
+        let [low, high] = seen.degc;
+        let [fall, rise] = seen.k_per_min;
+        let _ = write!(
+            text,
+            "[[thermal.seen]]\nerror = \"{error}\"\nsensor = {}\ndegc = [{low:.2}, {high:.2}]\nk_per_min = [{fall:.4}, {rise:.4}]\n",
+            quoted(sensor)
+        );
+    }
+    text
+}
+
+/// A name as a key of TOML, bare where it can be.
+fn key(name: &str) -> String {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    if !name.is_empty() && name.chars().all(is_bare) {
+        return name.to_owned();
+    }
+    quoted(name)
+}
+
+/// A text as a TOML string, in quotes.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}

@@ -1,0 +1,228 @@
+//! Thermal terms that a search found: every number with its uncertainty, and where they are known to hold.
+
+use std::ops::Range;
+
+use volcomp_curve::SmoothedRate;
+
+use super::{
+    columns::{Column, ThermalEffect},
+    runs::ThermalRun,
+};
+use crate::fit::rms;
+
+/// One number of thermal terms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalNumber {
+    /// Place of the sensor in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
+    pub sensor: usize,
+    /// What the number multiplies.
+    pub effect: ThermalEffect,
+    /// The number: µm or µrad for each K, of an expansion for each K and mm.
+    pub value: f64,
+    /// Its standard uncertainty, in the same unit.
+    pub uncertainty: f64,
+}
+
+/// The error of validation with so many numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalSize {
+    /// How many numbers.
+    pub numbers: usize,
+    /// Root mean square of the errors of validation, µm or µrad.
+    pub rms: f64,
+    /// Its standard error over the runs or stretches.
+    pub standard_error: f64,
+}
+
+/// The temperatures and the rates of a sensor in the tests.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalSeen {
+    /// Place of the sensor.
+    pub sensor: usize,
+    /// Lowest and highest temperature, °C.
+    pub degc: [f64; 2],
+    /// Fastest fall and rise, K/min, by [`SmoothedRate`].
+    pub k_per_min: [f64; 2],
+}
+
+/// Thermal terms that a search found.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalTerms {
+    /// The numbers.
+    pub numbers: Vec<ThermalNumber>,
+    /// The penalty of their regression.
+    pub penalty: f64,
+    /// The error of validation along the path from many numbers to one.
+    pub path: Vec<ThermalSize>,
+    /// Root mean square error of validation in each run or stretch with these numbers, µm or µrad.
+    pub validated: Vec<f64>,
+    /// What the sensors have shown in the tests, those of the numbers.
+    pub seen: Vec<ThermalSeen>,
+    /// For each position of each run the displacement with all temperatures at those of its first row, µm or µrad; and
+    /// these temperatures, °C, with the position, mm.
+    zeros: Vec<Zero>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+struct Zero {
+    displacement: f64,
+    degc: Vec<f64>,
+    position_mm: f64,
+}
+
+impl ThermalTerms {
+    /// `offsets`: of each position of each run what the numbers leave in the mean, counted from its start.
+    pub(super) fn new(
+        numbers: Vec<ThermalNumber>,
+        penalty: f64,
+        path: Vec<ThermalSize>,
+        validated: Vec<f64>,
+        known: &[(&ThermalRun, Range<usize>)],
+        offsets: &[((usize, usize), f64)],
+    ) -> Self {
+        let mut terms = Self {
+            seen: Vec::new(),
+            zeros: Vec::new(),
+            numbers,
+            penalty,
+            path,
+            validated,
+        };
+        terms.seen = terms.sensors().iter().map(|&s| seen(known, s)).collect();
+        for (index, (run, _)) in known.iter().enumerate() {
+            let (positions, places) = run.places();
+            let from_start = terms.unknown_zero(run);
+            let zero_rows = ThermalRun::zero_rows(&places, positions.len());
+            for (place, (&position_mm, rows)) in positions.iter().zip(&zero_rows).enumerate() {
+                let offset = offsets.iter().find(|(key, _)| *key == (index, place));
+                let Some((_, offset)) = offset else { continue };
+                let misses = rows
+                    .iter()
+                    .map(|&row| run.record.displacement[row] - from_start[row]);
+                let start = misses.sum::<f64>() / rows.len().max(1) as f64;
+                terms.zeros.push(Zero {
+                    displacement: start + offset,
+                    degc: run.record.degc.iter().map(|degc| degc[0]).collect(),
+                    position_mm,
+                });
+            }
+        }
+        terms
+    }
+
+    /// The sensors of the numbers, rising.
+    pub fn sensors(&self) -> Vec<usize> {
+        let mut sensors: Vec<usize> = self.numbers.iter().map(|number| number.sensor).collect();
+        sensors.sort_unstable();
+        sensors.dedup();
+        sensors
+    }
+
+    /// The time constants of the numbers, s, rising.
+    pub fn lags_s(&self) -> Vec<f64> {
+        let lag = |number: &ThermalNumber| match number.effect {
+            ThermalEffect::Drift { lag_s } => Some(lag_s),
+            ThermalEffect::Expansion => None,
+        };
+        let mut lags: Vec<f64> = self.numbers.iter().filter_map(lag).collect();
+        lags.sort_by(f64::total_cmp);
+        lags.dedup();
+        lags
+    }
+
+    /// What the numbers make of the temperatures of a run with the same sensors, less what they made of its first row.
+    fn unknown_zero(&self, run: &ThermalRun) -> Vec<f64> {
+        let mut sum = vec![0.0; run.record.len()];
+        for number in &self.numbers {
+            let column = Column {
+                sensor: number.sensor,
+                effect: number.effect,
+            };
+            for (sum, value) in sum.iter_mut().zip(column.values(run)) {
+                *sum += number.value * value;
+            }
+        }
+        sum
+    }
+
+    /// Root mean square of record minus prediction (µm or µrad) in a run that has no part in the terms, both counted from
+    /// their start at each position.
+    pub fn rms_from_start(&self, run: &ThermalRun) -> f64 {
+        let predicted = self.unknown_zero(run);
+        let (positions, places) = run.places();
+        let errors: Vec<f64> = run
+            .record
+            .displacement
+            .iter()
+            .zip(&predicted)
+            .map(|(d, p)| d - p)
+            .collect();
+        let zeros: Vec<f64> = ThermalRun::zero_rows(&places, positions.len())
+            .iter()
+            .map(|rows| rows.iter().map(|row| errors[*row]).sum::<f64>() / rows.len().max(1) as f64)
+            .collect();
+        rms(errors
+            .iter()
+            .zip(&places)
+            .map(|(e, place)| e - zeros[*place]))
+    }
+
+    /// Record minus prediction in every row of the run that the terms were found from, or of a part of it.
+    pub fn errors(&self, run: &ThermalRun) -> Vec<f64> {
+        let predicted = self.unknown_zero(run);
+        let (positions, places) = run.places();
+        let zero = |place: usize| {
+            let mut zeros = self.zeros.iter();
+            zeros.find(|zero| zero.position_mm == positions[place])
+        };
+        let rows = run.record.displacement.iter().zip(&predicted).zip(&places);
+        rows.map(|((d, p), place)| d - p - zero(*place).map_or(0.0, |zero| zero.displacement))
+            .collect()
+    }
+
+    /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count: its mean over
+    /// runs and positions, and how far they are apart.
+    pub fn constant_at(&self, reference_degc: f64) -> (f64, f64) {
+        let at = |zero: &Zero| {
+            let per_k = |number: &ThermalNumber| match number.effect {
+                ThermalEffect::Drift { .. } => number.value,
+                ThermalEffect::Expansion => number.value * zero.position_mm,
+            };
+            let numbers = self.numbers.iter();
+            let steps = numbers.map(|n| per_k(n) * (reference_degc - zero.degc[n.sensor]));
+            zero.displacement + steps.sum::<f64>()
+        };
+        let constants: Vec<f64> = self.zeros.iter().map(at).collect();
+        let mean = constants.iter().sum::<f64>() / constants.len().max(1) as f64;
+        let least = constants.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = constants.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        (mean, (most - least).max(0.0))
+    }
+}
+
+/// What a sensor has shown in some rows of some runs.
+fn seen(known: &[(&ThermalRun, Range<usize>)], sensor: usize) -> ThermalSeen {
+    let mut degc = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut k_per_min = [0.0_f64; 2];
+    for (run, rows) in known {
+        let (mut rate, mut before) = (SmoothedRate::default(), None);
+        for row in 0..rows.end.min(run.record.len()) {
+            let (time_s, value) = (run.record.time_s[row], run.record.degc[sensor][row]);
+            let step_s = before.map_or(0.0, |before| time_s - before);
+            before = Some(time_s);
+            let per_min = 60.0 * rate.step(value, step_s);
+            degc = [degc[0].min(value), degc[1].max(value)];
+            k_per_min = [k_per_min[0].min(per_min), k_per_min[1].max(per_min)];
+        }
+    }
+    ThermalSeen {
+        sensor,
+        degc,
+        k_per_min,
+    }
+}

@@ -1,0 +1,401 @@
+//! The search for few thermal terms: few sensors, few lags, every number kept only where leaving it out is worse by more
+//! than the validation can tell.
+//!
+//! Several runs are judged by runs that are left out as a whole; one run by stretches of time, each predicted from those
+//! before it.
+
+use std::ops::Range;
+
+use super::{
+    columns::{Column, Stretch, Sums, ThermalEffect, stretches},
+    found::{ThermalNumber, ThermalSize, ThermalTerms},
+    options::ThermalOptions,
+    runs::ThermalRun,
+    sensors::telling,
+};
+use crate::FitError;
+
+/// Stretches of a single run. The first two are only learnt from.
+const STRETCHES: usize = 10;
+/// Over all runs there are at least so many stretches, for the uncertainties.
+const LEAST_STRETCHES: usize = 8;
+/// Rows that a stretch needs.
+const LEAST_ROWS: usize = 20;
+
+/// The limits of a search for thermal terms.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalSearch {
+    /// Time constants to choose from, s; 0 is no lag.
+    pub lags_s: Vec<f64>,
+    /// Penalties of the ridge regression to choose from, as shares of the variance of what a number multiplies. The smaller
+    /// they are, the larger and the more opposite become the numbers of sensors that move alike.
+    pub penalties: Vec<f64>,
+    /// The most sensors.
+    pub most_sensors: usize,
+    /// The most time constants.
+    pub most_lags: usize,
+    /// Whether expansions are looked for where the position was varied.
+    pub expansions: bool,
+}
+
+impl Default for ThermalSearch {
+    /// Ten time constants up to an hour and a half, at most six sensors and three time constants.
+    fn default() -> Self {
+        Self {
+            lags_s: ThermalOptions::default().lags_s,
+            penalties: vec![1e-3, 1e-2, 1e-1],
+            most_sensors: 6,
+            most_lags: 3,
+            expansions: true,
+        }
+    }
+}
+
+impl ThermalSearch {
+    fn check(&self) -> Result<(), FitError> {
+        ThermalOptions {
+            lags_s: self.lags_s.clone(),
+            penalties: self.penalties.clone(),
+            ..ThermalOptions::default()
+        }
+        .check()?;
+        for (what, found) in [
+            ("most sensors", self.most_sensors),
+            ("most lags", self.most_lags),
+        ] {
+            if found == 0 {
+                return Err(FitError::Parameter {
+                    what,
+                    value: 0.0,
+                    expected: "at least 1",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Every choice of time constants, those with few first.
+    fn lag_sets(&self) -> Vec<Vec<f64>> {
+        let mut lags = self.lags_s.clone();
+        lags.sort_by(f64::total_cmp);
+        lags.dedup();
+        let mut sets: Vec<Vec<f64>> = vec![Vec::new()];
+        let mut last = sets.clone();
+        for _ in 0..self.most_lags.min(lags.len()) {
+            let longer = last.iter().flat_map(|set: &Vec<f64>| {
+                let after = move |lag: &&f64| set.last().is_none_or(|last| *lag > last);
+                let lags = lags.iter().filter(after);
+                lags.map(move |lag| [&set[..], &[*lag]].concat())
+            });
+            last = longer.collect();
+            sets.extend(last.iter().cloned());
+        }
+        sets.remove(0);
+        sets
+    }
+}
+
+/// Finds the terms of one displacement from several runs, or from one.
+///
+/// The sensors are those which tell most of what all sensors tell. Time constants and penalty are those with the smallest
+/// error of validation. Then numbers are left out, each time the one without which that error is smallest; of this path the
+/// fewest numbers are taken whose error is no larger than the smallest by more than one standard error.
+///
+/// # Errors
+/// No run, runs with different sensors or too few rows, numbers that are not finite, no sensor that changes.
+pub fn search_thermal(
+    runs: &[ThermalRun],
+    search: &ThermalSearch,
+) -> Result<ThermalTerms, FitError> {
+    let whole: Vec<Range<usize>> = runs.iter().map(|run| 0..run.record.len()).collect();
+    search_rows(runs, &whole, search)
+}
+
+/// The same, where only some rows of each run are known.
+///
+/// # Errors
+/// As [`search_thermal`].
+pub fn search_thermal_rows(
+    run: &ThermalRun,
+    rows: Range<usize>,
+    search: &ThermalSearch,
+) -> Result<ThermalTerms, FitError> {
+    search_rows(std::slice::from_ref(run), &[rows], search)
+}
+
+/// The terms that every run but one finds, judged on that one: for each run the root mean square of record minus
+/// prediction, both counted from their start.
+///
+/// # Errors
+/// As [`search_thermal`]; fewer than two runs.
+pub fn left_out_runs(runs: &[ThermalRun], search: &ThermalSearch) -> Result<Vec<f64>, FitError> {
+    if runs.len() < 2 {
+        return Err(FitError::TooFewTargets {
+            purpose: "leaving out runs",
+            found: runs.len(),
+            needed: 2,
+        });
+    }
+    let judged = |left: usize| {
+        let mut others = runs.to_vec();
+        let run = others.remove(left);
+        run.check(others[0].record.degc.len())?;
+        Ok(search_thermal(&others, search)?.rms_from_start(&run))
+    };
+    (0..runs.len()).map(judged).collect()
+}
+
+fn search_rows(
+    runs: &[ThermalRun],
+    rows: &[Range<usize>],
+    search: &ThermalSearch,
+) -> Result<ThermalTerms, FitError> {
+    search.check()?;
+    let sensors = runs.first().map_or(0, |run| run.record.degc.len());
+    let stretches_of_run = if runs.len() == 1 {
+        STRETCHES
+    } else {
+        LEAST_STRETCHES.div_ceil(runs.len().max(1))
+    };
+    for (run, rows) in runs.iter().zip(rows) {
+        run.check(sensors)?;
+        let needed = stretches_of_run * LEAST_ROWS;
+        let found = rows.len().min(run.record.len());
+        if found < needed || rows.end > run.record.len() {
+            return Err(FitError::TooFewTargets {
+                purpose: "a thermal fit",
+                found,
+                needed,
+            });
+        }
+    }
+    let known: Vec<(&ThermalRun, Range<usize>)> = runs.iter().zip(rows.iter().cloned()).collect();
+    let chosen = telling(&known, search.most_sensors);
+    let space = Space::new(&known, &chosen, search, stretches_of_run);
+    space.search(search, &known)
+}
+
+/// The columns to choose from, their sums over stretches, and how a choice is judged.
+struct Space {
+    columns: Vec<Column>,
+    stretches: Vec<Stretch>,
+    folds: Vec<Fold>,
+}
+
+/// Sums that are learnt from, and the stretches that are predicted.
+struct Fold {
+    learnt: Sums,
+    judged: Vec<usize>,
+}
+
+/// A choice of columns with its penalty, and the mean square of its errors in each fold.
+#[derive(Clone)]
+struct Choice {
+    columns: Vec<usize>,
+    penalty: f64,
+    errors: Vec<f64>,
+}
+
+impl Choice {
+    fn mean(&self) -> f64 {
+        self.errors.iter().sum::<f64>() / self.errors.len().max(1) as f64
+    }
+
+    /// The standard error of the mean over the folds.
+    fn standard_error(&self) -> f64 {
+        let (mean, count) = (self.mean(), self.errors.len() as f64);
+        let squares: f64 = self.errors.iter().map(|e| (e - mean).powi(2)).sum();
+        (squares / (count - 1.0).max(1.0) / count).sqrt()
+    }
+}
+
+impl Space {
+    fn new(
+        known: &[(&ThermalRun, Range<usize>)],
+        sensors: &[usize],
+        search: &ThermalSearch,
+        parts: usize,
+    ) -> Self {
+        let mut lags = search.lags_s.clone();
+        let expands = search.expansions
+            && known.iter().any(|(run, _)| run.has_positions())
+            // A run without positions says nothing of an expansion.
+            && known.iter().all(|(run, _)| !run.position_mm.is_empty());
+        if expands {
+            // Where the fixed point of an expansion lies shows in what has no lag.
+            lags.push(0.0);
+        }
+        lags.sort_by(f64::total_cmp);
+        lags.dedup();
+        let drift = |&lag_s: &f64| {
+            let effect = ThermalEffect::Drift { lag_s };
+            sensors.iter().map(move |&sensor| Column { sensor, effect })
+        };
+        let mut columns: Vec<Column> = lags.iter().flat_map(drift).collect();
+        if expands {
+            let effect = ThermalEffect::Expansion;
+            columns.extend(sensors.iter().map(|&sensor| Column { sensor, effect }));
+        }
+        let all = known.iter().enumerate();
+        let stretches: Vec<Stretch> = all
+            .flat_map(|(index, (run, rows))| stretches(run, index, &columns, rows, parts))
+            .collect();
+        let folds = if known.len() == 1 {
+            let fold = |judged: usize| {
+                let learnt = Sums::of(stretches[..judged].iter())?;
+                Some(Fold {
+                    learnt,
+                    judged: vec![judged],
+                })
+            };
+            (2..stretches.len()).filter_map(fold).collect()
+        } else {
+            let fold = |run: usize| {
+                let learnt = Sums::of(stretches.iter().filter(|s| s.run != run))?;
+                let of_run = (0..stretches.len()).filter(|place| stretches[*place].run == run);
+                Some(Fold {
+                    learnt,
+                    judged: of_run.collect(),
+                })
+            };
+            (0..known.len()).filter_map(fold).collect()
+        };
+        Self {
+            columns,
+            stretches,
+            folds,
+        }
+    }
+
+    /// A choice and its errors; `None` where some fold does not determine it.
+    fn judged(&self, columns: Vec<usize>, penalty: f64) -> Option<Choice> {
+        let error = |fold: &Fold| {
+            let weights = fold.learnt.ridge(&columns, penalty)?;
+            let errors = fold.judged.iter();
+            let of = |place: &usize| {
+                fold.learnt
+                    .error_in(&self.stretches[*place], &columns, &weights)
+            };
+            Some(errors.map(of).sum::<f64>() / fold.judged.len().max(1) as f64)
+        };
+        let errors = self.folds.iter().map(error).collect::<Option<Vec<f64>>>()?;
+        Some(Choice {
+            columns,
+            penalty,
+            errors,
+        })
+    }
+
+    /// The columns of some time constants, with every expansion and what has no lag where there are expansions.
+    fn with_lags(&self, lags: &[f64]) -> Vec<usize> {
+        let expands = self
+            .columns
+            .iter()
+            .any(|c| c.effect == ThermalEffect::Expansion);
+        let takes = |column: &Column| match column.effect {
+            ThermalEffect::Drift { lag_s } => lags.contains(&lag_s) || (expands && lag_s == 0.0),
+            ThermalEffect::Expansion => true,
+        };
+        let places = 0..self.columns.len();
+        places
+            .filter(|place| takes(&self.columns[*place]))
+            .collect()
+    }
+
+    /// The best choice of time constants and penalty, then with one number less each time.
+    fn path(&self, search: &ThermalSearch) -> Vec<Choice> {
+        let mut best: Option<Choice> = None;
+        for lags in search.lag_sets() {
+            for &penalty in &search.penalties {
+                let choice = self.judged(self.with_lags(&lags), penalty);
+                best = match (best, choice) {
+                    (Some(best), Some(choice)) if choice.mean() < best.mean() => Some(choice),
+                    (None, choice) => choice,
+                    (best, _) => best,
+                };
+            }
+        }
+        let mut path: Vec<Choice> = best.into_iter().collect();
+        while let Some(last) = path.last().filter(|last| last.columns.len() > 1) {
+            let without = |place: usize| {
+                let mut columns = last.columns.clone();
+                columns.remove(place);
+                self.judged(columns, last.penalty)
+            };
+            let tried = (0..last.columns.len()).filter_map(without);
+            let Some(next) = tried.min_by(|a, b| a.mean().total_cmp(&b.mean())) else {
+                break;
+            };
+            path.push(next);
+        }
+        path
+    }
+
+    fn search(
+        &self,
+        search: &ThermalSearch,
+        known: &[(&ThermalRun, Range<usize>)],
+    ) -> Result<ThermalTerms, FitError> {
+        let path = self.path(search);
+        let undetermined = || FitError::Undetermined {
+            coefficients: self.columns.len(),
+        };
+        let best = path.iter().min_by(|a, b| a.mean().total_cmp(&b.mean()));
+        let best = best.ok_or_else(undetermined)?;
+        let most = best.mean() + best.standard_error();
+        let few = path.iter().rev().find(|choice| choice.mean() <= most);
+        let choice = few.ok_or_else(undetermined)?;
+        let sums = Sums::of(self.stretches.iter()).ok_or_else(undetermined)?;
+        let weights = sums
+            .ridge(&choice.columns, choice.penalty)
+            .ok_or_else(undetermined)?;
+        let uncertainties = self.jackknife(choice);
+        let places = choice.columns.iter().zip(weights.iter().zip(uncertainties));
+        let number = |(&place, (&value, uncertainty)): (&usize, (&f64, f64))| ThermalNumber {
+            sensor: self.columns[place].sensor,
+            effect: self.columns[place].effect,
+            value,
+            uncertainty,
+        };
+        let size = |choice: &Choice| ThermalSize {
+            numbers: choice.columns.len(),
+            rms: choice.mean().sqrt(),
+            // Half the relative standard error of the mean square.
+            standard_error: 0.5 * choice.standard_error()
+                / choice.mean().sqrt().max(f64::MIN_POSITIVE),
+        };
+        let offsets = sums.offsets(&choice.columns, &weights);
+        Ok(ThermalTerms::new(
+            places.map(number).collect(),
+            choice.penalty,
+            path.iter().map(size).collect(),
+            choice.errors.iter().map(|e| e.sqrt()).collect(),
+            known,
+            &offsets,
+        ))
+    }
+
+    /// The standard uncertainty of each number: the spread of what is found without each stretch in turn, which sees that
+    /// neighbouring rows are nearly equal (delete-a-group jackknife).
+    fn jackknife(&self, choice: &Choice) -> Vec<f64> {
+        let without = |left: usize| {
+            let others = self
+                .stretches
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| *i != left);
+            let sums = Sums::of(others.map(|(_, stretch)| stretch))?;
+            sums.ridge(&choice.columns, choice.penalty)
+        };
+        let found: Vec<Vec<f64>> = (0..self.stretches.len()).filter_map(without).collect();
+        let count = found.len().max(1) as f64;
+        let spread = |number: usize| {
+            let values = || found.iter().map(|weights| weights[number]);
+            let mean = values().sum::<f64>() / count;
+            let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
+            (squares * (count - 1.0) / count).sqrt()
+        };
+        (0..choice.columns.len()).map(spread).collect()
+    }
+}

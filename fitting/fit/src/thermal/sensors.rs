@@ -1,0 +1,62 @@
+//! The few sensors that tell most of what all of them tell.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::runs::ThermalRun;
+
+/// A sensor that moves by less than this in the mean, K, counts the less: that is what noise makes.
+const NOISE_K: f64 = 0.05;
+/// Below this movement, K, a sensor stands still.
+const STILL_K: f64 = 1e-3;
+/// Of a sensor of which less than this share of its variance is not told by those chosen, nothing is left to tell.
+const LEAST_SHARE: f64 = 1e-6;
+const MOST_ROWS: usize = 2000;
+
+/// Chooses sensors one after the other: each time the one which, together with those before it, explains most of the
+/// movement of all sensors, each scaled to its own. Displacements are not looked at: of many sensors that move alike they would pick
+/// by chance the one whose noise fits best.
+pub(super) fn telling(runs: &[(&ThermalRun, Range<usize>)], most: usize) -> Vec<usize> {
+    let sensors = runs.first().map_or(0, |(run, _)| run.record.degc.len());
+    let mut columns: Vec<DVector<f64>> = (0..sensors)
+        .map(|sensor| {
+            let moved = runs.iter().flat_map(|(run, rows)| {
+                let step = rows.len().div_ceil(MOST_ROWS).max(1);
+                let degc = &run.record.degc[sensor];
+                let taken: Vec<f64> = rows.clone().step_by(step).map(|row| degc[row]).collect();
+                let mean = taken.iter().sum::<f64>() / taken.len().max(1) as f64;
+                taken.into_iter().map(move |degc| degc - mean)
+            });
+            let moved: Vec<f64> = moved.collect();
+            let rms = (moved.iter().map(|x| x * x).sum::<f64>() / moved.len().max(1) as f64).sqrt();
+            let scale = if rms > STILL_K {
+                rms.max(NOISE_K)
+            } else {
+                f64::INFINITY
+            };
+            DVector::from_vec(moved) / scale
+        })
+        .collect();
+    let mut chosen = Vec::new();
+    let begun: Vec<f64> = columns.iter().map(DVector::norm_squared).collect();
+    while chosen.len() < most {
+        let products = DMatrix::from_fn(sensors, sensors, |i, j| columns[i].dot(&columns[j]));
+        let left = |&sensor: &usize| {
+            !chosen.contains(&sensor) && products[(sensor, sensor)] > LEAST_SHARE * begun[sensor]
+        };
+        let explains =
+            |sensor: usize| products.column(sensor).norm_squared() / products[(sensor, sensor)];
+        let best = (0..sensors)
+            .filter(left)
+            .max_by(|a, b| explains(*a).total_cmp(&explains(*b)));
+        let Some(best) = best else { break };
+        let unit = columns[best].normalize();
+        for column in &mut columns {
+            let part = unit.dot(column);
+            column.axpy(-part, &unit, 1.0);
+        }
+        chosen.push(best);
+    }
+    chosen
+}
