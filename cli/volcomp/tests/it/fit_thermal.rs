@@ -112,8 +112,11 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
         for row in 0..240_u32 {
             let hours = f64::from(row) / 60.0;
             let heats = (row / 40 + test) % 2 == 0;
-            spindle += 0.1 * (if heats { 35.0 } else { 20.0 } - spindle);
-            lagged += (spindle - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
+            // The test begins with all at one temperature: a lag starts at its first input.
+            if row > 0 {
+                spindle += 0.1 * (if heats { 35.0 } else { 20.0 } - spindle);
+                lagged += (spindle - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
+            }
             scale = 20.0 + 3.0 * (0.7 * hours + f64::from(test)).sin();
             let x = 300.0 * f64::from(row % 3);
             // Each test has a zero of its own; the room has no part. A little noise that repeats after 17 rows.
