@@ -1,6 +1,6 @@
 //! `volcomp fit`: readings to a curve of the machine file.
 
-use std::path::PathBuf;
+use std::{fmt::Write as _, path::PathBuf};
 
 use clap::ValueEnum;
 use serde_json::Value;
@@ -168,7 +168,8 @@ fn scan_text(trials: &[Trial]) -> String {
             let cells = (1..=6).map(cell);
             rows.add_row([fixed(support, 3)].into_iter().chain(cells));
         }
-        text += &format!("\n{title}, {symbol}\n{}", table_text(&rows));
+        // Writing to a string never fails.
+        let _ = write!(text, "\n{title}, {symbol}\n{}", table_text(&rows));
     }
     text + "\n* the curve above; - too few targets within the support\n"
 }

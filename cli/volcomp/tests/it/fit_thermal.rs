@@ -126,10 +126,10 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
                 + 0.011 * (scale - 20.0) * (x - 200.0)
                 + noise;
             let room = 21.0 + 0.5 * (2.0 * hours).cos();
-            text += &format!(
-                "{},{x},{spindle:.3},{scale:.3},{room:.3},{moved:.3}\n",
-                60 * row
-            );
+            let time_s = 60 * row;
+            let cells = [f64::from(time_s), x, spindle, scale, room, moved];
+            text += &cells.map(|cell| format!("{cell:.3}")).join(",");
+            text.push('\n');
         }
         let path = folder.join(format!("test-{test}.csv"));
         std::fs::write(&path, text).expect("written");

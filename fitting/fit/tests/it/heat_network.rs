@@ -22,6 +22,7 @@ const EFFECT: [f64; 6] = [1.2, 3.0, 4.0, -2.5, -1.5, 0.0];
 /// Rows of a run and their distance, s.
 const ROWS: usize = 360;
 const STEP_S: f64 = 60.0;
+const SECONDS: u32 = 60;
 
 /// A normally distributed number.
 fn normal(random: &mut ChaCha8Rng) -> f64 {
@@ -69,7 +70,7 @@ pub(crate) fn simulated(seed: u64) -> Simulated {
             all.push(degc + 0.03 * normal(&mut random));
         }
         // A second at a time: no mass follows faster than minutes.
-        for _ in 0..STEP_S as u32 {
+        for _ in 0..SECONDS {
             let mut flow = [0.0; 6];
             flow[0] += watt;
             for (a, b, conducts) in CONDUCTION {

@@ -1,5 +1,7 @@
 //! The result of a thermal fit as text for people.
 
+use std::fmt::Write as _;
+
 use volcomp_fit::ThermalEffect;
 use volcomp_model::ErrorName;
 
@@ -23,7 +25,9 @@ pub(super) fn text(
             arguments.reference,
             channel.is_angular(),
         );
-        text += &format!(
+        // Writing to a string never fails.
+        let _ = write!(
+            text,
             "\n{}\n{}\n{}\n# {}\n{toml}",
             channel.name,
             numbers(channel, sensors),
@@ -81,7 +85,7 @@ fn numbers(channel: &Channel, sensors: &[String]) -> String {
     } else {
         "µm/K"
     };
-    let mut lines = table(&["number of", "lag s", "value", "+/-", "unit"]);
+    let mut lines = table(&["sensor", "lag s", "value", "+/-", "unit"]);
     for number in &channel.terms.numbers {
         let (lag, scale, unit) = match number.effect {
             ThermalEffect::Drift { lag_s } => (format!("{lag_s}"), 1.0, unit),
@@ -98,7 +102,7 @@ fn numbers(channel: &Channel, sensors: &[String]) -> String {
     table_text(&lines)
 }
 
-/// The error of validation against the number of numbers, a few of each line.
+/// The error of validation against the number of numbers.
 fn sizes(channel: &Channel) -> String {
     let mut lines = table(&["numbers", "RMS of validation", "+/-"]);
     for size in channel.terms.path.iter().rev() {
