@@ -22,6 +22,7 @@ mod raised_slew;
 mod reads;
 mod rig;
 mod silence;
+mod slow_ways;
 mod standby;
 mod thread;
 mod ways;
