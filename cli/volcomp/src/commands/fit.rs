@@ -136,19 +136,20 @@ fn scan_text(trials: &[Trial]) -> String {
     let mut supports: Vec<f64> = trials.iter().map(|trial| trial.support).collect();
     supports.sort_by(f64::total_cmp);
     supports.dedup();
-    let residual = |t: &Trial| t.largest_residual_um.or(t.largest_residual_urad);
-    let leave_one_out = |t: &Trial| t.leave_one_out_um.or(t.leave_one_out_urad);
-    let parts: [(&str, &dyn Fn(&Trial) -> Option<f64>); 2] = [
-        ("Largest residual", &residual),
-        ("Leave-one-out error", &leave_one_out),
-    ];
     let symbol = if trials.iter().any(|t| t.largest_residual_urad.is_some()) {
         "µrad"
     } else {
         "µm"
     };
     let mut text = String::new();
-    for (title, value) in parts {
+    for (title, is_residual) in [("Largest residual", true), ("Leave-one-out error", false)] {
+        let value = |t: &Trial| {
+            if is_residual {
+                t.largest_residual_um.or(t.largest_residual_urad)
+            } else {
+                t.leave_one_out_um.or(t.leave_one_out_urad)
+            }
+        };
         let mut rows = table(&["support", "order 1", "2", "3", "4", "5", "6"]);
         for &support in &supports {
             let cell = |order: usize| {

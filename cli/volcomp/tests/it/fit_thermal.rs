@@ -107,17 +107,17 @@ fn the_terms_go_into_a_machine_file() {
 /// 11 µm/(m·K) from 200 mm on.
 fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
     let write = |test: u32| {
-        let (mut spindle, mut lagged, mut scale) = (20.0_f64, 20.0_f64, 20.0_f64);
+        let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);
         let mut text = "time_s,X,spindle_degc,scale_degc,room_degc,dx_um\n".to_owned();
         for row in 0..240_u32 {
             let hours = f64::from(row) / 60.0;
-            let heats = (row / 40 + test) % 2 == 0;
+            let heats = (row / 40 + test).is_multiple_of(2);
             // The test begins with all at one temperature: a lag starts at its first input.
             if row > 0 {
                 spindle += 0.1 * (if heats { 35.0 } else { 20.0 } - spindle);
                 lagged += (spindle - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
             }
-            scale = 20.0 + 3.0 * (0.7 * hours + f64::from(test)).sin();
+            let scale = 20.0 + 3.0 * (0.7 * hours + f64::from(test)).sin();
             let x = 300.0 * f64::from(row % 3);
             // Each test has a zero of its own; the room has no part. A little noise that repeats after 17 rows.
             let noise = 0.1 * f64::from(row * 7 % 17) / 17.0;

@@ -85,7 +85,7 @@ pub(super) fn stretches(
     let sums = |stretch: Range<usize>| {
         let step = stretch.len().div_ceil(MOST_ROWS * positions.len()).max(1);
         let mut groups = Vec::new();
-        for place in 0..positions.len() {
+        for (place, zero) in zeros.iter().enumerate() {
             let of_place = stretch.clone().filter(|row| places[*row] == place);
             let taken: Vec<usize> = of_place.step_by(step).collect();
             if taken.is_empty() {
@@ -94,7 +94,7 @@ pub(super) fn stretches(
             let z = DMatrix::from_fn(taken.len(), 1 + values.len(), |row, column| {
                 match column.checked_sub(1) {
                     None => 1.0,
-                    Some(column) => values[column][taken[row]] - zeros[place][column],
+                    Some(column) => values[column][taken[row]] - zero[column],
                 }
             });
             groups.push((place, z.tr_mul(&z)));

@@ -22,13 +22,18 @@ pub(super) struct Columns {
     pub(super) notes: Vec<String>,
 }
 
-/// The axis of a column with positions: `X`, `X_mm`; none for `position_mm`, which names none.
-fn position_of(name: &str) -> Option<Option<AxisName>> {
+/// The axis whose positions a column holds, where it names one.
+struct Moved {
+    axis: Option<AxisName>,
+}
+
+/// The axis of a column with positions: `X`, `X_mm`; `position_mm` names none.
+fn moved(name: &str) -> Option<Moved> {
     if name == "position_mm" {
-        return Some(None);
+        return Some(Moved { axis: None });
     }
     let axis: AxisName = name.strip_suffix("_mm").unwrap_or(name).parse().ok()?;
-    (axis.kind() == AxisKind::Linear).then_some(Some(axis))
+    (axis.kind() == AxisKind::Linear).then_some(Moved { axis: Some(axis) })
 }
 
 /// Reads the column `time_s`, those that end in `_degc`, those that end in `_um` or `_urad`, and the position of an axis.
@@ -57,7 +62,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
             found
                 .displacements
                 .push((name.to_owned(), numbers(column)?));
-        } else if let Some(axis) = position_of(name) {
+        } else if let Some(Moved { axis }) = moved(name) {
             let position = numbers(column)?;
             if position.windows(2).all(|pair| pair[0] == pair[1]) {
                 continue;
