@@ -1,5 +1,6 @@
 //! The guard against its rules.
 
+mod adv6;
 mod barrier;
 mod direction;
 mod edges;

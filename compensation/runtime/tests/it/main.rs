@@ -1,5 +1,6 @@
 //! The runtime on simulated machines whose time the tests count.
 
+mod adv6;
 mod change_of_path;
 mod coupled;
 mod embed;
