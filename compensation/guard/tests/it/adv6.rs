@@ -558,3 +558,110 @@ fn what_is_shown_after_a_lowered_slew_is_what_is_so() {
         }
     }
 }
+
+/// Words that are read back some cycles late: limits, slews and accelerations are changed, stops begin and end, another way
+/// takes over. No fault, no axis that moves in a stop, no word faster than the slew.
+#[test]
+fn random_changes_of_limits_and_slews_without_a_barrier_are_no_fault() {
+    let mut wrong = Vec::new();
+    for seed in 0..200_u64 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let late = random.random_range(0..5);
+        let mut world = World::new(&Limits {
+            read_back_cycles: late + 2,
+            ..world::limits()
+        });
+        world.told_late = late;
+        world.target = Some(axes(0.140, -0.070));
+        world.request(Request::Arm);
+        let mut done = Vec::new();
+        let (mut word, mut written) = (world.applied, 0);
+        let mut fastest = 0.5;
+        for cycle in 1..3000 {
+            let mut request = None;
+            let what = random.random_range(0..150);
+            match what {
+                0..3 => {
+                    let mut limits = *world.guard.limits();
+                    let limit = f64::from(random.random_range(5..150)) * STEP;
+                    let slew = [0.5, 0.25, 0.05, 0.01][random.random_range(0..4)];
+                    let accel = [20.0, 1.0, f64::INFINITY][random.random_range(0..3)];
+                    for axis in &mut limits.axes {
+                        (axis.limit, axis.warn) = (limit, limit);
+                        (axis.slew_per_s, axis.accel_per_s2) = (slew, accel);
+                    }
+                    fastest = slew.max(world.guard.limits().axes[0].slew_per_s);
+                    world.guard.set_limits(limits).expect("good");
+                    request = Some(Request::Switched);
+                }
+                3 | 4 => {
+                    let emergency_stop = random.random();
+                    let stop = Interlock {
+                        emergency_stop,
+                        ..Interlock::default()
+                    };
+                    world.interlocks.see(1, Some(stop));
+                }
+                5 => {
+                    world.target = Some(axes(
+                        random.random_range(-0.2..0.2),
+                        random.random_range(-0.2..0.2),
+                    ))
+                }
+                6 => request = Some(Request::Disarm),
+                7..10 => request = Some(Request::Arm),
+                10 if seed % 2 == 1 && world.interlocks.reasons().is_empty() => {
+                    let mut limits = *world.guard.limits();
+                    let limit = f64::from(random.random_range(5..150)) * STEP;
+                    for axis in &mut limits.axes {
+                        (axis.limit, axis.warn) = (limit, limit);
+                    }
+                    let places = PerChannel::leading([Some(1), Some(0)]);
+                    world.guard.take_path(limits, &places).expect("good");
+                    world.read_back = ReadBack::plain(Duration::ZERO);
+                    world.read_back.take_over(world.now, false);
+                    // The other way names the axes the other way round.
+                    world.applied = axes(world.applied[1], world.applied[0]);
+                    word = axes(word[1], word[0]);
+                    request = world.guard.state().is_armed().then_some(Request::TakeOver);
+                }
+                _ => {}
+            }
+            if what < 11 {
+                done.push((cycle, what));
+            }
+            let before = world.applied;
+            let output = world.cycle_after(PERIOD, request);
+            let told = |what: &str| {
+                let last: Vec<_> = done.iter().rev().take(6).collect();
+                format!(
+                    "{seed}, {late} late, cycle {cycle}: {what}, {last:?}, {:?}, {:?}",
+                    output.state, output.reasons
+                )
+            };
+            if matches!(output.state, State::Faulted(_)) {
+                wrong.push(told("fault"));
+                break;
+            }
+            for i in 0..2 {
+                let change = (world.applied[i] - word[i]).abs();
+                let most = (fastest * PERIOD.as_secs_f64() * f64::from(cycle - written)).max(STEP)
+                    + STEP
+                    + 1e-9;
+                if change > most {
+                    wrong.push(told(&format!("{i} by {:.1} um", change * 1e3)));
+                }
+            }
+            if world.applied != before {
+                (word, written) = (world.applied, cycle);
+                if !world.interlocks.reasons().is_empty() {
+                    wrong.push(told("moves in a stop"));
+                }
+            }
+            if wrong.len() > 10 {
+                break;
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}:\n{}", wrong.len(), wrong.join("\n"));
+}

@@ -284,3 +284,15 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
+
+/// An indexing axis in steps of 0.2 degrees is not corrected and needs no limits, behind a barrier either.
+#[test]
+fn an_indexing_axis_that_does_not_correct_needs_no_limits() {
+    let step_urad = 0.2_f64.to_radians() * 1e6;
+    let told = plan(step_urad, true, None);
+    let told = told
+        .as_ref()
+        .map(|plan| plan.left_out.len())
+        .map_err(ToString::to_string);
+    assert_eq!(told, Ok(2));
+}
