@@ -14,8 +14,9 @@ use crate::{
     ceiling,
     corridor::Corridor,
     proof::{Moves, Proof, Verdict},
+    read_back::are_equal,
     state::{Cause, Facts, Hold, Phase, State},
-    step::is_same_step,
+    step::{is_same_step, one_step},
 };
 
 /// A cycle counts as so many periods at the most.
@@ -36,14 +37,21 @@ pub struct Guard {
     corridor: Corridor,
     /// What was confirmed last.
     confirmed: PerChannel<f64>,
-    /// What is no surprise where it is found.
+    /// What was sent, and what is expected where it is found.
     allowed: Allowed,
+    /// When something was sent last, to a barrier.
+    sent_to_barrier: Option<Duration>,
     /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
     stood: bool,
     /// Where the control stands by itself while an interlock lasts: what is sent on to its barrier goes there.
     held: Option<PerChannel<f64>>,
+    /// Since when an interlock lasts.
+    stopped_since: Option<Duration>,
     /// Another path writes from now on: what it is known to apply is where it begins.
     took_over: bool,
+    /// It writes to the same axes in the same steps as the path before: what that one sent is on its way to the same barrier,
+    /// if there is one, and a reading that held until then does not show yet where it leads.
+    shared_until: Option<Duration>,
     proof: Proof,
     moves: Moves,
     /// What the last proof showed.
@@ -73,9 +81,12 @@ impl Guard {
             corridor: Corridor::about(&PerChannel::ZERO, &limits),
             confirmed: PerChannel::ZERO,
             allowed: Allowed::within(&limits),
+            sent_to_barrier: None,
             stood: true,
             held: None,
+            stopped_since: None,
             took_over: true,
+            shared_until: None,
             proof: Proof::default(),
             moves: Moves::default(),
             verdict: Verdict::default(),
@@ -101,8 +112,8 @@ impl Guard {
     }
 
     /// Another path writes from the next cycle on, with these limits in its order of axes: the output begins with what is
-    /// known to be applied on it. `places` says which place each of its axes had on the path before; `None`: that path did
-    /// not write it. What lies beyond the new limits, and was sent by the path before or known there, comes in by a ramp.
+    /// known to be applied on it, or with what is on its way to a barrier to which both lead. `places` says which place each of
+    /// its axes had on the path before; `None`: that path did not write it. What lies beyond the new limits, and was sent by the path before or known there, comes in by a ramp.
     ///
     /// # Errors
     /// Limits that make no sense: the path before goes on.
@@ -112,20 +123,28 @@ impl Guard {
         places: &PerChannel<Option<usize>>,
     ) -> Result<(), LimitsError> {
         limits.check()?;
-        // What the path before has sent, or was known to apply, is no surprise on this path either.
+        // What the path before has sent, or was known to apply, is expected on this path, too.
         let stands = self.stands().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
-        let both = [&self.limits, &limits];
-        self.allowed.take_path(now, places, &stands, both);
+        self.allowed
+            .take_path(now, places, &stands, &self.limits, &limits);
         // What the path before sent is the output until it is known what is applied on this one.
+        let is_same = limits.check_in_place_of(&self.limits).is_ok()
+            && (0..limits.count).all(|i| places[i] == Some(i));
+        let delay = self.limits.longest_delay().max(limits.longest_delay());
+        let until = self.sent_to_barrier.map(|sent| sent.saturating_add(delay));
+        self.shared_until = until.filter(|_| is_same);
         let sent = self.output();
-        let carried = places.map(|place| place.map_or(0.0, |place| sent[place]));
-        self.vector = Vector::at(&carried);
+        let corridor = self.corridor;
+        self.begin_with(&places.map(|place| place.map_or(0.0, |place| sent[place])));
+        if is_same {
+            self.corridor = corridor;
+        }
         self.before = self.vector;
         self.limits = limits;
         self.adopted = PerChannel::default();
         self.took_over = true;
-        self.held = None;
+        (self.held, self.stopped_since) = (None, None);
         // The positions of the path before are no positions of this one: what is sent now has to wait for those.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
@@ -263,53 +282,89 @@ impl Guard {
     /// In an interlock the last word is sent on to a barrier, so that it does not time out: the axis stands there already, or
     /// what is on its way brings it there. What is confirmed lags that word, and led back to it an axis would go to and fro.
     /// Only where the control took the word and stands elsewhere for long, since it holds by itself, the word goes there, so
-    /// that nothing moves when the control is free again.
+    /// that nothing moves when the control is free again. A control that stood before the stop may have been free since: it
+    /// holds where it is still seen to stand after it would have been seen to move.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
-        if !facts.interlocked || inputs.known.changed {
-            self.held = None;
-        } else if self.stands_elsewhere(inputs) {
-            self.held = inputs.known.confirmed.map(|confirmed| confirmed.values);
+        let (now, known) = (inputs.now, &inputs.known);
+        if !facts.interlocked {
+            (self.held, self.stopped_since) = (None, None);
+            return;
         }
+        let stopped_since = *self.stopped_since.get_or_insert(now);
+        let confirmed = known.confirmed.map(|confirmed| confirmed.values);
+        let is_seen = now.saturating_sub(stopped_since) > known.shown_after;
+        if is_seen && self.stands_elsewhere(inputs) {
+            self.held = confirmed;
+        }
+        // One that moves is held no more.
+        self.held = self.held.filter(|held| {
+            let stands = |values| are_equal(held, &values, &self.limits);
+            !known.changed && confirmed.is_some_and(stands)
+        });
     }
 
     /// Takes what is confirmed as the output where that is not what was sent, and tells whether this is an event.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
-        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
+        let known = &inputs.known;
+        let Some(Confirmed { values, at }) = known.confirmed else {
             return false;
         };
         if !self.all(|i| values[i].is_finite()) {
             return false;
         }
         self.confirmed = values;
-        let output = self.output();
-        let differs =
-            |i: usize| !is_same_step(values[i], output[i], self.limits.axes[i].resolution);
         let interlocked = !inputs.interlocks.is_empty();
         self.stood |= interlocked;
+        let took_over = core::mem::take(&mut self.took_over);
         // While nothing is sent the output is what is applied.
-        let idle = self.is_idle(inputs) || interlocked && inputs.known.changed;
-        if core::mem::take(&mut self.took_over) || idle {
-            self.vector = Vector::at(&values);
-            self.corridor = Corridor::about(&values, &self.limits);
+        let idle = self.is_idle(inputs);
+        if took_over && !idle && self.is_on_its_way(known.scheme, &values, at) {
             self.stood = true;
             return false;
         }
-        if !inputs.known.changed {
-            self.count_landed(&inputs.known, &values);
+        if took_over || idle || interlocked && known.changed {
+            self.begin_with(&values);
             return false;
         }
+        if !known.changed {
+            self.count_landed(known, &values);
+            return false;
+        }
+        let output = self.output();
+        // What is confirmed anew and is what was sent goes on as it went.
+        let mut is_event = false;
         for i in 0..self.limits.count {
-            if differs(i) {
+            if !is_same_step(values[i], output[i], self.limits.axes[i].resolution) {
                 self.adopted[i] = self.adopted[i].saturating_add(1);
+                is_event = true;
             }
         }
-        // What is confirmed anew and is what was sent goes on as it went.
-        let is_event = !self.all(|i| !differs(i));
         if is_event {
-            self.vector = Vector::at(&values);
-            self.corridor = Corridor::about(&values, &self.limits);
+            self.begin_with(&values);
         }
         is_event
+    }
+
+    /// The output begins with these values (mm, rad).
+    fn begin_with(&mut self, values: &PerChannel<f64>) {
+        self.vector = Vector::at(values);
+        self.corridor = Corridor::about(values, &self.limits);
+        self.stood = true;
+    }
+
+    /// Whether the word that the path before has sent is on its way to the barrier to which this one leads, too, that applied
+    /// these `values` at the time `at`: it is no further from them than was slewed since.
+    fn is_on_its_way(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
+        let (Some(until), output) = (self.shared_until, self.output()) else {
+            return false;
+        };
+        let slewed_s = until.saturating_sub(at).as_secs_f64();
+        let is_near = |i: usize| {
+            let slew_per_s = self.allowed.slew_per_s(i);
+            let most = slew_per_s * slewed_s + one_step(self.limits.axes[i].resolution);
+            (output[i] - values[i]).abs() <= most
+        };
+        scheme == Scheme::Barrier && at <= until && self.all(is_near)
     }
 
     /// Nothing is sent in this state; in an interlock only to a barrier.
@@ -334,7 +389,7 @@ impl Guard {
         }
     }
 
-    /// Keeps the largest correction that is no surprise: more than the limit only on the way in, where it was lowered or
+    /// Keeps the largest correction that is expected: more than the limit only on the way in, where it was lowered or
     /// a person has looked.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let Some(stands) = self.stands() else {
@@ -353,9 +408,12 @@ impl Guard {
         }
     }
 
-    /// Where the output and the control stand; `None`: another path writes, and it is not known yet on this one.
-    fn stands(&self) -> Option<[PerChannel<f64>; 2]> {
-        (!self.took_over).then(|| [self.output(), self.confirmed])
+    /// How far from zero each axis stands, by the output or in the control; `None`: another path writes, and it is not known
+    /// yet on this one.
+    fn stands(&self) -> Option<PerChannel<f64>> {
+        let (output, confirmed) = (self.output(), &self.confirmed);
+        let furthest = |i: usize| output[i].abs().max(confirmed[i].abs());
+        (!self.took_over).then(|| PerChannel::from_fn(furthest))
     }
 
     /// A ramp or a line begins where the output stands.

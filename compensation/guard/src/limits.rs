@@ -11,7 +11,8 @@ use crate::{ceiling, step::whole_below};
 pub struct AxisLimits {
     /// Whether the axis slides (all numbers in mm) or turns (all numbers in rad).
     pub kind: AxisKind,
-    /// The largest correction, in either direction; at most [`ceiling::LIMIT`] or [`ceiling::LIMIT_ROTARY`].
+    /// The largest correction, in either direction: at least one step, and at most [`ceiling::LIMIT`] or
+    /// [`ceiling::LIMIT_ROTARY`]; or 0 for an axis that is never corrected ([`AxisLimits::held_at_zero`]).
     pub limit: f64,
     /// A correction that is larger than this, in either direction, is reported.
     pub warn: f64,
@@ -155,6 +156,17 @@ impl AxisLimits {
         includes_correction: false,
     };
 
+    /// The limits of an axis that is not corrected, and is written with zero: the step of one may be larger than any
+    /// correction may be. What is left over there, up to one step, goes back to zero at the slew.
+    #[must_use]
+    pub fn held_at_zero(self) -> Self {
+        Self {
+            limit: 0.0,
+            warn: 0.0,
+            ..self
+        }
+    }
+
     /// The largest correction that is really written, mm or rad: the largest multiple of the resolution within the
     /// limit.
     pub fn reachable(&self) -> f64 {
@@ -197,7 +209,7 @@ impl AxisLimits {
             Quantity::Limit,
             self.limit,
             "at least one step of the controller",
-            self.limit.is_finite() && self.limit >= self.resolution,
+            self.limit.is_finite() && (self.limit >= self.resolution || self.limit == 0.0),
         )?;
         finite(
             Quantity::Limit,

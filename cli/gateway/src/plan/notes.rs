@@ -147,6 +147,10 @@ fn by_axes(
 /// A limit that is lowered since there is no barrier, or is no whole number of steps.
 fn limit(axis: &AxisPlan) -> Option<String> {
     let asked = axis.limit.asked?;
+    if axis.limit.value == 0.0 {
+        // It does not correct, which is told by itself.
+        return None;
+    }
     if asked - axis.limit.value >= axis.resolution.value {
         return Some(format!(
             "without a barrier in the control corrections go up to {} {unit}, not {asked} {unit}: a late write or a wrong reading may make a step as large as that (limit_without_barrier_{})",

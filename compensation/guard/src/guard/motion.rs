@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::Guard;
 use crate::{
-    Confirmed, Inputs, Limits, Reasons, Scheme, Vector,
+    Confirmed, Inputs, Limits, Reasons, Scheme,
     state::{Phase, State},
     step::ROUNDING,
 };
@@ -28,12 +28,13 @@ impl Guard {
             let moved = self.move_by(inputs, dt_s * share);
             let output = self.output();
             let is_near = |i: usize| {
-                // The word that was sent last is on its way: what comes in from beyond a limit begins there.
+                // The word that was sent last is on its way. It may be sent again, however far it is from what is confirmed:
+                // what comes in from beyond a limit begins there, and a lower slew takes nothing back.
                 let stood = values[i].abs().max(sent[i].abs());
                 let most = stood.max(self.limits.axes[i].reachable());
                 let reach = reach[i] * ROUNDING;
-                output[i] - lowest[i] <= reach
-                    && highest[i] - output[i] <= reach
+                output[i] <= sent[i].max(lowest[i] + reach)
+                    && output[i] >= sent[i].min(highest[i] - reach)
                     && output[i].abs() <= most * ROUNDING
                     && self.corridor.contains(i, output[i], &self.limits)
             };
@@ -43,24 +44,37 @@ impl Guard {
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;
                 self.corridor.narrow(&output, &self.limits);
-                self.allowed.send(&output);
+                self.allowed.send(&output, &self.limits);
+                let is_barrier = inputs.known.scheme == Scheme::Barrier;
+                self.sent_to_barrier = is_barrier.then_some(inputs.now);
                 return true;
             }
         }
-        // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
-        self.vector = Vector::at(&values);
-        self.stood = true;
+        // A word whose sending failed may have landed all the same: from there to the last one before it the rate allows
+        // nothing yet.
+        self.vector = self.before;
+        self.vector.stop();
+        self.held_back += 1;
+        *reasons |= Reasons::SLEWING;
         false
     }
 
     /// How far the output of each axis may be from what may be applied, mm and rad: what the guard slews in the delay of a
-    /// path with a barrier, else one slew or one step, whichever is larger.
+    /// path with a barrier, or slewed while what is on its way was sent, else one slew or one step, whichever is larger.
     fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
         let period_s = self.limits.period.as_secs_f64();
         let delay_s = self.limits.delay().as_secs_f64();
-        self.limits.of_axes(|axis| match scheme {
-            Scheme::Barrier => axis.slew_per_s * (delay_s + period_s) + axis.resolution,
-            Scheme::Plain | Scheme::NoReadBack => (axis.slew_per_s * period_s).max(axis.resolution),
+        PerChannel::from_fn(|i| {
+            let axis = &self.limits.axes[i];
+            match scheme {
+                Scheme::Barrier => {
+                    let slew_per_s = axis.slew_per_s.max(self.allowed.slew_per_s(i));
+                    slew_per_s * (delay_s + period_s) + axis.resolution
+                }
+                Scheme::Plain | Scheme::NoReadBack => {
+                    (axis.slew_per_s * period_s).max(axis.resolution)
+                }
+            }
         })
     }
 

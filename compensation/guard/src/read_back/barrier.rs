@@ -124,12 +124,11 @@ impl BarrierLink {
         }
     }
 
-    /// Since when the control could have moved, and the last report, which is so old, shows that it has not: what was sent
-    /// when it was seen to stand has to go there, to be taken, to move it by a step, and to be told.
-    fn stands_since(&self, age: Duration, limits: &Limits) -> Option<Duration> {
-        let (_, since) = self.stands?;
-        let step = self.time_of(self.settings?.step_scans);
-        Some(since + limits.longest_delay() + step + age)
+    /// How long after the control can move it is seen to: what was sent has to go there, to be taken, to move it by a step, and
+    /// to be told.
+    fn shown_after(&self, limits: &Limits) -> Duration {
+        let step_scans = self.settings.map_or(0, |settings| settings.step_scans);
+        limits.longest_delay() + self.time_of(step_scans)
     }
 
     /// Counts the control's scans. With a new epoch they may begin anew: the control was switched on.
@@ -158,7 +157,11 @@ impl BarrierLink {
         let age = known
             .confirmed
             .map(|confirmed| now.saturating_sub(confirmed.at));
-        known.stands_since = age.and_then(|age| self.stands_since(age, limits));
+        known.shown_after = self.shown_after(limits);
+        // As of when it could have moved, by the last report, which is so old.
+        known.stands_since = age
+            .zip(self.stands)
+            .map(|(age, (_, since))| since + known.shown_after + age);
         known.lets_go_after = (self.settings).map(|settings| self.time_of(settings.time_out_scans));
         // A frame that answers an older report is refused.
         known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);

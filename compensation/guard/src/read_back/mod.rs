@@ -75,6 +75,8 @@ pub struct Known {
     /// Since when a control with a barrier stands although it took something else: it holds by itself, and no path shows why.
     /// `None`: it moves, or is where it is to be.
     pub stands_since: Option<Duration>,
+    /// How long after a control with a barrier is free to move this is seen at the latest.
+    pub shown_after: Duration,
     /// How long after the last frame that it took a barrier lets go of what it applies: what was confirmed longer ago is not
     /// known any more. `None`: no barrier tells it.
     pub lets_go_after: Option<Duration>,

@@ -120,7 +120,7 @@ fn limits_that_make_no_sense_are_refused() {
         Guard::new(limits).expect_err("refused")
     };
     assert_eq!(
-        check(&|l| l.axes[1].limit = 0.0).axis,
+        check(&|l| l.axes[1].limit = 0.0009).axis,
         Some((1, volcomp_vocabulary::AxisKind::Linear))
     );
     assert_eq!(check(&|l| l.axes[0].warn = 0.2).what, Quantity::Warn);

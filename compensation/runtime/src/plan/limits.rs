@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, Limits, ROUNDING, reversal_threshold};
+use volcomp_guard::{AxisLimits, Limits, ROUNDING, ceiling, reversal_threshold};
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Axis, Description};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerChannel, Urad};
@@ -63,6 +63,14 @@ pub(super) fn limits(
             }
             if !description.barrier {
                 without_barrier(into, guard);
+            }
+            let most = match into.kind {
+                AxisKind::Linear => ceiling::LIMIT.0,
+                AxisKind::Rotary => ceiling::LIMIT_ROTARY.0,
+            };
+            if into.resolution > into.limit.min(most * ROUNDING) {
+                // Not even one step of it may be written.
+                *into = into.held_at_zero();
             }
             continue;
         }
