@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::Guard;
 use crate::{
-    Confirmed, Inputs, Limits, Reasons, Scheme,
+    Confirmed, Inputs, Limits, Reasons, Scheme, Vector,
     state::{Phase, State},
     step::ROUNDING,
 };
@@ -20,6 +20,7 @@ impl Guard {
         let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
             return false;
         };
+        let is_barrier = inputs.known.scheme == Scheme::Barrier;
         let reach = self.reach(inputs.known.scheme);
         let [lowest, highest] = inputs.known.between;
         let sent = self.before.output();
@@ -28,13 +29,16 @@ impl Guard {
             let moved = self.move_by(inputs, dt_s * share);
             let output = self.output();
             let is_near = |i: usize| {
-                // The word that was sent last is on its way. It may be sent again, however far it is from what is confirmed:
-                // what comes in from beyond a limit begins there, and a lower slew takes nothing back.
+                let reach = reach[i] * ROUNDING;
+                let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
+                if is_barrier {
+                    // The word that was sent last is on its way, and may be sent again, however far it is from what is confirmed.
+                    (least, largest) = (least.min(sent[i]), largest.max(sent[i]));
+                }
+                // What comes in from beyond a limit begins there.
                 let stood = values[i].abs().max(sent[i].abs());
                 let most = stood.max(self.limits.axes[i].reachable());
-                let reach = reach[i] * ROUNDING;
-                output[i] <= sent[i].max(lowest[i] + reach)
-                    && output[i] >= sent[i].min(highest[i] - reach)
+                (least..=largest).contains(&output[i])
                     && output[i].abs() <= most * ROUNDING
                     && self.corridor.contains(i, output[i], &self.limits)
             };
@@ -45,15 +49,20 @@ impl Guard {
                 *reasons |= moved;
                 self.corridor.narrow(&output, &self.limits);
                 self.allowed.send(&output, &self.limits);
-                let is_barrier = inputs.known.scheme == Scheme::Barrier;
                 self.sent_to_barrier = is_barrier.then_some(inputs.now);
                 return true;
             }
         }
-        // A word whose sending failed may have landed all the same: from there to the last one before it the rate allows
-        // nothing yet.
-        self.vector = self.before;
-        self.vector.stop();
+        if is_barrier {
+            // A frame whose sending failed may have landed all the same: from there to the word before it the rate allows
+            // nothing yet.
+            self.vector = self.before;
+            self.vector.stop();
+        } else {
+            // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
+            self.vector = Vector::at(&values);
+            self.stood = true;
+        }
         self.held_back += 1;
         *reasons |= Reasons::SLEWING;
         false
@@ -124,21 +133,26 @@ impl Guard {
         for (i, axis) in limits.axes.iter_mut().enumerate() {
             axis.limit = axis.limit.max(held[i].abs()).max(stands[i].abs());
         }
-        self.move_to(held, &limits, dt_s);
+        limits.ramp = Duration::ZERO;
+        self.move_on_line(held, &limits, dt_s);
     }
 
     /// Moves the vector on a line to a goal that is some steps away: it takes the fewest cycles, not those of the ramp of a
     /// correction. What a lowered limit left outside comes in by a ramp.
     fn move_to(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
+        let (smooth, mut limits) = (self.vector.smooth(), *limits);
+        let is_within = |i: usize| smooth[i].abs() <= limits.axes[i].reachable() * ROUNDING;
+        if self.all(is_within) {
+            limits.ramp = Duration::ZERO;
+        }
+        self.move_on_line(goal, &limits, dt_s);
+    }
+
+    fn move_on_line(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
         // Also anew where a write was not sent, and the vector is as it was before.
         if !self.vector.leads_to(goal) {
             self.vector.begin_line(goal);
         }
-        let (smooth, mut limits) = (self.vector.smooth(), *limits);
-        let is_within = |i: usize| smooth[i].abs() <= limits.axes[i].reachable() * (1.0 + 1e-9);
-        if self.all(is_within) {
-            limits.ramp = Duration::ZERO;
-        }
-        self.vector.advance_line(&limits, dt_s);
+        self.vector.advance_line(limits, dt_s);
     }
 }

@@ -306,3 +306,83 @@ fn limits_lowered_as_a_stop_begins_lead_no_axis_back() {
         assert!(furthest > 0.100, "{furthest}");
     }
 }
+
+/// X of a control some cycles away that holds by a stop which nothing shows, in the middle of a ramp, so long that it was seen to
+/// stand.
+fn held_by_itself(late: usize) -> World {
+    let mut world = World::in_motion(late, 90);
+    world.holds = true;
+    world.run(Duration::from_millis(180));
+    assert!(world.guard.output()[0] > world.applied[0], "{late} late");
+    world
+}
+
+/// How far X goes back at most in so many cycles, mm.
+fn goes_back(world: &mut World, cycles: u32) -> f64 {
+    let (mut highest, mut back) = (world.applied[0], 0.0_f64);
+    for _ in 0..cycles {
+        world.run(Duration::ZERO);
+        highest = highest.max(world.applied[0]);
+        back = back.max(highest - world.applied[0]);
+    }
+    back
+}
+
+/// The control is free again, and then another path shows a stop: the axis goes to the word that was sent on, and stands there.
+/// What is known of where it stood is older than that.
+#[test]
+fn a_stop_that_begins_as_the_control_is_free_again_leads_no_axis_back() {
+    for late in [0_usize, 1, 2, 4, 6] {
+        for cycles in 0..2 * late as u32 + 4 {
+            let mut world = held_by_itself(late);
+            world.holds = false;
+            for _ in 0..cycles {
+                world.run(Duration::ZERO);
+            }
+            world.interlocks.see(1, STOP);
+            let back = goes_back(&mut world, 200);
+            assert!(back <= 1e-9, "{late} late, after {cycles}: {back}");
+        }
+    }
+}
+
+/// The control holds on in a stop that another path shows: the word goes where it stands, also where a limit was lowered below
+/// that, so that nothing moves when it is free again in the stop.
+#[test]
+fn what_holds_by_itself_in_a_stop_stands_when_it_is_free_again() {
+    for late in [0, 1, 2, 4, 6] {
+        for limit in [0.150, 0.030] {
+            let mut world = held_by_itself(late);
+            world.interlocks.see(1, STOP);
+            let stood = world.applied;
+            world.run(Duration::from_millis(40));
+            world.lower_limits(limit);
+            world.run(Duration::from_millis(400));
+            let case = format!("{late} late, {limit}");
+            assert!((world.guard.output()[0] - stood[0]).abs() < 1e-9, "{case}");
+            world.holds = false;
+            world.run(Duration::from_millis(400));
+            assert_eq!(world.applied, stood, "{case}");
+        }
+    }
+}
+
+/// The control is free again while the word is on its way to where it stood: the axis goes to the word, and both stand.
+#[test]
+fn what_is_free_again_in_a_stop_is_led_nowhere() {
+    for late in [0, 1, 2, 4, 6] {
+        for after in (0..200).step_by(12) {
+            let mut world = held_by_itself(late);
+            world.interlocks.see(1, STOP);
+            world.run(Duration::from_millis(after));
+            world.holds = false;
+            // Until this is seen, and what was sent until then has landed.
+            world.run(4 * late as u32 * PERIOD + Duration::from_millis(80));
+            let (word, at) = (world.guard.output(), world.applied);
+            assert_eq!(word[0], at[0], "{late} late, after {after} ms");
+            world.run(Duration::from_millis(400));
+            assert_eq!(world.applied, at, "{late} late, after {after} ms");
+            assert_eq!(world.guard.output(), word, "{late} late, after {after} ms");
+        }
+    }
+}

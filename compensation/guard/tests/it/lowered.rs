@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use volcomp_guard::{Cause, Interlock, Limits, ReadBack, Request, State, Vector, Wanted};
-use volcomp_vocabulary::PerChannel;
+use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
     vector::{five, of, three},
@@ -169,19 +169,6 @@ fn a_lowered_acceleration_does_not_overshoot() {
     }
 }
 
-/// A barrier some cycles away, in the middle of the ramp of a correction to 140 µm.
-fn in_motion(late: usize, after: u32) -> World {
-    let mut world = World::guarded(&Limits {
-        read_back_cycles: 2 * late + 2,
-        ..world::limits()
-    });
-    (world.sent_late, world.told_late) = (late, late);
-    world.target = Some(axes(0.140, -0.070));
-    world.request(Request::Arm);
-    world.run(after * PERIOD);
-    world
-}
-
 /// What was on its way to a barrier lands after the limit was lowered, and comes in: it was a correction that nobody has sent,
 /// and the whole correction was lost.
 #[test]
@@ -189,7 +176,7 @@ fn limits_lowered_in_motion_behind_a_slow_way_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
         for after in [60, 80, 100, 120, 140] {
             for limit in [0.100, 0.030] {
-                let mut world = in_motion(late, after);
+                let mut world = World::in_motion(late, after);
                 world.largest_step = 0.0;
                 world.lower_limits(limit);
                 world.request(Request::Switched);
@@ -328,4 +315,36 @@ fn what_was_sent_is_carried_over_two_changes_of_path() {
     world.request(Request::TakeOver);
     let state = world.run(Duration::from_secs(3)).state;
     assert_eq!(state, State::Faulted(Cause::BeyondLimit));
+}
+
+/// X follows A by a lever that is a little different in every cycle, since the machine moves: what was left over comes in within
+/// limits that were lowered before arming all the same, before the test shift begins.
+#[test]
+fn limits_lowered_before_arming_come_in_while_the_machine_moves() {
+    let mut limits = world::limits();
+    let a = &mut limits.axes[1];
+    (a.kind, a.limit, a.warn) = (AxisKind::Rotary, 0.0015, 0.001);
+    (a.slew_per_s, a.resolution) = (0.0005, 1e-6);
+    limits.test_shift = axes(0.005, 20e-6);
+    for moves in [0.0, 0.05] {
+        let mut world = World::new(&limits);
+        world.applied = axes(0.140, 200e-6);
+        world.positions = axes(10.0, 0.5);
+        world.follow[1] = axes(100.0, 0.0);
+        world.run(Duration::from_secs(1));
+        let mut lower = limits;
+        (lower.axes[0].limit, lower.axes[0].warn) = (0.030, 0.030);
+        world.guard.set_limits(lower).expect("good limits");
+        world.target = Some(axes(0.010, 0.0));
+        world.request(Request::Arm);
+        assert_eq!(world.guard.state().name(), "arming");
+        for _ in 0..1000 {
+            world.positions[0] += 0.2 * moves;
+            world.positions[1] += 0.002 * moves;
+            world.follow[1][0] += moves;
+            world.run(Duration::ZERO);
+        }
+        let at = world.applied[0];
+        assert!(at <= 0.030 + 1e-9, "{moves}: {at}");
+    }
 }

@@ -1,6 +1,5 @@
 //! The guard against its rules.
 
-mod adv6;
 mod barrier;
 mod direction;
 mod edges;
@@ -12,9 +11,11 @@ mod machine;
 mod proof;
 mod properties;
 mod ramps;
+mod random_limits;
 mod read_back;
 mod selector;
 mod sequences;
+mod slow_ways;
 mod states;
 mod structured_text;
 mod temperature;

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{Limits, Request, State, Vector, Wanted};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
@@ -291,4 +293,78 @@ fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_guard() {
     let after = world.applied;
     assert_ne!(output.state, State::Compensating, "1.3 s of a ramp of 5 s");
     assert!((after[1] - before[1]).abs() < 0.030, "{before:?} {after:?}");
+}
+
+/// By how much the tip is off along X, Y, Z, mm: the linear axes against what belongs to A and C where these are.
+fn tip_misses(wanted: &Wanted, at: &PerChannel<f64>) -> f64 {
+    let off = |l: usize| {
+        let follows = wanted.follow[3][l] * at[3] + wanted.follow[4][l] * at[4];
+        at[l] - follows - wanted.position[l]
+    };
+    (0..3).map(|l| off(l).powi(2)).sum::<f64>().sqrt()
+}
+
+/// What is wanted of five axes, by any levers to 0.4 m.
+fn any_wanted(random: &mut ChaCha8Rng) -> Wanted {
+    let mut share = |size: f64| random.random_range(-size..size);
+    let mut follow = PerChannel::default();
+    for rotary in [3, 4] {
+        follow[rotary] = of([share(400.0), share(400.0), share(400.0)]);
+    }
+    Wanted {
+        position: of([share(0.2), share(0.2), share(0.2)]),
+        rotary: of([0.0, 0.0, 0.0, share(300e-6), share(300e-6)]),
+        follow,
+    }
+}
+
+/// Limits of linear and rotary axes are lowered and raised at random, and other models come: while nothing is behind, the tip is
+/// no further off than without correction or than where the ramp began, but for the rounding.
+#[test]
+fn the_tip_is_never_further_off_than_where_the_ramp_began() {
+    for seed in 0..60_u64 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut limits = five(if random.random() { 0.0 } else { 0.05 });
+        for axis in limits.axes.iter_mut().take(5) {
+            axis.resolution = if axis.kind == AxisKind::Linear {
+                1e-5
+            } else {
+                1e-8
+            };
+        }
+        let mut wanted = any_wanted(&mut random);
+        let mut vector = Vector::default();
+        let mut begun = tip_misses(&wanted, &vector.smooth());
+        for cycle in 0..3000 {
+            let what = random.random_range(0..200);
+            if what < 3 {
+                match what {
+                    0 => {
+                        let [linear, rotary] =
+                            [0.150, 150e-6].map(|most| most * random.random_range(0.02..1.0));
+                        for axis in limits.axes.iter_mut().take(5) {
+                            axis.limit = match axis.kind {
+                                AxisKind::Linear => linear,
+                                AxisKind::Rotary => rotary,
+                            };
+                            axis.warn = axis.limit;
+                        }
+                    }
+                    1 => wanted = any_wanted(&mut random),
+                    _ => vector = Vector::at(&vector.smooth()),
+                }
+                vector.begin_ramp();
+                begun = tip_misses(&wanted, &vector.smooth());
+            }
+            let followed = vector.follow(&wanted, &limits, 0.004);
+            let off = tip_misses(&wanted, &vector.smooth());
+            let without = tip_misses(&wanted, &PerChannel::ZERO);
+            if followed.behind {
+                begun = begun.max(off);
+            } else {
+                let most = begun.max(without) + 1e-4;
+                assert!(off <= most, "seed {seed}, cycle {cycle}: {off} of {most}");
+            }
+        }
+    }
 }

@@ -12,6 +12,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const SCAN: Duration = Duration::from_millis(2);
 pub(crate) const STEP: f64 = 0.001;
+/// mm/s.
+pub(crate) const SLEW: f64 = 0.5;
 pub(crate) const MACHINE: u16 = 4711;
 
 pub(crate) fn limits() -> Limits {
@@ -19,7 +21,7 @@ pub(crate) fn limits() -> Limits {
         kind: AxisKind::Linear,
         limit: 0.150,
         warn: 0.100,
-        slew_per_s: 0.5,
+        slew_per_s: SLEW,
         accel_per_s2: 20.0,
         resolution: STEP,
         includes_correction: false,
@@ -152,6 +154,19 @@ impl World {
         world
     }
 
+    /// A barrier some cycles away, so long after the begin of the ramp of a correction to 140 µm.
+    pub(crate) fn in_motion(late: usize, after: u32) -> Self {
+        let mut world = Self::guarded(&Limits {
+            read_back_cycles: 2 * late + 2,
+            ..limits()
+        });
+        (world.sent_late, world.told_late) = (late, late);
+        world.target = Some(axes(0.140, -0.070));
+        world.request(Request::Arm);
+        world.run(after * PERIOD);
+        world
+    }
+
     fn of(limits: &Limits, read_back: ReadBack, barrier: Option<Barrier>) -> Self {
         let now = Duration::from_secs(1);
         let mut world = Self {
@@ -193,6 +208,14 @@ impl World {
         // Three readings that each tell something of their own.
         world.run(2 * limits.delay() + 9 * PERIOD);
         world
+    }
+
+    /// Another way to the same barrier, which was not heard yet, takes over with these limits. Gives the way before.
+    pub(crate) fn take_other_way(&mut self, limits: Limits) -> ReadBack {
+        let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
+        let places = same_places();
+        self.guard.take_path(limits, &places).expect("good limits");
+        std::mem::replace(&mut self.read_back, ReadBack::barrier(link))
     }
 
     pub(crate) fn known(&self) -> &Known {

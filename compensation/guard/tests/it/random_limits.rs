@@ -1,0 +1,194 @@
+//! Limits, slews, ways and stops that change at random while the correction moves: no fault, no word faster than the slew, no axis
+//! that moves in a stop.
+
+use std::time::Duration;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_guard::{
+    BarrierLink, Cause, Interlock, Limits, ReadBack, Request, State, Told, barrier::REPORT_WORDS,
+};
+use volcomp_vocabulary::PerChannel;
+
+use crate::world::{self, MACHINE, PERIOD, SCAN, SLEW, STEP, World, axes, layout, same_places};
+
+/// Any limits up to 150 steps.
+fn any_limits(world: &World, random: &mut ChaCha8Rng) -> Limits {
+    let mut limits = *world.guard.limits();
+    let limit = f64::from(random.random_range(5..150)) * STEP;
+    for axis in &mut limits.axes {
+        (axis.limit, axis.warn) = (limit, limit);
+    }
+    limits
+}
+
+fn any_target(random: &mut ChaCha8Rng) -> PerChannel<f64> {
+    let mut share = || random.random_range(-0.2..0.2);
+    axes(share(), share())
+}
+
+/// A stop, or none, that another path shows.
+fn shows(world: &mut World, emergency_stop: bool) {
+    let interlock = Interlock {
+        emergency_stop,
+        ..Interlock::default()
+    };
+    world.interlocks.see(1, Some(interlock));
+}
+
+/// The way that stands by is asked.
+fn is_asked(standby: &mut ReadBack, world: &World) {
+    let Some(barrier) = &world.barrier else {
+        return;
+    };
+    let mut words = [0; REPORT_WORDS];
+    let length = barrier.report().encode(&mut words);
+    let told = Told::Report(&words[..length]);
+    standby.hear(world.now, world.now, &told, world.guard.limits());
+}
+
+/// Behind a barrier some cycles away, to which another way leads, too.
+#[test]
+fn random_changes_of_limits_are_no_fault() {
+    // Beside any: those in which an axis moved in a stop, once.
+    for seed in (0..60).chain([81, 237, 320]) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let late = random.random_range(0..5);
+        let mut world = World::in_motion(late, random.random_range(20..150));
+        let takes_over = seed % 2 == 1;
+        let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
+        // What was on its way when a stop began has landed, and moved the axis.
+        let settled = 2 * late as u32 + 6;
+        let (mut word, mut written) = (Some(world.guard.output()[0]), 0);
+        let (mut stopped, mut stood) = (0_u32, world.applied);
+        for cycle in 1..3000 {
+            let mut request = None;
+            let is_clear = world.interlocks.reasons().is_empty();
+            match random.random_range(0..120) {
+                0 | 1 => {
+                    let limits = any_limits(&world, &mut random);
+                    world.guard.set_limits(limits).expect("good limits");
+                    request = Some(Request::Switched);
+                }
+                2 if !world.emergency_stop => {
+                    let emergency_stop = random.random();
+                    shows(&mut world, emergency_stop);
+                }
+                3 if world.emergency_stop || is_clear => {
+                    // The control is stopped for longer than any other path shows it.
+                    world.emergency_stop ^= true;
+                    shows(&mut world, false);
+                }
+                4 => world.target = Some(any_target(&mut random)),
+                5 if is_clear && !world.emergency_stop => world.holds ^= true,
+                6 => request = Some(Request::Disarm),
+                7..10 => request = Some(Request::Arm),
+                10 | 11 if takes_over => {
+                    let limits = any_limits(&world, &mut random);
+                    if is_clear && !matches!(world.guard.state(), State::Faulted(_)) {
+                        let places = same_places();
+                        world.guard.take_path(limits, &places).expect("good limits");
+                        std::mem::swap(&mut world.read_back, &mut standby);
+                        request = world.guard.state().is_armed().then_some(Request::TakeOver);
+                        word = None;
+                    }
+                }
+                _ => {}
+            }
+            let output = world.cycle_after(PERIOD, request);
+            let case = format!(
+                "seed {seed}, {late} late, cycle {cycle}, {:?}",
+                output.state
+            );
+            let beyond = State::Faulted(Cause::BeyondLimit);
+            assert_ne!(output.state, beyond, "{case}");
+            if output.write {
+                let now = output.correction[0];
+                let change = word.map_or(0.0, |word| (now - word).abs());
+                let passed_s = PERIOD.as_secs_f64() * f64::from(cycle - written);
+                assert!(change <= SLEW * passed_s + STEP + 1e-9, "{case}: {change}");
+                (word, written) = (Some(now), cycle);
+            }
+            if cycle % 8 == 0 {
+                is_asked(&mut standby, &world);
+            }
+            let is_clear = world.interlocks.reasons().is_empty();
+            stopped = if is_clear { 0 } else { stopped + 1 };
+            if stopped == settled {
+                stood = world.applied;
+            }
+            if stopped > settled && !world.holds {
+                assert_eq!(world.applied, stood, "{case}");
+            }
+        }
+    }
+}
+
+/// The same by words that are read back some cycles late, and a way that names the axes the other way round.
+#[test]
+fn random_changes_of_limits_without_a_barrier_are_no_fault() {
+    for seed in 0..60_u64 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let late = random.random_range(0..5);
+        let mut world = World::new(&Limits {
+            read_back_cycles: late + 2,
+            ..world::limits()
+        });
+        world.told_late = late;
+        world.target = Some(axes(0.140, -0.070));
+        world.request(Request::Arm);
+        let (mut word, mut written) = (world.applied, 0);
+        let mut fastest = SLEW;
+        for cycle in 1..3000 {
+            let mut request = None;
+            match random.random_range(0..150) {
+                0..3 => {
+                    let mut limits = any_limits(&world, &mut random);
+                    let slew_per_s = [0.5, 0.25, 0.05, 0.01][random.random_range(0..4)];
+                    let accel_per_s2 = [20.0, 1.0, f64::INFINITY][random.random_range(0..3)];
+                    fastest = limits.axes[0].slew_per_s.max(slew_per_s);
+                    for axis in &mut limits.axes {
+                        (axis.slew_per_s, axis.accel_per_s2) = (slew_per_s, accel_per_s2);
+                    }
+                    world.guard.set_limits(limits).expect("good limits");
+                    request = Some(Request::Switched);
+                }
+                3 | 4 => {
+                    let emergency_stop = random.random();
+                    shows(&mut world, emergency_stop);
+                }
+                5 => world.target = Some(any_target(&mut random)),
+                6 => request = Some(Request::Disarm),
+                7..10 => request = Some(Request::Arm),
+                10 if seed % 2 == 1 && world.interlocks.reasons().is_empty() => {
+                    let limits = any_limits(&world, &mut random);
+                    let places = PerChannel::leading([Some(1), Some(0)]);
+                    world.guard.take_path(limits, &places).expect("good limits");
+                    world.read_back = ReadBack::plain(Duration::ZERO);
+                    world.read_back.take_over(world.now, false);
+                    world.applied = axes(world.applied[1], world.applied[0]);
+                    word = axes(word[1], word[0]);
+                    request = world.guard.state().is_armed().then_some(Request::TakeOver);
+                }
+                _ => {}
+            }
+            let before = world.applied;
+            let output = world.cycle_after(PERIOD, request);
+            let case = format!(
+                "seed {seed}, {late} late, cycle {cycle}, {:?}",
+                output.state
+            );
+            assert!(!matches!(output.state, State::Faulted(_)), "{case}");
+            let passed_s = PERIOD.as_secs_f64() * f64::from(cycle - written);
+            let most = (fastest * passed_s).max(STEP) + STEP + 1e-9;
+            for i in 0..2 {
+                let change = (world.applied[i] - word[i]).abs();
+                assert!(change <= most, "{case}: {change}");
+            }
+            if world.applied != before {
+                assert!(world.interlocks.reasons().is_empty(), "{case}");
+                (word, written) = (world.applied, cycle);
+            }
+        }
+    }
+}

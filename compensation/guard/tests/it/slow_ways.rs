@@ -1,0 +1,192 @@
+//! A barrier behind a way on which frames and reports take their time: what was sent is not confirmed yet when limits, the way
+//! or the direction change.
+
+use std::time::Duration;
+
+use volcomp_guard::{Interlock, Limits, Request, State};
+
+use crate::world::{PERIOD, SLEW, STEP, World, axes};
+
+const LATE: [usize; 5] = [0, 1, 2, 4, 6];
+const STOP: Option<Interlock> = Some(Interlock {
+    unreferenced: false,
+    alarm: false,
+    emergency_stop: true,
+});
+
+/// What is seen of X from some time on, mm.
+#[derive(Debug, Default)]
+struct Watch {
+    word: Option<f64>,
+    highest: f64,
+    /// How far the axis went back, and by how much a word was further from the one before than slew and step.
+    back: f64,
+    jump: f64,
+    /// The most cycles in a row without a frame.
+    unsent: u32,
+    silent: u32,
+}
+
+impl Watch {
+    fn of(world: &World) -> Self {
+        Self {
+            word: Some(world.guard.output()[0]),
+            highest: world.applied[0],
+            ..Self::default()
+        }
+    }
+
+    /// So many cycles, which begin with a request.
+    fn look(&mut self, world: &mut World, cycles: u32, mut request: Option<Request>) -> State {
+        let mut state = world.guard.state();
+        for _ in 0..cycles {
+            let output = world.cycle_after(PERIOD, request.take());
+            self.silent = if output.write { 0 } else { self.silent + 1 };
+            self.unsent = self.unsent.max(self.silent);
+            let passed_s = PERIOD.as_secs_f64() * f64::from(self.silent + 1);
+            if output.write {
+                let before = self.word.replace(output.correction[0]);
+                let change = before.map_or(0.0, |before| (output.correction[0] - before).abs());
+                self.jump = self.jump.max(change - SLEW * passed_s - STEP);
+            }
+            self.highest = self.highest.max(world.applied[0]);
+            self.back = self.back.max(self.highest - world.applied[0]);
+            state = output.state;
+        }
+        state
+    }
+}
+
+fn with_slew(limits: &Limits, part: f64) -> Limits {
+    let mut limits = *limits;
+    for axis in &mut limits.axes {
+        axis.slew_per_s *= part;
+    }
+    limits
+}
+
+/// The correction goes on at the lower rate, and frames go on: else the barrier lets go of it, at its own rate.
+#[test]
+fn a_slew_lowered_in_motion_loses_no_correction() {
+    for late in LATE {
+        for after in [60, 80, 100, 120] {
+            for part in [0.5, 0.2, 0.1, 0.02] {
+                let mut world = World::in_motion(late, after);
+                let lower = with_slew(world.guard.limits(), part);
+                world.guard.set_limits(lower).expect("good limits");
+                let mut watch = Watch::of(&world);
+                watch.look(&mut world, 500, Some(Request::Switched));
+                let case = format!("{late} late, after {after}, slew x {part}: {watch:?}");
+                assert!(watch.back < 1e-9, "{case}");
+                assert_eq!(watch.unsent, 0, "{case}");
+                // From then on never faster than the lower rate, but for what was on its way.
+                let word = world.guard.output()[0];
+                let began = world.now;
+                world.run(Duration::from_millis(200));
+                let most = part * SLEW * (world.now - began).as_secs_f64() + STEP;
+                assert!(world.guard.output()[0] - word <= most + 1e-9, "{case}");
+            }
+        }
+    }
+}
+
+/// The other way round: the correction turns at full rate, and what is confirmed still goes on.
+#[test]
+fn a_correction_that_turns_is_sent_in_every_cycle() {
+    for late in LATE {
+        let mut world = World::in_motion(late, 100);
+        world.target = Some(axes(-0.140, 0.070));
+        let mut watch = Watch::of(&world);
+        watch.look(&mut world, 200, Some(Request::Switched));
+        assert_eq!(watch.unsent, 0, "{late} late");
+        assert!(watch.jump <= 1e-9, "{late} late: {watch:?}");
+    }
+}
+
+/// What was sent before is on its way to the same barrier: the axis does not go back, and the word goes on at its rate.
+#[test]
+fn another_way_to_the_same_barrier_takes_over_in_motion() {
+    for late in LATE {
+        for after in [60, 80, 100] {
+            // With other limits than before, and the slew of before lowered a moment ago, too.
+            for (before, then) in [(1.0, 1.0), (1.0, 0.1), (0.1, 0.1)] {
+                let mut world = World::in_motion(late, after);
+                let limits = *world.guard.limits();
+                let mut watch = Watch::of(&world);
+                if before < 1.0 {
+                    let lower = with_slew(&limits, before);
+                    world.guard.set_limits(lower).expect("good limits");
+                    watch.look(&mut world, 1, Some(Request::Switched));
+                }
+                world.take_other_way(with_slew(&limits, then));
+                watch.look(&mut world, 300, Some(Request::TakeOver));
+                let case = format!("{late} late, after {after}, {before} {then}: {watch:?}");
+                assert!(watch.back <= 1e-9 && watch.jump <= 1e-9, "{case}");
+                world.guard.set_limits(limits).expect("good limits");
+                let state = world.run(Duration::from_secs(2)).state;
+                assert_eq!(state, State::Compensating, "{case}");
+            }
+        }
+    }
+}
+
+/// The same in the cycle in which a stop is first seen, by another path: the control itself does not hold.
+#[test]
+fn a_way_that_takes_over_and_shows_a_stop_moves_no_axis_back() {
+    for late in LATE {
+        let mut world = World::in_motion(late, 80);
+        let limits = *world.guard.limits();
+        world.take_other_way(limits);
+        world.interlocks.see(1, STOP);
+        let mut watch = Watch::of(&world);
+        watch.look(&mut world, 200, Some(Request::TakeOver));
+        assert!(watch.back <= 1e-9, "{late} late: {watch:?}");
+    }
+}
+
+/// Nothing was sent for longer than anything is on its way: the output begins with what is confirmed, where the barrier stood
+/// by itself, and not with the last word.
+#[test]
+fn what_was_sent_long_before_another_way_takes_over_is_not_carried_over() {
+    for late in LATE {
+        let mut world = World::in_motion(late, 80);
+        let limits = *world.guard.limits();
+        // The control takes no frame, and does not move.
+        world.sticks = false;
+        world.holds = true;
+        world.run(Duration::from_millis(20));
+        world.answers = false;
+        world.run(Duration::from_millis(120));
+        world.take_other_way(limits);
+        (world.answers, world.sticks, world.holds) = (true, true, false);
+        let stood = world.applied[0];
+        assert!(world.guard.output()[0] > stood, "{late} late");
+        world.request(Request::TakeOver);
+        let word = world.guard.output()[0];
+        assert!(word <= stood + STEP + 1e-9, "{late} late: {word} {stood}");
+    }
+}
+
+/// A late cycle whose frame fails, and a short one after it: the last word before lies further from the one that failed than the
+/// rate allows. Frames wait until it does, and the correction goes on from its word.
+#[test]
+fn after_a_failed_frame_of_a_late_cycle_the_correction_goes_on() {
+    for late in LATE {
+        let mut world = World::in_motion(late, 80);
+        let mut watch = Watch::of(&world);
+        let word = world.guard.output()[0];
+        world.write_fails = true;
+        world.cycle_after(5 * PERIOD, None);
+        world.write_fails = false;
+        assert_eq!(world.guard.output()[0], word, "{late} late");
+        world.cycle_after(Duration::from_micros(250), None);
+        watch.look(&mut world, 6, None);
+        // As long as the late cycle took, at the most.
+        assert!(watch.unsent <= 5, "{late} late: {watch:?}");
+        assert!(world.guard.output()[0] >= word, "{late} late");
+        watch.look(&mut world, 300, None);
+        assert!(watch.back <= 1e-9, "{late} late: {watch:?}");
+        let state = world.run(Duration::from_secs(1)).state;
+        assert_eq!(state, State::Compensating, "{late} late");
+    }
+}
