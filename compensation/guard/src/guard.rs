@@ -113,7 +113,8 @@ impl Guard {
 
     /// Another path writes from the next cycle on, with these limits in its order of axes: the output begins with what is
     /// known to be applied on it, or with what is on its way to a barrier to which both lead. `places` says which place each of
-    /// its axes had on the path before; `None`: that path did not write it. What lies beyond the new limits, and was sent by the path before or known there, comes in by a ramp.
+    /// its axes had on the path before; `None`: that path did not write it. What lies beyond the new limits, and was sent by
+    /// the path before or known there, comes in by a ramp.
     ///
     /// # Errors
     /// Limits that make no sense: the path before goes on.
@@ -285,22 +286,23 @@ impl Guard {
     /// that nothing moves when the control is free again. A control that stood before the stop may have been free since: it
     /// holds where it is still seen to stand after it would have been seen to move.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
-        let (now, known) = (inputs.now, &inputs.known);
+        let known = &inputs.known;
         if !facts.interlocked {
             (self.held, self.stopped_since) = (None, None);
             return;
         }
-        let stopped_since = *self.stopped_since.get_or_insert(now);
-        let confirmed = known.confirmed.map(|confirmed| confirmed.values);
-        let is_seen = now.saturating_sub(stopped_since) > known.shown_after;
+        let stopped_since = *self.stopped_since.get_or_insert(inputs.now);
+        let Some(Confirmed { values, at }) = known.confirmed.filter(|_| !known.changed) else {
+            self.held = None;
+            return;
+        };
+        let is_seen = at.saturating_sub(stopped_since) > known.shown_after;
         if is_seen && self.stands_elsewhere(inputs) {
-            self.held = confirmed;
+            self.held = Some(values);
         }
         // One that moves is held no more.
-        self.held = self.held.filter(|held| {
-            let stands = |values| are_equal(held, &values, &self.limits);
-            !known.changed && confirmed.is_some_and(stands)
-        });
+        let stands = |held: &PerChannel<f64>| are_equal(held, &values, &self.limits);
+        self.held = self.held.filter(stands);
     }
 
     /// Takes what is confirmed as the output where that is not what was sent, and tells whether this is an event.

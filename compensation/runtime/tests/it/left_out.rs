@@ -1,14 +1,17 @@
 //! Rotary axes that do not correct since the tool would be further off than without; and linear axes that a rotary axis
 //! turns into one direction.
 
+use std::time::Duration;
+
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Fading, Machine};
 use volcomp_port::{Axis, Clock, Controller, Description};
 use volcomp_runtime::{
-    AxisSettings, Model, PathPlan, PlanError, Replacement, WhyLeftOut,
+    AxisSettings, BarrierSettings, Model, PathPlan, PlanError, Replacement, WhyLeftOut,
+    WithoutBarrier,
     guard::{Reasons, Request},
 };
-use volcomp_vocabulary::{AxisName, Displacement, Um, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine};
 
@@ -32,6 +35,62 @@ fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanErr
     guard.rotary_step = most;
     let model = Model::new(&machine, guard.fading).expect("compiles");
     PathPlan::new(description, &model, &guard, &alone(), PERIOD)
+}
+
+/// The plan for all axes with rotary ones in steps of so many degrees, with these limits, as shipped otherwise.
+fn shipped(
+    step_deg: f64,
+    has_barrier: bool,
+    rotary: Option<AxisSettings<Urad>>,
+) -> Result<PathPlan, PlanError> {
+    let mut description: Description = control([0.0; 5], &Clock::manual()).description().clone();
+    for axis in description
+        .axes
+        .iter_mut()
+        .filter(|axis| axis.name.is_rotary())
+    {
+        axis.resolution = Displacement::from_micro(AxisKind::Rotary, step_deg.to_radians() * 1e6);
+    }
+    description.barrier = has_barrier;
+    let mut guard = guard();
+    (guard.rotary, guard.without_barrier) = (rotary, WithoutBarrier::default());
+    let mut settings = alone();
+    settings.barrier = has_barrier.then_some(BarrierSettings {
+        machine: 1,
+        scan: Duration::from_millis(2),
+    });
+    let model = Model::new(&machine(), guard.fading).expect("compiles");
+    PathPlan::new(description, &model, &guard, &settings, PERIOD)
+}
+
+/// An axis whose step is larger than its limit, or than any limit may be, is left out and held at zero.
+#[test]
+fn axes_that_are_too_coarse_to_correct_need_no_limits() {
+    let stated = AxisSettings::new(Urad(250.0), Urad(500.0));
+    for step_deg in [0.01, 0.2] {
+        for has_barrier in [true, false] {
+            for rotary in [Some(stated), None] {
+                let case = format!("{step_deg} deg, barrier {has_barrier}, {rotary:?}");
+                let plan = shipped(step_deg, has_barrier, rotary)
+                    .unwrap_or_else(|error| panic!("{case}: {error}"));
+                let left_out = plan.left_out.iter().map(|out| out.axis);
+                let left_out: Vec<_> = left_out.collect();
+                assert_eq!(left_out, [AxisName::C, AxisName::B], "{case}");
+                for axis in plan.limits.axes.iter().take(plan.limits.count) {
+                    let is_rotary = axis.kind == AxisKind::Rotary;
+                    assert_eq!(axis.reachable() == 0.0 && is_rotary, axis.limit == 0.0);
+                    assert!(is_rotary || axis.limit > 0.0, "{case}");
+                }
+            }
+        }
+    }
+    // One that corrects is refused with a limit below its step, as before.
+    let fine = AxisSettings::new(Urad(0.5), Urad(500.0));
+    let refused = shipped(0.0001, true, Some(fine)).expect_err("less than a step");
+    assert!(
+        refused.to_string().contains("expected at least one step"),
+        "{refused}"
+    );
 }
 
 /// Half a step times the lever against what is allowed, axis by axis.

@@ -1,6 +1,5 @@
 //! The runtime on simulated machines whose time the tests count.
 
-mod adv6;
 mod change_of_path;
 mod coupled;
 mod embed;
@@ -23,6 +22,7 @@ mod raised_slew;
 mod reads;
 mod rig;
 mod silence;
+mod slow_ways;
 mod standby;
 mod thread;
 mod ways;
