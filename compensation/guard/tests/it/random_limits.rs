@@ -58,9 +58,9 @@ fn random_changes_of_limits_are_no_fault() {
         let takes_over = seed % 2 == 1;
         let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
         // What was on its way when a stop began has landed, and moved the axis.
-        let settled = 2 * late as u32 + 6;
+        let settled = 2 * late + 6;
         let (mut word, mut written) = (Some(world.guard.output()[0]), 0);
-        let (mut stopped, mut stood) = (0_u32, world.applied);
+        let (mut stopped, mut stood) = (0_usize, world.applied);
         for cycle in 1..3000 {
             let mut request = None;
             let is_clear = world.interlocks.reasons().is_empty();
