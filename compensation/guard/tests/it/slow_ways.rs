@@ -89,16 +89,26 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
     }
 }
 
-/// The other way round: the correction turns at full rate, and what is confirmed still goes on.
+/// A correction that turns at full rate, while what is confirmed still goes on, is sent in every cycle.
 #[test]
-fn a_correction_that_turns_is_sent_in_every_cycle() {
-    for late in LATE {
-        let mut world = World::in_motion(late, 100);
-        world.target = Some(axes(-0.140, 0.070));
-        let mut watch = Watch::of(&world);
-        watch.look(&mut world, 200, Some(Request::Switched));
-        assert_eq!(watch.unsent, 0, "{late} late");
-        assert!(watch.jump <= 1e-9, "{late} late: {watch:?}");
+fn a_correction_that_turns_at_full_rate_is_sent_in_every_cycle() {
+    for late in [0, 1, 2, 3, 4, 6] {
+        for cycles in [20, 21, 30, 45] {
+            let mut world = World::in_motion(late, 500);
+            let mut limits = *world.guard.limits();
+            for axis in &mut limits.axes {
+                axis.accel_per_s2 = f64::INFINITY;
+            }
+            world.guard.set_limits(limits).expect("good limits");
+            let mut watch = Watch::of(&world);
+            for turn in 0..4 {
+                world.target = Some(axes(if turn % 2 == 0 { -0.140 } else { 0.140 }, 0.0));
+                watch.look(&mut world, cycles, None);
+            }
+            let case = format!("{late} late, {cycles}: {watch:?}");
+            assert_eq!(watch.unsent, 0, "{case}");
+            assert!(watch.jump <= 1e-9, "{case}");
+        }
     }
 }
 
