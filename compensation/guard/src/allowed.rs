@@ -7,6 +7,12 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
+/// How long after a word was sent a reading may still show it. The frames that are sent while a report is on its way answer
+/// the same one, so a barrier takes one of them in each delay of the path: it goes to one that was sent a delay before the last.
+fn longest_shown(limits: &Limits) -> Duration {
+    limits.longest_delay().saturating_mul(2)
+}
+
 /// Words that were sent in some time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sent {
@@ -73,12 +79,12 @@ impl Allowed {
         }
     }
 
-    /// The control was seen to apply something at `confirmed`: what was sent longer before than the delay of the path is on
-    /// its way no more.
+    /// The control was seen to apply something at `confirmed`: what was sent long before that is on its way no
+    /// more.
     pub(crate) fn pass(&mut self, now: Duration, confirmed: Duration, limits: &Limits) {
         if confirmed >= self.earlier_until {
             (self.earlier, self.lately) = (self.lately, Sent::default());
-            self.earlier_until = now.saturating_add(limits.longest_delay());
+            self.earlier_until = now.saturating_add(longest_shown(limits));
         }
     }
 
@@ -119,6 +125,6 @@ impl Allowed {
         self.largest = PerChannel::from_fn(|i| sent.largest[i].max(most[i]));
         // What the path before has sent last may land as late as it does on that path.
         (self.lately, self.earlier) = (sent, sent);
-        self.earlier_until = now.saturating_add(before.longest_delay().max(limits.longest_delay()));
+        self.earlier_until = now.saturating_add(longest_shown(before).max(longest_shown(limits)));
     }
 }

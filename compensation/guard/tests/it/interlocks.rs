@@ -333,7 +333,7 @@ fn goes_back(world: &mut World, cycles: u32) -> f64 {
 #[test]
 fn a_stop_that_begins_as_the_control_is_free_again_leads_no_axis_back() {
     for late in [0_usize, 1, 2, 4, 6] {
-        for cycles in 0..2 * late as u32 + 4 {
+        for cycles in 0..2 * late + 4 {
             let mut world = held_by_itself(late);
             world.holds = false;
             for _ in 0..cycles {
@@ -377,7 +377,9 @@ fn what_is_free_again_in_a_stop_is_led_nowhere() {
             world.run(Duration::from_millis(after));
             world.holds = false;
             // Until this is seen, and what was sent until then has landed.
-            world.run(4 * late as u32 * PERIOD + Duration::from_millis(80));
+            for _ in 0..4 * late + 20 {
+                world.run(Duration::ZERO);
+            }
             let (word, at) = (world.guard.output(), world.applied);
             assert_eq!(word[0], at[0], "{late} late, after {after} ms");
             world.run(Duration::from_millis(400));

@@ -50,17 +50,17 @@ fn is_asked(standby: &mut ReadBack, world: &World) {
 /// Behind a barrier some cycles away, to which another way leads, too.
 #[test]
 fn random_changes_of_limits_are_no_fault() {
-    // Beside any: those in which an axis moved in a stop, once.
-    for seed in (0..60).chain([81, 237, 320]) {
+    // Beside any: those in which an axis moved in a stop, and one in which what was sent was a fault, once.
+    for seed in (0..60).chain([81, 237, 320, 1473]) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let late = random.random_range(0..5);
         let mut world = World::in_motion(late, random.random_range(20..150));
         let takes_over = seed % 2 == 1;
         let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
         // What was on its way when a stop began has landed, and moved the axis.
-        let settled = 2 * late as u32 + 6;
+        let settled = 2 * late + 6;
         let (mut word, mut written) = (Some(world.guard.output()[0]), 0);
-        let (mut stopped, mut stood) = (0_u32, world.applied);
+        let (mut stopped, mut stood) = (0_usize, world.applied);
         for cycle in 1..3000 {
             let mut request = None;
             let is_clear = world.interlocks.reasons().is_empty();

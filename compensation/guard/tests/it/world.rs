@@ -210,12 +210,12 @@ impl World {
         world
     }
 
-    /// Another way to the same barrier, which was not heard yet, takes over with these limits. Gives the way before.
-    pub(crate) fn take_other_way(&mut self, limits: Limits) -> ReadBack {
+    /// Another way to the same barrier, which was not heard yet, takes over with these limits.
+    pub(crate) fn take_other_way(&mut self, limits: &Limits) {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
-        self.guard.take_path(limits, &places).expect("good limits");
-        std::mem::replace(&mut self.read_back, ReadBack::barrier(link))
+        self.guard.take_path(*limits, &places).expect("good limits");
+        self.read_back = ReadBack::barrier(link);
     }
 
     pub(crate) fn known(&self) -> &Known {

@@ -80,7 +80,7 @@ impl Plant for Slow {
             return Err(Fault::TimedOut);
         }
         let mut snapshot = referenced(PerChannel::leading([self.x]), clock.now(), None);
-        snapshot.report = self.reports.front().cloned();
+        snapshot.report = self.reports.front().copied();
         Ok(snapshot)
     }
 
