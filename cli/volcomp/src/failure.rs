@@ -198,6 +198,7 @@ impl From<CalibrateError> for Failure {
             CalibrateError::Machine(error) => error.into(),
             CalibrateError::Read(error) => error.into(),
             CalibrateError::Measurement(error) => error.into(),
+            CalibrateError::Identify(error) => error.into(),
             other => Self::input(other),
         }
     }

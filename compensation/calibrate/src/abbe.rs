@@ -76,14 +76,20 @@ impl Lever {
         self.sense.dot(&Vector3::from(added))
     }
 
+    /// The reading that 1 mrad of each tilt adds at a position, µm: A, B, C; the lever in mm, with its sign.
+    pub(crate) fn um_of_mrad(&self, position_mm: f64) -> [f64; 3] {
+        std::array::from_fn(|about| {
+            let mut tilt = [0.0; 3];
+            tilt[about] = 1e3;
+            self.abbe_um(tilt, position_mm)
+        })
+    }
+
     /// The largest reading that 1 mrad of each tilt would add at any of the positions, µm: A, B, C.
     pub(crate) fn um_by_mrad(&self, positions_mm: impl Iterator<Item = f64>) -> [f64; 3] {
         positions_mm.fold([0.0; 3], |largest, position_mm| {
-            std::array::from_fn(|about| {
-                let mut tilt = [0.0; 3];
-                tilt[about] = 1e3;
-                self.abbe_um(tilt, position_mm).abs().max(largest[about])
-            })
+            let here = self.um_of_mrad(position_mm);
+            std::array::from_fn(|about| here[about].abs().max(largest[about]))
         })
     }
 }

@@ -4,6 +4,7 @@ use volcomp_model::Machine;
 
 use crate::{
     calibration_file::CalibrationFile,
+    contradictions::contradictions,
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
     locations::without_location,
@@ -35,11 +36,15 @@ pub(crate) fn angular(
     let names = measured(file).into_iter();
     for error in names.filter(|error| error.component.is_angular()) {
         let joint = joint_of(&file.machine, error)?;
-        let mut profiles = Vec::new();
+        let (mut as_read, mut profiles) = (Vec::new(), Vec::new());
         for line in lines_of(file, error) {
             result.notes.extend(notes_of(line));
-            profiles.push(without_location(Profile::new(line, &joint)?, known)?);
+            let read = Profile::new(line, &joint)?;
+            profiles.push(without_location(read.clone(), known)?);
+            as_read.push(read);
         }
+        let told = contradictions(error, &as_read, &profiles);
+        result.notes.extend(told);
         let (fitted, _) = fit(file, error, profiles)?;
         for one in &fitted {
             one.set_in(&mut result.tilted)?;

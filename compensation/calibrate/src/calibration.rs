@@ -1,21 +1,18 @@
-//! From readings to a machine, in stages that return values: angular errors, linear ones with Abbe removed, slopes of
-//! the straightness lines, squareness, machine. Each stage passes the readings of a file once.
+//! A calibration: the stages over the lines of a file, the unknowns from its observations, and notes.
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
-    angular::angular,
     calibration_file::CalibrationFile,
-    checks::{different_machines, odd},
+    checks::{different_machines, odd, without_point},
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
-    linear::linear,
+    identified::{Identified, settled},
     locations::located,
     not_measured::not_measured,
-    slopes::slopes,
-    squares::{set_square, squares},
+    stages::Stages,
 };
 
 /// A calibrated machine and how well its curves follow the readings.
@@ -27,6 +24,8 @@ pub struct Calibration {
     pub curves: Vec<FittedCurve>,
     /// Each squareness, as the calibration file names it.
     pub squareness: Vec<(ErrorName, Urad)>,
+    /// What was found from observations of the whole machine; `None` where the file has none.
+    pub identified: Option<Identified>,
     /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
 }
@@ -36,45 +35,42 @@ pub struct Calibration {
 /// Errors of the machine file that were not measured are kept.
 ///
 /// # Errors
-/// Readings that do not fit their error, a squareness without its straightness lines.
+/// Readings that do not fit their error, a squareness without its straightness lines, observations from which the
+/// unknowns cannot be found.
 pub fn calibrate(
     file: &CalibrationFile,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
-    let measured = measured(file);
+    let count = measured(file).len();
     let mut done = 0;
-    let mut step = || {
-        done += 1;
-        progress(done, measured.len());
-    };
     let known = located(file)?;
-    let angular = angular(file, &known, &mut step)?;
-    let linear = linear(file, &angular.tilted, &mut step)?;
-    let slopes = slopes(&linear.removed, &angular.tilted)?;
-    let squareness = squares(file, &slopes)?;
-
-    let mut machine = angular.tilted;
-    for fitted in &linear.fitted {
-        fitted.set_in(&mut machine)?;
+    let mut stages = Stages::of(file, &known, || {
+        done += 1;
+        progress(done, count);
+    })?;
+    let mut identified = None;
+    let mut of_observations = Vec::new();
+    if let Some(observations) = &file.observations {
+        let (found, last, notes) = settled(file, observations, known, stages)?;
+        of_observations.extend(notes);
+        of_observations.extend(found.found.warnings.iter().cloned());
+        stages = last;
+        stages.machine = found.found.machine.clone();
+        identified = Some(found);
     }
-    for (error, value) in &squareness {
-        set_square(&mut machine, file.reference_axes, *error, *value)?;
-    }
-    let fitted = angular.fitted.iter().chain(&linear.fitted);
-    let curves: Vec<FittedCurve> = fitted
-        .flat_map(|fitted| fitted.branches.fitted(fitted.error))
-        .collect();
-    let mut warnings: Vec<String> = different_machines(&file.measurements).into_iter().collect();
+    let mut warnings = different_machines(&file.measurements);
     for line in &file.measurements {
         warnings.extend(odd(line, &file.machine));
+        warnings.extend(without_point(line, &stages.machine));
     }
-    warnings.extend(angular.notes);
-    warnings.extend(linear.notes);
-    warnings.extend(not_measured(file, &machine, &measured, &curves));
+    warnings.append(&mut stages.notes);
+    warnings.extend(of_observations);
+    warnings.extend(not_measured(file, &stages));
     Ok(Calibration {
-        machine,
-        curves,
-        squareness,
+        machine: stages.machine,
+        curves: stages.curves,
+        squareness: stages.squareness,
+        identified,
         warnings,
     })
 }

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use volcomp_metrology::Measurement;
+use volcomp_identify::Observations;
+use volcomp_metrology::{Measurement, ReferenceKind};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
-use crate::{curve_choice::CurveChoice, setup::Setup};
+use crate::{curve_choice::CurveChoice, diagonals::Diagonals, setup::Setup};
 
 /// A calibration file with everything it names read.
 #[derive(Clone, Debug)]
@@ -24,8 +25,12 @@ pub struct CalibrationFile {
     pub measurements: Vec<Line>,
     /// Every squareness error, in the order of the file.
     pub squareness: Vec<Squareness>,
+    /// The diagonals that squareness errors come from.
+    pub diagonals: Vec<Diagonals>,
     /// Every location error that an instrument gave directly, in the order of the file.
     pub locations: Vec<Location>,
+    /// What is to be found from observations of the whole machine.
+    pub observations: Option<Observations>,
     /// Contributions to the uncertainty that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
 }
@@ -37,10 +42,14 @@ pub struct Line {
     pub setup: Setup,
     /// The measurement file, for messages.
     pub file: PathBuf,
+    /// Where the calibration file names it, for messages: `calibration.toml:12`.
+    pub place: String,
     /// Its readings, in the sign of the error, µm or µrad; of the bridge for the angular method.
     pub readings: Measurement,
     /// The kind of curve wanted, where stated.
     pub curve: Option<CurveChoice>,
+    /// The line that is taken out of a straightness, whose slope goes into the squareness.
+    pub reference_line: ReferenceKind,
     /// Of a rotary axis: whether the readings were taken against the commanded pose, so that they hold what the location
     /// errors of the axis add; `false` where the instrument was centred on the axis itself (ISO 230-7).
     pub holds_location: bool,
@@ -75,6 +84,11 @@ pub enum SquarenessSource {
     Slopes {
         /// φ − π/2, φ the angle between the + directions of the two reference beams.
         reference_angle: Urad,
+    },
+    /// From diagonals.
+    Diagonals {
+        /// The place in [`CalibrationFile::diagonals`].
+        set: usize,
     },
 }
 

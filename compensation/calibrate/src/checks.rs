@@ -4,12 +4,14 @@
 use volcomp_document::{InputError, Value};
 use volcomp_metrology::{Measurement, MotionKind};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, Displacement, ErrorName};
+use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName};
 
 use crate::{calibration_file::Line, setup::Setup};
 
 /// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
 const NEVER_ABOVE: f64 = 1e5;
+/// No angle of a machine tool varies by more along or about an axis: 5 mrad, in µrad. Arc seconds that are read as mrad do.
+const ANGLE_NEVER_VARIES: f64 = 5e3;
 /// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
 const ODD_ABOVE: f64 = 1e3;
 /// Deviations that are all smaller are odd for a machine tool: 0.1 µm and 0.1 µrad.
@@ -46,6 +48,18 @@ pub(crate) fn refuse(
             largest * 1e-3
         )));
     }
+    if error.component.is_angular() {
+        let angles = || readings.readings.iter().map(|reading| reading.deviation);
+        let highest = angles().fold(f64::NEG_INFINITY, f64::max);
+        let varies = highest - angles().fold(f64::INFINITY, f64::min);
+        if varies > ANGLE_NEVER_VARIES {
+            return Err(file.error(format!(
+                "found angles that vary by {:.1} mrad, expected less than {:.0} mrad: are they in another unit? arcsec, urad, mrad and deg are read; state `unit`, or write it into the header of the file",
+                varies * 1e-3,
+                ANGLE_NEVER_VARIES * 1e-3
+            )));
+        }
+    }
     let Some(axis) = machine.axis(error.axis) else {
         return Ok(());
     };
@@ -78,7 +92,9 @@ fn ends(readings: &Measurement) -> Option<[f64; 2]> {
 pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let error = line.setup.error;
     let mut notes = Vec::new();
-    let mut note = |text: String| notes.push(format!("{}: {text}", line.file.display()));
+    let mut note = |text: String| {
+        notes.push(format!("{} ({}): {text}", line.file.display(), line.place));
+    };
     let (Some([first, last]), Some(axis)) = (ends(&line.readings), machine.axis(error.axis)) else {
         return notes;
     };
@@ -114,6 +130,15 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
             "a deviation of {largest_size:.0} is large for a machine tool: check the unit of the file{state}"
         ));
     }
+    let known = machine.name.trim();
+    let stated = line.readings.metadata.machine.as_deref().map(str::trim);
+    if let Some(stated) = stated.filter(|stated| !stated.is_empty() && !known.is_empty())
+        && !stated.eq_ignore_ascii_case(known)
+    {
+        note(format!(
+            "it states the machine `{stated}`, and the machine file is of `{known}`: is it the right machine?"
+        ));
+    }
     if let Some(other) = named_in_title(line) {
         note(format!(
             "the title of the file names {other}, expected {error}: is it the right file?"
@@ -144,25 +169,75 @@ fn named_in_title(line: &Line) -> Option<ErrorName> {
     (!names.contains(&line.setup.error)).then_some(other)
 }
 
-/// A note where measurement files state different machines.
-pub(crate) fn different_machines(lines: &[Line]) -> Option<String> {
-    let stated = lines.iter().filter_map(|line| {
-        let machine = line.readings.metadata.machine.as_deref()?.trim();
-        (!machine.is_empty()).then_some((machine, line))
-    });
-    let mut machines: Vec<(&str, &Line)> = Vec::new();
-    for (machine, line) in stated {
-        if !machines.iter().any(|(known, _)| *known == machine) {
-            machines.push((machine, line));
-        }
+/// Notes on lines that state no `point` though the tilts of their axis are known and not zero: whoever does not think of
+/// the lever has not been asked for it.
+pub(crate) fn without_point(line: &Line, tilted: &Machine) -> Option<String> {
+    let error = line.setup.error;
+    if error.component.is_angular() || line.setup.point_mcs.is_some() {
+        return None;
     }
-    (machines.len() > 1).then(|| {
-        let each =
-            |(machine, line): &(&str, &Line)| format!("`{machine}` ({})", line.file.display());
-        let each: Vec<String> = machines.iter().map(each).collect();
+    let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
+    let tilts = angular.map(|component| ErrorName::motion(component, error.axis));
+    let tilts: Vec<String> = tilts
+        .filter(|tilt| tilted.error(*tilt).is_some())
+        .map(|tilt| tilt.to_string())
+        .collect();
+    (!tilts.is_empty()).then(|| {
         format!(
-            "the measurement files state different machines: {}",
-            each.join(", ")
+            "{} ({}): it states no `point`, so {error} is taken as measured at the point of {} itself, where {} {} no lever: state `point` if the line ran elsewhere",
+            line.file.display(),
+            line.place,
+            error.axis,
+            tilts.join(", "),
+            if tilts.len() == 1 { "has" } else { "have" }
         )
     })
+}
+
+/// Notes where measurement files state different machines or serial numbers.
+pub(crate) fn different_machines(lines: &[Line]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
+        let mut found: Vec<(&str, &Line)> = Vec::new();
+        for line in lines {
+            let metadata = &line.readings.metadata;
+            let text = if is_serial {
+                &metadata.serial
+            } else {
+                &metadata.machine
+            };
+            let text = text.as_deref().unwrap_or_default().trim();
+            if !text.is_empty() && !found.iter().any(|(known, _)| *known == text) {
+                found.push((text, line));
+            }
+        }
+        if found.len() > 1 {
+            let each = found
+                .iter()
+                .map(|(text, line)| format!("`{text}` ({})", line.file.display()));
+            let each: Vec<String> = each.collect();
+            let each = each.join(", ");
+            notes.push(format!(
+                "the measurement files state different {what}: {each}"
+            ));
+        }
+    }
+    notes
+}
+
+/// Refuses a file that states another serial number than the calibration file. `file` is the value that names the file.
+pub(crate) fn refuse_serial(
+    file: &Value<'_>,
+    readings: &Measurement,
+    serial: Option<&str>,
+) -> Result<(), InputError> {
+    let stated = readings.metadata.serial.as_deref().map(str::trim);
+    match (stated.filter(|stated| !stated.is_empty()), serial) {
+        (Some(stated), Some(expected)) if !stated.eq_ignore_ascii_case(expected.trim()) => {
+            Err(file.error(format!(
+                "the file states the serial number `{stated}`, expected `{expected}`, the `serial` of this calibration file"
+            )))
+        }
+        _ => Ok(()),
+    }
 }

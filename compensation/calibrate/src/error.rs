@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_fit::FitError;
+use volcomp_identify::IdentifyError;
 use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
 use volcomp_vocabulary::{AxisName, ErrorName};
@@ -21,6 +22,9 @@ pub enum CalibrateError {
     /// Something in the machine file is wrong.
     #[error(transparent)]
     Machine(#[from] ModelError),
+    /// The unknowns cannot be found from the observations.
+    #[error(transparent)]
+    Identify(IdentifyError),
     /// A measurement file cannot be read, or what it holds is broken.
     #[error(transparent)]
     Measurement(#[from] MetrologyError),
@@ -67,6 +71,17 @@ pub enum CalibrateError {
         /// The other error that the deviation fills.
         other: ErrorName,
     },
+    /// Diagonals do not determine a squareness.
+    #[error(
+        "{error} from {}: the diagonals do not determine it, expected the two face diagonals of its plane or the four body diagonals",
+        named(.files)
+    )]
+    Diagonals {
+        /// The squareness error.
+        error: ErrorName,
+        /// The measurement files of the diagonals.
+        files: Vec<PathBuf>,
+    },
     /// A squareness is to come from slopes, and one of its straightness errors has no line.
     #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
     NoSlope {
@@ -75,6 +90,18 @@ pub enum CalibrateError {
         /// The straightness error without a line.
         straightness: ErrorName,
     },
+}
+
+impl From<IdentifyError> for CalibrateError {
+    /// What is wrong in a file is that, whoever read it.
+    fn from(error: IdentifyError) -> Self {
+        match error {
+            IdentifyError::Read(error) => Self::Read(error),
+            IdentifyError::Input(error) => Self::Input(error),
+            IdentifyError::Machine(error) => Self::Machine(error),
+            other => Self::Identify(other),
+        }
+    }
 }
 
 fn named(files: &[PathBuf]) -> String {

@@ -6,20 +6,28 @@ mod branches;
 mod calibration;
 mod calibration_file;
 mod checks;
+mod contradictions;
 mod curve_choice;
+mod diagonals;
 mod error;
 mod fitted;
 mod fitted_curve;
+mod identified;
 mod linear;
 mod location_file;
 mod locations;
 mod not_measured;
+mod observed;
+mod parallel_lines;
 mod profile;
 mod read;
 mod setup;
 mod setup_file;
+mod side_by_side;
 mod slopes;
+mod squareness_file;
 mod squares;
+mod stages;
 #[cfg(test)]
 mod testing;
 mod varied;
@@ -29,7 +37,9 @@ pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
 };
 pub use curve_choice::CurveChoice;
+pub use diagonals::Diagonals;
 pub use error::CalibrateError;
 pub use fitted_curve::{FitQuality, FittedCurve, Quality};
+pub use identified::Identified;
 pub use setup::{Method, Setup};
 pub use setup_file::{decode_error, decode_motion};

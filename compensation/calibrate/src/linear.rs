@@ -8,6 +8,7 @@ use volcomp_vocabulary::{Component, ErrorName, Urad};
 use crate::{
     abbe::{Lever, without_abbe},
     calibration_file::{CalibrationFile, Line},
+    contradictions::contradictions,
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
     locations::without_location,
@@ -40,14 +41,17 @@ pub(crate) fn linear<'a>(
     for error in names.filter(|error| !error.component.is_angular()) {
         let joint = joint_of(tilted, error)?;
         let straightness = MotionKind::of(error) == MotionKind::Straightness;
-        let mut profiles = Vec::new();
+        let (mut as_read, mut profiles) = (Vec::new(), Vec::new());
         for line in lines_of(file, error) {
             result.notes.extend(notes_of(line));
-            let mut profile = Profile::new(line, &joint)?;
-            profile = without_abbe(without_location(profile, tilted)?, tilted)?;
+            let read = Profile::new(line, &joint)?;
+            let profile = without_abbe(without_location(read.clone(), tilted)?, tilted)?;
+            as_read.push(read);
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
+        let told = contradictions(error, &as_read, &profiles);
+        result.notes.extend(told);
         if straightness {
             let straight = |profile: Profile<'a>| {
                 let line = profile.reference_line()?;

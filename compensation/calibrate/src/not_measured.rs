@@ -9,6 +9,7 @@ use crate::{
     fitted_curve::FittedCurve,
     location_file::{is_square, square_of},
     squares::{partner_of, reference_of},
+    stages::Stages,
 };
 
 /// Nodes on a rotary axis at which the effect of an error is looked at. On a linear axis the largest effect is at an end,
@@ -19,18 +20,16 @@ const TOLD: f64 = 10.0;
 
 /// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
 /// location errors, those of squareness among them, each with what it can do.
-pub(crate) fn not_measured(
-    file: &CalibrationFile,
-    machine: &Machine,
-    measured: &[ErrorName],
-    curves: &[FittedCurve],
-) -> Vec<String> {
+pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<String> {
+    let machine = &stages.machine;
+    let unknown: Vec<ErrorName> = unknown(file).collect();
     let mut notes = Vec::new();
     for axis in machine.axes() {
         let names = Component::ALL.map(|component| ErrorName::motion(component, axis.name));
         let not_measured = names.into_iter().filter(|name| {
             let fitted = |curve: &FittedCurve| curve.error == *name;
-            !measured.contains(name) && !curves.iter().any(fitted)
+            let found = stages.measured.contains(name) || unknown.contains(name);
+            !found && !stages.curves.iter().any(fitted)
         });
         let (kept, missing): (Vec<_>, Vec<_>) =
             not_measured.partition(|name| machine.error(*name).is_some());
@@ -63,6 +62,12 @@ pub(crate) fn not_measured(
     notes
 }
 
+/// The errors that are to be found from observations.
+fn unknown(file: &CalibrationFile) -> impl Iterator<Item = ErrorName> {
+    let observations = file.observations.iter();
+    observations.flat_map(|o| o.unknown.iter().map(|unknown| unknown.error))
+}
+
 /// The location errors that move something and that no table of the file states: of the two tilts that make a
 /// squareness the one that is not zero by definition.
 fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<ErrorName> {
@@ -81,7 +86,8 @@ fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<Erro
             }
             let square = square_of(name);
             let stated = file.locations.iter().any(|location| location.error == name)
-                || file.squareness.iter().any(|entry| entry.error == square);
+                || file.squareness.iter().any(|entry| entry.error == square)
+                || unknown(file).any(|error| square_of(error) == square);
             if !stated {
                 names.push(name);
             }

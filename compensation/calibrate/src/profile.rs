@@ -101,9 +101,11 @@ impl<'a> Profile<'a> {
         self.points.iter().flatten()
     }
 
-    /// The least-squares line through the mean of all runs of each target.
+    /// The reference line of its kind through the mean of all runs of each target.
     pub(crate) fn reference_line(&self) -> Result<ReferenceLine, CalibrateError> {
-        self.line_through(self.all().copied().collect())
+        let points = means(self.all().copied().collect());
+        ReferenceLine::of(self.line.reference_line, &points)
+            .map_err(|source| wrong(self.line, source))
     }
 
     /// The least-squares line through points of this profile, the mean of those of the same target counted once.

@@ -1,22 +1,26 @@
 //! Reads a calibration file, its machine file and its measurement files.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
-use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, read_file, squareness_parts};
+use volcomp_identify::Observations;
+use volcomp_metrology::{
+    DeviationUnit, Measurement, MetrologyError, MotionKind, ReferenceKind, read_file,
+};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, ErrorName, Urad};
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
-    calibration_file::{
-        CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
-    },
+    calibration_file::{CalibrationFile, Line, Location, Squareness, Uncertainty},
     checks,
     curve_choice::CurveChoice,
+    diagonals::Diagonals,
     error::CalibrateError,
     location_file::{decode_location, square_of, standard_uncertainty},
+    observed::{Direct, decode_observations},
     setup::Setup,
-    setup_file::{decode_error, decode_motion, set_coordinates},
+    setup_file::{decode_motion, set_coordinates},
+    squareness_file::decode_squareness,
 };
 
 impl CalibrationFile {
@@ -33,18 +37,18 @@ impl CalibrationFile {
 }
 
 fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, CalibrateError> {
-    root.allow_in(
-        FileKind::Calibration,
-        &[
-            "machine",
-            "reference",
-            "reference_axes",
-            "measurement",
-            "squareness",
-            "location",
-            "uncertainty",
-        ],
-    )?;
+    let own = [
+        "machine",
+        "serial",
+        "reference",
+        "reference_axes",
+        "measurement",
+        "squareness",
+        "location",
+        "uncertainty",
+    ];
+    let keys = [&own[..], &Observations::KEYS].concat();
+    root.allow_in(FileKind::Calibration, &keys)?;
     let machine_file = folder.join(root.require("machine")?.text()?);
     let machine = Machine::read(&machine_file)?;
     let mut reference: Vec<f64> = machine
@@ -55,6 +59,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     if let Some(section) = root.section("reference")? {
         set_coordinates(&mut reference, &section, &machine)?;
     }
+    let serial = root.get("serial").map(|value| value.text()).transpose()?;
     let reference_axes = decode_reference_axes(root)?;
     let items = |key: &str| {
         root.get(key)
@@ -63,17 +68,21 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     let mut measurements: Vec<Line> = Vec::new();
     for item in items("measurement")? {
         let section = item.section()?;
-        let line = decode_line(&section, &machine, folder)?;
+        let line = decode_line(&section, &machine, folder, serial)?;
         check_same_curve(&measurements, &line, &section)?;
         measurements.push(line);
     }
     let mut squareness: Vec<Squareness> = Vec::new();
+    let mut diagonals = Vec::new();
     for item in items("squareness")? {
-        let found = decode_squareness(&item.section()?, &machine)?;
-        if squareness.iter().any(|other| other.error == found.error) {
-            return Err(item.error(format!("{} stands twice", found.error)).into());
+        let section = item.section()?;
+        for found in decode_squareness(&section, &machine, reference_axes, folder, &mut diagonals)?
+        {
+            if squareness.iter().any(|other| other.error == found.error) {
+                return Err(item.error(format!("{} stands twice", found.error)).into());
+            }
+            squareness.push(found);
         }
-        squareness.push(found);
     }
     let mut locations: Vec<Location> = Vec::new();
     for item in items("location")? {
@@ -83,15 +92,30 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
             locations.push(found);
         }
     }
-    let measured = measurements.iter().map(|line| line.file.clone());
+    let direct = Direct {
+        measurements: &measurements,
+        squareness: &squareness,
+        locations: &locations,
+    };
+    let observations = decode_observations(root, &machine, folder, &direct)?;
+    let mut files = vec![machine_file];
+    files.extend(measurements.iter().map(|line| line.file.clone()));
+    files.extend(
+        diagonals
+            .iter()
+            .flat_map(|d: &Diagonals| d.observations.files.iter().cloned()),
+    );
+    files.extend(observations.iter().flat_map(|o| o.files.iter().cloned()));
     Ok(CalibrationFile {
-        files: core::iter::once(machine_file).chain(measured).collect(),
+        files,
         reference_axes,
         machine,
         reference,
         measurements,
         squareness,
+        diagonals,
         locations,
+        observations,
         uncertainty: match root.section("uncertainty")? {
             Some(section) => decode_uncertainty(&section)?,
             None => Uncertainty::default(),
@@ -141,12 +165,37 @@ fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError
     }
 }
 
+/// The measurement file that a value names, and its readings.
+pub(crate) fn read_measurement(
+    value: &Value<'_>,
+    folder: &Path,
+) -> Result<(PathBuf, Measurement), CalibrateError> {
+    let file = folder.join(value.text()?);
+    let readings = read_file(&file).map_err(|error| match error {
+        // Not what is in a file, but which file is named: the calibration file is where to look.
+        MetrologyError::Unreadable { .. }
+        | MetrologyError::Directory { .. }
+        | MetrologyError::Extension { .. }
+        | MetrologyError::TooLarge { .. } => value.error(error.to_string()).into(),
+        inside => CalibrateError::from(inside),
+    })?;
+    Ok((file, readings))
+}
+
 fn decode_line(
     section: &Section<'_>,
     machine: &Machine,
     folder: &Path,
+    serial: Option<&str>,
 ) -> Result<Line, CalibrateError> {
-    let own = ["error", "file", "unit", "curve", "holds_location"];
+    let own = [
+        "error",
+        "file",
+        "unit",
+        "curve",
+        "reference_line",
+        "holds_location",
+    ];
     section.allow(&[&own[..], &Setup::KEYS].concat())?;
     let error = decode_motion(&section.require("error")?, machine)?;
     let setup = Setup::decode(section, error, machine)?;
@@ -162,15 +211,7 @@ fn decode_line(
             .into());
     }
     let file_value = section.require("file")?;
-    let file = folder.join(file_value.text()?);
-    let mut readings = read_file(&file).map_err(|error| match error {
-        // Not what is in a file, but which file is named: the calibration file is where to look.
-        MetrologyError::Unreadable { .. }
-        | MetrologyError::Directory { .. }
-        | MetrologyError::Extension { .. }
-        | MetrologyError::TooLarge { .. } => file_value.error(error.to_string()).into(),
-        inside => CalibrateError::from(inside),
-    })?;
+    let (file, mut readings) = read_measurement(&file_value, folder)?;
     tracing::debug!(
         "{error}: {} readings from {}",
         readings.readings.len(),
@@ -187,17 +228,40 @@ fn decode_line(
             DeviationUnit::Um
         });
     }
+    checks::refuse_serial(&file_value, &readings, serial)?;
     checks::refuse(&file_value, &setup, &readings, machine)?;
+    let at = file_value.error("");
     Ok(Line {
         setup,
         file,
+        place: format!("{}:{}", at.file, at.line),
         readings,
         curve: section
             .get("curve")
             .map(|value| CurveChoice::decode(&value, error.axis))
             .transpose()?,
+        reference_line: decode_reference_line(section, error)?,
         holds_location,
     })
+}
+
+fn decode_reference_line(
+    section: &Section<'_>,
+    error: ErrorName,
+) -> Result<ReferenceKind, InputError> {
+    if let Some(value) = section.get("reference_line")
+        && MotionKind::of(error) != MotionKind::Straightness
+    {
+        return Err(value.error(format!(
+            "found it for {error}, expected it for a straightness error only"
+        )));
+    }
+    let words = [
+        ("least-squares", ReferenceKind::LeastSquares),
+        ("end-points", ReferenceKind::EndPoints),
+        ("minimum-zone", ReferenceKind::MinimumZone),
+    ];
+    section.one_of("reference_line", &words, ReferenceKind::LeastSquares)
 }
 
 /// Several lines of one error make one curve, so they cannot ask for different kinds of it.
@@ -251,43 +315,6 @@ fn unit_factor(
         )),
         _ => Ok(1.0),
     }
-}
-
-fn decode_squareness(
-    section: &Section<'_>,
-    machine: &Machine,
-) -> Result<Squareness, CalibrateError> {
-    section.allow(&["error", "from", "reference_angle_urad", "value_urad"])?;
-    let error_value = section.require("error")?;
-    let error = decode_error(&error_value, machine)?;
-    let parts = squareness_parts(error).map_err(|e| error_value.error(e.to_string()))?;
-    if let Some(from) = section.get("from") {
-        let mut found = from.texts()?;
-        let parts = parts.map(|part| part.to_string());
-        let mut expected: Vec<&str> = parts.iter().map(String::as_str).collect();
-        found.sort_unstable();
-        expected.sort_unstable();
-        if found != expected {
-            return Err(from
-                .error(format!("found {found:?}, expected {parts:?} for {error}"))
-                .into());
-        }
-    }
-    let source = match (
-        section.get("value_urad"),
-        section.get("reference_angle_urad"),
-    ) {
-        (Some(value), None) => SquarenessSource::Value(Urad(value.number()?)),
-        (Some(value), Some(_)) => {
-            let message =
-                "found value_urad and reference_angle_urad together, expected one of them";
-            return Err(value.error(message).into());
-        }
-        (None, angle) => SquarenessSource::Slopes {
-            reference_angle: Urad(angle.map_or(Ok(0.0), |value| value.number())?),
-        },
-    };
-    Ok(Squareness { error, source })
 }
 
 fn decode_uncertainty(section: &Section<'_>) -> Result<Uncertainty, InputError> {

@@ -10,20 +10,23 @@ use crate::{
     slopes::Slopes,
 };
 
-/// Every squareness of a file: given, or from the slopes of its two straightness errors.
+/// Every squareness of a file that is given, or made from the slopes of its two straightness errors.
 pub(crate) fn squares(
     file: &CalibrationFile,
     slopes: &Slopes,
 ) -> Result<Vec<(ErrorName, Urad)>, CalibrateError> {
-    let entries = file.squareness.iter();
-    entries
-        .map(|entry| Ok((entry.error, square(entry, slopes)?)))
-        .collect()
+    let mut found = Vec::new();
+    for entry in &file.squareness {
+        found.extend(square(entry, slopes)?.map(|value| (entry.error, value)));
+    }
+    Ok(found)
 }
 
-fn square(entry: &Squareness, slopes: &Slopes) -> Result<Urad, CalibrateError> {
+/// `None` where it comes from diagonals, which need all others.
+fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, CalibrateError> {
     let reference_angle = match entry.source {
-        SquarenessSource::Value(value) => return Ok(value),
+        SquarenessSource::Value(value) => return Ok(Some(value)),
+        SquarenessSource::Diagonals { .. } => return Ok(None),
         SquarenessSource::Slopes { reference_angle } => reference_angle,
     };
     let [first, second] = squareness_parts(entry.error)?;
@@ -35,7 +38,7 @@ fn square(entry: &Squareness, slopes: &Slopes) -> Result<Urad, CalibrateError> {
         })
     };
     let parts = [(first, slope(first)?), (second, slope(second)?)];
-    Ok(squareness(entry.error, reference_angle, parts)?)
+    Ok(Some(squareness(entry.error, reference_angle, parts)?))
 }
 
 /// The machine with a squareness, which is the difference of the tilts of its two axes about the third; the reference

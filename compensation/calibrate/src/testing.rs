@@ -1,6 +1,6 @@
 //! Calibration files built in code, for the tests of the stages.
 
-use volcomp_metrology::{Measurement, Reading, Rides};
+use volcomp_metrology::{Measurement, Reading, ReferenceKind, Rides};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
@@ -26,7 +26,9 @@ pub(crate) fn file(measurements: Vec<Line>) -> CalibrationFile {
         reference_axes: [AxisName::X, AxisName::Y],
         measurements,
         squareness: Vec::new(),
+        diagonals: Vec::new(),
         locations: Vec::new(),
+        observations: None,
         uncertainty: Uncertainty::default(),
     }
 }
@@ -56,11 +58,13 @@ pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
             sign: 1.0,
         },
         file: format!("{error}.csv").into(),
+        place: "calibration.toml:1".to_owned(),
         readings: Measurement {
             readings: readings.collect(),
             ..Measurement::default()
         },
         curve: Some(CurveChoice::Polynomial { order: 3 }),
+        reference_line: ReferenceKind::LeastSquares,
         holds_location: true,
     }
 }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_identify::{Row, Seen};
 use volcomp_metrology::{Measurement, MotionKind, Reading};
 use volcomp_vocabulary::{Direction, Urad};
 
@@ -25,14 +26,28 @@ impl CalibrationFile {
             vary(line, &self.uncertainty, laser, &mut rng);
         }
         for squareness in &mut varied.squareness {
-            let (SquarenessSource::Value(Urad(angle))
-            | SquarenessSource::Slopes {
-                reference_angle: Urad(angle),
-            }) = &mut squareness.source;
-            *angle += self.uncertainty.square_urad * normal(&mut rng);
+            let shift = self.uncertainty.square_urad * normal(&mut rng);
+            match &mut squareness.source {
+                SquarenessSource::Value(Urad(angle))
+                | SquarenessSource::Slopes {
+                    reference_angle: Urad(angle),
+                } => *angle += shift,
+                // Its rows vary.
+                SquarenessSource::Diagonals { .. } => {}
+            }
         }
         for location in &mut varied.locations {
             location.value += location.uncertainty * normal(&mut rng);
+        }
+        let diagonals = varied.diagonals.iter_mut().map(|d| &mut d.observations);
+        for observations in diagonals.chain(&mut varied.observations) {
+            // Nobody reads how well a drawn one predicts.
+            observations.folds = 0;
+            for observation in &mut observations.observations {
+                for row in &mut observation.rows {
+                    vary_row(row, &mut rng);
+                }
+            }
         }
         varied
     }
@@ -52,6 +67,30 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 fn most_runs(readings: &Measurement) -> usize {
     let runs = Direction::BOTH.map(|direction| readings.runs(direction).len());
     runs[0].max(runs[1])
+}
+
+/// Shifts what was seen at a pose by its uncertainty.
+fn vary_row(row: &mut Row, rng: &mut ChaCha8Rng) {
+    let mut shift = || row.uncertainty_mm * normal(rng);
+    match &mut row.seen {
+        Seen::Point { at_mm: seen, .. }
+        | Seen::Sphere {
+            offset_mm: seen, ..
+        } => {
+            for number in seen.iter_mut() {
+                *number += shift();
+            }
+        }
+        Seen::Distance {
+            length_mm: seen, ..
+        }
+        | Seen::Pair {
+            length_mm: seen, ..
+        }
+        | Seen::Line {
+            deviation_mm: seen, ..
+        } => *seen += shift(),
+    }
 }
 
 /// Target and direction of a reading, as a key.

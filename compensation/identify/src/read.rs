@@ -80,6 +80,24 @@ impl Observations {
         found.files.insert(0, path.to_owned());
         Ok(found)
     }
+
+    /// The keys of the root of a file that [`Observations::of_section`] reads.
+    pub const KEYS: [&'static str; 5] = ["unknown", "observation", "penalty", "robust", "folds"];
+
+    /// Decodes what the root of a file says of unknowns and observations, for a machine that is there already: a file of
+    /// observations, or another that has these keys too. Row files are named relative to `folder`; they alone stand in
+    /// [`Observations::files`].
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn of_section(
+        root: &Section<'_>,
+        machine: &Machine,
+        folder: &Path,
+        read: &ReadFile<'_>,
+    ) -> Result<Self, IdentifyError> {
+        observations(root, machine.clone(), folder, read)
+    }
 }
 
 fn decode(
@@ -87,23 +105,25 @@ fn decode(
     folder: &Path,
     read: &ReadFile<'_>,
 ) -> Result<Observations, IdentifyError> {
-    root.allow_in(
-        FileKind::Observations,
-        &[
-            "machine",
-            "unknown",
-            "observation",
-            "penalty",
-            "robust",
-            "folds",
-        ],
-    )?;
+    let keys = [&["machine"][..], &Observations::KEYS].concat();
+    root.allow_in(FileKind::Observations, &keys)?;
     let machine_file = folder.join(root.require("machine")?.text()?);
     let machine = Machine::parse(&read(&machine_file)?, &machine_file.display().to_string())?;
+    let mut found = observations(root, machine, folder, read)?;
+    found.files.insert(0, machine_file);
+    Ok(found)
+}
+
+fn observations(
+    root: &Section<'_>,
+    machine: Machine,
+    folder: &Path,
+    read: &ReadFile<'_>,
+) -> Result<Observations, IdentifyError> {
     let penalised = decode_penalty(root, false)?;
     let unknown = decode_unknown(&root.require("unknown")?, &machine, penalised)?;
     let mut reading = Reading::default();
-    let mut files = vec![machine_file];
+    let mut files = Vec::new();
     let mut observations = Vec::new();
     let items = root.require("observation")?.items()?;
     let sections: Vec<Section<'_>> = items.iter().map(Value::section).collect::<Result<_, _>>()?;

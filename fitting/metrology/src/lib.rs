@@ -25,5 +25,5 @@ pub use outliers::{OutlierHint, outlier_hints};
 pub use read::{READ_EXTENSIONS, read_file};
 pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
 pub use squareness::{squareness, squareness_parts};
-pub use straightness::{ReferenceLine, TiltReading, angular_method_um, tilt_sign};
+pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use volcomp_vocabulary::Direction;

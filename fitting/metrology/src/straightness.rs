@@ -76,6 +76,19 @@ pub fn angular_method_um(
     Ok(profile)
 }
 
+/// How the reference line of a straightness profile is laid (ISO 230-1 names all three).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum ReferenceKind {
+    /// Least squares of the deviations.
+    #[default]
+    LeastSquares,
+    /// Through the first and the last target.
+    EndPoints,
+    /// The middle of the narrowest strip that holds all points.
+    MinimumZone,
+}
+
 /// A straight line through a profile: what is removed before straightness is stated, and what squareness is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -128,6 +141,58 @@ impl ReferenceLine {
         Ok(Self::through(q_0, x_0, (x_1 - x_0) / (q_1 - q_0)))
     }
 
+    /// The middle of the narrowest strip, measured in the direction of the deviations, between two parallel lines that
+    /// hold all points. Exact: a side of the strip lies on an edge of their convex hull.
+    ///
+    /// # Errors
+    /// Fewer than two different targets, or numbers that are not finite.
+    pub fn minimum_zone(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
+        check_points("minimum-zone reference line", points)?;
+        let mut sorted = points.to_vec();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let lower = half_hull(sorted.iter().copied());
+        let upper = half_hull(sorted.iter().map(|(q, x)| (*q, -x)));
+        let below = |slope: f64| {
+            let heights = lower.iter().map(|(q, x)| x - slope * q);
+            heights.fold(f64::INFINITY, f64::min)
+        };
+        let above = |slope: f64| {
+            let heights = upper.iter().map(|(q, x)| -x - slope * q);
+            heights.fold(f64::NEG_INFINITY, f64::max)
+        };
+        // The width is a convex function of the slope that bends only where a side lies on an edge.
+        let edges = |hull: &[(f64, f64)], sign: f64| -> Vec<f64> {
+            let edges = hull.windows(2).filter(|edge| edge[1].0 > edge[0].0);
+            let slope =
+                |edge: &[(f64, f64)]| sign * (edge[1].1 - edge[0].1) / (edge[1].0 - edge[0].0);
+            edges.map(slope).collect()
+        };
+        let mut slopes = edges(&lower, 1.0);
+        slopes.extend(edges(&upper, -1.0));
+        let width = |slope: &f64| above(*slope) - below(*slope);
+        let best = slopes
+            .into_iter()
+            .min_by(|a, b| width(a).total_cmp(&width(b)));
+        // Two different targets make one edge at least.
+        let slope = best.unwrap_or_default();
+        Ok(Self {
+            slope_um_per_mm: slope,
+            intercept_um: 0.5 * (above(slope) + below(slope)),
+        })
+    }
+
+    /// The line of this kind.
+    ///
+    /// # Errors
+    /// Fewer than two different targets, or numbers that are not finite.
+    pub fn of(kind: ReferenceKind, points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
+        match kind {
+            ReferenceKind::LeastSquares => Self::least_squares(points),
+            ReferenceKind::EndPoints => Self::end_points(points),
+            ReferenceKind::MinimumZone => Self::minimum_zone(points),
+        }
+    }
+
     fn through(target_mm: f64, value_um: f64, slope_um_per_mm: f64) -> Self {
         Self {
             slope_um_per_mm,
@@ -153,6 +218,28 @@ impl ReferenceLine {
             .map(|(q, x)| (*q, x - self.value_um(*q)))
             .collect()
     }
+}
+
+/// The lower half of the convex hull of points in ascending order (Andrew's monotone chain).
+fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+    let mut hull: Vec<(f64, f64)> = Vec::new();
+    for point in points {
+        while let [.., a, b] = hull[..] {
+            let turn = (b.0 - a.0) * (point.1 - a.1) - (b.1 - a.1) * (point.0 - a.0);
+            if turn > 0.0 {
+                break;
+            }
+            hull.pop();
+        }
+        // Of several values at the first target the lowest stands there already.
+        if hull
+            .last()
+            .is_none_or(|last| last.0 < point.0 || last.1 > point.1)
+        {
+            hull.push(point);
+        }
+    }
+    hull
 }
 
 fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError> {

@@ -65,13 +65,18 @@ impl Section<'_> {
             return Ok(());
         };
         let key_of = |kind: FileKind| kind.own_keys().iter().find(|key| self.get(key).is_some());
+        // A calibration file may have observations, too.
+        let foreign = |kind: FileKind| {
+            let mut keys = kind.own_keys().iter();
+            keys.find(|key| !expected.contains(key) && self.get(key).is_some())
+        };
         // Measurements stand in calibration and shop files, and make no other kind of file.
         let no_measurements = !matches!(kind, FileKind::Shop | FileKind::Calibration);
         let measured = (no_measurements && self.get("measurement").is_some())
             .then_some((FileKind::Calibration, &"measurement"));
         let mut others = FileKind::ALL.into_iter().filter(|other| *other != kind);
         let found = others
-            .find_map(|other| key_of(other).map(|key| (other, key)))
+            .find_map(|other| foreign(other).map(|key| (other, key)))
             .or(measured);
         match found {
             Some((other, key)) if key_of(kind).is_none() => {

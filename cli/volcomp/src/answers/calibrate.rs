@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use super::identify::Found;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_calibrate::{Calibration, FitQuality, FittedCurve, Quality};
@@ -18,8 +19,21 @@ pub(crate) struct Calibrate {
     pub(crate) curves: Vec<Curve>,
     /// Every squareness by its error name, µrad.
     pub(crate) squareness_urad: BTreeMap<String, f64>,
+    /// What was found from observations of the whole machine; not there where the calibration file has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) identified: Option<Identified>,
     /// Warnings in words: errors that were not measured, Abbe offsets that could not be removed, notes on the files.
     pub(crate) warnings: Vec<String>,
+}
+
+/// What was found from observations, and how often it was looked for.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Identified {
+    /// How often the unknowns were identified until the measured lines, cleared of them, had settled.
+    pub(crate) rounds: usize,
+    /// What was found.
+    #[serde(flatten)]
+    pub(crate) found: Found,
 }
 
 /// One fitted error curve and how well it follows its readings.
@@ -93,6 +107,13 @@ impl Calibrate {
             squareness_urad: squareness
                 .map(|(error, Urad(value))| (error.to_string(), *value))
                 .collect(),
+            identified: calibration
+                .identified
+                .as_ref()
+                .map(|identified| Identified {
+                    rounds: identified.rounds,
+                    found: (&identified.found).into(),
+                }),
             warnings: calibration.warnings.clone(),
         }
     }

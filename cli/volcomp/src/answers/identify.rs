@@ -13,6 +13,16 @@ use super::ByAxis;
 pub(crate) struct Identify {
     /// The machine file that was written.
     pub(crate) file: String,
+    /// What was found.
+    #[serde(flatten)]
+    pub(crate) found: Found,
+    /// Warnings in words: what cannot be told apart, rows that do not fit, notes on the files.
+    pub(crate) warnings: Vec<String>,
+}
+
+/// What was found from observations, and how far it can be trusted.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Found {
     /// Every unknown: those of the set-ups first, then the errors of the machine.
     pub(crate) parameters: Vec<Parameter>,
     /// How many combinations of the unknowns the observations determine.
@@ -22,7 +32,7 @@ pub(crate) struct Identify {
     /// Every combination of unknowns that moves nothing: names and weights.
     pub(crate) null: Vec<BTreeMap<String, f64>>,
     /// What is left of the rows that were fitted, µm.
-    pub(crate) residual_um: Residual,
+    pub(crate) residual_um: RowResidual,
     /// What is left of rows that were left out of the fit, µm; null: not judged.
     pub(crate) left_out_um: Option<LeftOut>,
     /// What is left of the rows of observations with `judge = true`, µm; not there where there are none.
@@ -32,8 +42,6 @@ pub(crate) struct Identify {
     pub(crate) effective: f64,
     /// The pose that would help most; null where nothing is uncertain.
     pub(crate) next: Option<Next>,
-    /// Warnings in words: what cannot be told apart, rows that do not fit, notes on the files.
-    pub(crate) warnings: Vec<String>,
 }
 
 /// One unknown.
@@ -55,7 +63,7 @@ pub(crate) struct Parameter {
 
 /// What is left of fitted rows.
 #[derive(Debug, Serialize, JsonSchema)]
-pub(crate) struct Residual {
+pub(crate) struct RowResidual {
     /// Root mean square; of `points` and `sphere` the distance in three directions.
     pub(crate) rms: f64,
     /// The largest.
@@ -100,6 +108,16 @@ pub(crate) struct Next {
 impl Identify {
     /// The document of what was found and written to `file`.
     pub(crate) fn new(file: String, found: &Identification) -> Self {
+        Self {
+            file,
+            found: found.into(),
+            warnings: found.warnings.clone(),
+        }
+    }
+}
+
+impl From<&Identification> for Found {
+    fn from(found: &Identification) -> Self {
         let parameters = found.parameters.iter().map(|p| Parameter {
             name: p.name.clone(),
             value: p.value,
@@ -110,7 +128,6 @@ impl Identify {
         });
         let Figures { rms_um, max_um, .. } = found.residual;
         Self {
-            file,
             parameters: parameters.collect(),
             rank: found.rank,
             score: found.score,
@@ -119,7 +136,7 @@ impl Identify {
                 .iter()
                 .map(|null| null.iter().cloned().collect())
                 .collect(),
-            residual_um: Residual {
+            residual_um: RowResidual {
                 rms: rms_um,
                 max: max_um,
             },
@@ -140,7 +157,6 @@ impl Identify {
                 parameter: next.parameter.clone(),
                 improvement: next.improvement,
             }),
-            warnings: found.warnings.clone(),
         }
     }
 }

@@ -6,7 +6,11 @@ use std::path::PathBuf;
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_vocabulary::{Um, Urad};
 
-use super::{Answer, fixed, refuse_overwriting, table, table_text};
+use super::{
+    Answer, fixed,
+    identify::{EXPLAINED, found_text},
+    refuse_overwriting, table, table_text,
+};
 use crate::{
     answers::calibrate::Calibrate as Document, failure::Failure, output::OutputFile, progress,
 };
@@ -78,6 +82,10 @@ fn text(document: &Document) -> String {
         text.push('\n');
         text += &table_text(&squareness);
     }
+    if let Some(identified) = &document.identified {
+        text.push('\n');
+        text += &found_text(&identified.found);
+    }
     let _ = write!(
         text,
         "\nwrote {}: {} fitted, {} squareness\n",
@@ -87,6 +95,9 @@ fn text(document: &Document) -> String {
     );
     text += "\nResidual: mean reading minus curve. LOO error: root mean square of what the\n\
              curve misses of readings that were left out of its fit one at a time.\n";
+    if document.identified.is_some() {
+        text += EXPLAINED;
+    }
     text
 }
 

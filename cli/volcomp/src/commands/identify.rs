@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Um, Urad};
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
 use crate::{
-    answers::identify::{Identify as Document, Parameter},
+    answers::identify::{Found, Identify as Document, Parameter},
     failure::Failure,
     output::OutputFile,
     progress,
@@ -48,6 +48,20 @@ fn find(observations: &Observations) -> Result<Identification, Failure> {
 }
 
 fn text(document: &Document, output: &Path) -> String {
+    let mut text = found_text(&document.found);
+    // Writing to a string never fails.
+    let _ = writeln!(text, "wrote {}", output.display());
+    text + EXPLAINED
+}
+
+/// What the words of the tables mean.
+pub(super) const EXPLAINED: &str = "
+Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
+pose. Score: 1 is best; near 0 some unknowns can hardly be told apart.
+";
+
+/// The tables of what was found, for people.
+pub(super) fn found_text(document: &Found) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
     for parameter in &document.parameters {
         found.add_row([
@@ -108,9 +122,6 @@ fn text(document: &Document, output: &Path) -> String {
             100.0 * (next.improvement - 1.0)
         );
     }
-    let _ = writeln!(text, "wrote {}", output.display());
-    text += "\nUncertainty: standard (k = 1). Rows left out: predicted from the others, pose by\n\
-             pose. Score: 1 is best; near 0 some unknowns can hardly be told apart.\n";
     text
 }
 

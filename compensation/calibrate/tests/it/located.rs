@@ -189,7 +189,7 @@ pub(crate) fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
                 _ => 3,
             };
             let [low, high] = axis.travel;
-            let at = low + (high - low) * (rest % count) as f64 / (count - 1) as f64;
+            let at = low + (high - low) * f64::from(rest % count) / f64::from(count - 1);
             state.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
             rest /= count;
         }
@@ -201,7 +201,7 @@ pub(crate) fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
 }
 
 /// The mean slope of an error motion between two coordinates, per deg.
-fn slope(machine: &Machine, error: &str, from: f64, to: f64) -> f64 {
+pub(crate) fn slope(machine: &Machine, error: &str, from: f64, to: f64) -> f64 {
     let name: ErrorName = error.parse().expect("a name");
     let index = machine.index_of(name.axis).expect("an axis");
     let value = |at: f64| {

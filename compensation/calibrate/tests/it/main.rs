@@ -4,5 +4,8 @@ mod gantry;
 mod instrument;
 mod located;
 mod messages;
+mod observed;
+mod parallel;
+mod squares;
 mod turning;
 mod uncertainty;

@@ -50,6 +50,52 @@ fn every_wrong_key_is_named() {
         ),
         ("holds_location = false", "for errors of a rotary axis only"),
         (
+            "[[measurement]]\nerror = \"EXZ\"\nfile = \"a.csv\"",
+            "has no axis Z",
+        ),
+        (
+            "[[measurement]]\nerror = \"EC0Y\"\nfile = \"a.csv\"",
+            "squareness has its own table",
+        ),
+        (
+            "[[measurement]]\nerror = \"EXX\"\nfile = \"b.csv\"",
+            ":7: measurement[1].file: ",
+        ),
+        ("error = \"EYX\"", "the key `error` stands twice"),
+        (
+            "curve = { poly = {} }\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\ncurve = { bspline = {} }",
+            "another kind of curve for EXX than with",
+        ),
+    ] {
+        let path = write("bad.toml", &format!("{GOOD}{added}\n"));
+        let message = CalibrationFile::read(&path).expect_err(added).to_string();
+        assert!(message.contains(expected), "{added}: {message}");
+    }
+    let path = write(
+        "bad.toml",
+        &format!("{GOOD}[[squareness]]\nerror = \"EC0Y\"\n"),
+    );
+    let message = calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {})
+        .expect_err("no lines")
+        .to_string();
+    assert!(message.contains("was not measured"), "{message}");
+}
+
+#[test]
+fn every_wrong_key_of_a_location_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("written");
+        path
+    };
+    write(
+        "machine.toml",
+        "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
+    );
+    write("a.csv", "target,deviation\n0,1\n50,2\n100,4\n");
+    for (added, expected) in [
+        (
             "[[location]]\nvalue_um = 1.0",
             "key `error` or `errors` is missing",
         ),
@@ -93,36 +139,91 @@ fn every_wrong_key_is_named() {
             "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0",
             "EC0Y stands in two [[location]] tables",
         ),
-        (
-            "[[measurement]]\nerror = \"EXZ\"\nfile = \"a.csv\"",
-            "has no axis Z",
-        ),
-        (
-            "[[measurement]]\nerror = \"EC0Y\"\nfile = \"a.csv\"",
-            "squareness has its own table",
-        ),
-        (
-            "[[measurement]]\nerror = \"EXX\"\nfile = \"b.csv\"",
-            ":7: measurement[1].file: ",
-        ),
-        ("error = \"EYX\"", "the key `error` stands twice"),
-        (
-            "curve = { poly = {} }\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\ncurve = { bspline = {} }",
-            "another kind of curve for EXX than with",
-        ),
     ] {
         let path = write("bad.toml", &format!("{GOOD}{added}\n"));
         let message = CalibrationFile::read(&path).expect_err(added).to_string();
         assert!(message.contains(expected), "{added}: {message}");
     }
-    let path = write(
-        "bad.toml",
-        &format!("{GOOD}[[squareness]]\nerror = \"EC0Y\"\n"),
+}
+
+/// Tilts without a place, arc seconds that are called milliradians, and another machine's serial number.
+#[test]
+fn what_is_hardly_meant_is_refused_or_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("calibration.toml");
+    let write = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).expect("written");
+    };
+    write(
+        "machine.toml",
+        "name = \"Mill\"\nstructure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n",
     );
-    let message = calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {})
-        .expect_err("no lines")
-        .to_string();
-    assert!(message.contains("was not measured"), "{message}");
+    let readings = (0..=10).map(|k| Reading {
+        target: 100.0 * f64::from(k),
+        run: 1,
+        direction: Direction::Positive,
+        deviation: f64::from(k),
+    });
+    let mut laser = Measurement {
+        unit: Some(DeviationUnit::Um),
+        readings: readings.collect(),
+        ..Measurement::default()
+    };
+    laser.metadata.serial = Some("4711".to_owned());
+    laser.metadata.machine = Some("Gantry".to_owned());
+    write("exx.rtl", &write_renishaw(&laser));
+    laser.metadata.serial = Some("4712".to_owned());
+    write("other.rtl", &write_renishaw(&laser));
+    write(
+        "arcsec.csv",
+        "target,deviation mrad\n0,0\n500,2.1\n1000,9.65\n",
+    );
+    write("tilt.csv", "target,deviation\n0,0\n500,20\n1000,50\n");
+    let table = |error: &str, file: &str| {
+        format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n")
+    };
+    let read = |top: &str, tables: &str| {
+        fs::write(
+            &path,
+            format!("machine = \"machine.toml\"\n{top}\n{tables}"),
+        )
+        .expect("written");
+        CalibrationFile::read(&path)
+    };
+    for (top, error, file, expected) in [
+        (
+            "",
+            "EBX",
+            "arcsec.csv",
+            "found angles that vary by 9.7 mrad, expected less than 5 mrad",
+        ),
+        (
+            "serial = \"4712\"",
+            "EXX",
+            "exx.rtl",
+            "the file states the serial number `4711`, expected `4712`",
+        ),
+    ] {
+        let message = read(top, &table(error, file)).expect_err(file).to_string();
+        let place = "calibration.toml:5: measurement[0].file: ";
+        assert!(
+            message.contains(place) && message.contains(expected),
+            "{message}"
+        );
+    }
+    let tables = table("EBX", "tilt.csv") + &table("EXX", "exx.rtl") + &table("EYY", "other.rtl");
+    let file = read("", &tables).expect("read");
+    let told = calibrate(&file, |_, _| {})
+        .expect("calibrated")
+        .warnings
+        .join("\n");
+    for expected in [
+        "calibration.toml:8): it states no `point`, so EXX is taken as measured at the point of X itself, where EBX has no lever",
+        "calibration.toml:8): it states the machine `Gantry`, and the machine file is of `Mill`",
+        "the measurement files state different serial numbers: `4711` (",
+    ] {
+        assert!(told.contains(expected), "{told}");
+    }
 }
 
 /// What a measurement file says against its calibration file: refused with line and key where it is certainly wrong,

@@ -293,3 +293,77 @@ fn squareness_of_other_names_is_refused() {
     insta::assert_snapshot!(squareness(named("EA0Z"), Urad(0.0), slopes).unwrap_err(), @"slopes for the squareness EA0Z: found `EXY, EYX`, expected EYZ and EZY");
     assert!(squareness(named("EC0Y"), Urad(0.0), [slopes[0]; 2]).is_err());
 }
+
+/// The width of the narrowest strip around a slope, by looking at every point.
+fn width(points: &[(f64, f64)], slope: f64) -> f64 {
+    let heights = || points.iter().map(|(q, x)| x - slope * q);
+    heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min)
+}
+
+/// The narrowest strip against brute force: the slopes through all pairs of points, and a search in ever narrower steps.
+#[test]
+fn the_minimum_zone_is_that_of_brute_force() {
+    let mut state = 1_u64;
+    let mut random = || {
+        // Knuth's linear congruential generator.
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / f64::from(1_u32 << 24)
+    };
+    for count in [2, 3, 4, 7, 21, 60] {
+        for _ in 0..20 {
+            let points: Vec<(f64, f64)> = (0..count)
+                .map(|k| {
+                    (
+                        50.0 * f64::from(k) + 30.0 * random(),
+                        12.0 * random() + 0.02 * f64::from(k),
+                    )
+                })
+                .collect();
+            let mut shuffled = points.clone();
+            shuffled.rotate_left(points.len() / 2);
+            let line = ReferenceLine::minimum_zone(&shuffled).unwrap();
+            let left = line.removed_from(&points);
+            let largest = left
+                .iter()
+                .map(|(_, x)| *x)
+                .fold(f64::NEG_INFINITY, f64::max);
+            let smallest = left.iter().map(|(_, x)| *x).fold(f64::INFINITY, f64::min);
+            assert!(
+                (largest + smallest).abs() < 1e-9,
+                "the line is in the middle"
+            );
+            let found = largest - smallest;
+            let mut best = f64::INFINITY;
+            for (k, a) in points.iter().enumerate() {
+                for b in &points[..k] {
+                    best = best.min(width(&points, (a.1 - b.1) / (a.0 - b.0)));
+                }
+            }
+            let (mut low, mut high) = (-2.0, 2.0);
+            for _ in 0..200 {
+                let thirds = [low + (high - low) / 3.0, high - (high - low) / 3.0];
+                if width(&points, thirds[0]) < width(&points, thirds[1]) {
+                    high = thirds[1];
+                } else {
+                    low = thirds[0];
+                }
+            }
+            assert!((found - best).abs() < 1e-9, "{found} for {best}");
+            assert!((found - width(&points, 0.5 * (low + high))).abs() < 1e-9);
+        }
+    }
+    // Two values at one target, and a point that is the same twice.
+    let doubled = [
+        (0.0, 0.0),
+        (0.0, 2.0),
+        (10.0, 1.0),
+        (10.0, 1.0),
+        (20.0, 0.0),
+        (20.0, 2.0),
+    ];
+    let line = ReferenceLine::minimum_zone(&doubled).unwrap();
+    assert!(line.slope_um_per_mm.abs() < 1e-12 && (line.intercept_um - 1.0).abs() < 1e-12);
+    assert!(ReferenceLine::minimum_zone(&[(1.0, 2.0)]).is_err());
+}

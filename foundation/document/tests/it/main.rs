@@ -236,4 +236,9 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
         let message = read(text).expect_err(text);
         assert!(message.contains(expected), "{text}: {message}");
     }
+    // A key that is expected here makes no other kind of file, whoever else has it.
+    let decode = |root: Section<'_>| root.allow_in(FileKind::Calibration, &["machine", "unknown"]);
+    let told = Document::new("f.toml", "unknown = []\nmachin = 1").decode(decode);
+    let message = told.expect_err("a wrong key").to_string();
+    assert!(message.contains("did you mean `machine`?"), "{message}");
 }

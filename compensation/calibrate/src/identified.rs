@@ -1,0 +1,95 @@
+//! The last stage: unknown errors from observations of the whole machine, with the measured ones held, and the measured
+//! ones fitted again without what the found ones add to their lines, until both settle.
+
+use volcomp_identify::{Identification, Observations, Parameter, identify};
+use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
+
+use crate::{calibration_file::CalibrationFile, error::CalibrateError, stages::Stages};
+
+/// What is found has settled when nothing moves by more than this part of its standard uncertainty.
+const SETTLED: f64 = 0.01;
+/// The smallest uncertainty that is looked at, in the unit of the parameter.
+const LEAST: f64 = 1e-6;
+/// After so many rounds what has not settled is given as it is, with a note.
+const ROUNDS: usize = 60;
+
+/// Errors found from observations.
+#[derive(Clone, Debug)]
+pub struct Identified {
+    /// What was found, with its uncertainties, rank and residuals.
+    pub found: Identification,
+    /// How often the unknowns were identified until the measured lines, cleared of them, had settled.
+    pub rounds: usize,
+}
+
+/// Finds the unknowns of a file, whose lines were fitted with the errors of `known`; the stages come back as they were
+/// fitted last.
+pub(crate) fn settled(
+    file: &CalibrationFile,
+    observations: &Observations,
+    mut known: Machine,
+    mut stages: Stages,
+) -> Result<(Identified, Stages, Vec<String>), CalibrateError> {
+    let on = |machine: &Machine, folds: usize| {
+        let mut observations = observations.clone();
+        observations.machine = machine.clone();
+        observations.folds = folds;
+        identify(&observations, |_, _| {})
+    };
+    let mut notes = Vec::new();
+    let mut before: Option<Vec<Parameter>> = None;
+    let mut rounds = 0;
+    loop {
+        rounds += 1;
+        let found = on(&stages.machine, 0)?;
+        let moved = before
+            .as_ref()
+            .map(|before| moved(before, &found.parameters));
+        for unknown in &observations.unknown {
+            take(&mut known, &found.machine, unknown.error)?;
+        }
+        let again = Stages::of(file, &known, || ())?;
+        let is_same = again.is_as_measured(&stages);
+        if is_same || moved.is_some_and(|moved| moved < SETTLED) {
+            break;
+        }
+        stages = again;
+        if rounds == ROUNDS {
+            notes.push(format!(
+                "the unknowns did not settle in {ROUNDS} rounds: the last moved one by {:.2} of its standard uncertainty, because the lines that are cleared of them hold nearly all of them",
+                moved.unwrap_or_default()
+            ));
+            break;
+        }
+        before = Some(found.parameters);
+    }
+    if rounds > 1 {
+        notes.push(format!(
+            "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
+        ));
+    }
+    let found = on(&stages.machine, observations.folds)?;
+    Ok((Identified { found, rounds }, stages, notes))
+}
+
+/// The largest change of a determined parameter in its standard uncertainties.
+fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
+    let pairs = before.iter().zip(after);
+    let changes = pairs.filter_map(|(before, after)| {
+        let uncertainty = after.uncertainty?.max(LEAST);
+        Some((after.value - before.value).abs() / uncertainty)
+    });
+    changes.fold(0.0, f64::max)
+}
+
+/// Gives `to` the error of another machine.
+fn take(to: &mut Machine, from: &Machine, error: ErrorName) -> Result<(), CalibrateError> {
+    if error.location {
+        let value = from.locations().get(&error).copied();
+        to.set_location(error, value.unwrap_or_default())?;
+    } else if let Some(curve) = from.error(error) {
+        to.set_error(error, curve.clone())?;
+    }
+    Ok(())
+}

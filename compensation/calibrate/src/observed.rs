@@ -1,0 +1,157 @@
+//! The keys `unknown` and `[[observation]]` of a calibration file: what is to be found from observations of the whole
+//! machine, beside what lines and instruments give.
+
+use std::path::Path;
+
+use volcomp_document::{InputError, Section, Value, read_text};
+use volcomp_identify::{Observations, Unknown};
+use volcomp_kinematics::{ErrorMotion, Joint, vector_from_rotation};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName};
+
+use crate::{
+    calibration_file::{Line, Location, Squareness},
+    error::CalibrateError,
+    location_file::square_of,
+    locations::displaced,
+    setup_file::decode_error,
+};
+
+/// An error that a location error adds to by less than this part of what it adds to others holds nothing of it.
+const NOTHING: f64 = 1e-6;
+
+/// What a calibration file states directly: lines, squareness and location errors.
+pub(crate) struct Direct<'a> {
+    pub(crate) measurements: &'a [Line],
+    pub(crate) squareness: &'a [Squareness],
+    pub(crate) locations: &'a [Location],
+}
+
+/// The unknowns and observations of a calibration file; `None` where it has none.
+pub(crate) fn decode_observations(
+    root: &Section<'_>,
+    machine: &Machine,
+    folder: &Path,
+    direct: &Direct<'_>,
+) -> Result<Option<Observations>, CalibrateError> {
+    let has = |key: &str| root.get(key).is_some();
+    if !has("unknown") && !has("observation") {
+        for key in Observations::KEYS {
+            if let Some(value) = root.get(key) {
+                let message = "expected only together with `unknown` and [[observation]]";
+                return Err(value.error(message).into());
+            }
+        }
+        return Ok(None);
+    }
+    let found = Observations::of_section(root, machine, folder, &read_text)?;
+    let items = root.require("unknown")?.items()?;
+    for item in items {
+        let name = match item.section() {
+            Ok(section) => section.require("error")?,
+            Err(_) => item.clone(),
+        };
+        let error = decode_error(&name, machine)?;
+        let unknown = found.unknown.iter().find(|unknown| unknown.error == error);
+        if let Some(unknown) = unknown {
+            refuse_twice(&name, *unknown, direct)?;
+            refuse_held(&name, error, machine, direct)?;
+        }
+    }
+    Ok(Some(found))
+}
+
+/// Refuses an unknown that is stated directly too. A reversal value may be unknown where the lines ran in one direction.
+fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Result<(), InputError> {
+    let error = unknown.error;
+    let square = square_of(error);
+    let lines = direct.measurements.iter();
+    let both = |line: &&Line| {
+        let readings = &line.readings;
+        Direction::BOTH
+            .iter()
+            .all(|direction| readings.has(*direction))
+    };
+    let line = lines
+        .filter(|line| line.setup.error == error)
+        .find(|line| unknown.basis.is_some() || both(line));
+    let stated = if let Some(line) = line {
+        format!("[[measurement]] with {}", line.file.display())
+    } else if direct
+        .locations
+        .iter()
+        .any(|l| square_of(l.error) == square)
+    {
+        "[[location]]".to_owned()
+    } else if direct.squareness.iter().any(|s| s.error == square) {
+        "[[squareness]]".to_owned()
+    } else {
+        return Ok(());
+    };
+    Err(name.error(format!(
+        "{error} is unknown here and measured by {stated}: expected one of them"
+    )))
+}
+
+/// Refuses a location error of a rotary axis that every error motion which it adds to was measured together with: the
+/// lines then hold it, and no observation tells the two apart.
+fn refuse_held(
+    name: &Value<'_>,
+    error: ErrorName,
+    machine: &Machine,
+    direct: &Direct<'_>,
+) -> Result<(), InputError> {
+    let index = machine.index_of(error.axis).ok();
+    let joint = index.and_then(|index| machine.chain().joints().get(index));
+    let (Some(joint), Some(axis)) = (joint, machine.axis(error.axis)) else {
+        return Ok(());
+    };
+    if !error.location || joint.kind == AxisKind::Linear {
+        return Ok(());
+    }
+    let parts = parts_of(joint, error.component, axis.travel);
+    let holding = |motion: &ErrorName| {
+        let lines = direct.measurements.iter();
+        let mut lines = lines.filter(|line| line.setup.error == *motion && line.holds_location);
+        lines.next().map(|line| line.file.display().to_string())
+    };
+    let files: Option<Vec<String>> = parts.iter().map(holding).collect();
+    match files {
+        Some(files) if !files.is_empty() => {
+            let motions: Vec<String> = parts.iter().map(ErrorName::to_string).collect();
+            Err(name.error(format!(
+                "{error} is unknown here, and the lines of {} ({}) hold it, because they were taken against the commanded pose: nothing tells the two apart. Leave it out, or state `holds_location = false` where the instrument was centred on the axis",
+                motions.join(" and "),
+                files.join(", ")
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The error motions that a location error of a rotary axis adds to, at the point of the axis over its travel (deg).
+fn parts_of(joint: &Joint, component: Component, [low, high]: [f64; 2]) -> Vec<ErrorName> {
+    const NODES: usize = 9;
+    const SIZE: f64 = 1.0;
+    let mut six = [0.0; 6];
+    six[component.index()] = SIZE;
+    let location = ErrorMotion::from_um_urad(six);
+    let mut largest = [0.0_f64; 6];
+    for node in 0..NODES {
+        let at = low + (high - low) * node as f64 / (NODES - 1) as f64;
+        let q_rad = Displacement::from_coordinate(joint.kind, at).mm_or_rad();
+        let pose = displaced(joint, &location, q_rad);
+        let moved = (pose.transform_point(&joint.point_mm) - joint.point_mm) * 1e3;
+        let turned = vector_from_rotation(&pose.rotation) * 1e6;
+        let parts = moved.iter().chain(turned.iter());
+        for (largest, part) in largest.iter_mut().zip(parts) {
+            *largest = largest.max(part.abs());
+        }
+    }
+    let most = largest.iter().copied().fold(0.0, f64::max);
+    let named = Component::ALL.into_iter().zip(largest);
+    named
+        .filter(|(_, part)| *part > NOTHING.max(1e-3 * most))
+        .map(|(component, _)| ErrorName::motion(component, joint.name))
+        .collect()
+}

@@ -1,0 +1,76 @@
+//! The stages from readings to a machine: angular errors, linear ones with Abbe removed, slopes of the straightness
+//! lines, squareness. Each passes the readings of a file once.
+
+use volcomp_model::Machine;
+use volcomp_vocabulary::{ErrorName, Urad};
+
+use crate::{
+    angular::angular,
+    calibration_file::CalibrationFile,
+    error::CalibrateError,
+    fitted::measured,
+    fitted_curve::FittedCurve,
+    linear::linear,
+    parallel_lines::from_parallel_lines,
+    slopes::slopes,
+    squares::{set_square, squares},
+};
+
+/// What the lines of a file make of a machine.
+pub(crate) struct Stages {
+    pub(crate) machine: Machine,
+    pub(crate) measured: Vec<ErrorName>,
+    pub(crate) curves: Vec<FittedCurve>,
+    pub(crate) squareness: Vec<(ErrorName, Urad)>,
+    pub(crate) notes: Vec<String>,
+}
+
+impl Stages {
+    /// Fits every line of a file. `known` is its machine with the errors that are known otherwise; `step` is called after
+    /// each error.
+    pub(crate) fn of(
+        file: &CalibrationFile,
+        known: &Machine,
+        mut step: impl FnMut(),
+    ) -> Result<Self, CalibrateError> {
+        let angular = angular(file, known, &mut step)?;
+        let parallel = from_parallel_lines(file, &angular.tilted)?;
+        let linear = linear(file, &parallel.tilted, &mut step)?;
+        let slopes = slopes(&linear.removed, &parallel.tilted)?;
+        let mut squareness = squares(file, &slopes)?;
+        let mut machine = parallel.tilted;
+        for fitted in &linear.fitted {
+            fitted.set_in(&mut machine)?;
+        }
+        for (error, value) in &squareness {
+            set_square(&mut machine, file.reference_axes, *error, *value)?;
+        }
+        for diagonals in &file.diagonals {
+            let found = diagonals.squares(&machine, file.reference_axes)?;
+            for (error, value) in &found {
+                set_square(&mut machine, file.reference_axes, *error, *value)?;
+            }
+            squareness.extend(found);
+        }
+        let angles = angular.fitted.iter().chain(&parallel.fitted);
+        let fitted = angles.chain(&linear.fitted);
+        let curves = fitted.flat_map(|fitted| fitted.branches.fitted(fitted.error));
+        let mut notes = angular.notes;
+        notes.extend(parallel.notes);
+        notes.extend(linear.notes);
+        Ok(Self {
+            machine,
+            measured: measured(file),
+            curves: curves.collect(),
+            squareness,
+            notes,
+        })
+    }
+
+    /// Whether the measured errors are those of other stages, to the last digit.
+    pub(crate) fn is_as_measured(&self, other: &Self) -> bool {
+        let same = |name: &ErrorName| self.machine.error(*name) == other.machine.error(*name);
+        let mut filled = self.curves.iter().map(|curve| curve.error);
+        filled.all(|name| same(&name)) && self.squareness == other.squareness
+    }
+}

@@ -1,0 +1,208 @@
+//! Lines and observations of the whole machine together: the unknown location errors are found, and the measured lines,
+//! which were taken against the commanded pose, are cleared of them.
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_kinematics::Form;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisName, ErrorName};
+
+use crate::{
+    instrument::Noise,
+    located::{GEOMETRY, LOCATIONS, MORE, calibrated, largest_difference_um, lines, slope, truth},
+};
+
+/// The rotary errors that have a line; the truth has no others.
+const MEASURED: [&str; 3] = ["EAA", "EBA", "ECC"];
+const UNKNOWN: &str =
+    "unknown = [\"EY0A\", \"EZ0A\", \"EB0A\", \"EC0A\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\"]\n";
+
+/// The machine with only those error motions of its rotary axes that have a line.
+fn partial_truth() -> Machine {
+    let full = truth();
+    let mut machine = full.clone();
+    machine.clear_errors();
+    for (name, curve) in full.errors() {
+        if !name.axis.is_rotary() || MEASURED.contains(&name.to_string().as_str()) {
+            machine.set_error(name, curve.clone()).expect("an error");
+        }
+    }
+    for (name, value) in full.locations() {
+        machine
+            .set_location(*name, *value)
+            .expect("a location error");
+    }
+    machine
+}
+
+/// Positions of the tip in a frame that lies elsewhere, as a tracker gives them.
+fn tracker(folder: &Path, truth: &Machine, poses: usize, sigma_um: f64) {
+    use AxisName::{A, C, X, Y, Z};
+    let mut random = ChaCha8Rng::seed_from_u64(21);
+    let mut noise = Noise::new(22);
+    let none = Temperatures::new();
+    let mut text = String::from("X,Y,Z,A,C,x,y,z\n");
+    for _ in 0..poses {
+        let mut at = |low: f64, high: f64| random.random_range(low..high);
+        let q = [
+            (X, at(0.0, 600.0)),
+            (Y, at(0.0, 500.0)),
+            (Z, at(0.0, 400.0)),
+            (A, at(-100.0, 30.0)),
+            (C, at(0.0, 360.0)),
+        ];
+        let state = truth.state(&q).expect("a state");
+        let tip = truth.chain().ideal_tip_mm(&state)
+            + truth.error_at(&state, Form::Exact, &none).position_mm;
+        let seen = [-tip.y + 700.0, tip.x - 200.0, tip.z + 30.0];
+        let seen = seen.map(|x| x + noise.normal(sigma_um * 1e-3));
+        let numbers = q.iter().map(|(_, q)| *q).chain(seen);
+        let numbers: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
+        writeln!(text, "{}", numbers.join(",")).expect("a String");
+    }
+    fs::write(folder.join("tracker.csv"), text).expect("written");
+}
+
+fn value_of(name: &str) -> f64 {
+    let all = LOCATIONS.iter().chain(&MORE);
+    let found = all.clone().find(|(known, _)| *known == name);
+    found.expect("a location error").1
+}
+
+#[test]
+fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = partial_truth();
+    tracker(folder.path(), &truth, 60, 1.0);
+    let mut text = format!("machine = \"machine.toml\"\n{UNKNOWN}folds = 4\n");
+    text += &lines(folder.path(), &truth, |error| MEASURED.contains(&error));
+    for (name, value) in &LOCATIONS[..3] {
+        writeln!(
+            text,
+            "[[location]]\nerror = \"{name}\"\nvalue_urad = {value}"
+        )
+        .expect("a String");
+    }
+    text += "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\n";
+    let found = calibrated(folder.path(), &text);
+    let identified = found.identified.expect("identified");
+    assert!(identified.rounds > 2, "{}", identified.rounds);
+    let told = format!("identified {} times", identified.rounds);
+    assert!(
+        found.warnings.iter().any(|w| w.contains(&told)),
+        "{:?}",
+        found.warnings
+    );
+    let mut count = 0;
+    for parameter in &identified.found.parameters {
+        if parameter.name.contains("frame") {
+            continue;
+        }
+        let expected = value_of(&parameter.name);
+        let u = parameter.uncertainty.expect("determined");
+        // The lines are uncertain by 0.3 µm and 0.3 µrad beside what the rows are.
+        let allowed = 4.0 * u + 1.0;
+        assert!(
+            (parameter.value - expected).abs() < allowed,
+            "{parameter:?} {expected}"
+        );
+        let name: ErrorName = parameter.name.parse().expect("a name");
+        let written = found.machine.locations()[&name];
+        assert!((written - parameter.value).abs() < 1e-9);
+        count += 1;
+    }
+    assert_eq!(count, 8);
+    assert!(identified.found.left_out.is_some());
+    let left = largest_difference_um(&found.machine, &truth);
+    assert!(left <= 3.0, "{left} µm are left");
+    let [found_slope, expected] =
+        [&found.machine, &truth].map(|machine| slope(machine, "EBA", -30.0, 30.0));
+    assert!(
+        (found_slope - expected).abs() < 0.02,
+        "{found_slope} for {expected}"
+    );
+}
+
+/// Where no line depends on what is found, it is found once; a drawn calibration varies the rows too.
+#[test]
+fn lines_that_hold_nothing_are_fitted_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut truth = partial_truth();
+    truth.clear_errors();
+    for (name, value) in MORE {
+        truth
+            .set_location(name.parse().expect("a name"), value)
+            .expect("a location error");
+    }
+    tracker(folder.path(), &truth, 30, 0.0);
+    let text = "machine = \"machine.toml\"\nunknown = [\"EZ0A\", \"EX0C\", \"EY0C\", \"EB0C\"]\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
+    let found = calibrated(folder.path(), text);
+    assert_eq!(found.identified.expect("identified").rounds, 1);
+    for (name, value) in MORE {
+        let written = found.machine.locations()[&name.parse().expect("a name")];
+        assert!((written - value).abs() < 1e-3, "{name}: {written}");
+    }
+    let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");
+    let drawn = calibrate(&file.varied(1, 1), |_, _| {}).expect("calibrated");
+    let name: ErrorName = "EX0C".parse().expect("a name");
+    let shift = (drawn.machine.locations()[&name] - 15.0).abs();
+    assert!(shift > 1e-3 && shift < 5.0, "{shift}");
+}
+
+#[test]
+fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = partial_truth();
+    tracker(folder.path(), &truth, 20, 1.0);
+    let measured = lines(folder.path(), &truth, |_| true);
+    fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
+    let path = folder.path().join("calibration.toml");
+    let points = "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
+    for (top, tables, expected) in [
+        (
+            "unknown = [\"EA0Z\", { error = \"EXX\", legendre = 2 }]",
+            points,
+            "toml:2: unknown[1].error: EXX is unknown here and measured by [[measurement]] with ",
+        ),
+        (
+            "unknown = [\"EC0Y\"]",
+            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n",
+            "unknown[0]: EC0Y is unknown here and measured by [[squareness]]",
+        ),
+        (
+            "unknown = [\"EX0C\"]",
+            "[[location]]\nerror = \"EX0C\"\nvalue_um = 1\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n",
+            "unknown[0]: EX0C is unknown here and measured by [[location]]",
+        ),
+        (
+            "unknown = [\"EA0C\"]",
+            points,
+            "unknown[0]: EA0C is unknown here, and the lines of EAC and EBC (",
+        ),
+        (
+            "folds = 3",
+            "",
+            "folds: expected only together with `unknown`",
+        ),
+        ("unknown = [\"EX0C\"]", "", "key `observation` is missing"),
+        ("", points, "key `unknown` is missing"),
+    ] {
+        let lines = if tables.contains("EX0C") || top.is_empty() {
+            ""
+        } else {
+            &measured
+        };
+        fs::write(
+            &path,
+            format!("machine = \"machine.toml\"\n{top}\n{lines}\n{tables}"),
+        )
+        .expect("written");
+        let message = CalibrationFile::read(&path)
+            .expect_err(expected)
+            .to_string();
+        assert!(message.contains(expected), "{expected}: {message}");
+    }
+}

@@ -1,0 +1,178 @@
+//! Parallel lines: the published gantry, whose positioning of Y depends on the height through the pitch of its beam.
+
+use std::{fs, path::Path};
+
+use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_kinematics::Form;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName;
+
+use crate::instrument::{Line, Noise, measure};
+
+const TRAVEL: [[f64; 2]; 3] = [[0.0, 8000.0], [0.0, 4000.0], [0.0, 2500.0]];
+
+/// EYY of 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m: a pitch of 65 µrad that is nearly linear.
+fn gantry(errors: &str) -> Machine {
+    let axes = volcomp_test_support::machines::gantry(TRAVEL);
+    Machine::parse(&format!("{axes}[errors]\n{errors}"), "truth").expect("a machine")
+}
+
+const PITCH: &str = "EAY = { poly = [0, 0.0158, 1.125e-7] }\n";
+const LENGTH: &str = "EYY = { poly = [0, 0.0275625] }\n";
+
+/// A line of Y with the reflector at a place beside the beam's own point.
+fn line(folder: &Path, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
+    let line = Line {
+        error,
+        at: &[(AxisName::X, 4000.0), (AxisName::Z, z)],
+        point: [x, 0.0, z],
+        other: false,
+        targets: 21,
+        runs: 5,
+    };
+    let mut noise = Noise::new(z.to_bits());
+    let file = format!("{error}-{x}-{z}.csv");
+    measure(folder, truth, &file, &line, sigma, &mut noise) + "curve = { poly = { order = 2 } }\n"
+}
+
+fn calibrated(folder: &Path, lines: &[String]) -> Calibration {
+    let geometry = volcomp_test_support::machines::gantry(TRAVEL);
+    fs::write(folder.join("machine.toml"), geometry).expect("written");
+    let path = folder.join("calibration.toml");
+    let text = format!("machine = \"machine.toml\"\n{}", lines.concat());
+    fs::write(&path, text).expect("written");
+    calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
+}
+
+/// How far Y goes too far from 0 to 4000 mm at a height, µm.
+fn positioning_um(machine: &Machine, z: f64) -> f64 {
+    let none = Temperatures::new();
+    let at = |y| {
+        let state = machine.state(&[(AxisName::X, 4000.0), (AxisName::Y, y), (AxisName::Z, z)]);
+        let error = machine.error_at(&state.expect("a state"), Form::Exact, &none);
+        error.position_mm.y * 1e3
+    };
+    at(4000.0) - at(0.0)
+}
+
+fn has(found: &Calibration, parts: &[&str]) -> bool {
+    let is = |warning: &String| parts.iter().all(|part| warning.contains(part));
+    found.warnings.iter().any(is)
+}
+
+#[test]
+fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = gantry(&format!("{LENGTH}{PITCH}"));
+    assert!((positioning_um(&truth, 1050.0) - 42.0).abs() < 0.1);
+    assert!((positioning_um(&truth, 650.0) - 68.0).abs() < 0.1);
+    let lines = [1050.0, 650.0].map(|z| line(folder.path(), &truth, "EYY", [0.0, z], 0.3));
+    let found = calibrated(folder.path(), &lines);
+    // 23 to 70 µm between these heights, published.
+    for (z, expected) in [(1342.3, 23.0), (1050.0, 42.0), (650.0, 68.0), (619.2, 70.0)] {
+        let value = positioning_um(&found.machine, z);
+        assert!(
+            (value - expected).abs() < 1.0,
+            "{value} µm at Z = {z}, expected {expected}"
+        );
+    }
+    let told = [
+        "EAY was not measured: it was found from the lines of EYY",
+        "standard uncertainty",
+    ];
+    assert!(has(&found, &told), "{:?}", found.warnings);
+    assert!(
+        !has(&found, &["contradict"]) && !has(&found, &["keeps its part"]),
+        "{:?}",
+        found.warnings
+    );
+}
+
+#[test]
+fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = gantry(&format!("{LENGTH}{PITCH}"));
+    let mut lines: Vec<String> = [1050.0, 650.0]
+        .map(|z| line(folder.path(), &truth, "EYY", [0.0, z], 0.3))
+        .into();
+    lines.push(line(folder.path(), &truth, "EAY", [0.0, 0.0], 0.3));
+    let good = calibrated(folder.path(), &lines);
+    assert!(!has(&good, &["contradict"]), "{:?}", good.warnings);
+    let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
+    lines[2] = line(folder.path(), &doubled, "EAY", [0.0, 0.0], 0.3);
+    let bad = calibrated(folder.path(), &lines);
+    // 65 µrad over 400 mm are 26 µm, half of it about the mean, a little more at the end of the bent curve.
+    let told = [
+        "EYY: ",
+        "EYY-0-1050.csv and ",
+        "EYY-0-650.csv contradict each other by up to ±",
+        "times their noise of 0.",
+        "agree with 0.50 times the tilts of Y",
+    ];
+    assert!(has(&bad, &told), "{:?}", bad.warnings);
+    let told = bad
+        .warnings
+        .iter()
+        .find(|w| w.contains("contradict"))
+        .expect("told");
+    let size = told
+        .split('±')
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next());
+    let size: f64 = size.expect("a size").parse().expect("a number");
+    assert!((size - 13.1).abs() < 0.8, "{told}");
+    // Two files of one tilt that disagree are told too.
+    lines[2] = line(folder.path(), &truth, "EAY", [0.0, 0.0], 0.3);
+    lines.push(line(folder.path(), &doubled, "EAY", [0.0, 500.0], 0.3));
+    let told = [
+        "EAY: ",
+        "EAY-0-0.csv and ",
+        "EAY-0-500.csv contradict each other by up to ±",
+        "check the files",
+    ];
+    let bad = calibrated(folder.path(), &lines);
+    assert!(has(&bad, &told), "{:?}", bad.warnings);
+}
+
+#[test]
+fn lines_that_do_not_separate_the_tilts_say_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = gantry(&format!("{LENGTH}{PITCH}ECY = {{ poly = [0, 0.01] }}\n"));
+    let measured = |places: &[[f64; 2]]| {
+        let lines = places
+            .iter()
+            .map(|place| line(folder.path(), &truth, "EYY", *place, 0.3));
+        calibrated(folder.path(), &lines.collect::<Vec<_>>())
+    };
+    let two = measured(&[[0.0, 1050.0], [900.0, 650.0]]);
+    let told = [
+        "EAY and ECY were not measured, and the 2 lines of EYY",
+        "determine 1 of 2 tilts",
+    ];
+    assert!(has(&two, &told), "{:?}", two.warnings);
+    let near = measured(&[[0.0, 1050.0], [0.0, 1020.0]]);
+    assert!(
+        has(&near, &["EAY was not measured", "differ by too little"]),
+        "{:?}",
+        near.warnings
+    );
+    let three = measured(&[[0.0, 1050.0], [900.0, 650.0], [0.0, 650.0]]);
+    for error in ["EAY", "ECY"] {
+        let name = error.parse().expect("a name");
+        let index = truth.index_of(AxisName::Y).expect("an axis");
+        let mut at = [0.0; 9];
+        at[index] = 4000.0;
+        let [found, expected] = [&three.machine, &truth].map(|machine| {
+            machine
+                .error(name)
+                .expect("a curve")
+                .value(index, &at, None)
+        });
+        assert!(
+            (found - expected).abs() < 3.0,
+            "{error}: {found} {expected}"
+        );
+        let text = format!("{error} was not measured: it was found");
+        assert!(has(&three, &[&text]), "{:?}", three.warnings);
+    }
+}

@@ -1,0 +1,303 @@
+//! Squareness by square, beams and diagonals, and the reference lines of straightness.
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_kinematics::{Form, nalgebra::Vector3};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisName, Direction};
+
+/// Edges of the working space, mm.
+const EDGES: [f64; 3] = [600.0, 400.0, 300.0];
+const GEOMETRY: &str = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 600]\nY.travel = [0, 400]\nZ.travel = [0, 300]\n[tool]\ntip = [20, 10, -80]\n";
+/// What is known of the machine before its squareness.
+const KNOWN: &str = "EXX = { poly = [0, 0.03] }\nEYY = { mean = { poly = [0, -0.01] }, reversal = 2.0 }\nEZZ = { poly = [0, 0.02, 1e-5] }\nEAY = { poly = [0, 0.05] }\nECX = { poly = [0, -0.04] }\nEYX = { poly = [0, 0.01, -2e-5] }\n";
+
+fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>) -> Vector3<f64> {
+    let names = [AxisName::X, AxisName::Y, AxisName::Z];
+    let mut state = machine
+        .state(&std::array::from_fn::<_, 3, _>(|i| (names[i], at[i])))
+        .expect("a state");
+    for (axis, name) in names.into_iter().enumerate() {
+        let index = machine.index_of(name).expect("an axis");
+        state.approach[index] = approach.map(|approach| approach[axis]);
+    }
+    let none = Temperatures::new();
+    machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
+}
+
+/// A laser along a diagonal: its file, its table in the calibration file, and how much longer the diagonal is than it
+/// should be, µm. The laser's scale and its zero are not known.
+fn diagonal(folder: &Path, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (String, f64) {
+    let [from, to] = ends.map(Vector3::from);
+    let way = to - from;
+    let (length, along) = (way.norm(), way.normalize());
+    let approach = std::array::from_fn(|i| {
+        if way[i] > 0.0 {
+            Direction::Positive
+        } else {
+            Direction::Negative
+        }
+    });
+    let mut csv = String::from("target,run,direction,deviation\n");
+    let mut ends_um = [0.0; 2];
+    for step in 0..=10 {
+        let share = f64::from(step) / 10.0;
+        let at = from + way * share;
+        let deviation = position_um(truth, at.into(), Some(approach)).dot(&along);
+        ends_um[usize::from(step > 0)] = deviation;
+        let read = deviation + 7.0 + 0.004 * length * share;
+        writeln!(csv, "{},1,+,{read:.9}", length * share).expect("a String");
+    }
+    fs::write(folder.join(name), csv).expect("written");
+    let place = |p: Vector3<f64>| format!("{{ X = {:?}, Y = {:?}, Z = {:?} }}", p.x, p.y, p.z);
+    let table = format!(
+        "{{ file = \"{name}\", from = {}, to = {} }}",
+        place(from),
+        place(to)
+    );
+    (table, ends_um[1] - ends_um[0])
+}
+
+fn calibrated(folder: &Path, machine: &str, text: &str) -> Calibration {
+    fs::write(folder.join("machine.toml"), machine).expect("written");
+    let path = folder.join("calibration.toml");
+    fs::write(&path, format!("machine = \"machine.toml\"\n{text}")).expect("written");
+    calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
+}
+
+/// From the lower to the upper end along P, the other way along N.
+fn body(name: &str) -> [[f64; 3]; 2] {
+    let place = |begin: bool| {
+        std::array::from_fn(|i| {
+            let positive = name.as_bytes()[i] == b'P';
+            if positive == begin { 0.0 } else { EDGES[i] }
+        })
+    };
+    [place(true), place(false)]
+}
+
+fn value(found: &Calibration, name: &str) -> f64 {
+    let of = |(error, _): &&(volcomp_vocabulary::ErrorName, _)| error.to_string() == name;
+    found.squareness.iter().find(of).expect("a squareness").1.0
+}
+
+#[test]
+fn body_diagonals_give_what_their_formula_gives() {
+    let squares = [("EC0Y", 25.0), ("EA0Z", -14.0), ("EB0Z", 18.0)];
+    for known in ["", KNOWN] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let errors = squares
+            .map(|(name, value)| format!("{name} = {value}\n"))
+            .concat();
+        let truth = Machine::parse(&format!("{GEOMETRY}[errors]\n{known}{errors}"), "truth");
+        let truth = truth.expect("a machine");
+        let names = ["PPP", "NPP", "PNP", "PPN"];
+        let measured: Vec<(String, f64)> = names
+            .iter()
+            .map(|name| diagonal(folder.path(), &truth, &format!("{name}.csv"), body(name)))
+            .collect();
+        let tables: Vec<&str> = measured.iter().map(|(table, _)| table.as_str()).collect();
+        let text = format!(
+            "[[squareness]]\nerrors = [\"EC0Y\", \"EA0Z\", \"EB0Z\"]\ndiagonals = [{}]\nuncertainty_um = 0.5\n",
+            tables.join(", ")
+        );
+        let machine = format!("{GEOMETRY}[errors]\n{known}");
+        let found = calibrated(folder.path(), &machine, &text);
+        for (name, expected) in squares {
+            let value = value(&found, name);
+            assert!((value - expected).abs() < 0.01, "{name}: {value}");
+        }
+        assert!(
+            !found.warnings.iter().any(|w| w.contains("EC0Y")),
+            "{:?}",
+            found.warnings
+        );
+        if known.is_empty() {
+            // The contrasts of the book, from the lengths alone.
+            let [a, b, c] = EDGES;
+            let d = (a * a + b * b + c * c).sqrt();
+            let [ppp, npp, pnp, ppn] = [0, 1, 2, 3].map(|k: usize| measured[k].1 * 1e3);
+            for (name, by_hand) in [
+                ("EC0Y", d / (4.0 * a * b) * (-ppp + npp + pnp - ppn)),
+                ("EB0Z", d / (4.0 * a * c) * (ppp - npp + pnp - ppn)),
+                ("EA0Z", d / (4.0 * b * c) * (-ppp - npp + pnp + ppn)),
+            ] {
+                let value = value(&found, name);
+                assert!((value - by_hand).abs() < 0.01, "{name}: {value} {by_hand}");
+            }
+        }
+    }
+}
+
+#[test]
+fn face_diagonals_give_the_squareness_of_their_plane() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = format!("{GEOMETRY}[errors]\n{KNOWN}EC0X = -32.0\nEA0Z = 5.0\n");
+    let truth = Machine::parse(&truth, "truth").expect("a machine");
+    let [a, b, _] = EDGES;
+    let (pp, _) = diagonal(folder.path(), &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
+    let (np, _) = diagonal(
+        folder.path(),
+        &truth,
+        "np.csv",
+        [[a, 0.0, 0.0], [0.0, b, 0.0]],
+    );
+    let table = format!("[[squareness]]\nerror = \"EC0Y\"\ndiagonals = [{pp}, {np}]\n");
+    // With Y as the primary reference axis the tilt is X's; what the file had of it is no start.
+    let text = format!(
+        "reference_axes = [\"Y\", \"X\"]\n{table}[[location]]\nerror = \"EA0Z\"\nvalue_urad = 5.0\n"
+    );
+    let machine = format!("{GEOMETRY}[errors]\n{KNOWN}EC0X = 80.0\n");
+    let found = calibrated(folder.path(), &machine, &text);
+    assert!(
+        (value(&found, "EC0Y") - 32.0).abs() < 0.01,
+        "{:?}",
+        found.squareness
+    );
+    let tilt = found.machine.locations()[&"EC0X".parse().expect("a name")];
+    assert!((tilt + 32.0).abs() < 0.01, "{tilt}");
+    // One plane says nothing of another.
+    let path = folder.path().join("calibration.toml");
+    let text = format!(
+        "machine = \"machine.toml\"\n{}",
+        table.replace("EC0Y", "EB0Z")
+    );
+    fs::write(&path, text).expect("written");
+    let file = CalibrationFile::read(&path).expect("read");
+    let message = calibrate(&file, |_, _| {})
+        .expect_err("not determined")
+        .to_string();
+    assert!(
+        message.contains("EB0Z from ") && message.contains("do not determine"),
+        "{message}"
+    );
+}
+
+fn straight(folder: &Path, name: &str, length: f64, profile: impl Fn(f64) -> f64) {
+    let mut csv = String::from("target,deviation\n");
+    for step in 0..=12 {
+        let q = length * f64::from(step) / 12.0;
+        writeln!(csv, "{q},{:.9}", profile(q)).expect("a String");
+    }
+    fs::write(folder.join(name), csv).expect("written");
+}
+
+const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve = { table = {} }\nLINE\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\ncurve = { table = {} }\nLINE\n[[squareness]]\nerror = \"EC0Y\"\n";
+
+/// Whatever line is taken out of the straightness goes into the squareness: the machine is the same, but for how the
+/// workpiece is laid on it.
+#[test]
+fn reference_lines_share_out_the_same_machine() {
+    let folder = tempfile::tempdir().expect("a folder");
+    straight(folder.path(), "eyx.csv", 600.0, |q| {
+        4.0 + 0.02 * q + 6.0 * (q / 100.0).sin()
+    });
+    straight(folder.path(), "exy.csv", 400.0, |q| {
+        -0.01 * q + 3.0 * (q / 60.0).cos()
+    });
+    let mut machines = Vec::new();
+    let mut squares = Vec::new();
+    for kind in ["least-squares", "end-points", "minimum-zone"] {
+        let text = LINES.replace("LINE", &format!("reference_line = \"{kind}\""));
+        let found = calibrated(folder.path(), GEOMETRY, &text);
+        squares.push(value(&found, "EC0Y"));
+        machines.push(found.machine);
+    }
+    assert!((squares[0] - squares[1]).abs() > 1.0, "{squares:?}");
+    assert!((squares[0] - squares[2]).abs() > 0.1, "{squares:?}");
+    for machine in &machines[1..] {
+        let difference = |at| position_um(machine, at, None) - position_um(&machines[0], at, None);
+        let constant = difference([0.0; 3]);
+        let turn = (difference([600.0, 0.0, 0.0]) - constant).y / 600.0;
+        for x in [0.0, 250.0, 600.0] {
+            for y in [0.0, 150.0, 400.0] {
+                let rigid = constant + Vector3::new(-turn * y, turn * x, 0.0);
+                let left = difference([x, y, 100.0]) - rigid;
+                assert!(left.norm() < 1e-3, "{left} at {x} {y}");
+            }
+        }
+    }
+    let ends = position_um(&machines[1], [600.0, 0.0, 0.0], None)
+        - position_um(&machines[1], [0.0; 3], None);
+    assert!(ends.norm() < 1e-6, "both ends of X lie on its line: {ends}");
+}
+
+/// EC0Y = (φ − 90°) − slope(EXY) − slope(EYX), with slopes of 4 and 10 µrad; a beam that runs against its axis turns φ
+/// into 180° − φ.
+#[test]
+fn squares_and_beams_count_in_the_direction_of_the_light() {
+    let folder = tempfile::tempdir().expect("a folder");
+    straight(folder.path(), "eyx.csv", 600.0, |q| 0.010 * q);
+    straight(folder.path(), "exy.csv", 400.0, |q| 0.004 * q);
+    let angle = 90.0 + 5e-6_f64.to_degrees();
+    for (keys, expected) in [
+        ("reference_angle_urad = 5.0".to_owned(), -9.0),
+        ("optical_square_urad = 5.0".to_owned(), -9.0),
+        (
+            "optical_square_urad = 5.0\nbeams = [\"+X\", \"-Y\"]".to_owned(),
+            -19.0,
+        ),
+        (
+            "optical_square_urad = 5.0\nbeams = [\"-Y\", \"-X\"]".to_owned(),
+            -9.0,
+        ),
+        (format!("beam_angle_deg = {angle}"), -9.0),
+        (
+            format!("beam_angle_deg = {angle}\nbeams = [\"-X\", \"+Y\"]"),
+            -19.0,
+        ),
+    ] {
+        let found = calibrated(
+            folder.path(),
+            GEOMETRY,
+            &format!("{}{keys}\n", LINES.replace("LINE", "")),
+        );
+        let value = value(&found, "EC0Y");
+        assert!((value - expected).abs() < 1e-6, "{keys}: {value}");
+    }
+    for (keys, expected) in [
+        (
+            "beams = [\"+X\", \"+Y\"]",
+            "beams: expected only with `optical_square_urad` or `beam_angle_deg`",
+        ),
+        (
+            "optical_square_urad = 1\nbeams = [\"X\", \"Y\"]",
+            "[\"+X\", \"-Y\"]",
+        ),
+        (
+            "optical_square_urad = 1\nbeams = [\"+X\", \"+X\"]",
+            "[\"+X\", \"-Y\"]",
+        ),
+        (
+            "beam_angle_deg = 0.0001",
+            "expected an angle between 89 and 91 deg",
+        ),
+        (
+            "beam_angle_deg = 90\nvalue_urad = 3",
+            "found value_urad and beam_angle_deg together",
+        ),
+        ("uncertainty_um = 1", "expected only with `diagonals`"),
+        (
+            "diagonals = [{ file = \"eyx.csv\", from = {}, to = { X = 600 } }]",
+            "found 1 diagonals",
+        ),
+        (
+            "diagonals = [{ file = \"eyx.csv\", from = {}, to = { X = 60 } }, { file = \"eyx.csv\", from = {}, to = { X = 60 } }]",
+            "found targets from 0 to 600 mm, expected distances from the beginning of the diagonal, 0 to 60.0 mm",
+        ),
+        (
+            "diagonals = [{ file = \"eyx.csv\", from = {}, to = {} }, { file = \"eyx.csv\", from = {}, to = { X = 60 } }]",
+            "the same place",
+        ),
+    ] {
+        let path = folder.path().join("calibration.toml");
+        let text = format!(
+            "machine = \"machine.toml\"\n{}{keys}\n",
+            LINES.replace("LINE", "")
+        );
+        fs::write(&path, text).expect("written");
+        let message = CalibrationFile::read(&path).expect_err(keys).to_string();
+        assert!(message.contains(expected), "{keys}: {message}");
+    }
+}
