@@ -5,6 +5,7 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
 use volcomp_vocabulary::AxisKind;
 
 use crate::{
+    equation::bar,
     observations::{Row, Seen},
     prepared::Rows,
     system::{Equations, System},
@@ -23,13 +24,24 @@ pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations
     system.equations(&system.prepare(ideal.iter()), values, true)
 }
 
-/// A row on a sphere with the linear axes where the ideal machine would have stood.
+/// A row on a sphere or a ball with the linear axes where the ideal machine would have stood.
 fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let mut ideal = row.clone();
-    let Seen::Sphere { centre, .. } = row.seen else {
-        return ideal;
+    let centre = match &row.seen {
+        Seen::Sphere { centre, .. } => values.points[*centre][0],
+        Seen::Ball {
+            origin,
+            tilts,
+            distance,
+            axes,
+            ..
+        } => {
+            // On the bar as it lies: beside it, turning the bar and turning the machine would not be the same.
+            let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
+            values.points[*origin][0] + along * values.numbers[*distance][0]
+        }
+        _ => return ideal,
     };
-    let centre = values.points[centre][0];
     let chain = system.machine.chain();
     for _ in 0..STEPS {
         let state = ideal.stand.state;

@@ -1,6 +1,6 @@
 //! What one row says: its residuals and how each parameter moves them.
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::{
     basis::legendre,
@@ -67,6 +67,24 @@ impl Writer<'_> {
         }
     }
 
+    /// Takes what was read of an offset, and tells in which directions.
+    fn offsets(
+        &mut self,
+        axes: &Matrix3<f64>,
+        read_mm: &[Option<f64>; 3],
+        offset_mm: &Vector3<f64>,
+    ) -> Vec<Vector3<f64>> {
+        let mut directions = Vec::with_capacity(3);
+        for (place, read) in read_mm.iter().enumerate() {
+            if let Some(read) = read {
+                let direction: Vector3<f64> = axes.column(place).into();
+                self.residual(directions.len(), direction.dot(offset_mm) - read);
+                directions.push(direction);
+            }
+        }
+        directions
+    }
+
     fn residual(&mut self, k: usize, value_mm: f64) {
         self.residuals[self.first + k] = value_mm * self.weight;
     }
@@ -101,6 +119,7 @@ impl System {
     }
 
     /// Writes the equations of the row at this place; see [`System::equations`].
+    #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     pub(crate) fn write_row(
         &self,
         row: &PreparedRow,
@@ -206,8 +225,43 @@ impl System {
                 out.number(*offset, -1.0);
                 out.number(*slope, -place);
             }
+            Seen::Ball {
+                origin,
+                tilts,
+                distance,
+                axes,
+                offset_mm,
+            } => {
+                let bar = bar(axes, tilts.map(|tilt| values.number_at(tilt, time)));
+                let distance_mm = values.number_at(*distance, time);
+                let ball = values.point_at(*origin, time) + bar.along * distance_mm;
+                let read = out.offsets(axes, offset_mm, &(tip.position_mm - ball));
+                out.coefficients(&row.stand, &tip, &read);
+                out.part(Part::Point(*origin), &read, |place, _| -unit(place));
+                out.part(Part::Number(*distance), &read, |_, _| -bar.along);
+                for (tilt, by_tilt) in tilts.iter().zip(bar.by_tilt) {
+                    out.part(Part::Number(*tilt), &read, |_, _| -by_tilt * distance_mm);
+                }
+            }
         }
     }
+}
+
+/// The direction of a row of balls, and how it turns with one unit of its tilts.
+pub(crate) struct Bar {
+    pub(crate) along: Vector3<f64>,
+    by_tilt: [Vector3<f64>; 2],
+}
+
+/// The row of these axes with these tilts to its sides.
+pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
+    let laid = axes * Vector3::new(1.0, side1, side2);
+    let along = laid.normalize();
+    let by_tilt = [1, 2].map(|side| {
+        let side: Vector3<f64> = axes.column(side).into();
+        (side - along * along.dot(&side)) / laid.norm()
+    });
+    Bar { along, by_tilt }
 }
 
 /// How a point at a lever moves with one unit of a displacement (0 to 2) or a rotation (3 to 5).

@@ -106,7 +106,7 @@ pub fn identify(
     let is_setup = |place: usize| fitted.rank.null[place][0].0 < system.params.setup();
     let words = null.iter().enumerate();
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
-    warnings.extend(contradiction(&fitted));
+    warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.kept.len(),
@@ -351,13 +351,40 @@ fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
     format!("{left} cannot be told apart from {with}: it is left {where_left}")
 }
 
-/// A note where the residuals are far larger than what was stated.
-fn contradiction(fitted: &Fitted) -> Option<String> {
+/// A note where the residuals are far larger than what was stated, with the files that fit worst.
+fn contradiction(
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+    fitted: &Fitted,
+) -> Option<String> {
     const TOO_MUCH: f64 = 3.0;
+    const SHOWN: usize = 3;
     let factor = fitted.solution.variance.sqrt();
-    (factor > TOO_MUCH).then(|| {
-        format!(
-            "what is left is {factor:.1} times the stated uncertainty: the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small"
-        )
-    })
+    if factor <= TOO_MUCH {
+        return None;
+    }
+    let mut files: Vec<(f64, &str)> = Vec::new();
+    let mut first = 0;
+    for observation in observations.observations.iter().filter(|o| !o.judge) {
+        let own = first..first + observation.rows.len();
+        first = own.end;
+        let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
+        let squares = own.map(|row| {
+            let size = residuals[row].norm() / rows.get(row).uncertainty_mm;
+            size * size
+        });
+        let times = (squares.sum::<f64>() / count.max(1) as f64).sqrt();
+        files.push((times, &observation.file));
+    }
+    files.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let worst: Vec<String> = files
+        .iter()
+        .take(SHOWN)
+        .map(|(times, file)| format!("{file} {times:.1} times"))
+        .collect();
+    Some(format!(
+        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small",
+        worst.join(", ")
+    ))
 }

@@ -121,12 +121,14 @@ pub(crate) fn outliers(
         let own = first..first + observation.rows.len();
         first = own.end;
         let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
-        let is_spatial = observation
-            .rows
-            .iter()
-            .any(|row| matches!(row.seen, Seen::Point { .. } | Seen::Sphere { .. }));
-        // The median of the distances is 1.54 (one direction: 0.67) standard deviations.
-        let sigma = median(&sizes) / if is_spatial { 1.54 } else { 0.6745 };
+        let directions = observation.rows.iter().map(|row| row.seen.count()).max();
+        // The median of the distances in one, two or three directions, in standard deviations.
+        let usual = match directions {
+            Some(3..) => 1.538,
+            Some(2) => 1.177,
+            _ => 0.6745,
+        };
+        let sigma = median(&sizes) / usual;
         let is_far = |place: &usize| {
             let row = rows.get(*place);
             let size = residuals[*place].norm();

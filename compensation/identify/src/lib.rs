@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod ball_row;
 mod basis;
 mod coefficients;
 mod derivatives;
@@ -20,6 +21,7 @@ mod solve;
 mod start;
 mod system;
 mod timeline;
+mod units;
 mod unknown_file;
 mod values;
 

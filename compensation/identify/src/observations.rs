@@ -2,13 +2,16 @@
 
 use std::path::PathBuf;
 
-use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_kinematics::{
+    State,
+    nalgebra::{Matrix3, Vector3},
+};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::basis::Basis;
 
-/// Part of the range of the observations that is added to it at both ends where spheres were probed.
+/// Part of the range of the observations that is added to it at both ends where spheres or balls were probed.
 const SPHERE_MARGIN: f64 = 1e-3;
 
 /// Everything that a file of observations states, with the files that it names read.
@@ -56,6 +59,8 @@ pub struct Quantity<T> {
     pub unknown: bool,
     /// The order of its drift over the rows.
     pub drift: usize,
+    /// Standard uncertainty of the value, in its unit, where it is found beside what a calibration says of it.
+    pub known_within: Option<f64>,
 }
 
 /// What the set-ups of all observations consist of.
@@ -65,7 +70,7 @@ pub struct SetUp {
     pub frames: Vec<Quantity<[f64; 6]>>,
     /// Points in mm: targets on tools, centres of spheres, points on the table.
     pub points: Vec<Quantity<[f64; 3]>>,
-    /// Dead lengths and offsets in mm, slopes in mm/mm.
+    /// Dead lengths, offsets and distances of balls in mm, slopes and tilts in mm/mm.
     pub numbers: Vec<Quantity<f64>>,
     /// What each of the numbers is, for its unit in answers.
     pub number_kinds: Vec<NumberKind>,
@@ -80,15 +85,20 @@ pub enum NumberKind {
     Offset,
     /// The slope of a line, µm/m in files and answers.
     Slope,
+    /// The tilt of a row of balls to a side, µrad in answers.
+    Tilt,
+    /// The distance of a ball along its row, mm in files and answers.
+    Distance,
 }
 
 impl NumberKind {
     /// The unit in keys and answers, and its number for one mm or mm/mm.
     pub(crate) fn unit(self) -> (&'static str, f64) {
         match self {
-            Self::DeadLength => ("mm", 1.0),
+            Self::DeadLength | Self::Distance => ("mm", 1.0),
             Self::Offset => ("um", 1e3),
             Self::Slope => ("um_per_m", 1e6),
+            Self::Tilt => ("urad", 1e6),
         }
     }
 }
@@ -117,6 +127,8 @@ pub enum Kind {
     Distance,
     /// Displacements along a line of sight.
     Line,
+    /// Where the tip is against the balls of a row.
+    BallRow,
 }
 
 impl Kind {
@@ -127,6 +139,7 @@ impl Kind {
             Self::Sphere => "sphere",
             Self::Distance => "distance",
             Self::Line => "line",
+            Self::BallRow => "ball-row",
         }
     }
 }
@@ -203,6 +216,30 @@ pub enum Seen {
         /// The reading, mm.
         deviation_mm: f64,
     },
+    /// The tip against a ball of a row.
+    Ball {
+        /// The point at which the distance along the row is zero.
+        origin: usize,
+        /// The numbers of the tilts to side 1 and side 2.
+        tilts: [usize; 2],
+        /// The number of the ball's distance.
+        distance: usize,
+        /// Unit directions in workpiece axes as columns: along the row as it is laid, to side 1, to side 2.
+        axes: Matrix3<f64>,
+        /// Tip minus ball along and to the sides, mm, as far as read.
+        offset_mm: [Option<f64>; 3],
+    },
+}
+
+impl Seen {
+    /// How many numbers were read.
+    pub(crate) fn count(&self) -> usize {
+        match self {
+            Self::Point { .. } | Self::Sphere { .. } => 3,
+            Self::Distance { .. } | Self::Pair { .. } | Self::Line { .. } => 1,
+            Self::Ball { offset_mm, .. } => offset_mm.iter().flatten().count(),
+        }
+    }
 }
 
 impl Observations {
@@ -220,8 +257,8 @@ impl Observations {
                 Seen::Pair { from, .. } => Some(from.state),
                 _ => None,
             };
-            // The ideal machine would stand a little beside where the real one found the sphere.
-            if let Seen::Sphere { .. } = row.seen {
+            // The ideal machine would stand a little beside where the real one found the sphere or the ball.
+            if let Seen::Sphere { .. } | Seen::Ball { .. } = row.seen {
                 margin = SPHERE_MARGIN;
             }
             for state in core::iter::once(row.stand.state).chain(from) {

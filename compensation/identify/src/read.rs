@@ -9,10 +9,12 @@ use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 
 use crate::{
+    ball_row::{self, Balls},
     error::IdentifyError,
     observations::{Kind, NumberKind, Observation, Observations, Quantity, SetUp},
     rows::{RowKind, read_rows},
     timeline::set_times,
+    units::check_units,
     unknown_file::{decode_penalty, decode_unknown},
 };
 
@@ -48,6 +50,7 @@ pub(crate) struct Reading {
     /// Names of tools and spheres with the place of their point.
     pub(crate) targets: Vec<(String, usize)>,
     pub(crate) spheres: Vec<(String, usize)>,
+    pub(crate) rows_of_balls: Vec<Balls>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -134,14 +137,14 @@ fn observations(
     }
     order.sort_unstable();
     for (judge, place) in order {
-        let (observation, file) = decode_observation(
+        let observation = decode_observation(
             &sections[place],
             (folder, read),
             &machine,
             judge,
             &mut reading,
+            &mut files,
         )?;
-        files.push(file);
         observations.push(observation);
     }
     let observations = set_times(observations, &machine, &mut reading.notes);
@@ -164,18 +167,21 @@ fn decode_observation(
     machine: &Machine,
     judge: bool,
     reading: &mut Reading,
-) -> Result<(crate::timeline::Timed, std::path::PathBuf), IdentifyError> {
+    files: &mut Vec<std::path::PathBuf>,
+) -> Result<crate::timeline::Timed, IdentifyError> {
     let kind = section.require("kind")?.one_of(&[
         ("points", Kind::Points),
         ("sphere", Kind::Sphere),
         ("distance", Kind::Distance),
         ("line", Kind::Line),
+        ("ball-row", Kind::BallRow),
     ])?;
     let own: &[&str] = match kind {
         Kind::Points => &["frame", "target"],
         Kind::Sphere => &[],
         Kind::Distance => &["point", "dead_length"],
         Kind::Line => &["direction", "offset", "slope"],
+        Kind::BallRow => &ball_row::KEYS,
     };
     section.allow(&[&["kind", "file", "uncertainty_um", "drift", "judge"], own].concat())?;
     let file_value = section.require("file")?;
@@ -183,6 +189,7 @@ fn decode_observation(
     let path = folder.join(&name);
     let text = read(&path).map_err(|error| file_value.error(error.to_string()))?;
     let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    files.push(path);
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
         .optional("uncertainty_um", Value::positive)?
@@ -194,6 +201,7 @@ fn decode_observation(
         point: None,
         numbers: Vec::new(),
     };
+    let mut bar = None;
     let row_kind = match kind {
         Kind::Points => {
             let frame = frame(section, &name, drift, reading, &mut told)?;
@@ -209,7 +217,7 @@ fn decode_observation(
                 }
                 None
             } else {
-                Some(point(section, &name, drift, reading, &mut told)?)
+                Some(point_of(section, &name, drift, reading, &mut told)?)
             };
             let dead = number(
                 section,
@@ -252,9 +260,16 @@ fn decode_observation(
                 slope,
             }
         }
+        Kind::BallRow => {
+            let (kind, lies, path) =
+                ball_row::decode(section, (folder, read), &name, drift, judge, reading)?;
+            bar = Some(lies);
+            files.push(path);
+            kind
+        }
     };
     reading.told.push(told);
-    let rows = read_rows(
+    let mut rows = read_rows(
         &table,
         &row_kind,
         machine,
@@ -262,21 +277,22 @@ fn decode_observation(
         judge,
         reading,
     )?;
+    check_units(&table, machine, &rows.rows, &reading.setup)?;
+    if let Some(bar) = bar {
+        ball_row::lay(&bar, &table, machine, &mut rows.rows, &mut reading.setup)?;
+    }
     let observation = Observation {
         file: name,
         kind,
         judge,
         rows: rows.rows,
     };
-    Ok((
-        crate::timeline::Timed {
-            observation,
-            orders: rows.orders,
-            has_order: rows.has_order,
-            has_drift: drift > 0 || judge,
-        },
-        path,
-    ))
+    Ok(crate::timeline::Timed {
+        observation,
+        orders: rows.orders,
+        has_order: rows.has_order,
+        has_drift: drift > 0 || judge,
+    })
 }
 
 /// A value, or the name of what is to be found; "known" stands for the default.
@@ -363,6 +379,7 @@ fn frame(
         },
         unknown: named.is_some(),
         drift: if told.judge { 0 } else { drift },
+        known_within: None,
     });
     told.frame = named.map(|name| (name, place));
     Ok(place)
@@ -419,6 +436,7 @@ fn targets(
             unknown,
             // A target that is to be found grows with the tool, as the frame drifts.
             drift: if unknown { drift } else { 0 },
+            known_within: None,
         });
         if unknown {
             reading.targets.push((key, place));
@@ -434,7 +452,7 @@ fn targets(
     }
 }
 
-fn point(
+fn point_of(
     section: &Section<'_>,
     file: &str,
     drift: usize,
@@ -453,20 +471,46 @@ fn point(
             places.map(|(_, place)| *place).collect(),
         );
     }
-    let place = reading.setup.points.len();
-    reading.setup.points.push(Quantity {
-        name: format!("{file}:point"),
-        value: match &stated {
-            Stated::Known(point) => Some(*point),
-            Stated::Unknown(_) => None,
-        },
-        unknown: matches!(stated, Stated::Unknown(_)),
-        drift: if told.judge { 0 } else { drift },
-    });
+    let drift = if told.judge { 0 } else { drift };
+    let place = point(section, "point", file, drift, reading)?;
     if let Stated::Unknown(name) = stated {
         told.point = Some((name, place));
     }
     Ok(place)
+}
+
+/// A point of the set-up under a key; one that is not stated is to be found.
+pub(crate) fn point(
+    section: &Section<'_>,
+    key: &str,
+    file: &str,
+    drift: usize,
+    reading: &mut Reading,
+) -> Result<usize, InputError> {
+    let known = stated_vector(section, key)?.map(|(_, known)| known.into());
+    let place = reading.setup.points.len();
+    reading.setup.points.push(Quantity {
+        name: format!("{file}:{key}"),
+        value: known,
+        unknown: known.is_none(),
+        drift,
+        known_within: None,
+    });
+    Ok(place)
+}
+
+/// Three numbers under a key; `None` where the key is not there or says that they are to be found.
+pub(crate) fn stated_vector<'a>(
+    section: &Section<'a>,
+    key: &str,
+) -> Result<Option<(Value<'a>, Vector3<f64>)>, InputError> {
+    let Some(value) = section.get(key) else {
+        return Ok(None);
+    };
+    match stated(Some(value.clone()), [0.0; 3], Value::vector::<3>)? {
+        Stated::Known(known) => Ok(Some((value, Vector3::from(known)))),
+        Stated::Unknown(_) => Ok(None),
+    }
 }
 
 fn number(
@@ -499,6 +543,7 @@ fn number(
         },
         unknown: matches!(stated, Stated::Unknown(_)),
         drift: if told.judge { 0 } else { drift },
+        known_within: None,
     });
     reading.setup.number_kinds.push(kind);
     if let Stated::Unknown(name) = stated {

@@ -1,7 +1,10 @@
 //! The rows of a file of observations.
 
 use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted};
-use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_kinematics::{
+    State,
+    nalgebra::{Matrix3, Vector3},
+};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Displacement};
 
@@ -29,6 +32,12 @@ pub(crate) enum RowKind {
         direction: Vector3<f64>,
         offset: usize,
         slope: usize,
+    },
+    Ball {
+        /// Which of the row files.
+        balls: usize,
+        origin: usize,
+        tilts: [usize; 2],
     },
 }
 
@@ -307,6 +316,11 @@ enum What {
     Line {
         deviation: Column,
     },
+    Ball {
+        ball: Column,
+        /// Along and to the sides; none of them: the tip was on the centre of the ball.
+        offsets: [Option<Column>; 3],
+    },
 }
 
 impl What {
@@ -342,6 +356,14 @@ impl What {
             RowKind::Line { .. } => Self::Line {
                 deviation: columns.require("deviation_um")?,
             },
+            RowKind::Ball { .. } => Self::Ball {
+                ball: columns.require("ball")?,
+                offsets: [
+                    columns.get("along_um")?,
+                    columns.get("side1_um")?,
+                    columns.get("side2_um")?,
+                ],
+            },
         })
     }
 
@@ -369,6 +391,7 @@ impl What {
     }
 
     #[expect(clippy::too_many_arguments, reason = "what a row refers to")]
+    #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     fn read(
         &mut self,
         row: &CsvRow<'_>,
@@ -432,22 +455,7 @@ impl What {
                 },
             )),
             (Self::Pair { from, to, length }, RowKind::Distance { dead, .. }) => {
-                let find = |column: &Column| {
-                    let cell = row.cell(*column);
-                    let pose = poses.iter().find(|(name, _)| name == cell.text());
-                    pose.map(|(_, stand)| *stand).ok_or_else(|| {
-                        cell.error(format!(
-                            "found {}, expected the name of a pose above this row",
-                            quoted(cell.text())
-                        ))
-                    })
-                };
-                let (from, stand) = (find(from)?, find(to)?);
-                if from == stand {
-                    return Err(
-                        row.error("found the same pose twice, expected two poses that differ")
-                    );
-                }
+                let [from, stand] = pair(row, [*from, *to], poses)?;
                 Ok((
                     stand,
                     Seen::Pair {
@@ -473,10 +481,81 @@ impl What {
                     deviation_mm: row.cell(*deviation).number()? * 1e-3,
                 },
             )),
+            (
+                Self::Ball { ball, offsets },
+                RowKind::Ball {
+                    balls,
+                    origin,
+                    tilts,
+                },
+            ) => {
+                let cell = row.cell(*ball);
+                let distance = reading.rows_of_balls[*balls]
+                    .distance_of(cell.text(), &mut reading.setup)
+                    .map_err(|message| cell.error(message))?;
+                Ok((
+                    here()?,
+                    Seen::Ball {
+                        origin: *origin,
+                        tilts: *tilts,
+                        distance,
+                        // Laid through all rows when they are read.
+                        axes: Matrix3::identity(),
+                        offset_mm: ball_offset(row, offsets)?,
+                    },
+                ))
+            }
             // The columns were made for the kind.
             _ => Err(row.error("expected a row of this kind of observation")),
         }
     }
+}
+
+/// The two poses between which a row measures.
+fn pair(
+    row: &CsvRow<'_>,
+    columns: [Column; 2],
+    poses: &[(String, Stand)],
+) -> Result<[Stand; 2], InputError> {
+    let find = |column: Column| {
+        let cell = row.cell(column);
+        let pose = poses.iter().find(|(name, _)| name == cell.text());
+        pose.map(|(_, stand)| *stand).ok_or_else(|| {
+            cell.error(format!(
+                "found {}, expected the name of a pose above this row",
+                quoted(cell.text())
+            ))
+        })
+    };
+    let [from, to] = columns;
+    let pair = [find(from)?, find(to)?];
+    if pair[0] == pair[1] {
+        return Err(row.error("found the same pose twice, expected two poses that differ"));
+    }
+    Ok(pair)
+}
+
+/// Tip minus ball, mm, as far as it was read: all of it zero where there is no column for it.
+fn ball_offset(
+    row: &CsvRow<'_>,
+    columns: &[Option<Column>; 3],
+) -> Result<[Option<f64>; 3], InputError> {
+    if columns.iter().all(Option::is_none) {
+        return Ok([Some(0.0); 3]);
+    }
+    let mut offset = [None; 3];
+    for (place, column) in columns.iter().enumerate() {
+        let cell = column.map(|column| row.cell(column));
+        if let Some(cell) = cell.filter(|cell| !cell.text().is_empty()) {
+            offset[place] = Some(cell.number()? * 1e-3);
+        }
+    }
+    if offset == [None; 3] {
+        return Err(
+            row.error("found no reading, expected at least one of along_um, side1_um, side2_um")
+        );
+    }
+    Ok(offset)
 }
 
 /// The centre of a sphere, the same in all files that name it.
@@ -506,6 +585,7 @@ fn centre_of(
         value: None,
         unknown: true,
         drift,
+        known_within: None,
     });
     reading.spheres.push((name.to_owned(), place));
     Ok(place)

@@ -6,7 +6,7 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Coefficient, Role, Unknowns, micro},
     error::IdentifyError,
-    observations::{Observations, Seen, SetUp},
+    observations::{Observations, SetUp},
     params::{self, Param, Params, Part},
     prepared::Rows,
     values::Values,
@@ -71,22 +71,41 @@ impl System {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
         for row in rows.iter() {
-            let of_row = match row.seen {
-                Seen::Point { .. } | Seen::Sphere { .. } => 3,
-                _ => 1,
-            };
+            let of_row = row.seen.count();
             places.push((count, of_row));
             count += of_row;
         }
+        let calibrated = self.calibrated();
+        let total = count + calibrated.len();
         let mut equations = Equations {
-            residuals: DVector::zeros(count),
-            jacobian: DMatrix::zeros(count, self.params.len()),
+            residuals: DVector::zeros(total),
+            jacobian: DMatrix::zeros(total, self.params.len()),
             places,
         };
+        // What a calibration says of a number is one more observation of it.
+        for (row, (column, number, stated, uncertainty)) in calibrated.into_iter().enumerate() {
+            let residual = values.numbers[number][0] - stated;
+            equations.residuals[count + row] = residual / uncertainty;
+            equations.jacobian[(count + row, column)] = 1.0 / uncertainty;
+        }
         for (place, row) in rows.0.iter().enumerate() {
             self.write_row(row, values, design, place, &mut equations);
         }
         equations
+    }
+
+    /// The numbers that are found beside what a calibration says of them: column, number, value, uncertainty.
+    fn calibrated(&self) -> Vec<(usize, usize, f64, f64)> {
+        let numbers = self.setup.numbers.iter().enumerate();
+        let stated = numbers.filter_map(|(number, quantity)| {
+            let columns = self.params.of(Part::Number(number));
+            let column = columns.iter().find(|column| column.order == 0)?;
+            let (value, uncertainty) = (quantity.value?, quantity.known_within?);
+            Some((column.param, number, value, uncertainty))
+        });
+        stated
+            .filter(|(.., uncertainty)| *uncertainty > 0.0)
+            .collect()
     }
 
     /// The residuals alone of every row, mm: three numbers, or one and two zeros.

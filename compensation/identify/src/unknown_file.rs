@@ -15,6 +15,38 @@ pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<boo
     section.one_of("penalty", &[("auto", true), ("none", false)], default)
 }
 
+impl Unknown {
+    /// The key `unknown` of a file of observations: what is to be found on this machine.
+    ///
+    /// # Errors
+    /// What is no error of the machine, or stands twice; a curve that the error cannot have.
+    pub fn decode(value: &Value<'_>, machine: &Machine) -> Result<Vec<Self>, InputError> {
+        decode_unknown(value, machine, false)
+    }
+
+    /// The item of the key `unknown` that is read back as this.
+    pub fn to_toml(&self) -> String {
+        let mut keys = vec![format!("error = \"{}\"", self.error)];
+        match self.basis {
+            Some(Basis::Legendre { order }) => keys.push(format!("legendre = {order}")),
+            Some(Basis::BSpline { coefficients }) => {
+                keys.push(format!("bspline = {coefficients}"));
+            }
+            Some(Basis::Fourier { harmonics }) => keys.push(format!("fourier = {harmonics}")),
+            // A reversal value beside a constant: a polynomial of order 0 is one.
+            Some(Basis::Constant) if self.reversal => keys.push("legendre = 0".to_owned()),
+            Some(Basis::Constant) | None => {}
+        }
+        if self.reversal {
+            keys.push("reversal = true".to_owned());
+        }
+        if self.penalised {
+            keys.push("penalty = \"auto\"".to_owned());
+        }
+        format!("{{ {} }}", keys.join(", "))
+    }
+}
+
 /// Decodes every unknown.
 pub(crate) fn decode_unknown(
     value: &Value<'_>,

@@ -34,6 +34,53 @@ pub enum ShopError {
         /// Why the method does not fit the error.
         source: MetrologyError,
     },
+    /// An observation cannot be made.
+    #[error("the observation {name}: {source}")]
+    Observation {
+        /// The name of its row file.
+        name: String,
+        /// Why it cannot be made.
+        source: Box<ObservationError>,
+    },
+}
+
+/// The reason why an observation cannot be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ObservationError {
+    /// The instrument cannot be (only possible when built in code).
+    #[error(transparent)]
+    Instrument(#[from] InstrumentError),
+    /// The machine lacks an axis or a tool, or a coordinate is no number.
+    #[error(transparent)]
+    Machine(#[from] ModelError),
+    /// Too few poses with the tip at a point lie within travel.
+    #[error(
+        "{what} at [{}, {}, {}] mm in workpiece axes: found {found} of {poses} poses within travel, expected a place that the tool reaches with the rotary axes all over their travel, or rotary axes held by `at`",
+        at[0], at[1], at[2]
+    )]
+    Reach {
+        /// What the tip goes to.
+        what: String,
+        /// Where it is, mm in workpiece axes.
+        at: [f64; 3],
+        /// How many poses were found.
+        found: usize,
+        /// How many were asked for.
+        poses: usize,
+    },
+    /// The tip cannot be brought to a point.
+    #[error(
+        "found no position within travel with the tool at [{:.3}, {:.3}, {:.3}] mm in workpiece axes, expected a bar within reach of the linear axes",
+        at[0], at[1], at[2]
+    )]
+    NotReached {
+        /// The point, mm in workpiece axes.
+        at: [f64; 3],
+    },
+    /// A direction of no length.
+    #[error("found a direction of no length, expected one that points somewhere")]
+    NoDirection,
 }
 
 /// The reason why an instrument is refused.

@@ -22,11 +22,12 @@ use crate::{
 };
 
 impl Shop {
-    /// Every file by name: the machine without errors, the measurements and `calibration.toml`.
-    /// `progress` is told how many of how many lines are done.
+    /// Every file by name: the machine without errors; the measurements and `calibration.toml`, unless only observations
+    /// are to be made; the observations and `observations.toml`, if there are any. `progress` is told how many of how many
+    /// lines and observations are done.
     ///
     /// # Errors
-    /// A line that cannot be laid through the machine.
+    /// A line that cannot be laid through the machine, an observation that cannot be made.
     pub fn files(
         &self,
         mut progress: impl FnMut(usize, usize),
@@ -55,7 +56,7 @@ impl Shop {
                 let _ = writeln!(calibration, "curve = {}", curve.to_toml());
             }
             files.push((name, text));
-            progress(index + 1, self.lines.len());
+            progress(index + 1, self.count());
         }
         for (error, angle) in &self.squareness {
             let _ = write!(
@@ -64,8 +65,20 @@ impl Shop {
                 angle.0
             );
         }
-        files.push(("calibration.toml".to_owned(), calibration));
+        if !self.lines.is_empty() || !self.squareness.is_empty() || self.observations.is_empty() {
+            files.push(("calibration.toml".to_owned(), calibration));
+        }
+        let mut done = self.lines.len();
+        files.extend(self.observe(|| {
+            done += 1;
+            progress(done, self.count());
+        })?);
         Ok(files)
+    }
+
+    /// How many lines and observations there are.
+    pub fn count(&self) -> usize {
+        self.lines.len() + self.observations.len()
     }
 
     /// Slopes at which the straightness references stand. The two beams of a squareness enclose the

@@ -11,16 +11,19 @@ use volcomp_vocabulary::{ErrorName, Um, Urad};
 use crate::{
     error::ShopError,
     instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
+    read_observation::decode_observations,
     shop::{Format, Shop, ShopLine},
 };
 
-const TOP_KEYS: [&str; 6] = [
+const TOP_KEYS: [&str; 8] = [
     "machine",
     "seed",
     "format",
     "instrument",
     "measurement",
     "squareness",
+    "observation",
+    "unknown",
 ];
 
 impl Shop {
@@ -91,6 +94,7 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         let angle = angle.map_or(Ok(0.0), |value| value.number())?;
         squareness.push((error, Urad(angle)));
     }
+    let (observations, unknown) = decode_observations(root, &truth, &instrument, &lines)?;
     Ok(Shop {
         truth,
         seed: root.get("seed").map_or(Ok(0), |v| v.count(usize::MAX))? as u64,
@@ -101,6 +105,8 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
             &[("renishaw", Format::Renishaw), ("csv", Format::Csv)],
             Format::Renishaw,
         )?,
+        observations,
+        unknown,
     })
 }
 
@@ -131,18 +137,10 @@ fn decode_measurement(
             Some(file) if named.len() > 1 => {
                 return Err(file.error("one file for several errors, expected `error` with it"));
             }
-            Some(file) => {
-                let name = file.text()?;
-                if name.is_empty() || name.contains(['/', '\\']) {
-                    let expected = "expected a name without a folder";
-                    return Err(file.error(format!("found {name:?}, {expected}")));
-                }
-                name.to_owned()
-            }
+            Some(file) => decode_file_name(&file)?,
             None => free_name(error, lines),
         };
-        if lines.iter().any(|line| line.name == name) || name == "machine" || name == "calibration"
-        {
+        if lines.iter().any(|line| line.name == name) || TAKEN.contains(&name.as_str()) {
             return Err(value.error(format!("the file {name} is written already")));
         }
         let setup = Setup::decode(section, error, truth)?;
@@ -174,6 +172,19 @@ fn decode_measurement(
     Ok(())
 }
 
+/// Names of files that every shop may write.
+pub(crate) const TAKEN: [&str; 3] = ["machine", "calibration", "observations"];
+
+/// The name of a file in the folder of the shop's files.
+pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {
+    let name = value.text()?;
+    if name.is_empty() || name.contains(['/', '\\']) {
+        let expected = "expected a name without a folder";
+        return Err(value.error(format!("found {name:?}, {expected}")));
+    }
+    Ok(name.to_owned())
+}
+
 /// `eyy`, then `eyy-2`, …
 fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
     let base = error.to_string().to_lowercase();
@@ -201,7 +212,10 @@ const INSTRUMENT_KEYS: [&str; 12] = [
 ];
 
 /// The instrument of a section, whose keys stand over those of `base`.
-fn decode_instrument(section: &Section<'_>, base: &Instrument) -> Result<Instrument, InputError> {
+pub(crate) fn decode_instrument(
+    section: &Section<'_>,
+    base: &Instrument,
+) -> Result<Instrument, InputError> {
     let number =
         |key: &str, default: f64| section.get(key).map_or(Ok(default), |value| value.number());
     let positive = |key: &str, default: f64| {

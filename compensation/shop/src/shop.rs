@@ -1,10 +1,11 @@
 //! A truth machine with the measurements to be made on it: plain data.
 
 use volcomp_calibrate::{CurveChoice, Setup};
+use volcomp_identify::Unknown;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use crate::instrument::Instrument;
+use crate::{instrument::Instrument, observation::ShopObservation};
 
 /// A truth machine with the measurements to be made on it.
 #[derive(Clone, Debug)]
@@ -19,6 +20,10 @@ pub struct Shop {
     pub squareness: Vec<(ErrorName, Urad)>,
     /// The kind of the measurement files.
     pub format: Format,
+    /// The volumetric observations to be made.
+    pub observations: Vec<ShopObservation>,
+    /// What the file of observations asks for.
+    pub unknown: Vec<Unknown>,
 }
 
 /// A line to be measured.

@@ -12,8 +12,10 @@ pub(crate) struct Simulate {
     pub(crate) folder: String,
     /// Names of the files that were written.
     pub(crate) files: Vec<String>,
-    /// The calibration file that reads them.
-    pub(crate) calibration: String,
+    /// The calibration file that reads the lines; null where only observations were made.
+    pub(crate) calibration: Option<String>,
+    /// The file of observations that reads the observations; null where none were made.
+    pub(crate) observations: Option<String>,
 }
 
 /// The document of `volcomp demo`: before and after, of everything.

@@ -1,16 +1,19 @@
 //! `volcomp simulate`: the virtual shop.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use volcomp_shop::{Shop, ShopError};
 
 use super::Answer;
 use crate::{answers::simulate::Simulate, failure::Failure, output::OutputFile, progress};
 
-/// The virtual shop: makes measurement files of a truth machine and the calibration file for them
+/// The virtual shop: makes measurement files of a truth machine and the files that read them
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Shop file (TOML): truth machine, instrument, lines
+    /// Shop file (TOML): truth machine, instrument, lines, observations
     shop: PathBuf,
     /// Folder for the files; made when it is not there
     #[arg(long, short)]
@@ -20,17 +23,23 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let shop = Shop::read(&arguments.shop)?;
     let names = write(&shop, &arguments.output)?;
-    let calibration = arguments.output.join("calibration.toml");
-    let text = format!(
-        "{} files in {}\nnext: volcomp calibrate {} -o MACHINE.toml\n",
-        names.len(),
-        arguments.output.display(),
-        calibration.display()
-    );
+    let path = |name: &str| {
+        let is_there = names.iter().any(|written| written == name);
+        is_there.then(|| arguments.output.join(name).display().to_string())
+    };
+    let (calibration, observations) = (path("calibration.toml"), path("observations.toml"));
+    let mut text = format!("{} files in {}\n", names.len(), arguments.output.display());
+    for (command, file) in [("calibrate", &calibration), ("identify", &observations)] {
+        if let Some(file) = file {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "next: volcomp {command} {file} -o MACHINE.toml");
+        }
+    }
     let document = Simulate {
         folder: arguments.output.display().to_string(),
+        calibration,
+        observations,
         files: names,
-        calibration: calibration.display().to_string(),
     };
     Answer::new(&document, text, Vec::new())
 }
@@ -56,7 +65,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Vec<String>, Failure> 
     })?;
     // Whether the folder can be written in is known before work starts.
     let first = OutputFile::open(&folder.join("machine.toml"))?;
-    let bar = progress::bar(shop.lines.len(), "lines measured");
+    let bar = progress::bar(shop.count(), "lines and observations measured");
     let files = shop.files(|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     let mut first = Some(first);

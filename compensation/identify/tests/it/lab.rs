@@ -24,6 +24,15 @@ impl Lab {
         fs::write(self.0.path().join(name), text).expect("written");
     }
 
+    pub(crate) fn write_bytes(&self, name: &str, bytes: &[u8]) {
+        fs::write(self.0.path().join(name), bytes).expect("written");
+    }
+
+    /// The path of a file as messages name it.
+    pub(crate) fn path(&self, name: &str) -> String {
+        self.0.path().join(name).display().to_string()
+    }
+
     pub(crate) fn machine(&self) -> Machine {
         let text = fs::read_to_string(self.0.path().join("machine.toml")).expect("read");
         Machine::parse(&text, "machine.toml").expect("a machine")

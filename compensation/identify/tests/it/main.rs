@@ -1,5 +1,6 @@
 //! Identification against closed forms, an independent program, and its own statistics.
 
+mod ball_row;
 mod coverage;
 mod fuzz_corpus;
 mod lab;

@@ -278,3 +278,73 @@ tip = [0.0, 0.0, -200.0]
         "{note}"
     );
 }
+
+#[test]
+fn readings_in_another_unit_are_refused() {
+    let lab = Lab::new(MACHINE);
+    // A tracker in metres.
+    let metres: Vec<String> = rows(&SQUARE, 0.0)
+        .lines()
+        .enumerate()
+        .map(|(line, text)| {
+            let cells: Vec<&str> = text.split(',').collect();
+            let scaled = cells[2..].iter().map(|cell| {
+                let number: Result<f64, _> = cell.parse();
+                number.map_or((*cell).to_owned(), |mm| format!("{:?}", mm * 1e-3))
+            });
+            assert!(line == 0 || cells.len() == 5);
+            [cells[..2].join(","), scaled.collect::<Vec<_>>().join(",")].join(",")
+        })
+        .collect();
+    lab.write("t.csv", &metres.join("\n"));
+    let message = lab.refused(&points(""));
+    assert!(
+        message.starts_with(&*lab.path("t.csv")) && message.contains("are they in another unit?"),
+        "{message}"
+    );
+    // A step gauge in inches.
+    lab.write(
+        "t.csv",
+        "pose,X,from,to,length_mm\na,0,,,\nb,254,,,\n,,a,b,10\n",
+    );
+    let message = lab
+        .refused("unknown = [\"EXX\"]\n[[observation]]\nkind = \"distance\"\nfile = \"t.csv\"\n");
+    assert!(
+        message.contains(
+            "t.csv:4: row: found a length of 10 mm between poses that are nominally 254.000 mm apart"
+        ),
+        "{message}"
+    );
+}
+
+#[test]
+fn observations_that_contradict_each_other_are_named() {
+    let lab = Lab::new(MACHINE);
+    // One gauge says that X is 20 µm/m too long, the other that it is 20 µm/m too short.
+    for (file, sign) in [("long.csv", -1.0), ("short.csv", 1.0), ("y.csv", 0.0)] {
+        let letter = if file == "y.csv" { "Y" } else { "X" };
+        let mut text = format!("pose,{letter},from,to,length_mm\n");
+        for x in [0, 100, 200, 300, 400] {
+            let _ = writeln!(text, "p{x},{x},,,");
+        }
+        for x in [100, 200, 300, 400] {
+            let x = f64::from(x);
+            let _ = writeln!(text, ",,p0,p{x},{:?}", x + sign * 0.02e-3 * x);
+        }
+        lab.write(file, &text);
+    }
+    let observation =
+        |file: &str| format!("[[observation]]\nkind = \"distance\"\nfile = \"{file}\"\n");
+    let files = ["long.csv", "short.csv", "y.csv"].map(observation).concat();
+    let text = format!(
+        "folds = 0\nunknown = [{{ error = \"EXX\", legendre = 1 }}, {{ error = \"EYY\", legendre = 1 }}]\n{files}"
+    );
+    let found = lab.identify(&text).expect("found");
+    let words = found.warnings.join("\n");
+    // 20 µm/m on 100, 200, 300, 400 mm: 5.5 µm RMS in each.
+    assert!(
+        words.contains("(long.csv 5.5 times, short.csv 5.5 times, y.csv 0.0 times)")
+            || words.contains("(short.csv 5.5 times, long.csv 5.5 times, y.csv 0.0 times)"),
+        "{words}"
+    );
+}

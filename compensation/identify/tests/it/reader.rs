@@ -23,6 +23,11 @@ fn word() -> impl Strategy<Value = String> {
         "deviation_um",
         "dx_um",
         "sphere",
+        "ball",
+        "distance_mm",
+        "uncertainty_um",
+        "along_um",
+        "side1_um",
         "1",
         "-3.5",
         "nan",
@@ -45,8 +50,8 @@ proptest! {
     #[test]
     fn no_table_and_no_keys_are_a_panic(
         rows in prop::collection::vec(prop::collection::vec(word(), 1..7), 0..8),
-        kind in prop::sample::select(vec!["points", "sphere", "distance", "line", "other"]),
-        extra in prop::sample::select(vec!["", "point = \"unknown\"", "direction = [0, 0, 0]", "direction = [1, 0, 0]\noffset = \"unknown\"", "frame = 3", "target = \"unknown\"", "drift = 2"]),
+        kind in prop::sample::select(vec!["points", "sphere", "distance", "line", "ball-row", "other"]),
+        extra in prop::sample::select(vec!["", "point = \"unknown\"", "direction = [0, 0, 0]", "direction = [1, 0, 0]\noffset = \"unknown\"", "frame = 3", "target = \"unknown\"", "drift = 2", "row = \"t.csv\"", "row = \"t.csv\"\ndirection = [1, 0, 0]"]),
         unknown in prop::sample::select(vec!["\"EC0Y\"", "\"EXX\"", "{ error = \"EXX\", bspline = 5 }", "{ error = \"EXX\", legendre = 2, reversal = true }", "3", "\"EX0X\""]),
         penalty in prop::sample::select(vec!["", "penalty = \"auto\"\n", "robust = true\n"]),
     ) {
@@ -60,3 +65,30 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn no_bytes_are_a_panic(
+        keys in prop::collection::vec(any::<u8>(), 0..200),
+        table in prop::collection::vec(any::<u8>(), 0..200),
+        row in prop::collection::vec(any::<u8>(), 0..60),
+        place in 0..VALID.len(),
+        cut in 0..30_usize,
+    ) {
+        let lab = Lab::new(MACHINE);
+        lab.write_bytes("t.csv", &table);
+        lab.write_bytes("row.csv", &row);
+        let _ = lab.identify(&String::from_utf8_lossy(&keys));
+        // Valid keys with any bytes in their files, and with bytes put over some of them.
+        let _ = lab.identify(VALID);
+        let end = (place + cut).min(VALID.len());
+        let damaged = format!("{}{}{}", &VALID[..place], String::from_utf8_lossy(&keys), &VALID[end..]);
+        lab.write("t.csv", "X,Y,ball,along_um\n0,0,A,1\n100,0,B,2\n200,0,C,1\n");
+        lab.write("row.csv", "ball,distance_mm,uncertainty_um\nA,0,0\nB,100,1\nC,200,1\n");
+        let _ = lab.identify(&damaged);
+    }
+}
+
+const VALID: &str = "folds = 2\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"ball-row\"\nfile = \"t.csv\"\nrow = \"row.csv\"\nside1 = [0, 1, 0]\nuncertainty_um = 2\ndrift = 1\n";

@@ -1,5 +1,10 @@
 //! The virtual shop: what it makes, what it refuses, and against calibration, which reads what it makes.
 
+mod example;
+mod figures;
 mod held_rotary;
 mod messages;
+mod observation_messages;
+mod observations;
 mod round_trip;
+mod volume;

@@ -1,0 +1,321 @@
+//! A row of balls on a bar (1-D ball array): the row file, where the bar lies, and in which directions readings count.
+
+use std::path::Path;
+
+use volcomp_document::{CsvTable, InputError, Section, Value, quoted};
+use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
+use volcomp_model::Machine;
+
+use crate::{
+    error::IdentifyError,
+    observations::{NumberKind, Quantity, Row, Seen, SetUp},
+    read::{ReadFile, Reading, point, stated_vector},
+    rows::RowKind,
+};
+
+/// The keys of a ball row besides those of every observation.
+pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
+
+/// A ball further than this from where its distance puts it is another ball, or the bar lies otherwise.
+const MISPLACED_MM: f64 = 2.0;
+/// A row whose direction has a smaller part along every axis has no side that is meant by itself.
+const ALONG_AN_AXIS: f64 = 0.9;
+
+/// One ball of a row file.
+#[derive(Clone, Debug)]
+pub(crate) struct Ball {
+    pub(crate) name: String,
+    distance_mm: f64,
+    uncertainty_mm: f64,
+    /// Its place among the numbers of the set-up, once a reading refers to it.
+    number: Option<usize>,
+}
+
+/// The balls of one row file; several observations may use it.
+#[derive(Clone, Debug)]
+pub(crate) struct Balls {
+    file: String,
+    balls: Vec<Ball>,
+}
+
+impl Balls {
+    /// The place among the numbers of the set-up of the distance of a ball.
+    pub(crate) fn distance_of(&mut self, name: &str, setup: &mut SetUp) -> Result<usize, String> {
+        let known: Vec<&str> = self.balls.iter().map(|ball| ball.name.as_str()).collect();
+        let known = known.join(", ");
+        let file = self.file.as_str();
+        let Some(ball) = self.balls.iter_mut().find(|ball| ball.name == name) else {
+            return Err(format!(
+                "found {}, expected a ball of {file}: {known}",
+                quoted(name)
+            ));
+        };
+        if let Some(place) = ball.number {
+            return Ok(place);
+        }
+        let place = setup.numbers.len();
+        setup.numbers.push(Quantity {
+            name: format!("{file}:ball {name}"),
+            value: Some(ball.distance_mm),
+            unknown: ball.uncertainty_mm > 0.0,
+            drift: 0,
+            known_within: Some(ball.uncertainty_mm),
+        });
+        setup.number_kinds.push(NumberKind::Distance);
+        ball.number = Some(place);
+        Ok(place)
+    }
+}
+
+/// Where the bar lies, as far as the file states it.
+pub(crate) struct Lies {
+    origin: usize,
+    direction: Option<Vector3<f64>>,
+    side1: Option<Vector3<f64>>,
+}
+
+/// Decodes the keys of a ball row: what its rows refer to, and where the bar lies.
+pub(crate) fn decode(
+    section: &Section<'_>,
+    (folder, read): (&Path, &ReadFile<'_>),
+    file: &str,
+    drift: usize,
+    judge: bool,
+    reading: &mut Reading,
+) -> Result<(RowKind, Lies, std::path::PathBuf), IdentifyError> {
+    let row_value = section.require("row")?;
+    let row = row_value.text()?;
+    let path = folder.join(row);
+    let known = reading.rows_of_balls.iter().position(|b| b.file == row);
+    let balls = if let Some(place) = known {
+        place
+    } else {
+        let text = read(&path).map_err(|error| row_value.error(error.to_string()))?;
+        let table = CsvTable::parse(&path.display().to_string(), &text)?;
+        reading.rows_of_balls.push(read_balls(row, &table)?);
+        reading.rows_of_balls.len() - 1
+    };
+    let is_stated = |key| matches!(section.get(key), Some(value) if value.text().is_err());
+    if let (true, Some(key)) = (
+        judge,
+        ["origin", "direction"]
+            .into_iter()
+            .find(|key| !is_stated(key)),
+    ) {
+        return Err(section
+            .error(format!(
+                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar lies is found from its readings alone"
+            ))
+            .into());
+    }
+    let origin = point(section, "origin", file, drift, reading)?;
+    let direction = match stated_vector(section, "direction")? {
+        None => None,
+        Some((value, vector)) => Some(unit_of(&value, vector)?),
+    };
+    let side1 = match section.get("side1") {
+        None => None,
+        Some(value) => {
+            let side = Vector3::from(value.vector::<3>()?);
+            let side = unit_of(&value, side)?;
+            if let Some(along) = direction
+                && along.cross(&side).norm() < 1e-3
+            {
+                return Err(value
+                    .error("found the direction of the row itself, expected one across it")
+                    .into());
+            }
+            Some(side)
+        }
+    };
+    let tilts = ["tilt.side1", "tilt.side2"].map(|key| {
+        let place = reading.setup.numbers.len();
+        reading.setup.numbers.push(Quantity {
+            name: format!("{file}:{key}"),
+            value: Some(0.0),
+            unknown: direction.is_none(),
+            drift: 0,
+            known_within: None,
+        });
+        reading.setup.number_kinds.push(NumberKind::Tilt);
+        place
+    });
+    let kind = RowKind::Ball {
+        balls,
+        origin,
+        tilts,
+    };
+    let lies = Lies {
+        origin,
+        direction,
+        side1,
+    };
+    Ok((kind, lies, path))
+}
+
+fn unit_of(value: &Value<'_>, vector: Vector3<f64>) -> Result<Vector3<f64>, InputError> {
+    vector
+        .try_normalize(1e-12)
+        .ok_or_else(|| value.error("found a zero direction, expected a vector of any other length"))
+}
+
+/// Reads a row file.
+fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
+    let name = table.require("ball")?;
+    let distance = table.require("distance_mm")?;
+    let uncertainty = table.column("uncertainty_um")?;
+    let mut balls: Vec<Ball> = Vec::new();
+    for row in table.rows() {
+        let cell = row.cell(name);
+        if cell.text().is_empty() {
+            return Err(cell.error("found an empty name, expected the name of a ball"));
+        }
+        if balls.iter().any(|ball| ball.name == cell.text()) {
+            return Err(cell.error(format!("ball {} stands twice", quoted(cell.text()))));
+        }
+        let uncertainty_um = match uncertainty.map(|column| row.cell(column)) {
+            Some(cell) if !cell.text().is_empty() => {
+                let found = cell.number()?;
+                if found < 0.0 {
+                    return Err(cell.error(format!("found {found}, expected 0 or more")));
+                }
+                found
+            }
+            _ => 0.0,
+        };
+        let distance_mm = row.cell(distance).number()?;
+        if let Some(same) = balls.iter().find(|ball| ball.distance_mm == distance_mm) {
+            return Err(row.cell(distance).error(format!(
+                "found {distance_mm} mm, where ball {} is already",
+                quoted(&same.name)
+            )));
+        }
+        balls.push(Ball {
+            name: cell.text().to_owned(),
+            distance_mm,
+            uncertainty_mm: uncertainty_um * 1e-3,
+            number: None,
+        });
+    }
+    if balls.len() < 2 {
+        return Err(table.header_error(format!(
+            "found {} balls, expected at least two",
+            balls.len()
+        )));
+    }
+    Ok(Balls {
+        file: file.to_owned(),
+        balls,
+    })
+}
+
+/// What a row's reading says of the tip: where it is nominally, the ball's distance, and tip minus ball as far as read.
+struct Place {
+    line: usize,
+    nominal_mm: Vector3<f64>,
+    distance_mm: f64,
+    offset_mm: [Option<f64>; 3],
+}
+
+/// Lays the bar through the nominal tips: the directions in which readings count, and the start of what is to be found.
+pub(crate) fn lay(
+    lies: &Lies,
+    table: &CsvTable,
+    machine: &Machine,
+    rows: &mut [Row],
+    setup: &mut SetUp,
+) -> Result<(), InputError> {
+    let chain = machine.chain();
+    let mut places = Vec::new();
+    for row in rows.iter() {
+        if let Seen::Ball {
+            distance,
+            offset_mm,
+            ..
+        } = row.seen
+        {
+            let pose = chain.ideal_pose(&row.stand.state);
+            places.push(Place {
+                line: row.line,
+                nominal_mm: pose.transform_point(&row.stand.tip_mm) - chain.workpiece_origin_mm(),
+                distance_mm: setup.numbers[distance].value.unwrap_or_default(),
+                offset_mm,
+            });
+        }
+    }
+    let count = places.len().max(1) as f64;
+    let mean_s = places.iter().map(|p| p.distance_mm).sum::<f64>() / count;
+    let mean_tip = places.iter().map(|p| p.nominal_mm).sum::<Vector3<f64>>() / count;
+    let along = if let Some(direction) = lies.direction {
+        direction
+    } else {
+        let sum: Vector3<f64> = places
+            .iter()
+            .map(|p| (p.nominal_mm - mean_tip) * (p.distance_mm - mean_s))
+            .sum();
+        sum.try_normalize(1e-9).ok_or_else(|| {
+            table.header_error("found readings at one place of the row only, expected two balls or more, or `direction` as numbers")
+        })?
+    };
+    let axes = across(&along, lies, &places, table)?;
+    let ball = |p: &Place| {
+        let offset = Vector3::from(p.offset_mm.map(Option::unwrap_or_default));
+        p.nominal_mm - axes * offset
+    };
+    let mean = places.iter().map(ball).sum::<Vector3<f64>>() / count;
+    let apart = |p: &Place| (ball(p) - mean - along * (p.distance_mm - mean_s)).norm();
+    let worst = places.iter().max_by(|a, b| apart(a).total_cmp(&apart(b)));
+    if let Some(worst) = worst.filter(|p| apart(p) > MISPLACED_MM) {
+        let message = format!(
+            "found a ball {:.1} mm from where its distance puts it on a straight bar, expected less than {MISPLACED_MM} mm: is it another ball, another unit, or does the bar lie otherwise?",
+            apart(worst)
+        );
+        let row = table.rows().find(|row| row.line() == worst.line);
+        return Err(match row {
+            Some(row) => row.error(message),
+            None => table.header_error(message),
+        });
+    }
+    let origin = &mut setup.points[lies.origin];
+    if origin.unknown {
+        origin.value = Some((mean - along * mean_s).into());
+    }
+    for row in rows {
+        if let Seen::Ball { axes: own, .. } = &mut row.seen {
+            *own = axes;
+        }
+    }
+    Ok(())
+}
+
+/// The directions along the row, to side 1 and to side 2, as columns.
+fn across(
+    along: &Vector3<f64>,
+    lies: &Lies,
+    places: &[Place],
+    table: &CsvTable,
+) -> Result<Matrix3<f64>, InputError> {
+    let largest = along.iamax();
+    let reads_sides = places.iter().any(|p| {
+        p.offset_mm[1..]
+            .iter()
+            .flatten()
+            .any(|offset| *offset != 0.0)
+    });
+    let side = match lies.side1 {
+        Some(side) => side,
+        None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
+            return Err(table.header_error("found readings to the side of a row that lies along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
+        }
+        // X: Y and Z; Y: Z and X; Z: X and Y.
+        None => Vector3::ith((largest + 1) % 3, 1.0),
+    };
+    let side1 = (side - along * along.dot(&side))
+        .try_normalize(1e-3)
+        .ok_or_else(|| {
+            table.header_error(
+                "found `side1` along the row, expected a direction across it, in workpiece axes",
+            )
+        })?;
+    Ok(Matrix3::from_columns(&[*along, side1, along.cross(&side1)]))
+}

@@ -1,0 +1,243 @@
+//! Rows of balls: against closed forms, and what is refused.
+
+use std::fmt::Write as _;
+
+use crate::lab::{Lab, value};
+
+const MACHINE: &str = "structure = \"w b X Y Z t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+axes.Z.travel = [0.0, 300.0]
+";
+const ROW: &str = "ball,distance_mm,uncertainty_um\nA,0,0\nB,100,0\nC,200,0\nD,300,0\nE,400,0\n";
+const UNKNOWN: &str =
+    "folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }, { error = \"EYX\", legendre = 2 }]\n";
+const OBSERVATION: &str =
+    "[[observation]]\nkind = \"ball-row\"\nfile = \"read.csv\"\nrow = \"row.csv\"\n";
+
+fn lab() -> Lab {
+    let lab = Lab::new(MACHINE);
+    lab.write("row.csv", ROW);
+    lab
+}
+
+/// A scale that is 20 µm/m too long and a straightness of 4 µm in the middle, on a bar that is askew by 150 µrad in the
+/// plane and 80 µrad out of it, read by indicators.
+#[test]
+fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
+    let lab = lab();
+    let mut text = String::from("X,Y,Z,ball,along_um,side1_um,side2_um\n");
+    for (k, ball) in ["A", "B", "C", "D", "E"].into_iter().enumerate() {
+        let s = 100.0 * k as f64;
+        // Tip minus ball, µm with s in mm: positioning; straightness and −tilt; −tilt.
+        // Askew by 170 µrad the bar is shorter along X by its cosine, 0.006 µm at its end.
+        let along = 0.02 * s + 0.5e-3 * (0.15_f64.powi(2) + 0.08_f64.powi(2)) * s;
+        let side1 = 4.0 * (1.0 - ((s - 200.0) / 200.0).powi(2)) - 0.15 * s;
+        let side2 = -0.08 * s;
+        let _ = writeln!(
+            text,
+            "{:?},30,20,{ball},{along:?},{side1:?},{side2:?}",
+            50.0 + s
+        );
+    }
+    lab.write("read.csv", &text);
+    let found = lab
+        .identify(&format!("{UNKNOWN}{OBSERVATION}"))
+        .expect("found");
+    assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
+    // Legendre over the range, which is a thousandth wider at both ends: 20 µm/m, and 4(1 − t²) = const − (8/3) P2.
+    let wider = 1.002;
+    assert!((value(&found, "EXX legendre 1").0 - 4.0 * wider).abs() < 1e-3);
+    assert!((value(&found, "EYX legendre 2").0 + 8.0 / 3.0 * wider * wider).abs() < 1e-3);
+    // The slope of a straightness cannot be told from the tilt of the bar.
+    assert!((value(&found, "read.csv:tilt.side1").0 - 150.0).abs() < 0.01);
+    assert!((value(&found, "read.csv:tilt.side2").0 - 80.0).abs() < 0.01);
+    assert!(
+        found
+            .warnings
+            .iter()
+            .any(|w| w.starts_with("EYX legendre 1 cannot be told apart from")),
+        "{:?}",
+        found.warnings
+    );
+}
+
+/// The squareness error of the test below, µrad.
+const URAD: f64 = 40.0;
+
+/// Two rows across the table at ±45° as the touch probe finds them: one grows, the other shrinks, and that is squareness.
+/// On the ball at √2·a the probe stands in y by a·ε off where the row has it, along the row ε·a/√2.
+#[test]
+fn squareness_from_rows_along_both_diagonals() {
+    let lab = lab();
+    for (file, sign) in [("rising.csv", 1.0), ("falling.csv", -1.0)] {
+        let mut text = String::from("X,Y,ball\n");
+        for (k, ball) in ["A", "B", "C", "D"].into_iter().enumerate() {
+            let part = 100.0 * k as f64 * 0.5_f64.sqrt();
+            let (x, y) = (100.0 + part, 200.0 + sign * (part - 100.0));
+            // The tip of a command (x, y) is at (x − ε y, y): the direction of Y is turned by ε about Z.
+            let _ = writeln!(text, "{:?},{y:?},{ball}", x + URAD * 1e-6 * y);
+        }
+        lab.write(file, &text);
+    }
+    let observation = |file: &str| OBSERVATION.replace("read.csv", file);
+    let text = format!(
+        "folds = 0\nunknown = [\"EC0Y\"]\n{}{}",
+        observation("rising.csv"),
+        observation("falling.csv")
+    );
+    let found = lab.identify(&text).expect("found");
+    let (squareness, uncertainty) = value(&found, "EC0Y");
+    assert!((squareness - URAD).abs() < 1e-2, "{squareness}");
+    // Along each row a slope of ε/2; four balls at 1 µm, both rows.
+    let squares: f64 = [-150.0, -50.0, 50.0, 150.0_f64].iter().map(|s| s * s).sum();
+    let expected = 1e3 * 2.0 / (2.0 * squares).sqrt();
+    assert!(
+        (uncertainty / expected - 1.0).abs() < 1e-3,
+        "{uncertainty} {expected}"
+    );
+}
+
+/// A distance that is calibrated within 2 µm and read by 3 µm ± 1 µm off: the mean by weights.
+#[test]
+fn a_calibrated_distance_is_one_more_observation() {
+    let lab = lab();
+    lab.write(
+        "row.csv",
+        "ball,distance_mm,uncertainty_um\nA,0,0\nB,100,2\n",
+    );
+    lab.write("read.csv", "X,ball,along_um,side1_um\n0,A,0,0\n100,B,3,0\n");
+    let text = format!(
+        "folds = 0\nunknown = [{{ error = \"EYX\", legendre = 1 }}]\n{OBSERVATION}origin = [0, 0, 0]\ndirection = [1, 0, 0]\n"
+    );
+    let found = lab.identify(&text).expect("found");
+    let (distance, uncertainty) = value(&found, "row.csv:ball B");
+    assert!((distance - (100.0 - 2.4e-3)).abs() < 1e-9, "{distance}");
+    assert!(
+        (uncertainty - 0.8_f64.sqrt() * 1e-3).abs() < 1e-9,
+        "{uncertainty}"
+    );
+}
+
+#[test]
+#[expect(clippy::too_many_lines, reason = "a list of what can be wrong")]
+fn what_is_wrong_with_a_row_is_named() {
+    let read = "X,ball,along_um\n0,A,0\n100,B,1\n200,C,2\n300,D,2\n400,E,1\n";
+    for (row, table, extra, expected) in [
+        (ROW, read, "", ""),
+        (
+            "ball,distance_mm\nA,0\n",
+            read,
+            "",
+            "row.csv:1: header: found 1 balls, expected at least two",
+        ),
+        (
+            "ball,distance_mm\nA,0\nA,3\n",
+            read,
+            "",
+            "ball `A` stands twice",
+        ),
+        (
+            "ball,distance_mm\nA,0\nB,0\n",
+            read,
+            "",
+            "found 0 mm, where ball `A` is already",
+        ),
+        (
+            "ball,distance_mm,uncertainty_um\nA,0,-1\nB,2,0\n",
+            read,
+            "",
+            "found -1, expected 0 or more",
+        ),
+        (
+            "ball,distance_mm\nA,nan\nB,2\n",
+            read,
+            "",
+            "expected a finite number",
+        ),
+        (ROW, "X,along_um\n0,1\n", "", "expected a column `ball`"),
+        (
+            ROW,
+            "X,ball,along_um\n0,F,1\n",
+            "",
+            "read.csv:2: ball: found `F`, expected a ball of row.csv: A, B, C, D, E",
+        ),
+        (
+            ROW,
+            "X,ball,along_um\n0,A,\n100,B,1\n",
+            "",
+            "found no reading, expected at least one of",
+        ),
+        (
+            ROW,
+            "X,ball,along_um\n0,A,0\n10,A,1\n",
+            "",
+            "readings at one place of the row only",
+        ),
+        (
+            ROW,
+            "X,ball,along_um\n0,A,0\n100,B,1\n150,C,2\n300,D,2\n400,E,1\n",
+            "",
+            "read.csv:4: row: found a ball",
+        ),
+        (
+            ROW,
+            read,
+            "direction = [-1, 0, 0]\n",
+            "from where its distance puts it on a straight bar",
+        ),
+        (
+            ROW,
+            read,
+            "direction = [0, 0, 0]\n",
+            "found a zero direction",
+        ),
+        (
+            ROW,
+            read,
+            "direction = [1, 0, 0]\nside1 = [2, 0, 0]\n",
+            "found the direction of the row itself",
+        ),
+        (
+            ROW,
+            read,
+            "side1 = [2, 0, 0]\n",
+            "expected a direction across it",
+        ),
+        (
+            ROW,
+            read,
+            "judge = true\n",
+            "found `judge = true` without a known origin",
+        ),
+        (ROW, read, "point = [1, 2, 3]\n", "unknown key"),
+        (
+            ROW,
+            "X,Y,ball,side1_um\n0,0,A,0\n60,80,B,1\n120,160,C,2\n180,240,D,2\n240,320,E,1\n",
+            "",
+            "expected `side1 = [x, y, z]`",
+        ),
+    ] {
+        let lab = lab();
+        lab.write("row.csv", row);
+        lab.write("read.csv", table);
+        let text = format!("folds = 0\nunknown = [\"EXX\"]\n{OBSERVATION}{extra}");
+        match lab.identify(&text) {
+            Ok(_) => assert_eq!(expected, "", "{table}{extra}"),
+            Err(error) => {
+                let message = error.to_string();
+                assert!(
+                    !expected.is_empty() && message.contains(expected),
+                    "{row}{table}{extra}\n{message}\n{expected}"
+                );
+            }
+        }
+    }
+    let lab = lab();
+    lab.write("read.csv", read);
+    let message = lab.refused(&format!(
+        "{UNKNOWN}{}",
+        OBSERVATION.replace("row = \"row.csv\"\n", "")
+    ));
+    assert!(message.contains("key `row` is missing"), "{message}");
+}

@@ -1,0 +1,223 @@
+//! Poses at which a machine is observed, and how it gets to a point.
+
+use rand::{Rng, RngExt};
+use volcomp_kinematics::{
+    State, actual_pose,
+    nalgebra::{DMatrix, DVector, Vector3},
+};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
+
+/// Commands are rounded to this, mm or deg.
+const COMMAND_STEP: f64 = 1e-3;
+/// Tries for one pose, with other rotary positions each time.
+const TRIES: usize = 200;
+/// Steps to a point: the linear axes are straight, and errors are small.
+const STEPS: usize = 12;
+/// A point that is missed by more is not reached, mm.
+const REACHED_MM: f64 = 1e-6;
+/// Axes turn after travel over this, mm or rad: that of a rotary axis, which every command of a linear one exceeds.
+const TURNED: f64 = 5e-4 / 180.0 * core::f64::consts::PI;
+
+/// The axes of a machine that are free to move, and where the others stand.
+#[derive(Clone, Debug)]
+pub(crate) struct Room {
+    /// Place in the chain and travel, mm or deg.
+    free: Vec<(usize, AxisKind, [f64; 2])>,
+    held: State,
+}
+
+impl Room {
+    pub(crate) fn new(machine: &Machine, at: &[(AxisName, f64)]) -> Self {
+        let mut held = State::default();
+        let mut free = Vec::new();
+        for (place, axis) in machine.axes().iter().enumerate() {
+            let kind = axis.name.kind();
+            match at.iter().find(|(name, _)| *name == axis.name) {
+                Some((_, q)) => held.q[place] = Displacement::from_coordinate(kind, *q).mm_or_rad(),
+                None => free.push((place, kind, axis.travel)),
+            }
+        }
+        Self { free, held }
+    }
+
+    fn of(&self, kind: AxisKind) -> impl Iterator<Item = (usize, [f64; 2])> + '_ {
+        let own = self.free.iter().filter(move |(_, of, _)| *of == kind);
+        own.map(|(place, _, travel)| (*place, *travel))
+    }
+
+    /// Poses all over the room: each axis stands once at each of so many places, ends included, in an order of its own.
+    pub(crate) fn everywhere(&self, poses: usize, random: &mut impl Rng) -> Vec<State> {
+        let mut states = vec![self.held; poses];
+        for (place, kind, travel) in &self.free {
+            for (state, q) in states.iter_mut().zip(spread(*travel, poses, random)) {
+                state.q[*place] = Displacement::from_coordinate(*kind, q).mm_or_rad();
+            }
+        }
+        states
+    }
+
+    /// Poses with the ideal tip at points, at rotary positions all over the room. `point` and `machine` by the number of
+    /// the pose; a point that is out of reach is drawn anew. `Err`: how many were found.
+    pub(crate) fn around<'m, R: Rng>(
+        &self,
+        poses: usize,
+        machine: impl Fn(usize) -> &'m Machine,
+        mut point: impl FnMut(usize, &mut R) -> Vector3<f64>,
+        random: &mut R,
+    ) -> Result<Vec<State>, usize> {
+        let rotary: Vec<(usize, [f64; 2])> = self.of(AxisKind::Rotary).collect();
+        let angles: Vec<Vec<f64>> = rotary
+            .iter()
+            .map(|(_, travel)| spread(*travel, poses, random))
+            .collect();
+        let mut states = Vec::with_capacity(poses);
+        for pose in 0..poses {
+            let mut found = None;
+            for turn in 0..TRIES {
+                let mut state = self.held;
+                for ((place, [low, high]), angles) in rotary.iter().zip(&angles) {
+                    let angle = if turn == 0 {
+                        angles[pose]
+                    } else {
+                        command(low + (high - low) * random.random::<f64>(), [*low, *high])
+                    };
+                    state.q[*place] = angle.to_radians();
+                }
+                let target = point(pose, random);
+                found = self.ideal(machine(pose), state, &target);
+                if found.is_some() {
+                    break;
+                }
+            }
+            states.push(found.ok_or(pose)?);
+        }
+        Ok(states)
+    }
+
+    /// The linear axes where the ideal tip is at a point, rounded as commands are; `None` out of travel.
+    pub(crate) fn ideal(
+        &self,
+        machine: &Machine,
+        state: State,
+        target: &Vector3<f64>,
+    ) -> Option<State> {
+        let tip = |state: &State| machine.chain().ideal_tip_mm(state);
+        let mut state = self.to(machine, state, target, tip)?;
+        for (place, travel) in self.of(AxisKind::Linear) {
+            let [low, high] = travel;
+            if !(low - COMMAND_STEP..=high + COMMAND_STEP).contains(&state.q[place]) {
+                return None;
+            }
+            state.q[place] = command(state.q[place], travel);
+        }
+        Some(state)
+    }
+
+    /// The linear axes where the actual tip is at a point.
+    pub(crate) fn actual(
+        &self,
+        machine: &Machine,
+        state: State,
+        target: &Vector3<f64>,
+    ) -> Option<State> {
+        let tip = |state: &State| actual_tip(machine, state, &Vector3::zeros());
+        self.to(machine, state, target, tip)
+    }
+
+    /// Moves the free linear axes until `tip` is at the target.
+    fn to(
+        &self,
+        machine: &Machine,
+        mut state: State,
+        target: &Vector3<f64>,
+        tip: impl Fn(&State) -> Vector3<f64>,
+    ) -> Option<State> {
+        let linear: Vec<usize> = self.of(AxisKind::Linear).map(|(place, _)| place).collect();
+        let here = machine.chain().ideal_tip_mm(&state);
+        // How a millimetre of each axis moves the ideal tip.
+        let columns: Vec<Vector3<f64>> = linear
+            .iter()
+            .map(|&place| {
+                let mut moved = state;
+                moved.q[place] += 1.0;
+                machine.chain().ideal_tip_mm(&moved) - here
+            })
+            .collect();
+        let matrix = DMatrix::from_fn(3, columns.len(), |row, column| columns[column][row]);
+        let svd = matrix.svd(true, true);
+        for _ in 0..STEPS {
+            let miss = target - tip(&state);
+            if miss.norm() < 1e-3 * REACHED_MM {
+                return Some(state);
+            }
+            let right = DVector::from_column_slice(miss.as_slice());
+            let moves = svd.solve(&right, 1e-6).ok()?;
+            for (&place, by) in linear.iter().zip(&moves) {
+                state.q[place] += by;
+            }
+        }
+        ((target - tip(&state)).norm() < REACHED_MM).then_some(state)
+    }
+
+    /// Adds to the coordinate of every free linear axis, mm.
+    pub(crate) fn shift_linear(&self, state: &mut State, mut by: impl FnMut(f64) -> f64) {
+        for (place, _) in self.of(AxisKind::Linear) {
+            state.q[place] = by(state.q[place]);
+        }
+    }
+}
+
+/// The actual tip of the machine's tool with an offset in tool axes, mm in workpiece axes.
+pub(crate) fn actual_tip(
+    machine: &Machine,
+    state: &State,
+    offset_mm: &Vector3<f64>,
+) -> Vector3<f64> {
+    let none = Temperatures::new();
+    let chain = machine.chain();
+    let tip = chain.tool_tip_mm() + offset_mm;
+    actual_pose(chain, &machine.source(&none), state).transform_point(&tip)
+        - chain.workpiece_origin_mm()
+}
+
+/// So many places over a travel, ends included, in an order that is drawn.
+fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
+    let [low, high] = travel;
+    let last = count.saturating_sub(1) as f64;
+    let place = |k: usize| if last > 0.0 { k as f64 / last } else { 0.5 };
+    let mut places: Vec<f64> = (0..count)
+        .map(|k| command(low + (high - low) * place(k), travel))
+        .collect();
+    for last in (1..count).rev() {
+        places.swap(last, random.random_range(0..=last));
+    }
+    places
+}
+
+/// A coordinate as it is typed, within travel.
+fn command(q: f64, [low, high]: [f64; 2]) -> f64 {
+    ((q / COMMAND_STEP).round() * COMMAND_STEP)
+        .max(low)
+        .min(high)
+}
+
+/// The direction from which each axis comes, over the poses in their order.
+#[derive(Default)]
+pub(crate) struct Approach(Option<State>);
+
+impl Approach {
+    /// Goes to a pose: sets its directions of approach.
+    pub(crate) fn to(&mut self, state: &mut State) {
+        if let Some(last) = &self.0 {
+            state.approach = last.approach;
+            for (place, direction) in state.approach.iter_mut().enumerate() {
+                let travelled = state.q[place] - last.q[place];
+                if travelled.abs() > TURNED {
+                    *direction = Direction::of(travelled).or(*direction);
+                }
+            }
+        }
+        self.0 = Some(*state);
+    }
+}

@@ -1,0 +1,354 @@
+//! Observations of the virtual shop: against chains of 4×4 matrices that this file writes by itself, and back through
+//! identification.
+
+use std::{fs, path::Path};
+
+use volcomp_identify::{Identification, Observations, identify};
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_model::Machine;
+use volcomp_shop::Shop;
+
+/// A head of one rotary axis on three linear ones; the machine of the tests by hand.
+const HEAD: &str = "structure = \"w X' b Y Z B t\"
+[axes]
+X.travel = [-300, 300]
+Y.travel = [-250, 250]
+Z.travel = [-100, 500]
+B = { travel = [-90, 90], point = [20.0, 0.0, 400.0] }
+[tool]
+tip = [0.0, 0.0, 150.0]
+[errors]
+EXX = { poly = [0.0, 0.05] }
+EX0B = 30.0
+EAY = { poly = [0.0, 0.2] }
+";
+
+/// The actual tip of that machine, mm: X carries the workpiece, its scale is 50 µm/m too long; Y rolls about X by 0.2
+/// µrad/mm at the machine zero; the axis of B lies 30 µm too far along X.
+fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
+    let (roll, b) = (0.2e-6 * y, b_deg.to_radians());
+    // B: the tip about the line through (20.03, 0, 400), then Z.
+    let (s, c) = b.sin_cos();
+    let [dx, dz] = [0.0 - 20.03, 150.0 - 400.0];
+    let turned = [20.03 + c * dx + s * dz, 0.0, 400.0 - s * dx + c * dz + z];
+    // Y: its roll about X rides with the carriage.
+    let (sr, cr) = roll.sin_cos();
+    let rolled = [
+        turned[0],
+        cr * turned[1] - sr * turned[2] + y,
+        sr * turned[1] + cr * turned[2],
+    ];
+    [rolled[0] + x + 0.05e-3 * x, rolled[1], rolled[2]]
+}
+
+fn shop(folder: &Path, truth: &str, text: &str) -> Shop {
+    fs::write(folder.join("truth.toml"), truth).expect("written");
+    fs::write(
+        folder.join("shop.toml"),
+        format!("machine = \"truth.toml\"\n{text}"),
+    )
+    .expect("written");
+    Shop::read(&folder.join("shop.toml")).expect("a valid shop")
+}
+
+fn write(folder: &Path, shop: &Shop) {
+    for (name, text) in shop.files(|_, _| {}).expect("measured") {
+        fs::write(folder.join(name), text).expect("written");
+    }
+}
+
+fn identified(folder: &Path) -> Identification {
+    let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
+    // Held against the truth, not against rows left out.
+    file.folds = 0;
+    identify(&file, |_, _| {}).expect("identified")
+}
+
+/// The numbers of a row file by column.
+fn table(folder: &Path, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
+    let text = fs::read_to_string(folder.join(name)).expect("written");
+    let mut lines = text
+        .lines()
+        .map(|line| line.split(',').map(str::to_owned).collect());
+    (lines.next().expect("a header"), lines.collect())
+}
+
+fn number(table: &(Vec<String>, Vec<Vec<String>>), row: usize, column: &str) -> f64 {
+    let place = table.0.iter().position(|name| name == column);
+    let place = place.unwrap_or_else(|| panic!("{column}: {:?}", table.0));
+    table.1[row][place].parse().expect("a number")
+}
+
+#[test]
+fn readings_are_those_of_a_chain_written_by_hand() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let shop = shop(
+        folder,
+        HEAD,
+        "seed = 3
+unknown = [\"EX0B\"]
+[[observation]]
+kind = \"sphere\"
+centres = [[50.0, -40.0, 300.0]]
+poses = 12
+[[observation]]
+kind = \"sphere\"
+file = \"r-test\"
+reads = \"offset\"
+centres = [[50.0, -40.0, 300.0]]
+poses = 12
+[[observation]]
+kind = \"distance\"
+point = [10.0, 20.0, 30.0]
+dead_length_mm = 100.5
+poses = 12
+[[observation]]
+kind = \"points\"
+frame = [1000.0, 200.0, -300.0, 0.0, 0.0, 90.0]
+target = [3.0, 0.0, 0.0]
+at = { B = 0.0 }
+poses = 12
+[[observation]]
+kind = \"ball-row\"
+reads = \"offset\"
+origin = [-100.0, 10.0, 300.0]
+direction = [1.0, 0.0, 0.0]
+distances = [0.0, 60.0, 130.0]
+at = { B = 30.0 }
+runs = 1
+both_directions = false
+",
+    );
+    write(folder, &shop);
+    let state = |table: &_, row| ["X", "Y", "Z", "B"].map(|axis| number(table, row, axis));
+    let near = |found: f64, expected: f64, what: &str| {
+        assert!(
+            (found - expected).abs() < 3e-6,
+            "{what}: {found} for {expected}"
+        );
+    };
+    let centre = [50.0, -40.0, 300.0];
+    let probe = table(folder, "sphere.csv");
+    let offset = table(folder, "r-test.csv");
+    let distance = table(folder, "distance.csv");
+    let tracker = table(folder, "points.csv");
+    let mut angles = Vec::new();
+    for row in 0..12 {
+        for (place, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            near(
+                tip_of_head(state(&probe, row))[place],
+                centre[place],
+                "probe",
+            );
+            let read = number(&offset, row, &format!("d{axis}_um"));
+            let expected = tip_of_head(state(&offset, row))[place] - centre[place];
+            near(read * 1e-3, expected, "offset");
+            assert!(expected.abs() < 0.2);
+        }
+        let tip = Vector3::from(tip_of_head(state(&distance, row)));
+        let length = (tip - Vector3::new(10.0, 20.0, 30.0)).norm() - 100.5;
+        near(number(&distance, row, "length_mm"), length, "distance");
+        // Turned by 90° about Z: the tracker's x is our y. Without B the target moves nothing but X.
+        let tip = tip_of_head(state(&tracker, row));
+        near(number(&tracker, row, "x"), tip[1] - 200.0, "tracker x");
+        near(
+            number(&tracker, row, "y"),
+            -(tip[0] + 3.0 - 1000.0),
+            "tracker y",
+        );
+        near(number(&tracker, row, "z"), tip[2] + 300.0, "tracker z");
+        angles.push(number(&probe, row, "B"));
+    }
+    angles.sort_by(f64::total_cmp);
+    assert!(angles[11] - angles[0] > 90.0, "B is all over: {angles:?}");
+    let row = table(folder, "ball-row.csv");
+    for (ball, distance) in [0.0, 60.0, 130.0].into_iter().enumerate() {
+        let tip = tip_of_head(state(&row, ball));
+        near(
+            number(&row, ball, "along_um") * 1e-3,
+            tip[0] + 100.0 - distance,
+            "along",
+        );
+        near(
+            number(&row, ball, "side1_um") * 1e-3,
+            tip[1] - 10.0,
+            "side 1",
+        );
+        near(
+            number(&row, ball, "side2_um") * 1e-3,
+            tip[2] - 300.0,
+            "side 2",
+        );
+    }
+}
+
+/// Three squareness errors, the scales, and what the axes of a table do.
+const TABLE: &str = "structure = \"w C' X' Y' b Z A t\"
+[axes]
+C = { travel = [-180, 180], point = [0, 0, 0] }
+X.travel = [-300, 300]
+Y.travel = [-250, 250]
+Z.travel = [0, 400]
+A = { travel = [-60, 60], point = [0, 0, 300] }
+[tool]
+tip = [0.0, 0.0, 120.0]
+[tools.long]
+tip = [0.0, 0.0, 60.0]
+[tools.short]
+tip = [0.0, 0.0, 180.0]
+";
+const ERRORS: &str = "[errors]
+EC0X = 20.0
+EA0Z = -15.0
+EB0Z = 12.0
+EB0A = 25.0
+EC0A = -18.0
+EA0C = 22.0
+EB0C = -9.0
+EX0C = 14.0
+EXX = { poly = [0.0, 0.03] }
+EYY = { poly = [0.0, -0.02, 4e-5] }
+EZZ = { poly = [0.0, 0.025] }
+EBX = { poly = [0.0, 0.08] }
+ECC = { fourier = [0.0, 8.0, -5.0], period = 360.0 }
+";
+const UNKNOWN: &str = "unknown = [\"EC0X\", \"EA0Z\", \"EB0Z\", \"EB0A\", \"EC0A\", \"EA0C\", \"EB0C\", \"EX0C\",
+    { error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 2 }, { error = \"EZZ\", legendre = 1 },
+    { error = \"EBX\", legendre = 1 }, { error = \"ECC\", fourier = 1 }]\n";
+
+/// The largest difference of two machines over poses all over the travel, µm, when the workpiece is moved as a rigid
+/// body: where it lies on the table is no error of a machine.
+fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
+    crate::volume::compare(one, other, 300, 5).position_um
+}
+
+/// Every instrument alone or in the mixture that it needs, without noise: what was put in comes back.
+#[test]
+fn every_instrument_brings_the_errors_back() {
+    let truth = format!("{TABLE}{ERRORS}");
+    for (name, text) in [
+        (
+            "tracker",
+            "[[observation]]
+kind = \"points\"
+poses = 80
+frame = [1500.0, -200.0, 800.0, 10.0, -20.0, 160.0]
+target = [5.0, -3.0, 2.0]
+drift_um = 8.0
+drift_urad = 5.0
+[[observation]]
+kind = \"sphere\"
+poses = 20
+centres = [[60, 20, 320]]
+",
+        ),
+        (
+            "spheres",
+            "[[observation]]
+kind = \"sphere\"
+poses = 20
+centres = [[60, 20, 310], [-80, 90, 330], [-40, -110, 350], [20, 60, 430]]
+tools = [\"short\", \"long\"]
+[[observation]]
+kind = \"ball-row\"
+origin = [-200, 0, 150]
+direction = [1, 0, 0]
+distances = [0, 100, 200, 400]
+alignment_urad = 300
+at = { A = 0, C = 0 }
+[[observation]]
+kind = \"ball-row\"
+file = \"ball-row-y\"
+origin = [0, -200, 150]
+direction = [0, 1, 0]
+distances = [0, 100, 200, 400]
+alignment_urad = 300
+at = { A = 0, C = 0 }
+[[observation]]
+kind = \"step-gauge\"
+origin = [0, 0, 150]
+direction = [0, 0, 1]
+distances = [0, 100, 200, 300]
+at = { A = 0, C = 0 }
+runs = 1
+[[observation]]
+kind = \"diagonals\"
+targets = 5
+runs = 1
+",
+        ),
+        (
+            "ballbar and tracer",
+            "[[observation]]
+kind = \"distance\"
+poses = 60
+point = [30, 40, -100]
+dead_length_mm = 150.2
+drift_um = 4.0
+[[observation]]
+kind = \"distance\"
+poses = 60
+point = [250, -240, 500]
+[[observation]]
+kind = \"distance\"
+poses = 60
+point = [-280, 230, 480]
+tools = [\"short\", \"long\"]
+[[observation]]
+kind = \"distance\"
+file = \"ballbar\"
+poses = 40
+point = [30, -20, 200]
+radius_mm = 100
+dead_length_mm = 100.02
+",
+        ),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let shop = shop(folder.path(), &truth, &format!("seed = 4\n{UNKNOWN}{text}"));
+        write(folder.path(), &shop);
+        let found = identified(folder.path());
+        assert!(found.residual.max_um < 0.05, "{name}: {:?}", found.residual);
+        let before =
+            largest_difference_um(&shop.truth, &Machine::parse(TABLE, "m").expect("valid"));
+        let left = largest_difference_um(&shop.truth, &found.machine);
+        assert!(
+            before > 10.0 && left < 0.1,
+            "{name}: {left} of {before}, {:?}",
+            found.warnings
+        );
+    }
+}
+
+#[test]
+fn noise_is_that_of_the_shop_and_a_seed_repeats_itself() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let text = |seed: u32, noise: f64| {
+        format!(
+            "seed = {seed}\n{UNKNOWN}[[observation]]\nkind = \"points\"\nposes = 400\nnoise_um = {noise:?}\nframe = [900, 0, 0, 0, 0, 0]\n"
+        )
+    };
+    let files = |seed, noise| {
+        shop(folder, TABLE, &text(seed, noise))
+            .files(|_, _| {})
+            .expect("measured")
+    };
+    assert_eq!(files(1, 2.0), files(1, 2.0));
+    assert_ne!(files(1, 2.0), files(2, 2.0));
+    let [clean, noisy] = [files(1, 0.0), files(1, 2.0)];
+    let numbers = |text: &str| -> Vec<f64> {
+        let rows = text.lines().skip(1);
+        let cells = rows.flat_map(|row| row.split(',').skip(5));
+        cells.map(|cell| cell.parse().expect("a number")).collect()
+    };
+    let pairs = numbers(&clean[1].1).into_iter().zip(numbers(&noisy[1].1));
+    let differences: Vec<f64> = pairs.map(|(a, b)| (b - a) * 1e3).collect();
+    let count = differences.len() as f64;
+    let spread = (differences.iter().map(|d| d * d).sum::<f64>() / count).sqrt();
+    // Of 1200 numbers the standard deviation is known within 2 %.
+    assert!((spread / 2.0 - 1.0).abs() < 0.08, "{spread}");
+    assert!(clean[2].1.contains("uncertainty_um = 0.001"));
+    assert!(noisy[2].1.contains("uncertainty_um = 2\n"));
+}
