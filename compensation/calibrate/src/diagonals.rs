@@ -112,6 +112,7 @@ pub(crate) fn decode_diagonals(
         value: Some(0.0),
         unknown: true,
         drift: 0,
+        known_within: None,
     };
     setup
         .numbers

@@ -43,6 +43,12 @@ impl CalibrationFile {
         for observations in diagonals.chain(&mut varied.observations) {
             // Nobody reads how well a drawn one predicts.
             observations.folds = 0;
+            // What a calibration says of the distances of balls is a reading like those of this machine.
+            for number in &mut observations.setup.numbers {
+                if let (Some(value), Some(within)) = (&mut number.value, number.known_within) {
+                    *value += within * normal(&mut rng);
+                }
+            }
             for observation in &mut observations.observations {
                 for row in &mut observation.rows {
                     vary_row(row, &mut rng);
@@ -90,6 +96,11 @@ fn vary_row(row: &mut Row, rng: &mut ChaCha8Rng) {
         | Seen::Line {
             deviation_mm: seen, ..
         } => *seen += shift(),
+        Seen::Ball { offset_mm, .. } => {
+            for number in offset_mm.iter_mut().flatten() {
+                *number += shift();
+            }
+        }
     }
 }
 
