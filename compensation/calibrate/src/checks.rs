@@ -169,8 +169,7 @@ fn named_in_title(line: &Line) -> Option<ErrorName> {
     (!names.contains(&line.setup.error)).then_some(other)
 }
 
-/// Notes on lines that state no `point` though the tilts of their axis are known and not zero: whoever does not think of
-/// the lever has not been asked for it.
+/// Notes on lines that state no `point` though tilts of their axis are known: the lever may have been forgotten.
 pub(crate) fn without_point(line: &Line, tilted: &Machine) -> Option<String> {
     let error = line.setup.error;
     if error.component.is_angular() || line.setup.point_mcs.is_some() {
@@ -184,12 +183,11 @@ pub(crate) fn without_point(line: &Line, tilted: &Machine) -> Option<String> {
         .collect();
     (!tilts.is_empty()).then(|| {
         format!(
-            "{} ({}): it states no `point`, so {error} is taken as measured at the point of {} itself, where {} {} no lever: state `point` if the line ran elsewhere",
+            "{} ({}): it states no `point`, so {error} is taken as measured at the point of {} itself, and the levers of {} are taken from there: state `point` if the line ran elsewhere",
             line.file.display(),
             line.place,
             error.axis,
-            tilts.join(", "),
-            if tilts.len() == 1 { "has" } else { "have" }
+            tilts.join(", ")
         )
     })
 }

@@ -44,8 +44,7 @@ fn tilt_of(square: ErrorName, reference_axes: [AxisName; 2]) -> (ErrorName, f64)
 }
 
 impl Diagonals {
-    /// The squareness errors that the diagonals show on a machine with all its other errors, µrad, each with its standard
-    /// uncertainty.
+    /// The squareness errors that the diagonals show on a machine with all its other errors, µrad.
     pub(crate) fn squares(
         &self,
         machine: &Machine,

@@ -57,7 +57,7 @@ pub(crate) fn settled(
         stages = again;
         if rounds == ROUNDS {
             notes.push(format!(
-                "the unknowns did not settle in {ROUNDS} rounds: the last moved one by {:.2} of its standard uncertainty, because the lines that are cleared of them hold nearly all of them",
+                "the unknowns did not settle in {ROUNDS} rounds: the last moved one by {:.2} of its standard uncertainty, because a change of them changes the lines that are cleared of them nearly as much",
                 moved.unwrap_or_default()
             ));
             break;

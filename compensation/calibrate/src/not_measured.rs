@@ -16,7 +16,7 @@ use crate::{
 /// because a displacement that grows with the coordinate is never longer between two places than at both.
 const ROTARY_NODES: usize = 9;
 /// The size of an error whose effect is told, µm or µrad.
-const TOLD: f64 = 10.0;
+const EXAMPLE: f64 = 10.0;
 
 /// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
 /// location errors, those of squareness among them, each with what it can do.
@@ -47,17 +47,24 @@ pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<Strin
     let effects = largest_effects(machine, &names);
     for (name, effect) in names.into_iter().zip(effects) {
         let (unit, stated) = (name.component.symbol(), machine.locations().get(&name));
-        let told = match stated {
+        let moves = |size: f64| {
+            effect.map_or_else(String::new, |effect| {
+                let most = size.abs() * effect;
+                format!(
+                    ": {size} {unit} of it move the tool by up to {most:.1} µm within the travel"
+                )
+            })
+        };
+        notes.push(match stated {
             Some(value) => format!(
-                "{name} was not measured and is kept from the machine file: its {value} {unit} move the tool by up to {:.1} µm within the travel",
-                value.abs() * effect
+                "{name} was not measured and is kept from the machine file{}",
+                moves(*value)
             ),
             None => format!(
-                "{name} was not measured and is taken as 0: each {TOLD} {unit} of it move the tool by up to {:.1} µm within the travel",
-                TOLD * effect
+                "{name} was not measured and is taken as 0{}",
+                moves(EXAMPLE)
             ),
-        };
-        notes.push(told);
+        });
     }
     notes
 }
@@ -98,7 +105,7 @@ fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<Erro
 
 /// The largest displacement of the tool over the travels for 1 µm or 1 µrad of each error, µm; to first order, with the
 /// tool of the machine file.
-fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<f64> {
+fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<Option<f64>> {
     let terms: Vec<ErrorTerm> = names.iter().copied().map(ErrorTerm::Named).collect();
     let nodes = machine.axes().iter().map(|axis| {
         let kind = axis.name.kind();
@@ -115,8 +122,11 @@ fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<f64> {
     });
     let poses = Poses::Grid(nodes.collect());
     match sensitivity(machine.chain(), &terms, &poses) {
-        Ok(found) => found.errors.iter().map(|e| e.position_max_um).collect(),
+        Ok(found) => {
+            let effects = found.errors.iter();
+            effects.map(|e| Some(e.position_max_um)).collect()
+        }
         // No names, or more poses than can be looked at: nothing is told.
-        Err(_) => vec![0.0; names.len()],
+        Err(_) => vec![None; names.len()],
     }
 }

@@ -218,7 +218,7 @@ fn what_is_hardly_meant_is_refused_or_told() {
         .warnings
         .join("\n");
     for expected in [
-        "calibration.toml:8): it states no `point`, so EXX is taken as measured at the point of X itself, where EBX has no lever",
+        "calibration.toml:8): it states no `point`, so EXX is taken as measured at the point of X itself, and the levers of EBX are taken from there",
         "calibration.toml:8): it states the machine `Gantry`, and the machine file is of `Mill`",
         "the measurement files state different serial numbers: `4711` (",
     ] {

@@ -8,7 +8,7 @@ use super::Guard;
 use crate::{
     Confirmed, Inputs, Limits, Reasons, Scheme, Vector,
     state::{Phase, State},
-    step::ROUNDING,
+    step::{ROUNDING, ROUNDING_STEPS},
 };
 
 /// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
@@ -29,7 +29,9 @@ impl Guard {
             let moved = self.move_by(inputs, dt_s * share);
             let output = self.output();
             let is_near = |i: usize| {
-                let reach = reach[i] * ROUNDING;
+                // What is a whole number of steps but for a rounding goes to the next one.
+                let rounding = ROUNDING_STEPS * self.limits.axes[i].resolution;
+                let reach = reach[i] * ROUNDING + rounding;
                 let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
                 if is_barrier {
                     // The word that was sent last is on its way, and may be sent again, however far it is from what is confirmed.

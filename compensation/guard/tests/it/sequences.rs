@@ -158,7 +158,7 @@ fn sequences_visit_every_state() {
     }
 }
 
-/// Sequences that led an axis too far once.
+/// Sequences that led an axis too far once, or never to zero.
 #[test]
 fn sequences_that_failed_once() {
     for (seed, kind, axes, ways, cycles) in FAILED {
@@ -170,8 +170,9 @@ fn sequences_that_failed_once() {
     }
 }
 
-const FAILED: [(u64, Kind, usize, usize, u32); 3] = [
+const FAILED: [(u64, Kind, usize, usize, u32); 4] = [
     (15841279278081801058, Kind::Late, 5, 3, 700),
     (9344477052774393391, Kind::Lossy, 5, 3, 1000),
     (15637356826912720972, Kind::Lossy, 5, 3, 1000),
+    (13427742941852155154, Kind::Lines, 5, 1, 1000),
 ];

@@ -112,7 +112,7 @@ pub fn search_thermal(
     search_rows(runs, &whole, search)
 }
 
-/// The same, where only some rows of each run are known.
+/// Finds the terms from some rows of one run.
 ///
 /// # Errors
 /// As [`search_thermal`].

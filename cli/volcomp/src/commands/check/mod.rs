@@ -12,7 +12,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use self::{sizes::sizes, sketch::sketch};
-use super::{Answer, in_degrees, micrometres, microradians, thermal_note};
+use super::{Answer, in_degrees, micrometres, microradians, thermal_notes};
 use crate::{
     answers::check::{Assembly, Axis, Check, Place, Thermal, Tool},
     failure::Failure,
@@ -35,11 +35,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
     let document = document(arguments, &machine, &temperatures);
     let text = text::text(&document);
-    let notes = [
-        thermal_note(&machine, &temperatures),
-        no_point_note(&machine),
-    ];
-    let notes = notes.into_iter().flatten().collect();
+    let mut notes = thermal_notes(&machine, &temperatures);
+    notes.extend(no_point_note(&machine));
     Answer::new(&document, text, notes)
 }
 

@@ -50,9 +50,6 @@ pub(crate) struct Arguments {
     /// The most time constants that the terms may have
     #[arg(long, default_value_t = 3)]
     most_lags: usize,
-    /// Needless sensors are always dropped: taken for calls of before
-    #[arg(long, hide = true)]
-    select: bool,
 }
 
 /// A displacement and the terms that were found for it.
@@ -109,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             .all(|axis| axis.is_none_or(|a| a == error.axis));
     if !moved.is_empty() && !expansions {
         notes.push(format!(
-            "the axis that was moved is not that of {error}, or {error} is no length: no expansion is looked for"
+            "no expansion is looked for: that needs `--error` to name a linear error motion of the axis that was moved, found {error}"
         ));
     }
     if moved.iter().any(|axis| *axis != moved[0])
@@ -146,8 +143,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let spread = channel.terms.constant_at(arguments.reference).1;
         if files.len() > 1 && moved.is_empty() && spread > 3.0 * channel.few.rms {
             notes.push(format!(
-                "{}: the constants of the files differ by {spread:.1}: each test has a zero of its own, and the constant is their mean",
-                channel.name
+                "{}: the constants of the files differ by {spread:.1} {}: each test has a zero of its own, and the constant is their mean",
+                channel.name,
+                if channel.is_angular() { "µrad" } else { "µm" }
             ));
         }
     }
@@ -227,7 +225,12 @@ fn channel(
         }
     };
     let runs: Vec<ThermalRun> = files.iter().map(run).collect();
-    let failed = |e: FitError| Failure::in_file(&arguments.data[0], format_args!("{name}: {e}"));
+    let failed = |e: FitError| {
+        // Of several files the first one that cannot be fitted by itself.
+        let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
+        let wrong = (0..runs.len()).find(alone).unwrap_or_default();
+        Failure::in_file(&arguments.data[wrong], format_args!("{name}: {e}"))
+    };
     let without_lags = ThermalSearch {
         lags_s: vec![0.0],
         ..search.clone()

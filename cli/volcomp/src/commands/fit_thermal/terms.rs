@@ -94,8 +94,9 @@ pub(super) fn toml(
         let Some(sensor) = sensors.get(seen.sensor) else {
             continue;
         };
-        let [low, high] = seen.degc;
-        let [fall, rise] = seen.k_per_min;
+        // Rounded outwards: what the tests had is not beyond them.
+        let [low, high] = outwards(seen.degc, 1e2);
+        let [fall, rise] = outwards(seen.k_per_min, 1e4);
         let _ = write!(
             text,
             "[[thermal.seen]]\nerror = \"{error}\"\nsensor = {}\ndegc = [{low:.2}, {high:.2}]\nk_per_min = [{fall:.4}, {rise:.4}]\n",
@@ -103,6 +104,12 @@ pub(super) fn toml(
         );
     }
     text
+}
+
+/// A range whose ends lie on whole parts of 1, and which is not empty.
+fn outwards([low, high]: [f64; 2], parts: f64) -> [f64; 2] {
+    let (low, high) = ((low * parts).floor(), (high * parts).ceil());
+    [low / parts, high.max(low + 1.0) / parts]
 }
 
 /// A name as a key of TOML, bare where it can be.
