@@ -17,7 +17,7 @@ use crate::{
     error::CalibrateError,
     read::read_measurement,
     setup_file::set_coordinates,
-    squares::{partner_of, reference_of, set_square},
+    squares::{set_square, tilt_of},
 };
 
 /// Targets may stand so much of the length beyond the ends of a diagonal, for the overrun.
@@ -31,16 +31,6 @@ pub struct Diagonals {
     /// The diagonals as lines of sight. The offset of each is unknown, and a scale that all share: the laser's, its
     /// material temperature's, and that of the diagonals' mean.
     pub observations: Observations,
-}
-
-/// The tilt that states a squareness on a machine with these reference axes, and its sign there.
-fn tilt_of(square: ErrorName, reference_axes: [AxisName; 2]) -> (ErrorName, f64) {
-    let partner = partner_of(square);
-    if reference_of(reference_axes, square) == partner {
-        (square, 1.0)
-    } else {
-        (ErrorName::location(square.component, partner), -1.0)
-    }
 }
 
 impl Diagonals {
@@ -87,7 +77,6 @@ pub(crate) fn decode_diagonals(
     (machine, reference_axes): (&Machine, [AxisName; 2]),
     folder: &Path,
 ) -> Result<Diagonals, CalibrateError> {
-    let mut setup = SetUp::default();
     let mut found = Observations {
         files: Vec::new(),
         machine: machine.clone(),
@@ -113,6 +102,8 @@ pub(crate) fn decode_diagonals(
         drift: 0,
         known_within: None,
     };
+    let setup = &mut found.setup;
+    let scale = setup.numbers.len();
     setup
         .numbers
         .push(number("scale of the diagonals".to_owned()));
@@ -143,22 +134,20 @@ pub(crate) fn decode_diagonals(
             .numbers
             .push(number(format!("{}:offset", file.display())));
         setup.number_kinds.push(NumberKind::Offset);
-        let rows = rows(&file_value, machine, (&from, &to), &readings, [offset, 0])?;
         found.observations.push(Observation {
             file: file.display().to_string(),
             kind: Kind::Line,
             judge: false,
-            rows: rows
-                .into_iter()
-                .map(|row| Row {
-                    uncertainty_mm: uncertainty_um * 1e-3,
-                    ..row
-                })
-                .collect(),
+            rows: rows(
+                &file_value,
+                machine,
+                (&from, &to),
+                (&readings, uncertainty_um),
+                [offset, scale],
+            )?,
         });
         found.files.push(file);
     }
-    found.setup = setup;
     Ok(Diagonals {
         errors,
         observations: found,
@@ -173,12 +162,12 @@ fn end(section: &Section<'_>, key: &str, machine: &Machine) -> Result<Vec<f64>, 
     Ok(coordinates)
 }
 
-/// A row for each mean reading of a diagonal; `offset` and `scale` are the places of the numbers of its set-up.
+/// A row for each mean reading of a diagonal, with its standard uncertainty, µm; `offset` and `scale` are the places of the numbers of its set-up.
 fn rows(
     file: &Value<'_>,
     machine: &Machine,
     (from, to): (&[f64], &[f64]),
-    readings: &Measurement,
+    (readings, uncertainty_um): (&Measurement, f64),
     [offset, scale]: [usize; 2],
 ) -> Result<Vec<Row>, CalibrateError> {
     let names = || machine.axes().iter().map(|axis| axis.name);
@@ -251,7 +240,7 @@ fn rows(
                 .mm_or_rad(),
             },
             time: 0.0,
-            uncertainty_mm: 1e-3,
+            uncertainty_mm: uncertainty_um * 1e-3,
         });
     }
     Ok(rows)

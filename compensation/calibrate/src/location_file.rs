@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
 use crate::{
     calibration_file::Location,
-    setup_file::{decode_error, decode_sign},
+    setup_file::{decode_errors, decode_sign},
     squares::{partner_of, reference_of},
 };
 
@@ -27,26 +27,14 @@ pub(crate) fn decode_location(
         "uncertainty_urad",
         "sign",
     ])?;
-    let names = match (section.get("error"), section.get("errors")) {
-        (Some(one), None) => vec![one],
-        (None, Some(several)) => several.items()?,
-        (Some(_), Some(both)) => {
-            return Err(both.error("found `error` and `errors` together, expected one of them"));
-        }
-        (None, None) => return Err(section.error("key `error` or `errors` is missing")),
-    };
+    let missing = || section.error("key `error` or `errors` is missing");
+    let errors = decode_errors(section, machine, missing, |name, error| {
+        check(name, error, machine, reference_axes)
+    })?;
     let one = section.get("error").is_some();
-    let mut errors = Vec::new();
-    for name in &names {
-        let error = decode_error(name, machine)?;
-        check(name, error, machine, reference_axes)?;
-        if errors.contains(&error) {
-            return Err(name.error(format!("{error} stands twice")));
-        }
-        errors.push(error);
-    }
     let Some(first) = errors.first().copied() else {
-        return Err(section.error("found no error in `errors`, expected at least one"));
+        // There is at least one.
+        return Ok(Vec::new());
     };
     let kind = first.component.kind();
     if let Some(other) = errors.iter().find(|error| error.component.kind() != kind) {

@@ -126,6 +126,37 @@ pub fn decode_error(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, I
     Ok(name)
 }
 
+/// The errors that a table names by `error`, or by `errors`; each is given to `check` with its value. `missing` is the
+/// error where neither key is there.
+pub(crate) fn decode_errors(
+    section: &Section<'_>,
+    machine: &Machine,
+    missing: impl FnOnce() -> InputError,
+    check: impl Fn(&Value<'_>, ErrorName) -> Result<(), InputError>,
+) -> Result<Vec<ErrorName>, InputError> {
+    let names = match (section.get("error"), section.get("errors")) {
+        (Some(one), None) => vec![one],
+        (None, Some(several)) => several.items()?,
+        (Some(_), Some(both)) => {
+            return Err(both.error("found `error` and `errors` together, expected one of them"));
+        }
+        (None, None) => return Err(missing()),
+    };
+    let mut errors = Vec::new();
+    for name in &names {
+        let error = decode_error(name, machine)?;
+        check(name, error)?;
+        if errors.contains(&error) {
+            return Err(name.error(format!("{error} stands twice")));
+        }
+        errors.push(error);
+    }
+    if errors.is_empty() {
+        return Err(section.error("found no error in `errors`, expected at least one"));
+    }
+    Ok(errors)
+}
+
 /// The name of an error motion, of an axis that the machine has.
 ///
 /// # Errors

@@ -11,7 +11,7 @@ use crate::{
     calibration_file::{Squareness, SquarenessSource},
     diagonals::{Diagonals, decode_diagonals},
     error::CalibrateError,
-    setup_file::decode_error,
+    setup_file::decode_errors,
 };
 
 /// The keys of which a squareness has one at the most.
@@ -35,7 +35,10 @@ pub(crate) fn decode_squareness(
 ) -> Result<Vec<Squareness>, CalibrateError> {
     let own = ["error", "errors", "from", "beams", "uncertainty_um"];
     section.allow(&[&own[..], &SOURCES].concat())?;
-    let errors = decode_errors(section, machine)?;
+    let missing = || section.error("key `error` is missing");
+    let errors = decode_errors(section, machine, missing, |name, error| {
+        check_parts(section, name, error)
+    })?;
     let stated: Vec<Value<'_>> = SOURCES.iter().filter_map(|key| section.get(key)).collect();
     if let [first, second, ..] = &stated[..] {
         let message = format!(
@@ -112,42 +115,25 @@ fn last<'k>(value: &'k Value<'_>) -> &'k str {
     value.key().rsplit('.').next().unwrap_or_default()
 }
 
-/// The errors that a table names, and a check of `from`.
-fn decode_errors(section: &Section<'_>, machine: &Machine) -> Result<Vec<ErrorName>, InputError> {
-    let names = match (section.get("error"), section.get("errors")) {
-        (Some(_), Some(both)) => {
-            return Err(both.error("found `error` and `errors` together, expected one of them"));
-        }
-        (None, Some(several)) => several.items()?,
-        (one, None) => vec![match one {
-            Some(one) => one,
-            None => section.require("error")?,
-        }],
+/// Refuses an error that is no squareness, and a `from` that does not name its two straightness errors.
+fn check_parts(
+    section: &Section<'_>,
+    name: &Value<'_>,
+    error: ErrorName,
+) -> Result<(), InputError> {
+    let parts = squareness_parts(error).map_err(|e| name.error(e.to_string()))?;
+    let Some(from) = section.get("from") else {
+        return Ok(());
     };
-    let mut errors = Vec::new();
-    for name in &names {
-        let error = decode_error(name, machine)?;
-        let parts = squareness_parts(error).map_err(|e| name.error(e.to_string()))?;
-        if errors.contains(&error) {
-            return Err(name.error(format!("{error} stands twice")));
-        }
-        if let Some(from) = section.get("from") {
-            let mut found = from.texts()?;
-            let parts = parts.map(|part| part.to_string());
-            let mut expected: Vec<&str> = parts.iter().map(String::as_str).collect();
-            found.sort_unstable();
-            expected.sort_unstable();
-            if found != expected {
-                let message = format!("found {found:?}, expected {parts:?} for {error}");
-                return Err(from.error(message));
-            }
-        }
-        errors.push(error);
+    let mut found = from.texts()?;
+    let parts = parts.map(|part| part.to_string());
+    let mut expected: Vec<&str> = parts.iter().map(String::as_str).collect();
+    found.sort_unstable();
+    expected.sort_unstable();
+    if found == expected {
+        return Ok(());
     }
-    if errors.is_empty() {
-        return Err(section.error("found no error in `errors`, expected at least one"));
-    }
-    Ok(errors)
+    Err(from.error(format!("found {found:?}, expected {parts:?} for {error}")))
 }
 
 /// Whether just one of the two beams runs against its axis: then the angle between the light's directions is 180° less

@@ -49,22 +49,29 @@ pub(crate) fn set_square(
     error: ErrorName,
     value: Urad,
 ) -> Result<(), ModelError> {
-    let partner = partner_of(error);
-    let (on_error, on_partner) = if reference_of(reference_axes, error) == partner {
-        (value, Urad(0.0))
-    } else {
-        (Urad(0.0), -value)
-    };
-    for (name, value) in [
-        (error, on_error),
-        (ErrorName::location(error.component, partner), on_partner),
-    ] {
+    let (tilt, sign) = tilt_of(error, reference_axes);
+    for name in [error, partner_tilt(error)] {
+        let value = if name == tilt { sign * value.0 } else { 0.0 };
         // A zero is written only over what the machine file had.
-        if value.0 != 0.0 || name == error || machine.locations().contains_key(&name) {
-            machine.set_location(name, value.0)?;
+        if value != 0.0 || name == error || machine.locations().contains_key(&name) {
+            machine.set_location(name, value)?;
         }
     }
     Ok(())
+}
+
+/// The tilt that states a squareness on a machine with these reference axes, and its sign there.
+pub(crate) fn tilt_of(squareness: ErrorName, reference_axes: [AxisName; 2]) -> (ErrorName, f64) {
+    if reference_of(reference_axes, squareness) == partner_of(squareness) {
+        (squareness, 1.0)
+    } else {
+        (partner_tilt(squareness), -1.0)
+    }
+}
+
+/// The tilt of the other axis of a squareness about the same direction.
+fn partner_tilt(squareness: ErrorName) -> ErrorName {
+    ErrorName::location(squareness.component, partner_of(squareness))
 }
 
 /// Which of the two axes of a squareness has no tilt: the primary reference axis where it is one of them, else the

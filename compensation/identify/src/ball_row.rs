@@ -1,4 +1,4 @@
-//! A row of balls on a bar (1-D ball array): the row file, where the bar lies, and in which directions readings count.
+//! A row of balls on a bar (1-D ball array): the row file, where the bar placement, and in which directions readings count.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::{
 /// The keys of a ball row besides those of every observation.
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// A ball further than this from where its distance puts it is another ball, or the bar lies otherwise.
+/// A ball further than this from where its distance puts it is another ball, or the bar placement otherwise.
 const MISPLACED_MM: f64 = 2.0;
 /// A row whose direction has a smaller part along every axis has no side that is meant by itself.
 const ALONG_AN_AXIS: f64 = 0.9;
@@ -67,14 +67,14 @@ impl Balls {
     }
 }
 
-/// Where the bar lies, as far as the file states it.
-pub(crate) struct Lies {
+/// Where the bar placement, as far as the file states it.
+pub(crate) struct Placement {
     origin: usize,
     direction: Option<Vector3<f64>>,
     side1: Option<Vector3<f64>>,
 }
 
-/// Decodes the keys of a ball row: what its rows refer to, and where the bar lies.
+/// Decodes the keys of a ball row: what its rows refer to, and where the bar placement.
 pub(crate) fn decode(
     section: &Section<'_>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -82,7 +82,7 @@ pub(crate) fn decode(
     drift: usize,
     judge: bool,
     reading: &mut Reading,
-) -> Result<(RowKind, Lies, std::path::PathBuf), IdentifyError> {
+) -> Result<(RowKind, Placement, std::path::PathBuf), IdentifyError> {
     let row_value = section.require("row")?;
     let row = row_value.text()?;
     let path = folder.join(row);
@@ -104,7 +104,7 @@ pub(crate) fn decode(
     ) {
         return Err(section
             .error(format!(
-                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar lies is found from its readings alone"
+                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar placement is found from its readings alone"
             ))
             .into());
     }
@@ -145,12 +145,12 @@ pub(crate) fn decode(
         origin,
         tilts,
     };
-    let lies = Lies {
+    let placement = Placement {
         origin,
         direction,
         side1,
     };
-    Ok((kind, lies, path))
+    Ok((kind, placement, path))
 }
 
 fn unit_of(value: &Value<'_>, vector: Vector3<f64>) -> Result<Vector3<f64>, InputError> {
@@ -218,8 +218,8 @@ struct Place {
 }
 
 /// Lays the bar through the nominal tips: the directions in which readings count, and the start of what is to be found.
-pub(crate) fn lay(
-    lies: &Lies,
+pub(crate) fn place_bar(
+    placement: &Placement,
     table: &CsvTable,
     machine: &Machine,
     rows: &mut [Row],
@@ -234,10 +234,9 @@ pub(crate) fn lay(
             ..
         } = row.seen
         {
-            let pose = chain.ideal_pose(&row.stand.state);
             places.push(Place {
                 line: row.line,
-                nominal_mm: pose.transform_point(&row.stand.tip_mm) - chain.workpiece_origin_mm(),
+                nominal_mm: row.stand.ideal_tip_mm(chain),
                 distance_mm: setup.numbers[distance].value.unwrap_or_default(),
                 offset_mm,
             });
@@ -246,7 +245,7 @@ pub(crate) fn lay(
     let count = places.len().max(1) as f64;
     let mean_s = places.iter().map(|p| p.distance_mm).sum::<f64>() / count;
     let mean_tip = places.iter().map(|p| p.nominal_mm).sum::<Vector3<f64>>() / count;
-    let along = if let Some(direction) = lies.direction {
+    let along = if let Some(direction) = placement.direction {
         direction
     } else {
         let sum: Vector3<f64> = places
@@ -257,7 +256,7 @@ pub(crate) fn lay(
             table.header_error("found readings at one place of the row only, expected two balls or more, or `direction` as numbers")
         })?
     };
-    let axes = across(&along, lies, &places, table)?;
+    let axes = across(&along, placement, &places, table)?;
     let ball = |p: &Place| {
         let offset = Vector3::from(p.offset_mm.map(Option::unwrap_or_default));
         p.nominal_mm - axes * offset
@@ -270,13 +269,9 @@ pub(crate) fn lay(
             "found a ball {:.1} mm from where its distance puts it on a straight bar, expected less than {MISPLACED_MM} mm: is it another ball, another unit, or does the bar lie otherwise?",
             apart(worst)
         );
-        let row = table.rows().find(|row| row.line() == worst.line);
-        return Err(match row {
-            Some(row) => row.error(message),
-            None => table.header_error(message),
-        });
+        return Err(table.error_at(worst.line, message));
     }
-    let origin = &mut setup.points[lies.origin];
+    let origin = &mut setup.points[placement.origin];
     if origin.unknown {
         origin.value = Some((mean - along * mean_s).into());
     }
@@ -291,7 +286,7 @@ pub(crate) fn lay(
 /// The directions along the row, to side 1 and to side 2, as columns.
 fn across(
     along: &Vector3<f64>,
-    lies: &Lies,
+    placement: &Placement,
     places: &[Place],
     table: &CsvTable,
 ) -> Result<Matrix3<f64>, InputError> {
@@ -302,10 +297,10 @@ fn across(
             .flatten()
             .any(|offset| *offset != 0.0)
     });
-    let side = match lies.side1 {
+    let side = match placement.side1 {
         Some(side) => side,
         None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
-            return Err(table.header_error("found readings to the side of a row that lies along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
+            return Err(table.header_error("found readings to the side of a row that placement along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
         }
         // X: Y and Z; Y: Z and X; Z: X and Y.
         None => Vector3::ith((largest + 1) % 3, 1.0),

@@ -24,7 +24,7 @@ struct Writer<'e> {
     /// One by the uncertainty.
     weight: f64,
     /// The Legendre polynomials of the row's time.
-    polynomials: Vec<f64>,
+    polynomials: &'e [f64],
 }
 
 impl Writer<'_> {
@@ -128,7 +128,7 @@ impl System {
         place: usize,
         equations: &mut Equations,
     ) {
-        let time = row.row.time;
+        let polynomials = &legendre(row.row.time, self.params.highest_order());
         let mut out = Writer {
             residuals: &mut equations.residuals,
             jacobian: &mut equations.jacobian,
@@ -136,14 +136,16 @@ impl System {
             unknowns: &self.unknowns,
             first: equations.places[place].0,
             weight: 1.0 / row.row.uncertainty_mm,
-            polynomials: legendre(time, self.params.highest_order()),
+            polynomials,
         };
         let axes = [unit(0), unit(1), unit(2)];
         let target = match &row.row.seen {
             Seen::Point { target, .. } => *target,
             _ => None,
         };
-        let offset = target.map_or_else(Vector3::zeros, |target| values.point_at(target, time));
+        let offset = target.map_or_else(Vector3::zeros, |target| {
+            values.point_at(target, polynomials)
+        });
         let tip = self.tip_at(&row.stand, values, &offset, design);
         match &row.row.seen {
             Seen::Point { frame, at_mm, .. } => {
@@ -153,7 +155,7 @@ impl System {
                 let [shift, turn] = if design {
                     [Vector3::zeros(); 2]
                 } else {
-                    of.drifted(time)
+                    of.drifted(polynomials)
                 };
                 let seen = if design {
                     tip.position_mm
@@ -180,7 +182,7 @@ impl System {
                 }
             }
             Seen::Sphere { centre, offset_mm } => {
-                let residual = tip.position_mm - values.point_at(*centre, time) - offset_mm;
+                let residual = tip.position_mm - values.point_at(*centre, polynomials) - offset_mm;
                 for k in 0..3 {
                     out.residual(k, residual[k]);
                 }
@@ -192,9 +194,12 @@ impl System {
                 dead,
                 length_mm,
             } => {
-                let reach = tip.position_mm - values.point_at(*point, time);
+                let reach = tip.position_mm - values.point_at(*point, polynomials);
                 let along = [reach.try_normalize(1e-9).unwrap_or_else(Vector3::z)];
-                out.residual(0, reach.norm() - values.number_at(*dead, time) - length_mm);
+                out.residual(
+                    0,
+                    reach.norm() - values.number_at(*dead, polynomials) - length_mm,
+                );
                 out.coefficients(&row.stand, &tip, &along);
                 out.part(Part::Point(*point), &along, |place, _| -unit(place));
                 out.number(*dead, -1.0);
@@ -206,7 +211,10 @@ impl System {
                 let other = self.tip_at(from, values, &Vector3::zeros(), design);
                 let reach = tip.position_mm - other.position_mm;
                 let along = reach.try_normalize(1e-9).unwrap_or_else(Vector3::z);
-                out.residual(0, reach.norm() - values.number_at(*dead, time) - length_mm);
+                out.residual(
+                    0,
+                    reach.norm() - values.number_at(*dead, polynomials) - length_mm,
+                );
                 out.coefficients(&row.stand, &tip, &[along]);
                 out.coefficients(from, &other, &[-along]);
                 out.number(*dead, -1.0);
@@ -219,7 +227,8 @@ impl System {
             } => {
                 let place = direction.dot(&row.ideal_mm);
                 let displacement = direction.dot(&(tip.position_mm - row.ideal_mm));
-                let line = values.number_at(*offset, time) + values.number_at(*slope, time) * place;
+                let line = values.number_at(*offset, polynomials)
+                    + values.number_at(*slope, polynomials) * place;
                 out.residual(0, displacement - line - deviation_mm);
                 out.coefficients(&row.stand, &tip, &[*direction]);
                 out.number(*offset, -1.0);
@@ -232,9 +241,9 @@ impl System {
                 axes,
                 offset_mm,
             } => {
-                let bar = bar(axes, tilts.map(|tilt| values.number_at(tilt, time)));
-                let distance_mm = values.number_at(*distance, time);
-                let ball = values.point_at(*origin, time) + bar.along * distance_mm;
+                let bar = bar(axes, tilts.map(|tilt| values.number_at(tilt, polynomials)));
+                let distance_mm = values.number_at(*distance, polynomials);
+                let ball = values.point_at(*origin, polynomials) + bar.along * distance_mm;
                 let read = out.offsets(axes, offset_mm, &(tip.position_mm - ball));
                 out.coefficients(&row.stand, &tip, &read);
                 out.part(Part::Point(*origin), &read, |place, _| -unit(place));

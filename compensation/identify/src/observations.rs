@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use volcomp_kinematics::{
-    State,
+    Chain, State,
     nalgebra::{Matrix3, Vector3},
 };
 use volcomp_model::Machine;
@@ -151,6 +151,14 @@ pub struct Stand {
     pub state: State,
     /// The functional point, mm in MCS at machine zero, without the offset of a target.
     pub tip_mm: Vector3<f64>,
+}
+
+impl Stand {
+    /// The functional point of the ideal machine, mm in workpiece axes.
+    pub(crate) fn ideal_tip_mm(&self, chain: &Chain) -> Vector3<f64> {
+        let pose = chain.ideal_pose(&self.state);
+        pose.transform_point(&self.tip_mm) - chain.workpiece_origin_mm()
+    }
 }
 
 /// One row: a pose and what was seen there.

@@ -64,12 +64,7 @@ impl System {
                 Seen::Pair { from, .. } => Some(self.prepare_stand(from)),
                 _ => None,
             },
-            ideal_mm: self
-                .machine
-                .chain()
-                .ideal_pose(&row.stand.state)
-                .transform_point(&row.stand.tip_mm)
-                - self.machine.chain().workpiece_origin_mm(),
+            ideal_mm: row.stand.ideal_tip_mm(self.machine.chain()),
         });
         Rows(prepared.collect())
     }

@@ -261,9 +261,9 @@ fn decode_observation(
             }
         }
         Kind::BallRow => {
-            let (kind, lies, path) =
+            let (kind, placement, path) =
                 ball_row::decode(section, (folder, read), &name, drift, judge, reading)?;
-            bar = Some(lies);
+            bar = Some(placement);
             files.push(path);
             kind
         }
@@ -279,7 +279,7 @@ fn decode_observation(
     )?;
     check_units(&table, machine, &rows.rows, &reading.setup)?;
     if let Some(bar) = bar {
-        ball_row::lay(&bar, &table, machine, &mut rows.rows, &mut reading.setup)?;
+        ball_row::place_bar(&bar, &table, machine, &mut rows.rows, &mut reading.setup)?;
     }
     let observation = Observation {
         file: name,

@@ -21,10 +21,7 @@ pub(crate) fn check_units(
     rows: &[Row],
     setup: &SetUp,
 ) -> Result<(), InputError> {
-    let nominal = |stand: &Stand| {
-        let pose = machine.chain().ideal_pose(&stand.state);
-        pose.transform_point(&stand.tip_mm)
-    };
+    let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
     let mut seen = Vec::new();
     for row in rows {
         match &row.seen {
@@ -41,11 +38,7 @@ pub(crate) fn check_units(
                     let message = format!(
                         "found a length of {length_mm} mm between poses that are nominally {expected:.3} mm apart: is it another unit, or are they other poses?"
                     );
-                    let place = table.rows().find(|found| found.line() == row.line);
-                    return Err(match place {
-                        Some(place) => place.error(message),
-                        None => table.header_error(message),
-                    });
+                    return Err(table.error_at(row.line, message));
                 }
             }
             _ => {}

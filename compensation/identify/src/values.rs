@@ -7,7 +7,6 @@ use volcomp_kinematics::{
 };
 
 use crate::{
-    basis::legendre,
     observations::SetUp,
     params::{Param, Params, Part},
 };
@@ -36,7 +35,7 @@ impl Values {
     /// What the files state of the set-ups; the middle of the frames at zero.
     pub(crate) fn stated(setup: &SetUp, coefficients: Vec<f64>) -> Self {
         let frames = setup.frames.iter().map(|frame| Frame {
-            pose: pose_of(&frame.value.unwrap_or_default()),
+            pose: pose_of(&in_rad(frame.value.unwrap_or_default())),
             middle_mm: Vector3::zeros(),
             drift: vec![[0.0; 6]; frame.drift],
         });
@@ -58,19 +57,16 @@ impl Values {
         }
     }
 
-    /// A point at a time, mm.
-    pub(crate) fn point_at(&self, place: usize, time: f64) -> Vector3<f64> {
-        let values = &self.points[place];
-        let polynomials = legendre(time, values.len() - 1);
-        let terms = values.iter().zip(&polynomials);
+    /// A point at the time of these Legendre polynomials, mm.
+    pub(crate) fn point_at(&self, place: usize, polynomials: &[f64]) -> Vector3<f64> {
+        let terms = self.points[place].iter().zip(polynomials);
         terms.fold(Vector3::zeros(), |sum, (value, p)| sum + value * *p)
     }
 
-    /// A number at a time.
-    pub(crate) fn number_at(&self, place: usize, time: f64) -> f64 {
-        let values = &self.numbers[place];
-        let polynomials = legendre(time, values.len() - 1);
-        values.iter().zip(&polynomials).map(|(v, p)| v * p).sum()
+    /// A number at the time of these Legendre polynomials.
+    pub(crate) fn number_at(&self, place: usize, polynomials: &[f64]) -> f64 {
+        let terms = self.numbers[place].iter().zip(polynomials);
+        terms.map(|(value, p)| value * p).sum()
     }
 
     /// The value of a parameter, mm or rad.
@@ -116,9 +112,8 @@ impl Values {
 }
 
 impl Frame {
-    /// How far it has drifted at a time: displacement, mm, and rotation, rad.
-    pub(crate) fn drifted(&self, time: f64) -> [Vector3<f64>; 2] {
-        let polynomials = legendre(time, self.drift.len());
+    /// How far it has drifted at the time of these Legendre polynomials: displacement, mm, and rotation, rad.
+    pub(crate) fn drifted(&self, polynomials: &[f64]) -> [Vector3<f64>; 2] {
         let orders = self.drift.iter().zip(&polynomials[1..]);
         orders.fold([Vector3::zeros(); 2], |[shift, turn], (six, p)| {
             let of = |first: usize| Vector3::new(six[first], six[first + 1], six[first + 2]) * *p;
@@ -134,18 +129,22 @@ pub(crate) fn unit(place: usize) -> Vector3<f64> {
     vector
 }
 
-/// A frame from x, y, z (mm) and a, b, c (deg): turned about X by a, then about the fixed Y by b, then about the
+/// A frame as a file states it, its angles in rad instead of deg.
+fn in_rad([x, y, z, a, b, c]: [f64; 6]) -> [f64; 6] {
+    [x, y, z, a.to_radians(), b.to_radians(), c.to_radians()]
+}
+
+/// A frame from x, y, z (mm) and a, b, c (rad): turned about X by a, then about the fixed Y by b, then about the
 /// fixed Z by c.
-pub(crate) fn pose_of(six: &[f64; 6]) -> Pose {
-    let [a, b, c] = [six[3], six[4], six[5]].map(f64::to_radians);
+fn pose_of(&[x, y, z, a, b, c]: &[f64; 6]) -> Pose {
     let about = |place: usize, angle: f64| rotation_from_vector(&(unit(place) * angle));
     Pose {
         rotation: about(2, c) * about(1, b) * about(0, a),
-        translation_mm: Vector3::new(six[0], six[1], six[2]),
+        translation_mm: Vector3::new(x, y, z),
     }
 }
 
-/// The inverse of [`pose_of`], but for the angles, which are in rad.
+/// The inverse of [`pose_of`].
 pub(crate) fn six_of(pose: &Pose) -> [f64; 6] {
     let r: &Matrix3<f64> = &pose.rotation;
     let t = &pose.translation_mm;

@@ -20,12 +20,8 @@ pub struct Diagonal {
     pub range_um: f64,
 }
 
-const DIRECTIONS: [(&str, [bool; 3]); 4] = [
-    ("PPP", [true, true, true]),
-    ("NPP", [false, true, true]),
-    ("PNP", [true, false, true]),
-    ("PPN", [true, true, false]),
-];
+/// The body diagonals of ISO 230-6 by the directions of motion of X, Y, Z: `P` from the lower to the upper end of travel.
+pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 
 /// The four body diagonals over the travels of X, Y and Z, rotary axes at 0: the tip's error
 /// (actual − ideal) along the ideal diagonal, minus its value at the first target.
@@ -54,14 +50,18 @@ pub fn diagonals<S: ErrorSource>(
         });
     }
     let points = points.max(2);
-    let diagonal = |(name, positive): (&'static str, [bool; 3])| {
+    let diagonal = |name: &'static str| {
         let target = |index: usize| {
             let share = index as f64 / (points - 1) as f64;
             let mut coordinates = [(AxisName::X, 0.0); 3];
-            for (place, (&axis, positive)) in linear.iter().zip(positive).enumerate() {
+            for (place, (&axis, sense)) in linear.iter().zip(name.chars()).enumerate() {
                 // The axis is there: looked up above.
                 let [low, high] = machine.axis(axis).map_or([0.0; 2], |a| a.travel);
-                let (from, to) = if positive { (low, high) } else { (high, low) };
+                let (from, to) = if sense == 'P' {
+                    (low, high)
+                } else {
+                    (high, low)
+                };
                 coordinates[place] = (axis, from + (to - from) * share);
             }
             // Finite travels give finite coordinates of axes that are there.
@@ -88,7 +88,7 @@ pub fn diagonals<S: ErrorSource>(
             range_um,
         }
     };
-    Ok(DIRECTIONS.into_iter().map(diagonal).collect())
+    Ok(BODY_DIAGONALS.into_iter().map(diagonal).collect())
 }
 
 fn range(values: &[f64]) -> f64 {

@@ -23,7 +23,7 @@ mod watch;
 
 pub use axis::Axis;
 pub use curve_file::write_curve;
-pub use diagonals::{Diagonal, corrected, diagonals, quantised};
+pub use diagonals::{BODY_DIAGONALS, Diagonal, corrected, diagonals, quantised};
 pub use ensemble::Ensemble;
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;

@@ -32,6 +32,11 @@ pub(crate) fn beyond([low, high]: [f64; 2], value: f64) -> f64 {
     (low - value).max(value - high).max(0.0)
 }
 
+/// The share of the terms that is in effect so far (K) beyond what they have seen.
+pub(crate) fn share_beyond(beyond_k: f64, margin_k: f64) -> f64 {
+    (1.0 - beyond_k / margin_k).clamp(0.0, 1.0)
+}
+
 impl Seen {
     pub(crate) fn check(&self, thermal: &Thermal) -> Result<(), ThermalRefusal> {
         let (error, sensor) = (self.error, self.sensor.clone());
@@ -87,11 +92,6 @@ impl Thermal {
             .map_or(degc, |seen| degc.clamp(seen.degc[0], seen.degc[1]))
     }
 
-    /// The share of the terms that is in effect so far (K) beyond what they have seen.
-    pub(crate) fn share_beyond(&self, beyond_k: f64) -> f64 {
-        (1.0 - beyond_k / self.margin_k).clamp(0.0, 1.0)
-    }
-
     /// The share of the terms of an error that is in effect at steady temperatures, 0 to 1.
     pub(crate) fn steady_share(&self, error: ErrorName, temperatures: &Temperatures) -> f64 {
         let of_error = self.seen.iter().filter(|seen| seen.error == error);
@@ -99,10 +99,10 @@ impl Thermal {
             let degc = temperatures.get(&seen.sensor)?;
             Some(beyond(seen.degc, *degc))
         });
-        self.share_beyond(beyond.fold(0.0, f64::max))
+        share_beyond(beyond.fold(0.0, f64::max), self.margin_k)
     }
 
-    /// What is stated as seen, and is left at these steady temperatures.
+    /// What is stated as seen, and is exceeded at these steady temperatures.
     pub fn beyond_seen(&self, temperatures: &Temperatures) -> Vec<&Seen> {
         let is_beyond = |seen: &&Seen| {
             let degc = temperatures.get(&seen.sensor);

@@ -4,7 +4,7 @@ use volcomp_curve::SmoothedRate;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    seen::{Seen, beyond},
+    seen::{Seen, beyond, share_beyond},
     thermal::Thermal,
     thermal_state::Fading,
 };
@@ -91,7 +91,7 @@ impl Watch {
             watched.step(dt_s, over_k(watched.sensor));
         }
         let all_heard = self.sensors.iter().all(|s| s.beyond_k.is_some());
-        let target = (1.0 - self.beyond_k() / self.margin_k).clamp(0.0, 1.0);
+        let target = share_beyond(self.beyond_k(), self.margin_k);
         self.share = match self.share {
             Some(share) => Some(fading.towards(share, target, dt_s)),
             None => all_heard.then_some(target),

@@ -2,13 +2,12 @@
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_identify::Unknown;
-use volcomp_model::Machine;
+use volcomp_model::{BODY_DIAGONALS, Machine};
 use volcomp_vocabulary::{AxisName, Um};
 
 use crate::{
     instrument::Instrument,
     observation::{Bar, Reads, Setting, ShopObservation},
-    observe::DIAGONALS,
     read::{TAKEN, decode_file_name, decode_instrument},
     shop::ShopLine,
 };
@@ -248,11 +247,11 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
         }
     }
     let Some(value) = section.get("diagonals") else {
-        return Ok(DIAGONALS.map(str::to_owned).to_vec());
+        return Ok(BODY_DIAGONALS.map(str::to_owned).to_vec());
     };
     let mut names: Vec<String> = Vec::new();
     for item in value.items()? {
-        let name = item.one_of(&DIAGONALS.map(|name| (name, name)))?;
+        let name = item.one_of(&BODY_DIAGONALS.map(|name| (name, name)))?;
         if names.iter().any(|other| other == name) {
             return Err(item.error(format!("{name} stands twice")));
         }

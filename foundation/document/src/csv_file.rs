@@ -184,6 +184,14 @@ impl CsvTable {
         self.error(&self.header, "header", message.into())
     }
 
+    /// An error at the row in a line, or at the header where no row stands there.
+    pub fn error_at(&self, line: usize, message: impl Into<String>) -> InputError {
+        match self.rows().find(|row| row.line() == line) {
+            Some(row) => row.error(message),
+            None => self.header_error(message),
+        }
+    }
+
     fn error(&self, record: &Record, key: &str, message: String) -> InputError {
         InputError {
             file: self.file.clone(),

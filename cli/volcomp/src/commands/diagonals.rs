@@ -1,6 +1,6 @@
 //! `volcomp diagonals`: the body diagonals of ISO 230-6 on the model.
 
-use volcomp_model::{ModelError, diagonals};
+use volcomp_model::{BODY_DIAGONALS, ModelError, diagonals};
 
 use super::{Answer, fixed, table, table_text, thermal_notes};
 use crate::{
@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             fixed(last, 3),
         ]);
     }
-    let [ppp, npp, pnp, ppn] = ["PPP", "NPP", "PNP", "PPN"].map(|name| {
+    let [ppp, npp, pnp, ppn] = BODY_DIAGONALS.map(|name| {
         let named = found.iter().find(|diagonal| diagonal.name == name);
         // The model gives all four.
         named.map_or_else(Diagonal::default, |diagonal| Diagonal {

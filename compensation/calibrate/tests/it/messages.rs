@@ -1,7 +1,8 @@
 //! Wrong calibration files are refused with file, line and key.
 
-use std::{fmt::Write, fs};
+use std::{fmt::Write, fs, path::PathBuf};
 
+use tempfile::TempDir;
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_metrology::{DeviationUnit, Measurement, Reading, write_renishaw};
 use volcomp_vocabulary::Direction;
@@ -9,19 +10,25 @@ use volcomp_vocabulary::Direction;
 const GOOD: &str =
     "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
 
+fn written(folder: &TempDir, name: &str, text: &str) -> PathBuf {
+    let path = folder.path().join(name);
+    fs::write(&path, text).expect("written");
+    path
+}
+
+/// A folder with a machine of two axes and the file `a.csv` of a line.
+fn folder_of_two_axes() -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
+    written(&folder, "machine.toml", machine);
+    written(&folder, "a.csv", "target,deviation\n0,1\n50,2\n100,4\n");
+    folder
+}
+
 #[test]
 fn every_wrong_key_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        fs::write(&path, text).expect("written");
-        path
-    };
-    write(
-        "machine.toml",
-        "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
-    );
-    write("a.csv", "target,deviation\n0,1\n50,2\n100,4\n");
+    let folder = folder_of_two_axes();
+    let write = |name: &str, text: &str| written(&folder, name, text);
     let good = write("good.toml", GOOD);
     assert!(calibrate(&CalibrationFile::read(&good).expect("read"), |_, _| {}).is_ok());
     for (added, expected) in [
@@ -83,17 +90,8 @@ fn every_wrong_key_is_named() {
 
 #[test]
 fn every_wrong_key_of_a_location_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        fs::write(&path, text).expect("written");
-        path
-    };
-    write(
-        "machine.toml",
-        "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
-    );
-    write("a.csv", "target,deviation\n0,1\n50,2\n100,4\n");
+    let folder = folder_of_two_axes();
+    let write = |name: &str, text: &str| written(&folder, name, text);
     for (added, expected) in [
         (
             "[[location]]\nvalue_um = 1.0",

@@ -7,14 +7,14 @@ use volcomp_runtime::{
     AxisSettings, BarrierSettings, ControlPath, GuardSettings, Model, PathSettings,
     guard::{
         ControlTimeOut, Request, State,
-        barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings},
+        barrier::{Barrier, REPORT_WORDS},
     },
 };
-use volcomp_vocabulary::{MAX_AXES, PerChannel, Um};
+use volcomp_vocabulary::{PerChannel, Um};
 
 use crate::{
     rig::{PERIOD, alone, referenced, without_barrier},
-    ways::{AXES, Plant, Ways, three_axes},
+    ways::{AXES, Plant, Ways, barrier_of_three_axes, three_axes},
 };
 
 /// Z needs 120 µm.
@@ -93,17 +93,8 @@ fn guard() -> GuardSettings {
 /// The most that Z has, counts, while the second way writes, and whether it did. The first one is cut off from cycle 1500 on;
 /// an emergency stop, which the second shows, lasts until cycle `stop_until`.
 fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16, bool) {
-    let settings = Settings {
-        axes: Layout::of(AXES).expect("each once"),
-        machine: 1,
-        limit: PerChannel([150; MAX_AXES]),
-        rate: PerChannel([2; MAX_AXES]),
-        step_scans: 1,
-        hold_scans: 25,
-        time_out_scans,
-    };
     let control = Control {
-        barrier: Barrier::start(settings, 1, 0, &Counts::default()).expect("good settings"),
+        barrier: barrier_of_three_axes(25, time_out_scans),
         mailbox: None,
         first_is_away: false,
         stop: false,

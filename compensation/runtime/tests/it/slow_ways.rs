@@ -8,14 +8,14 @@ use volcomp_runtime::{
     AxisSettings, BarrierSettings, Cycle, GuardSettings, PathPlan, PathSettings,
     guard::{
         Limits, Request,
-        barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings},
+        barrier::{Barrier, REPORT_WORDS},
     },
 };
-use volcomp_vocabulary::{MAX_AXES, PerChannel, Um};
+use volcomp_vocabulary::{PerChannel, Um};
 
 use crate::{
     rig::{PERIOD, alone, referenced, without_barrier},
-    ways::{AXES, Plant, Ways, three_axes},
+    ways::{AXES, Plant, Ways, barrier_of_three_axes, three_axes},
 };
 
 /// Two ways to the barrier of one control; reports and frames are some cycles on their way.
@@ -32,17 +32,8 @@ struct Slow {
 
 impl Slow {
     fn new(late: usize) -> Self {
-        let settings = Settings {
-            axes: Layout::of(AXES).expect("each once"),
-            machine: 1,
-            limit: PerChannel([150; MAX_AXES]),
-            rate: PerChannel([2; MAX_AXES]),
-            step_scans: 1,
-            hold_scans: 50,
-            time_out_scans: 100,
-        };
         Self {
-            barrier: Barrier::start(settings, 1, 0, &Counts::default()).expect("good settings"),
+            barrier: barrier_of_three_axes(50, 100),
             x: 0.0,
             late,
             first_is_away: false,

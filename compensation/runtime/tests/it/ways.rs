@@ -9,9 +9,13 @@ use volcomp_model::Machine;
 use volcomp_port::{Clock, Controller, Description, Fault, Snapshot, Words};
 use volcomp_runtime::{
     Asked, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Report,
-    Sensors, guard::Request,
+    Sensors,
+    guard::{
+        Request,
+        barrier::{Barrier, Counts, Layout, Settings},
+    },
 };
-use volcomp_vocabulary::{AxisName, PerChannel};
+use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};
 
 use crate::rig::PERIOD;
 
@@ -26,6 +30,20 @@ errors = {{ {errors} }}"
     );
     let machine = Machine::parse(&text, "m").expect("valid");
     Model::new(&machine, guard.fading).expect("compiles")
+}
+
+/// The barrier of a control of three axes: 150 counts, 2 counts a scan.
+pub(crate) fn barrier_of_three_axes(hold_scans: u16, time_out_scans: u16) -> Barrier {
+    let settings = Settings {
+        axes: Layout::of(AXES).expect("each once"),
+        machine: 1,
+        limit: PerChannel([150; MAX_AXES]),
+        rate: PerChannel([2; MAX_AXES]),
+        step_scans: 1,
+        hold_scans,
+        time_out_scans,
+    };
+    Barrier::start(settings, 1, 0, &Counts::default()).expect("good settings")
 }
 
 /// The control of a test.

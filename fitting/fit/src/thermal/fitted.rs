@@ -79,15 +79,9 @@ impl ThermalFit {
         let predicted = self.predict(record);
         let most = record.len().min(record.displacement.len());
         let rows = rows.start.min(most)..rows.end.min(most);
-        let error = |row: usize| record.displacement[row] - predicted[row];
-        let segments = split(&rows, 10.min(rows.len())).into_iter();
-        let worst = segments.map(|part| ThermalSegment {
-            from_s: record.time_s[part.start],
-            to_s: record.time_s[part.end - 1],
-            rms: rms(part.map(error)),
-        });
-        let worst = worst.max_by(|a, b| a.rms.total_cmp(&b.rms));
-        (rms(rows.map(error)), worst)
+        let errors = record.displacement.iter().zip(&predicted);
+        let errors: Vec<f64> = errors.map(|(found, predicted)| found - predicted).collect();
+        judged(&record.time_s, &errors, rows)
     }
 
     /// Places of the sensors that some term uses.
@@ -111,4 +105,20 @@ impl ThermalFit {
                 .map(|(per_k, start)| per_k * (reference_degc - start))
                 .sum::<f64>()
     }
+}
+
+/// Root mean square of some rows of errors, and the worst of ten equal stretches of them.
+pub(super) fn judged(
+    time_s: &[f64],
+    errors: &[f64],
+    rows: Range<usize>,
+) -> (f64, Option<ThermalSegment>) {
+    let segments = split(&rows, 10.min(rows.len())).into_iter();
+    let worst = segments.map(|part| ThermalSegment {
+        from_s: time_s[part.start],
+        to_s: time_s[part.end - 1],
+        rms: rms(errors[part].iter().copied()),
+    });
+    let worst = worst.max_by(|a, b| a.rms.total_cmp(&b.rms));
+    (rms(errors[rows].iter().copied()), worst)
 }

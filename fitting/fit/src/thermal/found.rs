@@ -6,6 +6,7 @@ use volcomp_curve::SmoothedRate;
 
 use super::{
     columns::{Column, ThermalEffect},
+    fitted::{ThermalSegment, judged},
     runs::ThermalRun,
 };
 use crate::fit::rms;
@@ -183,6 +184,14 @@ impl ThermalTerms {
         let rows = run.record.displacement.iter().zip(&predicted).zip(&places);
         rows.map(|((d, p), place)| d - p - zero(*place).map_or(0.0, |zero| zero.displacement))
             .collect()
+    }
+
+    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run that the terms were found from,
+    /// and the worst of ten equal stretches of them. Rows that the run does not have are passed over; over no row it is NaN.
+    pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
+        let errors = self.errors(run);
+        let rows = rows.start.min(errors.len())..rows.end.min(errors.len());
+        judged(&run.record.time_s, &errors, rows)
     }
 
     /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count: its mean over

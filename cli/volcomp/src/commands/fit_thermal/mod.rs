@@ -305,21 +305,8 @@ impl Judged {
 
     /// By the rows from `train` on.
     fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
-        let errors = terms.errors(run);
-        let rms = |rows: std::ops::Range<usize>| {
-            let squares: f64 = errors[rows.clone()].iter().map(|e| e * e).sum();
-            (squares / rows.len().max(1) as f64).sqrt()
-        };
-        let (from, count) = (train, errors.len() - train);
-        let parts = 10.min(count);
-        let end = |part: usize| from + count * part / parts.max(1);
-        let segments = (0..parts).map(|part| ThermalSegment {
-            from_s: run.record.time_s[end(part)],
-            to_s: run.record.time_s[end(part + 1) - 1],
-            rms: rms(end(part)..end(part + 1)),
-        });
-        let worst = segments.max_by(|a, b| a.rms.total_cmp(&b.rms));
-        Self::new(terms, rms(from..errors.len()), worst)
+        let (rms, worst) = terms.residual(run, train..run.record.len());
+        Self::new(terms, rms, worst)
     }
 
     /// By whole runs that were left out; each counts by its rows.

@@ -1,0 +1,174 @@
+//! Bars with marks: a step gauge, a row of balls.
+
+use std::fmt::Write;
+
+use volcomp_kinematics::{
+    State,
+    nalgebra::{Matrix3, Vector3},
+};
+
+use super::{Made, Observer, across, number, push_offset};
+use crate::{
+    error::ObservationError,
+    observation::{Bar, Reads},
+};
+
+/// A bar as it really is.
+struct TrueBar {
+    origin: Vector3<f64>,
+    /// Nominal directions along it and to its sides, as columns.
+    axes: Matrix3<f64>,
+    along: Vector3<f64>,
+    distances: Vec<f64>,
+}
+
+/// What is written at a mark of a bar in a pass.
+struct AtMark {
+    pass: usize,
+    mark: usize,
+    state: State,
+    read: Option<Vector3<f64>>,
+}
+
+impl Observer<'_> {
+    /// The bar as it was put on the table: tilted, its distances known within their calibration.
+    fn true_bar(&mut self, bar: &Bar) -> Result<TrueBar, ObservationError> {
+        let along = Vector3::from(bar.direction)
+            .try_normalize(1e-12)
+            .ok_or(ObservationError::NoDirection)?;
+        let axes = across(&along);
+        let tilt = 1e-6 * self.what.instrument.alignment.0;
+        let tilted = Vector3::new(1.0, tilt * self.normal(), tilt * self.normal());
+        let mut distances = Vec::new();
+        for &distance in &bar.distances {
+            let by = self.normal() * 1e-3 * bar.calibration.0;
+            distances.push(if distance == 0.0 { 0.0 } else { distance + by });
+        }
+        Ok(TrueBar {
+            origin: bar.origin.into(),
+            axes,
+            along: (axes * tilted).normalize(),
+            distances,
+        })
+    }
+
+    /// Goes over the marks of a bar, forth and back if asked.
+    fn along(
+        &mut self,
+        bar: &Bar,
+        real: &TrueBar,
+        reads: Reads,
+    ) -> Result<Vec<AtMark>, ObservationError> {
+        let passes = self.passes(bar.distances.len());
+        let rows = passes.len() * bar.distances.len();
+        let drift = self.direction();
+        let mut found = Vec::with_capacity(rows);
+        for (pass, marks) in passes.into_iter().enumerate() {
+            for mark in marks {
+                let nominal = real.origin + real.axes.column(0) * bar.distances[mark];
+                let held = self
+                    .room
+                    .ideal(self.tools.machine(pass), self.held()?, &nominal);
+                let state = held.ok_or(ObservationError::NotReached { at: nominal.into() })?;
+                let drifted = self.drift_mm(&drift, found.len(), rows);
+                let place = real.origin + drifted + real.along * real.distances[mark];
+                let (state, read) = self.at_centre(pass, state, &place, &real.axes, reads)?;
+                found.push(AtMark {
+                    pass,
+                    mark,
+                    state,
+                    read,
+                });
+            }
+        }
+        Ok(found)
+    }
+
+    pub(super) fn step_gauge(&mut self, bar: &Bar) -> Result<Made, ObservationError> {
+        let real = self.true_bar(bar)?;
+        let rows = self.along(bar, &real, Reads::Coordinates)?;
+        let mut text = format!(
+            "pose,{}{}from,to,length_mm\n",
+            self.axes_header(),
+            self.tool_header()
+        );
+        let mut pairs = String::new();
+        let blank = ",".repeat(self.truth.axes().len() + usize::from(!self.what.tools.is_empty()));
+        let name = |pass: usize, mark: usize| format!("{}-{}", pass + 1, mark + 1);
+        for AtMark {
+            pass, mark, state, ..
+        } in rows
+        {
+            let (at, tool) = (self.coordinates(&state), self.tools.cell(pass));
+            let _ = writeln!(text, "{},{at}{tool},,", name(pass, mark));
+            // From the first face of the bar, whichever came first.
+            if mark > 0 {
+                let length = (bar.distances[mark] - bar.distances[0]).abs();
+                let (from, to) = (name(pass, 0), name(pass, mark));
+                let _ = writeln!(pairs, ",{blank}{from},{to},{}", number(length));
+            }
+        }
+        text.push_str(&pairs);
+        let file = format!("{}.csv", self.what.name);
+        // Each length has two contacts.
+        let contact = self.what.uncertainty_um();
+        let uncertainty = (contact * 2.0_f64.sqrt()).hypot(bar.calibration.0);
+        let tables = self.table("distance", &file, uncertainty);
+        Ok(Made {
+            files: vec![(file, text)],
+            tables,
+        })
+    }
+
+    pub(super) fn ball_row(&mut self, bar: &Bar, reads: Reads) -> Result<Made, ObservationError> {
+        let real = self.true_bar(bar)?;
+        let rows = self.along(bar, &real, reads)?;
+        let offsets = match reads {
+            Reads::Coordinates => "",
+            Reads::Offset => ",along_um,side1_um,side2_um",
+        };
+        let mut text = format!(
+            "{}{}ball{offsets}\n",
+            self.axes_header(),
+            self.tool_header()
+        );
+        for AtMark {
+            pass,
+            mark,
+            state,
+            read,
+        } in rows
+        {
+            let (at, tool) = (self.coordinates(&state), self.tools.cell(pass));
+            push_offset(&mut text, &format!("{at}{tool}B{}", mark + 1), read);
+        }
+        let mut row = String::from("ball,distance_mm,uncertainty_um\n");
+        for (mark, &distance) in bar.distances.iter().enumerate() {
+            let uncertainty = if distance == 0.0 {
+                0.0
+            } else {
+                bar.calibration.0
+            };
+            let _ = writeln!(
+                row,
+                "B{},{},{}",
+                mark + 1,
+                number(distance),
+                number(uncertainty)
+            );
+        }
+        let name = &self.what.name;
+        let (file, row_file) = (format!("{name}.csv"), format!("{name}-row.csv"));
+        let mut tables = self.table("ball-row", &file, self.what.uncertainty_um());
+        let side: Vec<String> = real.axes.column(1).iter().map(|x| number(*x)).collect();
+        let _ = writeln!(
+            tables,
+            "row = \"{row_file}\"\nside1 = [{}]",
+            side.join(", ")
+        );
+        Ok(Made {
+            files: vec![(file, text), (row_file, row)],
+            tables,
+        })
+    }
+}

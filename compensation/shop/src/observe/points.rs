@@ -1,0 +1,62 @@
+//! A laser tracker that follows a target on the tool.
+
+use std::fmt::Write;
+
+use volcomp_kinematics::nalgebra::{Rotation3, Vector3};
+
+use super::{Made, Observer, push_row};
+use crate::poses::actual_tip;
+
+impl Observer<'_> {
+    pub(super) fn points(
+        &mut self,
+        poses: usize,
+        frame: &[f64; 6],
+        target: Option<[f64; 3]>,
+    ) -> Made {
+        let [a, b, c] = [frame[3], frame[4], frame[5]].map(f64::to_radians);
+        let rotation = Rotation3::from_euler_angles(a, b, c);
+        let place = Vector3::new(frame[0], frame[1], frame[2]);
+        let offset = Vector3::from(target.unwrap_or_default());
+        let states = self.room.everywhere(poses, &mut self.random);
+        let middle = states
+            .iter()
+            .map(|state| self.truth.chain().ideal_tip_mm(state))
+            .sum::<Vector3<f64>>()
+            / poses.max(1) as f64;
+        let (shift, turn) = (self.direction(), self.direction());
+        let turn = turn * (1e-6 * self.what.instrument.angle.drift.0);
+        let mut text = format!("{}{}x,y,z\n", self.axes_header(), self.tool_header());
+        for (pose, mut state) in states.into_iter().enumerate() {
+            self.approach.to(&mut state);
+            let tip = actual_tip(self.tools.machine(pose), &state, &offset);
+            // A tracker that moves by +d sees everything moved by −d.
+            let share = pose as f64 / poses.saturating_sub(1).max(1) as f64;
+            let drifted = self.drift_mm(&shift, pose, poses) + turn.cross(&(tip - middle)) * share;
+            let seen = rotation.inverse() * (tip - drifted - place);
+            let read = seen.map(|x| self.read(x));
+            let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
+            push_row(&mut text, &format!("{at}{tool}"), read.as_slice());
+        }
+        let file = format!("{}.csv", self.what.name);
+        let mut tables = self.table("points", &file, self.what.uncertainty_um());
+        tables.push_str("frame = \"unknown\"\n");
+        if target.is_some() {
+            let tools = self.what.tools.iter();
+            let by_tool: Vec<String> = tools
+                .map(|tool| format!("{tool:?} = \"unknown\""))
+                .collect();
+            let targets = if by_tool.is_empty() {
+                "\"unknown\"".to_owned()
+            } else {
+                format!("{{ {} }}", by_tool.join(", "))
+            };
+            // Writing to a String cannot fail.
+            let _ = writeln!(tables, "target = {targets}");
+        }
+        Made {
+            files: vec![(file, text)],
+            tables,
+        }
+    }
+}
