@@ -107,6 +107,12 @@ impl Vector {
         self.motion = Motion::Begins;
     }
 
+    /// Whether the ramp to what is wanted is still to begin: in the next cycle that follows, or once what moves has come
+    /// to rest.
+    pub fn is_to_begin(&self) -> bool {
+        self.motion == Motion::Begins
+    }
+
     /// Whether the ramp to what is wanted is over.
     pub fn is_ramped(&self) -> bool {
         self.motion == Motion::Follows

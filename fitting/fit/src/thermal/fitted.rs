@@ -78,7 +78,8 @@ impl ThermalFit {
     ) -> (f64, Option<ThermalSegment>) {
         let predicted = self.predict(record);
         let most = record.len().min(record.displacement.len());
-        let rows = rows.start.min(most)..rows.end.min(most);
+        let end = rows.end.min(most);
+        let rows = rows.start.min(end)..end;
         let errors = record.displacement.iter().zip(&predicted);
         let errors: Vec<f64> = errors.map(|(found, predicted)| found - predicted).collect();
         judged(&record.time_s, &errors, rows)

@@ -130,23 +130,21 @@ impl Cell {
     }
 
     /// What the rounding of the output may add, mm: 0.6 step of each linear axis in the worst direction, and while a
-    /// rotary step is under way what is between the share and the word, at most half a step, times the lever.
+    /// rotary step is under way what is between the share and the word, at most half a step, times the lever. Beyond a
+    /// limit that was lowered it is up to a whole step, towards zero, on the way in.
     pub(crate) fn rounding(&self, state: &State, vector: &Vector, limits: &Limits) -> f64 {
         let chain = self.machine.chain();
         let mut sums = vec![Vector3::zeros()];
         let mut rotary = 0.0;
         for (i, axis) in self.machine_axis.iter().enumerate() {
             let (joint, step) = (&chain.joints()[*axis], limits.axes[i].resolution);
+            let comes_in = vector.smooth()[i].abs() > limits.axes[i].reachable();
             if joint.kind == AxisKind::Linear {
-                let way = joint.direction * (0.6 * step);
+                let way = joint.direction * (if comes_in { 1.0 } else { 0.6 } * step);
                 sums = sums.iter().flat_map(|sum| [sum + way, sum - way]).collect();
             } else {
                 let between = (vector.output()[i] - vector.smooth()[i]).abs();
-                let most = if vector.smooth()[i].abs() > limits.axes[i].reachable() {
-                    1.0 // towards zero, on the way in
-                } else {
-                    0.5
-                };
+                let most = if comes_in { 1.0 } else { 0.5 };
                 assert!(between <= (most + 1e-6) * step, "{between} of {step}");
                 rotary += between * chain.lever_mm(*axis, state);
             }

@@ -64,15 +64,14 @@ fn limits_lowered_in_motion() {
             axis.accel_per_s2 *= part();
         }
         scene.vector.begin_ramp();
-        // The ramp begins once what moved stands.
-        let mut begun = false;
         for _ in 0..80 {
-            if !begun {
-                scene.begins();
-            }
             let before = scene.vector;
             let dt_s = scene.tick(rng);
             scene.time_s += dt_s;
+            // The ramp begins once what moved stands.
+            if before.is_to_begin() {
+                scene.begins();
+            }
             let state = scene.path.at(scene.time_s);
             let wanted = scene.wanted(&state);
             scene.followed = scene.vector.follow(&wanted, &scene.limits, dt_s);
@@ -94,7 +93,6 @@ fn limits_lowered_in_motion() {
             seen.cycles += 1;
             seen.slewing += usize::from(scene.followed.slewing);
             seen.behind += usize::from(scene.followed.behind);
-            begun |= !scene.followed.behind;
             if !scene.followed.behind {
                 scene.judge(&state, seen);
             }
