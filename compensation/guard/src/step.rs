@@ -26,6 +26,15 @@ pub(crate) fn is_on_grid(value: f64, step: f64) -> bool {
     (steps - libm::round(steps)).abs() < ROUNDING_STEPS
 }
 
+/// A value that is a whole number of steps, or the nearest one to it.
+pub(crate) fn on_grid(value: f64, step: f64) -> f64 {
+    if is_on_grid(value, step) {
+        value
+    } else {
+        libm::round(value / step) * step
+    }
+}
+
 /// The whole steps below a number of them, mm or rad: 150 steps of 0.001 below 0.15, not 149 for a rounding.
 pub(crate) fn whole_below(value: f64, step: f64) -> f64 {
     libm::floor(value / step + ROUNDING_STEPS) * step

@@ -2,7 +2,7 @@
 
 use crate::{
     AxisLimits,
-    step::{ROUNDING_STEPS, whole_below},
+    step::{ROUNDING_STEPS, on_grid, whole_below},
 };
 
 /// Half a step and 20 %: nearer the quantised output stays.
@@ -82,8 +82,10 @@ pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
 }
 
 /// The nearest step within the hysteresis that changes the output least: over any time it then changes by one step more
-/// than the smooth value at the most.
+/// than the smooth value at the most. An output that stands between two steps goes to the nearest one first: from there
+/// the next one is no more than a step away.
 pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
+    let output = on_grid(output, step);
     let away = (smooth - output) / step;
     if away.abs() <= HYSTERESIS_STEPS {
         return output;
@@ -106,6 +108,7 @@ pub(super) fn linear_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
 /// The word of a rotary axis: rounded, since the share rests on whole steps.
 pub(super) fn rotary_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
     let step = axis.resolution;
+    let output = on_grid(output, step);
     let word = if (smooth - output).abs() <= (0.5 + 1e-9) * step {
         output
     } else {

@@ -5,7 +5,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 use super::motion::quantised;
 use crate::{
     AxisLimits, Limits,
-    step::{ROUNDING_STEPS, is_on_grid, whole_below},
+    step::{ROUNDING_STEPS, whole_below},
 };
 
 /// Parts of the rotary shares that are tried where no whole steps beside them fit the limits.
@@ -110,13 +110,8 @@ impl Wanted {
         let exact = self.rotary.map(|share| part * share);
         let rounded = rotary_of(limits, |i| {
             let axis = &limits.axes[i];
-            let before = if is_on_grid(before[i], axis.resolution) {
-                before[i]
-            } else {
-                libm::round(before[i] / axis.resolution) * axis.resolution
-            };
             let most = axis.reachable();
-            quantised(before, exact[i], axis.resolution)
+            quantised(before[i], exact[i], axis.resolution)
                 .max(-most)
                 .min(most)
         });

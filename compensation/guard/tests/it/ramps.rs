@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
     vector::{five, of, three},
-    world::{World, axes, limits},
+    world::{PERIOD, World, axes, limits},
 };
 
 /// How long a line takes, s.
@@ -365,6 +365,44 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
                 let most = begun.max(without) + 1e-4;
                 assert!(off <= most, "seed {seed}, cycle {cycle}: {off} of {most}");
             }
+        }
+    }
+}
+
+/// A control that was left between two steps is led to zero, also where a cycle slews less than a step and the next
+/// whole step is as far as a word may be from what is applied.
+#[test]
+fn what_stands_between_steps_is_ramped_out() {
+    for seed in 0..2000 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let accel_s = if random.random_bool(0.5) { 0.0 } else { 0.02 };
+        let mut limits = five(accel_s);
+        for axis in limits.axes.iter_mut().take(5) {
+            let steps_per_cycle = random.random_range(0.05..1.2);
+            let slew_per_s = steps_per_cycle * axis.resolution / limits.period.as_secs_f64();
+            axis.accel_per_s2 *= slew_per_s / axis.slew_per_s;
+            axis.slew_per_s = slew_per_s;
+        }
+        let mut world = World::new(&limits);
+        world.applied = PerChannel::from_fn(|i| {
+            let steps = if random.random_bool(0.3) {
+                1.0 + random.random_range(-0.1..0.1)
+            } else {
+                random.random_range(-5.0..5.0)
+            };
+            let is_there = i < limits.count && random.random_bool(0.8);
+            f64::from(u8::from(is_there)) * steps * limits.axes[i].resolution
+        });
+        let left = world.applied;
+        world.target = Some(left);
+        world.run(10 * PERIOD);
+        world.request(Request::Arm);
+        world.run(random.random_range(1..100) * PERIOD);
+        world.request(Request::Disarm);
+        let out = world.run(Duration::from_secs(3));
+        assert_eq!(out.state, State::Disarmed, "seed {seed}: {left:?}");
+        for (axis, at) in limits.axes.iter().zip(&world.applied) {
+            assert!(at.abs() <= 0.51 * axis.resolution, "seed {seed}: {left:?}");
         }
     }
 }
