@@ -14,7 +14,7 @@ use crate::{
     progress,
 };
 
-/// Finds errors from trackers, spheres, ballbars and diagonals
+/// Finds errors from trackers, spheres, ballbars, ball rows and diagonals
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// The file of observations (TOML), which names the machine file and the row files

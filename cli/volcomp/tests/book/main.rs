@@ -153,6 +153,11 @@ fn keys_of_the_calibration_file() {
 }
 
 #[test]
+fn keys_of_the_shop_file() {
+    keys_of("shop-file.md", &[]);
+}
+
+#[test]
 fn keys_of_the_file_of_observations() {
     keys_of("observations-file.md", &["observation.target"]);
 }
