@@ -1,7 +1,7 @@
 //! The lines of one error as one curve, or one for each direction.
 
 use volcomp_curve::{ErrorCurve, Field};
-use volcomp_fit::Fit;
+use volcomp_fit::{Fit, FitError};
 use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
@@ -80,19 +80,25 @@ impl Branches {
     ) -> Result<Self, CalibrateError> {
         let files = || files_of(profiles);
         let mut fits = Vec::new();
-        for (index, direction) in Direction::BOTH.into_iter().enumerate() {
+        let failed = |source: FitError| CalibrateError::Fit {
+            error,
+            files: files(),
+            source,
+        };
+        let readings = |index: usize| {
             let points = profiles.iter().flat_map(|profile| &profile.points[index]);
-            let (x, u): (Vec<f64>, Vec<f64>) = points.copied().unzip();
+            points.copied().unzip()
+        };
+        let both: [(Vec<f64>, Vec<f64>); 2] = [readings(0), readings(1)];
+        let read = both.iter().filter(|(x, _)| !x.is_empty());
+        let read: Vec<(Vec<f64>, Vec<f64>)> = read.cloned().collect();
+        let required = within_noise(profiles);
+        let choice = choice.settled(&read, required).map_err(failed)?;
+        for (direction, (x, u)) in Direction::BOTH.into_iter().zip(both) {
             if x.is_empty() {
                 continue;
             }
-            let fit = choice
-                .fit(&x, &u, within_noise(profiles))
-                .map_err(|source| CalibrateError::Fit {
-                    error,
-                    files: files(),
-                    source,
-                })?;
+            let fit = choice.fit(&x, &u, required).map_err(failed)?;
             tracing::debug!(
                 "{error} {}: residual of {} is {:.3} rms, leave-one-out error {:.3}",
                 direction.name(),

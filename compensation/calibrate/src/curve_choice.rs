@@ -2,7 +2,7 @@
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_fit::{
-    Fit, FitError, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
+    Fit, FitError, choose_mls, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
     fit_linear_table, fit_mls, fit_polynomial,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
@@ -30,6 +30,12 @@ pub enum CurveChoice {
         order: usize,
         /// Half width of the weight as a share of the range.
         support: f64,
+        /// How steeply the weight falls off, α of the Gaussian.
+        shape: f64,
+    },
+    /// Moving least squares whose order and support are chosen from the readings of both directions by the leave-one-out
+    /// error ([`choose_mls`]).
+    AutoMovingLeastSquares {
         /// How steeply the weight falls off, α of the Gaussian.
         shape: f64,
     },
@@ -99,7 +105,18 @@ impl CurveChoice {
                 }
             }
             "mls" => {
-                options.allow(&["order", "support", "shape"])?;
+                options.allow(&["auto", "order", "support", "shape"])?;
+                if options.truth_or("auto", false)? {
+                    let mut stated = ["order", "support"].into_iter();
+                    if let Some(value) = stated.find_map(|key| options.get(key)) {
+                        return Err(value.error(
+                            "found a setting beside `auto = true`, which chooses order and support: expected one of them",
+                        ));
+                    }
+                    return Ok(Self::AutoMovingLeastSquares {
+                        shape: number("shape", 3.0)?,
+                    });
+                }
                 Self::MovingLeastSquares {
                     order: order(4)?,
                     support: number("support", 1.0 / 3.0)?,
@@ -138,6 +155,9 @@ impl CurveChoice {
             } => format!(
                 "{{ mls = {{ order = {order}, support = {support:?}, shape = {shape:?} }} }}"
             ),
+            Self::AutoMovingLeastSquares { shape } => {
+                format!("{{ mls = {{ auto = true, shape = {shape:?} }} }}")
+            }
             Self::BSpline => "{ bspline = {} }".to_owned(),
             Self::LinearTable => "{ table = { interpolation = \"linear\" } }".to_owned(),
             Self::CubicTable => "{ table = { interpolation = \"cubic\" } }".to_owned(),
@@ -147,8 +167,33 @@ impl CurveChoice {
         }
     }
 
+    /// The choice with what is chosen once for all directions of an error already chosen: order and support of moving
+    /// least squares, from the readings of each direction.
+    pub(crate) fn settled(
+        self,
+        directions: &[(Vec<f64>, Vec<f64>)],
+        required: Option<f64>,
+    ) -> Result<Self, FitError> {
+        let Self::AutoMovingLeastSquares { shape } = self else {
+            return Ok(self);
+        };
+        if directions.is_empty() {
+            return Ok(self);
+        }
+        let sets: Vec<(&[f64], &[f64])> = directions
+            .iter()
+            .map(|(x, u)| (x.as_slice(), u.as_slice()))
+            .collect();
+        let (order, support) = choose_mls(&sets, shape, required)?;
+        Ok(Self::MovingLeastSquares {
+            order,
+            support,
+            shape,
+        })
+    }
+
     /// The fit of readings `u` at `x` (mm or deg; µm or µrad), over the range of `x`. The automatic
-    /// choice prefers kinds that leave no more than `required` of any reading.
+    /// choices prefer kinds and settings that leave no more than `required` of any reading.
     pub(crate) fn fit(self, x: &[f64], u: &[f64], required: Option<f64>) -> Result<Fit, FitError> {
         let lowest = x.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -162,6 +207,10 @@ impl CurveChoice {
                 support,
                 shape,
             } => fit_mls(x, u, order, support, shape),
+            Self::AutoMovingLeastSquares { shape } => {
+                let (order, support) = choose_mls(&[(x, u)], shape, required)?;
+                fit_mls(x, u, order, support, shape)
+            }
             Self::BSpline => fit_bspline(x, u),
             Self::LinearTable => fit_linear_table(x, u),
             Self::CubicTable => fit_cubic_table(x, u),

@@ -91,6 +91,7 @@ pub(crate) fn decode_diagonals(
         found.unknown.push(Unknown {
             error: tilt_of(*error, reference_axes).0,
             basis: Some(Basis::Constant),
+            second: None,
             reversal: false,
             penalised: false,
         });

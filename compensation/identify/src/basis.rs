@@ -28,6 +28,18 @@ pub enum Basis {
     },
 }
 
+impl Basis {
+    /// The highest order of its modes.
+    pub(crate) fn highest_order(self) -> usize {
+        match self {
+            Self::Constant => 0,
+            Self::Legendre { order } => order,
+            Self::BSpline { coefficients } => coefficients.saturating_sub(1),
+            Self::Fourier { harmonics } => harmonics,
+        }
+    }
+}
+
 /// The modes of one curve: value(q) = Σ c_m φ_m(q), q in mm or deg.
 #[derive(Clone, Debug)]
 pub(crate) struct Modes {
@@ -104,6 +116,11 @@ impl Modes {
             // Against the slope's weight of 1 that of order 2.
             self.weights.push(8.0 * eigen.eigenvalues[source] / least);
         }
+    }
+
+    /// The range of the modes, mm or deg.
+    pub(crate) fn domain(&self) -> [f64; 2] {
+        self.domain
     }
 
     /// How many modes there are.

@@ -4,7 +4,10 @@ use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{Component, ErrorName};
 
-use crate::{basis::Modes, error::IdentifyError, observations::Observations};
+use crate::{basis::Modes, error::IdentifyError, observations::Observations, products::Products};
+
+/// Products of modes are kept after all modes of curves of one axis.
+const PRODUCTS_FROM: usize = 1000;
 
 /// A coefficient of an error: mm or rad inside, µm or µrad outside.
 #[derive(Clone, Debug)]
@@ -24,6 +27,8 @@ pub(crate) struct Coefficient {
 pub(crate) enum Role {
     Location,
     Mode(usize),
+    /// A mode of the error's own axis times one of the second axis, by its place in [`Products::pairs`].
+    Product(usize),
     Reversal,
 }
 
@@ -33,14 +38,16 @@ pub(crate) struct UnknownCurve {
     pub(crate) error: ErrorName,
     pub(crate) axis: usize,
     pub(crate) modes: Option<Modes>,
+    /// What of it depends on a second axis.
+    pub(crate) products: Option<Products>,
 }
 
 /// Everything unknown of the machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Unknowns {
     pub(crate) curves: Vec<UnknownCurve>,
-    /// In the order in which they are kept where some cannot be told apart: location errors, constants, then modes by
-    /// rising order.
+    /// In the order in which they are kept where some cannot be told apart: location errors, constants, modes by
+    /// rising order, then products by rising order.
     pub(crate) coefficients: Vec<Coefficient>,
     /// Axis, component and coefficient of every unknown location error.
     pub(crate) locations: Vec<(usize, usize, usize)>,
@@ -100,7 +107,33 @@ impl Unknowns {
                     machine.set_error(error, without_reversal(machine.error(error)))?;
                 }
             }
-            curves.push(UnknownCurve { error, axis, modes });
+            let products = match (&modes, item.second) {
+                (Some(own), Some(second)) => {
+                    let other = machine.index_of(second.axis)?;
+                    let range = observations.range_of(other, second.basis);
+                    Some(Products::new(own, other, second, range))
+                }
+                _ => None,
+            };
+            if let (Some(own), Some(products)) = (&modes, &products) {
+                let group = groups;
+                groups += usize::from(item.penalised);
+                for place in 0..products.pairs().len() {
+                    let name = format!("{error} {}", products.label(own, place));
+                    let group = item
+                        .penalised
+                        .then_some((group, products.weight(own, place)));
+                    // What a curve of one axis says is kept first.
+                    let rank = PRODUCTS_FROM + products.order(own, place);
+                    coefficients.push(add(name, Role::Product(place), rank, group));
+                }
+            }
+            curves.push(UnknownCurve {
+                error,
+                axis,
+                modes,
+                products,
+            });
         }
         coefficients.sort_by_key(|coefficient| coefficient.rank);
         let mut locations = Vec::new();

@@ -202,11 +202,13 @@ fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError
             .zip(&values.coefficients);
         let own = own.filter(|(coefficient, _)| coefficient.curve == place);
         let mut modes = vec![0.0; unknown.modes.as_ref().map_or(0, crate::basis::Modes::len)];
+        let mut products = vec![0.0; unknown.products.as_ref().map_or(0, |p| p.pairs().len())];
         let mut reversal = None;
         for (coefficient, value) in own {
             match coefficient.role {
                 Role::Location => machine.set_location(error, value * scale)?,
                 Role::Mode(mode) => modes[mode] = value * scale,
+                Role::Product(place) => products[place] = value * scale,
                 Role::Reversal => reversal = Some(value * scale),
             }
         }
@@ -216,9 +218,18 @@ fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError
         let travel = machine.axes()[unknown.axis].travel;
         let before = machine.error(error).cloned();
         let mean = match &unknown.modes {
-            Some(found) => {
-                let curve = found.curve(&modes, travel);
-                Field::Curve(curve.map_err(|source| IdentifyError::Curve { error, source })?)
+            Some(own) => {
+                let field = match &unknown.products {
+                    Some(found) => {
+                        let go_round = [unknown.axis, found.axis()]
+                            .map(|axis| machine.axes()[axis].modulo.is_some());
+                        found
+                            .grid(own, unknown.axis, [&modes, &products], go_round)
+                            .map(Field::Grid)
+                    }
+                    None => own.curve(&modes, travel).map(Field::Curve),
+                };
+                field.map_err(|source| IdentifyError::Curve { error, source })?
             }
             None => match &before {
                 Some(ErrorCurve::Single(mean) | ErrorCurve::Reversal { mean, .. }) => mean.clone(),

@@ -14,6 +14,7 @@ mod observations;
 mod params;
 mod penalty;
 mod prepared;
+mod products;
 mod rank;
 mod read;
 mod rows;
@@ -31,6 +32,7 @@ pub use identify::{Identification, Parameter, identify};
 pub use judge::Figures;
 pub use next::Next;
 pub use observations::{
-    Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, SetUp, Stand, Unknown,
+    Kind, NumberKind, Observation, Observations, Quantity, Row, SecondAxis, Seen, SetUp, Stand,
+    Unknown,
 };
 pub use read::ReadFile;

@@ -7,7 +7,7 @@ use volcomp_kinematics::{
     nalgebra::{Matrix3, Vector3},
 };
 use volcomp_model::Machine;
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::basis::Basis;
 
@@ -42,10 +42,22 @@ pub struct Unknown {
     pub error: ErrorName,
     /// Its curve; `None` where only the reversal value is to be found. A location error is a constant.
     pub basis: Option<Basis>,
+    /// The second axis that the error depends on, with the curve's modes along it; `None`: it depends on its own alone.
+    pub second: Option<SecondAxis>,
     /// Whether the reversal value is to be found.
     pub reversal: bool,
     /// Whether a penalty on the curve's modes is chosen from the observations.
     pub penalised: bool,
+}
+
+/// A second axis on which an error depends: products of the modes of its own curve and of a curve along this axis are
+/// found too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SecondAxis {
+    /// The axis.
+    pub axis: AxisName,
+    /// The kind of curve along it. Modes of the error's own curve up to the order of this one make products.
+    pub basis: Basis,
 }
 
 /// A frame, a point or a length of a set-up: known, or to be found from this start.

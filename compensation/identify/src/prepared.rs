@@ -91,12 +91,24 @@ impl System {
                     .map_or_else(Vec::new, |m| m.values(at[u.axis]))
             })
             .collect();
+        let products: Vec<Vec<f64>> = self
+            .unknowns
+            .curves
+            .iter()
+            .zip(&modes)
+            .map(|(u, own)| {
+                u.products
+                    .as_ref()
+                    .map_or_else(Vec::new, |p| p.values(own, at[p.axis()]))
+            })
+            .collect();
         let mut terms = Vec::new();
         for (place, coefficient) in self.unknowns.coefficients.iter().enumerate() {
             let axis = self.unknowns.curves[coefficient.curve].axis;
             let value = match coefficient.role {
                 Role::Location => continue,
                 Role::Mode(mode) => modes[coefficient.curve][mode],
+                Role::Product(place) => products[coefficient.curve][place],
                 Role::Reversal => 0.5 * stand.state.approach[axis].map_or(0.0, Direction::sign),
             };
             if value != 0.0 {

@@ -3,12 +3,17 @@
 use volcomp_curve::ErrorCurve;
 use volcomp_document::{InputError, Section, Value};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{ErrorName, UnknownErrorName};
+use volcomp_vocabulary::{AxisName, ErrorName, UnknownErrorName};
 
-use crate::{basis::Basis, observations::Unknown};
+use crate::{
+    basis::Basis,
+    observations::{SecondAxis, Unknown},
+};
 
 /// More coefficients than this are no error of an axis.
 const MOST_COEFFICIENTS: usize = 60;
+/// The highest order along a second axis.
+const MOST_SECOND: usize = 8;
 
 /// Whether penalties are chosen where an unknown does not say so.
 pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
@@ -36,6 +41,14 @@ impl Unknown {
             // A reversal value beside a constant: a polynomial of order 0 is one.
             Some(Basis::Constant) if self.reversal => keys.push("legendre = 0".to_owned()),
             Some(Basis::Constant) | None => {}
+        }
+        if let Some(second) = self.second {
+            let curve = match second.basis {
+                Basis::Fourier { harmonics } => format!("fourier = {harmonics}"),
+                other => format!("legendre = {}", other.highest_order()),
+            };
+            let axis = second.axis;
+            keys.push(format!("second = {{ axis = \"{axis}\", {curve} }}"));
         }
         if self.reversal {
             keys.push("reversal = true".to_owned());
@@ -66,6 +79,7 @@ pub(crate) fn decode_unknown(
                 other.reversal |= unknown.reversal;
                 other.penalised |= unknown.basis.is_some() && unknown.penalised;
                 other.basis = other.basis.or(unknown.basis);
+                other.second = other.second.or(unknown.second);
             }
             Some(_) => return Err(item.error(format!("{} stands twice", unknown.error))),
         }
@@ -86,12 +100,13 @@ fn decode_item(
         return Ok(Unknown {
             error,
             basis: Some(Basis::Constant),
+            second: None,
             reversal: false,
             penalised: false,
         });
     };
     section.allow(&[
-        "error", "legendre", "bspline", "fourier", "reversal", "penalty",
+        "error", "legendre", "bspline", "fourier", "second", "reversal", "penalty",
     ])?;
     let name = section.require("error")?;
     let error = decode_name(&name, machine)?;
@@ -117,7 +132,9 @@ fn decode_item(
     }
     let reversal = section.truth_or("reversal", false)?;
     let basis = match bases.as_slice() {
-        [] if error.location || !reversal => Some(Basis::Constant),
+        [] if error.location || !reversal || section.get("second").is_some() => {
+            Some(Basis::Constant)
+        }
         [] => None,
         [(value, basis)] => {
             let goes_round = machine
@@ -137,7 +154,11 @@ fn decode_item(
             );
         }
     };
-    if error.location && (reversal || !bases.is_empty()) {
+    let second = match section.get("second") {
+        Some(value) => Some(decode_second(&value, error, machine)?),
+        None => None,
+    };
+    if error.location && (reversal || !bases.is_empty() || second.is_some()) {
         return Err(section.error(format!(
             "{error}: a location error is one number, never a curve"
         )));
@@ -151,9 +172,67 @@ fn decode_item(
     Ok(Unknown {
         error,
         basis,
+        second,
         reversal,
         penalised: decode_penalty(&section, penalised)?,
     })
+}
+
+/// The second axis of an error and the kind of curve along it.
+fn decode_second(
+    value: &Value<'_>,
+    error: ErrorName,
+    machine: &Machine,
+) -> Result<SecondAxis, InputError> {
+    let section = value.section()?;
+    section.allow(&["axis", "legendre", "fourier"])?;
+    let name = section.require("axis")?;
+    let axis = name.text()?.parse::<AxisName>().ok();
+    let axis = axis.filter(|axis| machine.axis(*axis).is_some());
+    let Some(axis) = axis.filter(|axis| *axis != error.axis) else {
+        let others = machine.axes().iter().map(|axis| axis.name);
+        let others: Vec<String> = others
+            .filter(|other| *other != error.axis)
+            .map(|other| other.to_string())
+            .collect();
+        return Err(name.error(format!(
+            "found \"{}\", expected the second axis that {error} depends on, one of {}",
+            name.text()?,
+            others.join(", ")
+        )));
+    };
+    let basis = match (section.get("legendre"), section.get("fourier")) {
+        (Some(value), None) => {
+            let goes_round = machine.axis(axis).is_some_and(|a| a.modulo.is_some());
+            if goes_round {
+                return Err(value.error(format!(
+                    "found a curve that does not close, expected `fourier`: {axis} has a modulo"
+                )));
+            }
+            let order = value.whole(1..=MOST_SECOND)?;
+            Basis::Legendre { order }
+        }
+        (None, Some(value)) => {
+            let harmonics = value.whole(1..=MOST_SECOND)?;
+            if !axis.is_rotary() {
+                return Err(value.error(format!(
+                    "found a Fourier series along {axis}, expected `legendre`: it is a linear axis"
+                )));
+            }
+            Basis::Fourier { harmonics }
+        }
+        (None, None) => {
+            return Err(section.error(
+                "found no kind of curve along the second axis, expected one of legendre, fourier",
+            ));
+        }
+        (Some(_), Some(value)) => {
+            return Err(value.error(
+                "found two kinds of curve along the second axis, expected one of legendre, fourier",
+            ));
+        }
+    };
+    Ok(SecondAxis { axis, basis })
 }
 
 fn decode_name(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {

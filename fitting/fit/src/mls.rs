@@ -114,6 +114,99 @@ pub fn fit_mls_auto(
     })
 }
 
+/// The order and the support with which moving least squares follow several sets of readings best, such as those of both
+/// directions of a measured line. The settings tried and the part of the required residual are those of [`fit_mls_auto`].
+///
+/// One setting is chosen for all sets, by the root mean square of the errors with which targets that are left out are
+/// predicted: the more readings judge it, the less of the choice is luck. The first and the last target of each set are not
+/// left out: the curve is never asked beyond them, and a high order that misses there would lose by these two alone.
+///
+/// # Errors
+/// Those of [`fit_mls_auto`]; no set.
+pub fn choose_mls(
+    sets: &[(&[f64], &[f64])],
+    shape: f64,
+    required_residual: Option<f64>,
+) -> Result<(usize, f64), FitError> {
+    readings::check_required(required_residual)?;
+    let mut tried: Option<Vec<Together>> = None;
+    let mut magnitude = 0.0_f64;
+    for (x, u) in sets {
+        let targets = scanned(x, u, shape)?;
+        magnitude = magnitude.max(readings::magnitude(targets.iter().map(|t| t[1])));
+        let own = candidates(&targets, shape).map(|candidate| Together::of(&candidate));
+        tried = Some(match tried {
+            None => own.collect(),
+            Some(before) => {
+                let own: Vec<Together> = own.collect();
+                let with = |all: Together| all.with(&own);
+                before.into_iter().filter_map(with).collect()
+            }
+        });
+    }
+    let mut best: Option<(Together, Judged)> = None;
+    for trial in tried.unwrap_or_default() {
+        let judged = Judged {
+            meets: required_residual.is_none_or(|r| trial.max_residual <= r),
+            leave_one_out_rms: (trial.squares / trial.targets).sqrt(),
+        };
+        if judged.beats(best.map(|(_, judged)| judged), magnitude) {
+            best = Some((trial, judged));
+        }
+    }
+    let none = FitError::NoCandidate {
+        targets: sets.iter().map(|(x, _)| x.len()).min().unwrap_or_default(),
+        shape,
+    };
+    best.map(|(trial, _)| (trial.order, trial.support))
+        .ok_or(none)
+}
+
+/// A setting and how well it does in several sets of readings.
+#[derive(Clone, Copy)]
+struct Together {
+    order: usize,
+    support: f64,
+    max_residual: f64,
+    /// The sum of the squares of what the curve misses of targets that are left out, and how many these are.
+    squares: f64,
+    targets: f64,
+}
+
+impl Together {
+    /// Targets at the ends are not left out: the curve is never asked beyond them, and what a high order misses there
+    /// would decide alone.
+    fn of(candidate: &Candidate) -> Self {
+        let curve = &candidate.curve;
+        let inner = 1..curve.nodes().len().saturating_sub(1);
+        let missed = inner.clone().map(|i| {
+            let [x, u] = curve.nodes()[i];
+            left_out(u - curve.value(x), curve.influence(x, i))
+        });
+        Self {
+            order: curve.order(),
+            support: curve.support(),
+            max_residual: candidate.max_residual,
+            squares: missed.map(|missed| missed * missed).sum(),
+            targets: inner.len() as f64,
+        }
+    }
+
+    /// Together with the same setting among those of another set.
+    fn with(self, others: &[Self]) -> Option<Self> {
+        let mut others = others.iter();
+        let same = others.find(|other| {
+            other.order == self.order && (other.support - self.support).abs() < 1e-9
+        })?;
+        Some(Self {
+            max_residual: self.max_residual.max(same.max_residual),
+            squares: self.squares + same.squares,
+            targets: self.targets + same.targets,
+            ..self
+        })
+    }
+}
+
 /// The targets of a scan over orders and supports.
 fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> {
     let targets = readings::checked_targets(x, u, 3, PURPOSE)?;

@@ -33,6 +33,23 @@ pub(crate) struct Demo {
     pub(crate) worst_times_floor: f64,
     /// The deviation that each of three kinds of curve leaves of one irregular axis.
     pub(crate) irregular_curve: IrregularCurve,
+    /// The curves that the calibration fitted, with their settings.
+    pub(crate) curves: Vec<FittedCurve>,
+}
+
+/// A fitted curve and its settings.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct FittedCurve {
+    /// The error by its name, such as `EXX`.
+    pub(crate) error: String,
+    /// `forward` or `backward`; null: one curve for both directions.
+    pub(crate) direction: Option<&'static str>,
+    /// Kind of curve, as the machine file names it.
+    pub(crate) curve: &'static str,
+    /// Order of the local polynomials of moving least squares; null of other kinds.
+    pub(crate) order: Option<usize>,
+    /// Half width of the weight of moving least squares as a share of the range; null of other kinds.
+    pub(crate) support: Option<f64>,
 }
 
 /// One measured line, peak to peak; straightness without its least-squares line.

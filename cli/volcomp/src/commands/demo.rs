@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use volcomp_calibrate::{CalibrationFile, CurveChoice};
+use volcomp_curve::{Curve, ErrorCurve, Field, MovingLeastSquares};
 use volcomp_kinematics::CorrectionOptions;
 use volcomp_model::{Diagonal, Machine, Temperatures, corrected, diagonals, quantised};
 use volcomp_shop::Shop;
+use volcomp_vocabulary::{Direction, ErrorName};
 
-use super::{Answer, calibrate, simulate, table, table_text};
+use super::{Answer, calibrate, fixed, simulate, table, table_text};
 use crate::{
     answers::simulate::{self as answers, Demo as Document},
     demo::{
@@ -33,8 +35,8 @@ pub(crate) struct Arguments {
     #[arg(long)]
     seed: Option<u64>,
     /// Kind of curve that every line is fitted with: chosen for each line by its leave-one-out error, or one for all:
-    /// polynomials of order 6, Chebyshev series of order 6, moving least squares of order 4 over a third of the range,
-    /// smoothing B-splines
+    /// polynomials of order 6, Chebyshev series of order 6, moving least squares whose order and support are chosen for
+    /// each line by its leave-one-out error, smoothing B-splines
     #[arg(long, default_value = "auto")]
     curve: CurveKind,
 }
@@ -56,11 +58,7 @@ impl CurveKind {
             Self::Auto => CurveChoice::Auto,
             Self::Poly => CurveChoice::Polynomial { order: 6 },
             Self::Chebyshev => CurveChoice::Chebyshev { order: 6 },
-            Self::Mls => CurveChoice::MovingLeastSquares {
-                order: 4,
-                support: 1.0 / 3.0,
-                shape: 3.0,
-            },
+            Self::Mls => CurveChoice::AutoMovingLeastSquares { shape: 3.0 },
             Self::Bspline => CurveChoice::BSpline,
         }
     }
@@ -73,6 +71,7 @@ struct Comparison {
     /// Name, range before and after, µm.
     diagonals: Vec<(&'static str, f64, f64)>,
     irregular: IrregularCurve,
+    curves: Vec<answers::FittedCurve>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -136,7 +135,41 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Comparison, 
         lines,
         diagonals: pairs.map(|((name, b), (_, a))| (name, b, a)).collect(),
         irregular: irregular_curve(shop, &folder.join("exx.rtl"))?,
+        curves: curves(machine),
     })
+}
+
+/// The curves of a machine, with the settings of those by moving least squares.
+fn curves(machine: &Machine) -> Vec<answers::FittedCurve> {
+    let of = |(error, curve): (ErrorName, &ErrorCurve)| {
+        let directions: &[Option<&'static str>] = match curve {
+            ErrorCurve::Pair { .. } => &[
+                Some(Direction::Positive.name()),
+                Some(Direction::Negative.name()),
+            ],
+            _ => &[None],
+        };
+        let parts = curve.fields().zip(directions);
+        let part = |(field, direction): (&Field, &Option<&'static str>)| {
+            let kind = match field {
+                Field::Curve(curve) => curve.kind(),
+                Field::Grid(_) => "grid",
+            };
+            let mls = match field {
+                Field::Curve(Curve::MovingLeastSquares(mls)) => Some(mls),
+                _ => None,
+            };
+            answers::FittedCurve {
+                error: error.to_string(),
+                direction: *direction,
+                curve: kind,
+                order: mls.map(MovingLeastSquares::order),
+                support: mls.map(MovingLeastSquares::support),
+            }
+        };
+        parts.map(part).collect::<Vec<_>>()
+    };
+    machine.errors().flat_map(of).collect()
 }
 
 /// The change from `before` to `after` in percent of `before`; negative where it became smaller.
@@ -208,6 +241,7 @@ fn document(comparison: &Comparison) -> Document {
             mls_um: irregular.mls_um,
             bspline_um: irregular.bspline_um,
         },
+        curves: comparison.curves.clone(),
     }
 }
 
@@ -246,6 +280,7 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
         "The files can be kept: volcomp demo -o FOLDER\n".to_owned(),
         |folder| format!("All files are in {}\n", folder.display()),
     );
+    let settings = settings_text(&comparison.curves);
     format!(
         "Gantry {}, {x} x {y} x {z} mm: {} lines measured by laser\n\
          with noise, calibrated, corrected with 1 µm output, on a machine that the\n\
@@ -258,7 +293,7 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
          In the mean: positioning {:.0} %, straightness {:.0} %, diagonals {:.0} %;\n\
          the worst line {:.2} times its floor.\n\n\
          The irregular X curve: {:.1} µm peak to peak left by a polynomial of order 6,\n\
-         {:.1} by moving least squares, {:.1} by the smoothing B-spline.\n\n{kept}",
+         {:.1} by moving least squares, {:.1} by the smoothing B-spline.\n\n{settings}{kept}",
         shop.truth.chain().structure(),
         shop.lines.len(),
         table_text(&lines),
@@ -270,6 +305,29 @@ fn text(shop: &Shop, comparison: &Comparison, kept: Option<&Path>) -> String {
         irregular.polynomial_um,
         irregular.mls_um,
         irregular.bspline_um,
+    )
+}
+
+/// Order and support of each curve where all are moving least squares; else nothing.
+fn settings_text(curves: &[answers::FittedCurve]) -> String {
+    let settings: Option<Vec<(usize, f64)>> =
+        curves.iter().map(|c| c.order.zip(c.support)).collect();
+    let Some(settings) = settings else {
+        return String::new();
+    };
+    let mut rows = table(&["moving least squares", "direction", "order", "support"]);
+    for (curve, (order, support)) in curves.iter().zip(settings) {
+        rows.add_row([
+            curve.error.clone(),
+            curve.direction.unwrap_or("both").to_owned(),
+            order.to_string(),
+            fixed(support, 3),
+        ]);
+    }
+    format!(
+        "Chosen for each line by its leave-one-out error (support: half width of the\n\
+         weight as a share of the range)\n{}\n",
+        table_text(&rows)
     )
 }
 

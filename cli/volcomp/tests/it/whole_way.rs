@@ -55,7 +55,8 @@ fn the_demo_reaches_its_goals() {
     }
 }
 
-/// Moving least squares on every line: the goals are the same.
+/// Moving least squares on every line, each with a setting of its own: better than one setting for all, order 4 over a third
+/// of the range, which left 5.6, 10.0 and 4.8 %.
 #[test]
 fn the_demo_with_moving_least_squares_alone() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -68,9 +69,36 @@ fn the_demo_with_moving_least_squares_alone() {
         assert!(!curve.contains("bspline") && !curve.contains("poly"));
     }
     let mean = &answer["mean_percent"];
-    assert!(number(&mean["positioning"]) <= -94.0, "{mean}");
-    assert!(number(&mean["straightness"]) <= -90.0, "{mean}");
-    assert!(number(&mean["diagonals"]) <= -95.0, "{mean}");
+    assert!(number(&mean["positioning"]) <= -95.0, "{mean}");
+    assert!(number(&mean["straightness"]) <= -91.0, "{mean}");
+    assert!(number(&mean["diagonals"]) <= -96.0, "{mean}");
+    // The settings are stated, they are those of the kept machine, and not all alike.
+    let settings = answer["curves"].as_array().expect("a list");
+    assert_eq!(settings.len(), 36, "18 errors, two directions");
+    let of = |setting: &Value| {
+        format!(
+            "order = {}, support = {}",
+            setting["order"], setting["support"]
+        )
+    };
+    for setting in settings {
+        assert_eq!(setting["curve"], "mls", "{setting}");
+        let error = setting["error"].as_str().expect("a name");
+        let mut lines = calibrated.lines();
+        let line = lines.find(|line| line.starts_with(error)).expect("a curve");
+        assert!(line.contains(&of(setting)), "{setting}: {line}");
+    }
+    assert!(
+        settings
+            .iter()
+            .any(|setting| of(setting) != of(&settings[0]))
+    );
+    let printed = text(&["demo", "--curve", "mls"]);
+    assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
+    assert!(
+        printed.contains("moving least squares  direction  order  support"),
+        "{printed}"
+    );
     // What was kept says how it was fitted: calibrated once more it is the same machine.
     let again = folder.path().join("again.toml").display().to_string();
     let calibration = folder.path().join("calibration.toml").display().to_string();

@@ -44,6 +44,10 @@ fn every_wrong_key_is_named() {
         ("unit = \"inch\"", "expected one of: um, mm"),
         ("curve = \"best\"", "found \"best\", expected \"auto\""),
         ("curve = { poly = {}, mls = {} }", "found 2 kinds of curve"),
+        (
+            "curve = { mls = { auto = true, order = 3 } }",
+            "found a setting beside `auto = true`",
+        ),
         ("curve = { poly = { ordr = 2 } }", "unknown key"),
         ("curve = { fourier = {} }", "on a rotary axis"),
         ("[[squareness]]\nerror = \"EXX\"", "squareness[0].error"),

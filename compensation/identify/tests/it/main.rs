@@ -7,6 +7,7 @@ mod lab;
 mod messages;
 mod peer;
 mod penalised;
+mod products;
 mod reader;
 mod simulated;
 mod types;

@@ -126,6 +126,30 @@ fn wrong_unknowns_are_refused() {
             "{ error = \"EXX\", bspline = 3 }",
             "a whole number from 4 to",
         ),
+        (
+            "{ error = \"EXX\", second = { axis = \"X\", legendre = 2 } }",
+            "found \"X\", expected the second axis that EXX depends on, one of Y",
+        ),
+        (
+            "{ error = \"EXX\", second = { axis = \"Q\", legendre = 2 } }",
+            "found \"Q\", expected the second axis that EXX depends on, one of Y",
+        ),
+        (
+            "{ error = \"EXX\", second = { axis = \"Y\", fourier = 2 } }",
+            "found a Fourier series along Y, expected `legendre`: it is a linear axis",
+        ),
+        (
+            "{ error = \"EXX\", second = { axis = \"Y\" } }",
+            "found no kind of curve along the second axis, expected one of legendre, fourier",
+        ),
+        (
+            "{ error = \"EXX\", second = { axis = \"Y\", legendre = 0 } }",
+            "a whole number from 1 to 8",
+        ),
+        (
+            "{ error = \"EC0Y\", second = { axis = \"X\", legendre = 2 } }",
+            "a location error is one number, never a curve",
+        ),
     ] {
         let text = points("").replace("\"EC0Y\"", unknown);
         let message = lab.refused(&text);

@@ -52,7 +52,7 @@ proptest! {
         rows in prop::collection::vec(prop::collection::vec(word(), 1..7), 0..8),
         kind in prop::sample::select(vec!["points", "sphere", "distance", "line", "ball-row", "other"]),
         extra in prop::sample::select(vec!["", "point = \"unknown\"", "direction = [0, 0, 0]", "direction = [1, 0, 0]\noffset = \"unknown\"", "frame = 3", "target = \"unknown\"", "drift = 2", "row = \"t.csv\"", "row = \"t.csv\"\ndirection = [1, 0, 0]"]),
-        unknown in prop::sample::select(vec!["\"EC0Y\"", "\"EXX\"", "{ error = \"EXX\", bspline = 5 }", "{ error = \"EXX\", legendre = 2, reversal = true }", "3", "\"EX0X\""]),
+        unknown in prop::sample::select(vec!["\"EC0Y\"", "\"EXX\"", "{ error = \"EXX\", bspline = 5 }", "{ error = \"EXX\", legendre = 2, second = { axis = \"Y\", legendre = 2 } }", "{ error = \"EXX\", legendre = 2, reversal = true }", "3", "\"EX0X\""]),
         penalty in prop::sample::select(vec!["", "penalty = \"auto\"\n", "robust = true\n"]),
     ) {
         let lab = Lab::new(MACHINE);

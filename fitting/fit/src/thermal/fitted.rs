@@ -114,6 +114,8 @@ pub(super) fn judged(
     errors: &[f64],
     rows: Range<usize>,
 ) -> (f64, Option<ThermalSegment>) {
+    // A range that ends before it begins is no row.
+    let rows = rows.start.min(rows.end)..rows.end;
     let segments = split(&rows, 10.min(rows.len())).into_iter();
     let worst = segments.map(|part| ThermalSegment {
         from_s: time_s[part.start],

@@ -105,6 +105,28 @@ proptest! {
     }
 }
 
+/// Over no row there is no residual, also where a range ends before it begins.
+#[test]
+fn no_rows_have_no_residual() {
+    let record = ThermalRecord {
+        time_s: vec![0.0, 1.0],
+        degc: vec![vec![20.0, 21.0]],
+        displacement: vec![0.0, 1.0],
+    };
+    let fit = ThermalFit {
+        terms: Vec::new(),
+        constant: 0.0,
+        start_degc: vec![20.0],
+        forward_rms: 0.0,
+        choices: Vec::new(),
+    };
+    let backwards = std::ops::Range { start: 1, end: 0 };
+    for rows in [0..0, 1..1, backwards, 5..7] {
+        let (rms, worst) = fit.residual(&record, rows.clone());
+        assert!(rms.is_nan() && worst.is_none(), "{rows:?}");
+    }
+}
+
 /// Choices that name what is not there are refused before they are used.
 #[test]
 fn choices_of_another_record_are_refused() {

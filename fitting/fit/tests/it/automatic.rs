@@ -156,3 +156,52 @@ fn few_targets_get_simpler_curves() {
         Curve::Polynomial(_)
     ));
 }
+
+/// The setting for two directions is the one that predicts best what is left out when each curve is fitted anew without it.
+#[test]
+fn the_setting_of_both_directions_is_that_of_refits() {
+    let mut noise = 7_u32;
+    let mut random = || {
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(noise >> 8) / f64::from(1_u32 << 24) - 0.5
+    };
+    let x: Vec<f64> = (0..17).map(|k| 50.0 * f64::from(k)).collect();
+    let mut readings = |phase: f64| -> Vec<f64> {
+        let value = |x: &f64| 8.0 * (x / 130.0 + phase).sin() + 0.01 * x + random();
+        x.iter().map(value).collect()
+    };
+    let sets = [readings(0.0), readings(0.4)];
+    let without = |values: &[f64], left: usize| -> Vec<f64> {
+        let others = values.iter().enumerate().filter(|(k, _)| *k != left);
+        others.map(|(_, value)| *value).collect()
+    };
+    // The support is a share of the range, which stays when an inner target is left out.
+    let missed = |order: usize, support: f64| -> Option<f64> {
+        let mut sum = 0.0;
+        for u in &sets {
+            for left in 1..x.len() - 1 {
+                let (others, values) = (without(&x, left), without(u, left));
+                let fit = volcomp_fit::fit_mls(&others, &values, order, support, 3.0).ok()?;
+                sum += (u[left] - fit.curve.value(x[left])).powi(2);
+            }
+        }
+        Some(sum)
+    };
+    let trials = volcomp_fit::scan_mls(&x, &sets[0], 3.0).expect("settings");
+    let refitted = trials
+        .iter()
+        .filter_map(|trial| Some((missed(trial.order, trial.support)?, trial)))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .expect("a setting")
+        .1;
+    let both: Vec<(&[f64], &[f64])> = sets.iter().map(|u| (&x[..], &u[..])).collect();
+    let (order, support) = volcomp_fit::choose_mls(&both, 3.0, None).expect("a setting");
+    assert_eq!((order, support), (refitted.order, refitted.support));
+    // A residual that only a stiffer or looser setting meets is met.
+    let strict = volcomp_fit::choose_mls(&both, 3.0, Some(0.3)).expect("a setting");
+    for u in &sets {
+        let fit = volcomp_fit::fit_mls(&x, u, strict.0, strict.1, 3.0).expect("a fit");
+        assert!(fit.max_abs() <= 0.3, "{strict:?}: {}", fit.max_abs());
+    }
+    assert!(volcomp_fit::choose_mls(&[], 3.0, None).is_err());
+}
