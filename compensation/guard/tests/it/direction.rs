@@ -211,6 +211,40 @@ fn a_flickering_count_turns_nothing() {
     assert_eq!(turns, 0);
 }
 
+/// An axis that has rolled over thousands of times in one direction turns as one that has not: whole turns are left out on the way,
+/// and nothing of that may show.
+#[test]
+fn many_turns_leave_a_direction_as_it_was() {
+    const THRESHOLD: f64 = 0.005;
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    for sign in [1.0, -1.0] {
+        let mut rolled = Memory::default();
+        let mut position = 0.0_f64;
+        let told = |position: f64| position.rem_euclid(TAU);
+        // 5000 turns of 20 readings.
+        for _ in 0..100_000 {
+            position += sign * TAU / 20.0;
+            rolled.at(told(position), THRESHOLD, Some(TAU));
+        }
+        // Another one that begins a turn before the end of it.
+        let mut fresh = Memory::default();
+        for k in (0..20).rev() {
+            let before = position - sign * TAU / 20.0 * f64::from(k);
+            fresh.at(told(before), THRESHOLD, Some(TAU));
+        }
+        let mut turns = 0;
+        let mut last = None;
+        for _ in 0..10_000 {
+            position += rng.random_range(-0.004..0.004);
+            let at = told(position);
+            let direction = rolled.at(at, THRESHOLD, Some(TAU));
+            assert_eq!(direction, fresh.at(at, THRESHOLD, Some(TAU)), "at {at}");
+            turns += usize::from(last.replace(direction) != Some(direction));
+        }
+        assert!(turns > 20, "it turned {turns} times");
+    }
+}
+
 /// Two wrong readings in five put off the first direction: half a turn from where the axis was first seen, right ones pointed the
 /// other way.
 #[test]
