@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::{json, refused, root, text};
 
 const OBSERVATIONS: &str = "examples/identification/observations.toml";
-const TRIALS: &str = "300";
+const TRIALS: &str = "120";
 
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or(f64::NAN)
@@ -67,8 +67,8 @@ fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     let again = again.display().to_string();
     let repeated = mapped(&machine, &again, &folder.join("repeated.csv"));
     assert_eq!(drawn.len(), 18);
-    // Four standard deviations of the ratio of two spreads over 300 draws each.
-    let allowed = 4.0 / 300.0_f64.sqrt();
+    // Four standard deviations of the ratio of two spreads over 120 draws each.
+    let allowed = 4.0 / 120.0_f64.sqrt();
     for (drawn, repeated) in drawn.iter().flatten().zip(repeated.iter().flatten()) {
         assert!(*repeated > 0.05, "{repeated}");
         assert!(
