@@ -43,3 +43,4 @@ pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use identified::Identified;
 pub use setup::{Method, Setup};
 pub use setup_file::{decode_error, decode_motion};
+pub use varied::LineScatter;

@@ -24,6 +24,18 @@ use crate::{
 };
 
 impl CalibrationFile {
+    /// The keys of the root of a calibration file, besides those of [`Observations::KEYS`] which it may have too.
+    pub const KEYS: [&'static str; 8] = [
+        "machine",
+        "serial",
+        "reference",
+        "reference_axes",
+        "measurement",
+        "squareness",
+        "location",
+        "uncertainty",
+    ];
+
     /// Reads a calibration file, its machine file and its measurement files.
     ///
     /// # Errors
@@ -37,17 +49,7 @@ impl CalibrationFile {
 }
 
 fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, CalibrateError> {
-    let own = [
-        "machine",
-        "serial",
-        "reference",
-        "reference_axes",
-        "measurement",
-        "squareness",
-        "location",
-        "uncertainty",
-    ];
-    let keys = [&own[..], &Observations::KEYS].concat();
+    let keys = [&CalibrationFile::KEYS[..], &Observations::KEYS].concat();
     root.allow_in(FileKind::Calibration, &keys)?;
     let machine_file = folder.join(root.require("machine")?.text()?);
     let machine = Machine::read(&machine_file)?;

@@ -58,11 +58,67 @@ impl CalibrationFile {
         varied
     }
 
+    /// The lines whose uncertainty comes from the scatter of a few runs.
+    pub fn scatters(&self) -> impl Iterator<Item = LineScatter> {
+        let lines = self.measurements.iter().enumerate();
+        lines.filter_map(|(line, of)| LineScatter::of(line, &of.readings))
+    }
+
+    /// The same calibration with one line shifted by what one of its runs adds to its uncertainty: over the runs these
+    /// shifts are independent, and the squares of what they change add up to the variance that the scatter of the line
+    /// gives.
+    #[must_use]
+    pub fn shifted_by_run(&self, line: usize, run: u32) -> Self {
+        let mut shifted = self.clone();
+        if let Some(line) = shifted.measurements.get_mut(line) {
+            let mut shifts = BTreeMap::new();
+            add_runs(&mut shifts, line, |of| if of == run { 1.0 } else { 0.0 });
+            for reading in &mut line.readings.readings {
+                reading.deviation += shifts.get(&place(reading)).copied().unwrap_or_default();
+            }
+        }
+        shifted
+    }
+
     /// The files whose scatter is not known: one run only in each direction.
     pub fn without_scatter(&self) -> impl Iterator<Item = &Line> {
         self.measurements
             .iter()
             .filter(|line| most_runs(&line.readings) < 2)
+    }
+}
+
+/// The scatter of one line: how well a few runs tell its uncertainty.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LineScatter {
+    /// The place of the line in [`CalibrationFile::measurements`].
+    pub line: usize,
+    /// The numbers of its runs.
+    pub runs: Vec<u32>,
+    /// The degrees of freedom of its standard deviations: the runs less one for each mean.
+    pub degrees: usize,
+}
+
+impl LineScatter {
+    /// `None` for a line with one run in each direction, which shows no scatter.
+    fn of(line: usize, readings: &Measurement) -> Option<Self> {
+        let [forward, backward] = Direction::BOTH.map(|direction| readings.runs(direction));
+        let one_less = |runs: usize| runs.saturating_sub(1);
+        // A run there and back has one number and shifts both means together.
+        let is_there_and_back = forward.iter().any(|run| backward.contains(run));
+        let degrees = if is_there_and_back {
+            one_less(forward.len().max(backward.len()))
+        } else {
+            one_less(forward.len()) + one_less(backward.len())
+        };
+        let mut runs = [forward, backward].concat();
+        runs.sort_unstable();
+        runs.dedup();
+        (degrees > 0).then_some(Self {
+            line,
+            runs,
+            degrees,
+        })
     }
 }
 
@@ -120,35 +176,47 @@ fn vary(line: &mut Line, uncertainty: &Uncertainty, laser_um_per_m: f64, rng: &m
     } else {
         uncertainty.reading_um
     };
-    let mut by_run: BTreeMap<u32, f64> = BTreeMap::new();
-    let mut means: BTreeMap<(Direction, u64), (f64, f64)> = BTreeMap::new();
+    let mut factors: BTreeMap<u32, f64> = BTreeMap::new();
+    let mut shifts: BTreeMap<(Direction, u64), f64> = BTreeMap::new();
     for reading in &line.readings.readings {
-        by_run.entry(reading.run).or_default();
-        let (sum, count) = means.entry(place(reading)).or_default();
-        *sum += reading.deviation;
-        *count += 1.0;
+        factors.entry(reading.run).or_default();
+        shifts.entry(place(reading)).or_default();
     }
-    for factor in by_run.values_mut() {
+    for factor in factors.values_mut() {
         *factor = normal(rng);
     }
-    let mut shifts: BTreeMap<(Direction, u64), f64> = BTreeMap::new();
-    for key in means.keys() {
+    for (key, shift) in &mut shifts {
         let scale = if positioning {
             laser_um_per_m * f64::from_bits(key.1) * 1e-3
         } else {
             0.0
         };
-        shifts.insert(*key, scale + independent * normal(rng));
+        *shift = scale + independent * normal(rng);
+    }
+    add_runs(&mut shifts, line, |run| factors[&run]);
+    for reading in &mut line.readings.readings {
+        reading.deviation += shifts[&place(reading)];
+    }
+}
+
+/// Adds to the shifts of the targets what each run differs from their means, times its factor, by the root of n (n − 1).
+fn add_runs(
+    shifts: &mut BTreeMap<(Direction, u64), f64>,
+    line: &Line,
+    factor: impl Fn(u32) -> f64,
+) {
+    let mut means: BTreeMap<(Direction, u64), (f64, f64)> = BTreeMap::new();
+    for reading in &line.readings.readings {
+        let (sum, count) = means.entry(place(reading)).or_default();
+        *sum += reading.deviation;
+        *count += 1.0;
     }
     for reading in &line.readings.readings {
         let (sum, count) = means[&place(reading)];
         if count > 1.0 {
             let deviation = reading.deviation - sum / count;
-            let shift = by_run[&reading.run] * deviation / f64::sqrt(count * (count - 1.0));
+            let shift = factor(reading.run) * deviation / f64::sqrt(count * (count - 1.0));
             *shifts.entry(place(reading)).or_default() += shift;
         }
-    }
-    for reading in &mut line.readings.readings {
-        reading.deviation += shifts[&place(reading)];
     }
 }

@@ -47,6 +47,11 @@ pub enum IdentifyError {
         /// How many rows there are.
         rows: usize,
     },
+    /// What was found belongs to other observations.
+    #[error(
+        "what was found has other unknowns than the observations, expected what `identify` found of these observations"
+    )]
+    OtherObservations,
     /// No row is there to be fitted.
     #[error(
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"

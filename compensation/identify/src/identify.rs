@@ -190,7 +190,7 @@ fn check(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
 }
 
 /// The machine with the errors of these values.
-fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
+pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
     let mut machine = system.machine.clone();
     for (place, unknown) in system.unknowns.curves.iter().enumerate() {
         let error = unknown.error;

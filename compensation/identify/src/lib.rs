@@ -5,6 +5,7 @@ mod basis;
 mod coefficients;
 mod derivatives;
 mod design;
+mod draws;
 mod equation;
 mod error;
 mod identify;
@@ -27,6 +28,7 @@ mod unknown_file;
 mod values;
 
 pub use basis::Basis;
+pub use draws::Draws;
 pub use error::IdentifyError;
 pub use identify::{Identification, Parameter, identify};
 pub use judge::Figures;

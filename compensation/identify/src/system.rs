@@ -23,7 +23,7 @@ pub(crate) struct System {
     pub(crate) unknowns: Unknowns,
     /// How many groups of parameters have a penalty each.
     pub(crate) groups: usize,
-    setup: SetUp,
+    pub(crate) setup: SetUp,
 }
 
 /// Residuals (one to three for each row) and their derivatives, both divided by the uncertainty.

@@ -16,6 +16,7 @@ mod seen;
 #[cfg(feature = "serde")]
 mod serialised;
 mod source;
+mod student;
 mod thermal;
 mod thermal_state;
 mod tool;
@@ -24,7 +25,7 @@ mod watch;
 pub use axis::Axis;
 pub use curve_file::write_curve;
 pub use diagonals::{BODY_DIAGONALS, Diagonal, corrected, diagonals, quantised};
-pub use ensemble::Ensemble;
+pub use ensemble::{Ensemble, Scatter};
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
 pub use machine::Machine;

@@ -39,7 +39,7 @@ pub(crate) struct Map {
 /// The node with the largest standard uncertainty (k = 1) of the position error.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Uncertainty {
-    /// How many calibrations were drawn.
+    /// How many machines were drawn.
     pub(crate) trials: u64,
     /// Seed of the draws.
     pub(crate) seed: u64,

@@ -28,6 +28,10 @@ pub(crate) struct ErrorAt {
 pub(crate) struct CorrectionAt {
     /// The correction to be added to the command: µm for linear axes, µrad for rotary axes.
     pub(crate) correction: ByAxis,
+    /// The standard uncertainty (k = 1) of the correction: µm for linear axes, µrad for rotary axes; only with
+    /// `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty: Option<ByAxis>,
     /// Error of the tool tip that the correction leaves, in workpiece axes, µm.
     pub(crate) residual_um: [f64; 3],
     /// Error of the tool axis that the correction leaves, in workpiece axes, µrad.

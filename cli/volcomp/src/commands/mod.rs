@@ -22,6 +22,7 @@ mod outside;
 pub(crate) mod probe;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
+mod uncertainty;
 
 use std::path::{Path, PathBuf};
 

@@ -10,6 +10,7 @@ mod points;
 mod probe;
 mod schema;
 mod structures;
+mod uncertainty;
 mod units;
 mod whole_way;
 mod width;

@@ -2,6 +2,7 @@
 
 mod ball_row;
 mod coverage;
+mod draws;
 mod fuzz_corpus;
 mod lab;
 mod messages;

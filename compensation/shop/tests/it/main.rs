@@ -1,5 +1,6 @@
 //! The virtual shop: what it makes, what it refuses, and against calibration, which reads what it makes.
 
+mod coverage;
 mod example;
 mod figures;
 mod held_rotary;

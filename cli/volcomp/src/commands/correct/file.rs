@@ -19,14 +19,16 @@ pub(super) struct Columns<'t> {
     replaced: Vec<&'t str>,
     /// The axes in the order of their columns.
     axes: Vec<AxisName>,
+    /// Whether uncertainties are written.
+    uncertain: bool,
 }
 
 impl<'t> Columns<'t> {
     /// The columns for a machine, with those of the table that was read.
-    pub(super) fn new(machine: &Machine, table: Option<&'t CsvTable>) -> Self {
+    pub(super) fn new(machine: &Machine, table: Option<&'t CsvTable>, uncertain: bool) -> Self {
         let mut axes: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
         axes.sort_unstable();
-        let written = written(&axes);
+        let written = written(&axes, uncertain);
         let read = table.map(CsvTable::columns).into_iter().flatten();
         let (replaced, carried): (Vec<_>, Vec<_>) =
             read.partition(|(_, name)| written.iter().any(|new| new.eq_ignore_ascii_case(name)));
@@ -35,6 +37,7 @@ impl<'t> Columns<'t> {
             carried,
             replaced: replaced.into_iter().map(|(_, name)| name).collect(),
             axes,
+            uncertain,
         }
     }
 
@@ -69,6 +72,9 @@ impl<'t> Columns<'t> {
             };
             cells.extend(self.numbers(correction.corrected.0.values()));
             cells.extend(self.numbers(correction.correction.0.values()));
+            if let Some(uncertainty) = &correction.uncertainty {
+                cells.extend(self.numbers(uncertainty.0.values()));
+            }
             cells.push(self.number(norm(&correction.residual_um)));
             cells.push(self.number(norm(&correction.residual_axis_urad)));
             cells.push(correction.singular.to_string());
@@ -89,7 +95,7 @@ impl<'t> Columns<'t> {
             axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit()))
                 .collect()
         };
-        header.extend(written(&self.axes));
+        header.extend(written(&self.axes, self.uncertain));
         header
     }
 
@@ -113,13 +119,17 @@ impl<'t> Columns<'t> {
 }
 
 /// The names of the columns that are computed.
-fn written(axes: &[AxisName]) -> Vec<String> {
+fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
     let corrected = axes
         .iter()
         .map(|axis| format!("{axis}_corrected_{}", axis.kind().coordinate_unit()));
     let correction = axes.iter().map(|axis| {
         let unit = axis.kind().micro_unit();
         format!("{axis}_correction_{unit}")
+    });
+    let uncertainty = axes.iter().filter(|_| uncertain).map(|axis| {
+        let unit = axis.kind().micro_unit();
+        format!("{axis}_u_correction_{unit}")
     });
     let others = [
         "residual_um",
@@ -130,6 +140,7 @@ fn written(axes: &[AxisName]) -> Vec<String> {
     ];
     corrected
         .chain(correction)
+        .chain(uncertainty)
         .chain(others.map(str::to_owned))
         .collect()
 }

@@ -5,17 +5,18 @@ mod text;
 
 use std::path::PathBuf;
 
-use volcomp_kinematics::{CorrectionOptions, State};
-use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_kinematics::{CorrectionOptions, State, correct};
+use volcomp_model::{Ensemble, Machine, Temperatures};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use super::{
     Answer, in_degrees, micro, micrometres, microradians,
     outside::{outside, outside_note},
     thermal_notes,
+    uncertainty::UncertaintyArguments,
 };
 use crate::{
-    answers::position::CorrectionAt,
+    answers::{ByAxis, position::CorrectionAt},
     failure::Failure,
     output::OutputFile,
     points::{ApproachArguments, MachineArguments, PointArguments, axis},
@@ -40,6 +41,8 @@ pub(crate) struct Arguments {
     /// --points; columns of an earlier correction are replaced
     #[arg(long, short)]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    uncertainty: UncertaintyArguments,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -54,8 +57,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         }
         None => None,
     };
-    let columns = file::Columns::new(&machine, states.table());
-    let row = |state: &State| evaluate(&machine, state, &temperatures, &options);
+    let mut uncertain = Vec::new();
+    let ensemble = match arguments.uncertainty.read(&machine, &mut uncertain)? {
+        Some(measured) => {
+            let from = &arguments.uncertainty;
+            Some(from.ensemble(&measured, &machine, &mut uncertain)?)
+        }
+        None => None,
+    };
+    let columns = file::Columns::new(&machine, states.table(), ensemble.is_some());
+    let row = |state: &State| CorrectionAt {
+        uncertainty: ensemble
+            .as_ref()
+            .map(|ensemble| uncertainty(ensemble, &machine, state, &options)),
+        ..evaluate(&machine, state, &temperatures, &options)
+    };
     let rows: Vec<CorrectionAt> = states.states().iter().map(row).collect();
     if let Some(mut file) = file {
         file.append(&columns.csv(&rows)?)?;
@@ -72,6 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     ];
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
     notes.extend(thermal_notes(&machine, &temperatures));
+    notes.extend(uncertain);
     Answer::new(&states.document(rows), text, notes)
 }
 
@@ -111,6 +128,7 @@ fn evaluate(
         values.collect()
     };
     CorrectionAt {
+        uncertainty: None,
         correction: by_axis(&|index, kind| micro(kind, found.delta[index])),
         residual_um: micrometres(&found.residual_mm),
         residual_axis_urad: microradians(&found.residual_axis),
@@ -122,6 +140,24 @@ fn evaluate(
         corrected: by_axis(&|index, kind| in_degrees(kind, state.q[index] + found.delta[index])),
         outside: outside(machine, state),
     }
+}
+
+/// The standard uncertainty of the correction of each axis, µm or µrad: the spread over the drawn machines, each of which
+/// is corrected exactly.
+fn uncertainty(
+    ensemble: &Ensemble,
+    machine: &Machine,
+    state: &State,
+    options: &CorrectionOptions,
+) -> ByAxis {
+    let spread = ensemble.uncertainty_of(|drawn| {
+        let found = correct(drawn.chain(), drawn, state, options);
+        std::array::from_fn::<f64, MAX_AXES, _>(|index| found.delta[index])
+    });
+    let joints = machine.chain().joints().iter().zip(spread);
+    joints
+        .map(|(joint, spread)| (joint.name, micro(joint.kind, spread)))
+        .collect()
 }
 
 /// With a single rotary axis the tool axis is never wholly corrected, which is said once.

@@ -21,19 +21,28 @@ pub(super) fn text(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> S
 }
 
 fn one(row: &CorrectionAt, rotary: usize) -> String {
-    let mut axes = table(&["axis", "command", "correction", "corrected", ""]);
+    let mut header = vec!["axis", "command", "correction", "corrected", ""];
+    if row.uncertainty.is_some() {
+        header.push("u");
+    }
+    let mut axes = table(&header);
     for (&name, correction) in &row.correction.0 {
         let number = |values: &ByAxis, digits| {
             let value = values.0.get(&name).copied().unwrap_or(0.0);
             fixed(value, digits)
         };
-        axes.add_row([
+        let mut cells = vec![
             name.to_string(),
             number(&row.command, 4),
             format!("{} {}", fixed(*correction, 3), name.kind().micro_symbol()),
             number(&row.corrected, 6),
             name.kind().coordinate_unit().to_owned(),
-        ]);
+        ];
+        if let Some(uncertainty) = &row.uncertainty {
+            let symbol = name.kind().micro_symbol();
+            cells.push(format!("{} {symbol}", number(uncertainty, 3)));
+        }
+        axes.add_row(cells);
     }
     let mut text = table_text(&axes);
     // Writing to a string never fails.
@@ -67,11 +76,18 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
             .iter()
             .map(|name| format!("{name} {}", name.kind().micro_symbol())),
     );
+    if rows.iter().any(|row| row.uncertainty.is_some()) {
+        let uncertain = names.iter();
+        header.extend(uncertain.map(|name| format!("u {name} {}", name.kind().micro_symbol())));
+    }
     header.extend(["residual µm", "axis µrad"].map(str::to_owned));
     let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for (index, row) in rows.iter().enumerate() {
         let mut cells = vec![(index + 1).to_string()];
         cells.extend(row.correction.0.values().map(|value| fixed(*value, 3)));
+        if let Some(uncertainty) = &row.uncertainty {
+            cells.extend(uncertainty.0.values().map(|value| fixed(*value, 3)));
+        }
         cells.push(fixed(norm(&row.residual_um), 3));
         cells.push(fixed(norm(&row.residual_axis_urad), 3));
         table.add_row(cells);

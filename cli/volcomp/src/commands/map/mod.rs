@@ -5,7 +5,6 @@ mod model;
 mod node;
 #[cfg(feature = "parquet")]
 mod parquet;
-mod uncertainty;
 mod work;
 
 use std::{fmt::Write, path::PathBuf};
@@ -17,10 +16,9 @@ use self::{
     field::Field,
     model::Model,
     node::Node,
-    uncertainty::{ensemble, read_calibration},
     work::{Largest, Work},
 };
-use super::{Answer, fixed, thermal_notes};
+use super::{Answer, fixed, thermal_notes, uncertainty::UncertaintyArguments};
 use crate::{
     answers::{
         ByAxis,
@@ -55,15 +53,8 @@ pub(crate) struct Arguments {
     exact: bool,
     #[command(flatten)]
     compensation: CompensationArguments,
-    /// Calibration file whose readings are drawn again and again, on all cores: adds the standard uncertainty (k = 1)
-    #[arg(long, value_name = "CALIBRATION")]
-    uncertainty: Option<PathBuf>,
-    /// How many calibrations are drawn
-    #[arg(long, default_value_t = 200, requires = "uncertainty", value_parser = clap::value_parser!(u64).range(2..=100_000))]
-    trials: u64,
-    /// Seed of the draws: the same seed gives the same digits on any number of cores
-    #[arg(long, default_value_t = 1, requires = "uncertainty")]
-    seed: u64,
+    #[command(flatten)]
+    uncertainty: UncertaintyArguments,
 }
 
 impl Arguments {
@@ -90,10 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let mut notes = thermal_notes(&machine, &temperatures);
-    let calibration = match &arguments.uncertainty {
-        Some(path) => Some(read_calibration(path, &machine, &mut notes)?),
-        None => None,
-    };
+    let measured = arguments.uncertainty.read(&machine, &mut notes)?;
     let grid = MapGrid::over_travels(&machine, counts)?;
     if grid.axes.is_empty() {
         return Err(Failure::in_file(
@@ -104,9 +92,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             ),
         ));
     }
-    let mut field = Field::open(arguments.output.as_deref(), &grid, calibration.is_some())?;
-    let ensemble = match &calibration {
-        Some(file) => Some(ensemble(file, arguments, &machine)?),
+    let mut field = Field::open(arguments.output.as_deref(), &grid, measured.is_some())?;
+    let ensemble = match &measured {
+        Some(measured) => Some(
+            arguments
+                .uncertainty
+                .ensemble(measured, &machine, &mut notes)?,
+        ),
         None => None,
     };
     let work = Work {
@@ -154,8 +146,8 @@ fn document(
         uncertainty: largest.uncertainty.map(|(length, node)| {
             let [x, y, z, a, b, c] = node.uncertainty_in_file_units();
             Uncertainty {
-                trials: arguments.trials,
-                seed: arguments.seed,
+                trials: arguments.uncertainty.trials,
+                seed: arguments.uncertainty.seed,
                 largest_um: length * 1e3,
                 at: place(grid, &node),
                 position_um: [x, y, z],

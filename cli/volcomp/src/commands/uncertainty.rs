@@ -1,0 +1,172 @@
+//! The option `--uncertainty`: machines that the measurements allow, from a calibration or from observations.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_document::Document;
+use volcomp_identify::{Draws, Identification, Observations, identify};
+use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
+
+use crate::{failure::Failure, progress};
+
+/// How far a curve of a drawn machine may be from its source, nm and nrad.
+const TOLERANCE_NM: f64 = 10.0;
+
+/// Where an uncertainty comes from.
+#[derive(clap::Args)]
+pub(crate) struct UncertaintyArguments {
+    /// Calibration or observations file: adds the standard uncertainty (k = 1). The readings of a calibration, or the
+    /// errors that observations determine by their covariance, are drawn again and again, on all cores
+    #[arg(long, value_name = "FILE")]
+    pub(crate) uncertainty: Option<PathBuf>,
+    /// How many machines are drawn
+    #[arg(long, default_value_t = 200, requires = "uncertainty", value_parser = clap::value_parser!(u64).range(2..=100_000))]
+    pub(crate) trials: u64,
+    /// Seed of the draws: the same seed gives the same digits on any number of cores
+    #[arg(long, default_value_t = 1, requires = "uncertainty")]
+    pub(crate) seed: u64,
+}
+
+/// The measurements that an uncertainty comes from, read.
+pub(crate) enum Measured {
+    Calibration(Box<CalibrationFile>),
+    Observations(Box<Observations>),
+}
+
+impl UncertaintyArguments {
+    /// Reads the file that is named, which must have the structure of the machine.
+    pub(crate) fn read(
+        &self,
+        machine: &Machine,
+        notes: &mut Vec<String>,
+    ) -> Result<Option<Measured>, Failure> {
+        let Some(path) = &self.uncertainty else {
+            return Ok(None);
+        };
+        let measured = Measured::read(path)?;
+        let found = measured.machine().chain().structure();
+        let expected = machine.chain().structure();
+        if found != expected {
+            return Err(Failure::Input(format!(
+                "{}: found the structure `{found}`, expected `{expected}` of --machine",
+                path.display()
+            )));
+        }
+        if let Measured::Calibration(file) = &measured {
+            let single: Vec<String> = file
+                .without_scatter()
+                .map(|line| line.file.display().to_string())
+                .collect();
+            if !single.is_empty() {
+                notes.push(format!(
+                    "one run only, no scatter known: {}; state reading_um or reading_urad in [uncertainty]",
+                    single.join(", ")
+                ));
+            }
+        }
+        Ok(Some(measured))
+    }
+
+    /// Machines that the measurements allow, with the tool of this machine.
+    pub(crate) fn ensemble(
+        &self,
+        measured: &Measured,
+        machine: &Machine,
+        notes: &mut Vec<String>,
+    ) -> Result<Ensemble, Failure> {
+        let bar = progress::bar(0, "machines drawn");
+        let compiled = |mut drawn: Machine| {
+            drawn.use_tool_of(machine)?;
+            let compiled = drawn.compile(Tolerance::from_nm(TOLERANCE_NM))?;
+            bar.inc(1);
+            Ok::<_, Failure>(compiled)
+        };
+        bar.set_length(self.trials);
+        let ensemble = match measured {
+            Measured::Calibration(file) => self.of_calibration(file, compiled)?,
+            Measured::Observations(observations) => {
+                let mut observations = Observations::clone(observations);
+                // Nobody reads how well the rows left out are predicted.
+                observations.folds = 0;
+                let found = identify(&observations, |_, _| {})?;
+                notes.extend(not_determined(&found));
+                let draws = Draws::new(&observations, &found)?;
+                self.drawn(|trial| compiled(draws.machine(self.seed, trial)?))?
+            }
+        };
+        bar.finish_and_clear();
+        // At least two trials, all of one structure: clap and `read` see to it.
+        ensemble.ok_or_else(|| Failure::Work("the drawn machines differ in structure".to_owned()))
+    }
+
+    fn drawn(
+        &self,
+        trial: impl Fn(u64) -> Result<CompiledMachine, Failure> + Sync + Send,
+    ) -> Result<Option<Ensemble>, Failure> {
+        let trials = (0..self.trials).into_par_iter().map(trial);
+        Ok(Ensemble::new(trials.collect::<Result<Vec<_>, _>>()?))
+    }
+
+    fn of_calibration(
+        &self,
+        file: &CalibrationFile,
+        compiled: impl Fn(Machine) -> Result<CompiledMachine, Failure> + Sync,
+    ) -> Result<Option<Ensemble>, Failure> {
+        let calibrated = |file: &CalibrationFile| compiled(calibrate(file, |_, _| {})?.machine);
+        let Some(ensemble) = self.drawn(|trial| calibrated(&file.varied(self.seed, trial)))? else {
+            return Ok(None);
+        };
+        let mut scatters = Vec::new();
+        for scatter in file.scatters() {
+            let runs = scatter.runs.par_iter();
+            let shifted = runs.map(|&run| calibrated(&file.shifted_by_run(scatter.line, run)));
+            scatters.push(Scatter {
+                degrees: scatter.degrees as f64,
+                shifted: shifted.collect::<Result<Vec<_>, _>>()?,
+            });
+        }
+        Ok(ensemble.with_scatters(calibrated(file)?, scatters))
+    }
+}
+
+impl Measured {
+    /// A file that has nothing but observations is read as `volcomp identify` reads it.
+    fn read(path: &Path) -> Result<Self, Failure> {
+        let document = Document::read(path)?;
+        let is_calibration = document.decode(|root| {
+            let own = CalibrationFile::KEYS.iter();
+            let mut own = own.filter(|key| **key != "machine");
+            let has_observations = root.get("observation").is_some();
+            Ok::<_, Failure>(!has_observations || own.any(|key| root.get(key).is_some()))
+        })?;
+        Ok(if is_calibration {
+            Self::Calibration(Box::new(CalibrationFile::read(path)?))
+        } else {
+            Self::Observations(Box::new(Observations::read(path)?))
+        })
+    }
+
+    fn machine(&self) -> &Machine {
+        match self {
+            Self::Calibration(file) => &file.machine,
+            Self::Observations(observations) => &observations.machine,
+        }
+    }
+}
+
+/// A note that names the errors which are the same in every drawn machine.
+fn not_determined(found: &Identification) -> Option<String> {
+    let names: Vec<&str> = found
+        .parameters
+        .iter()
+        .filter(|parameter| !parameter.determined)
+        .map(|parameter| parameter.name.as_str())
+        .collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "not determined by the observations, and in the uncertainty as if it were known: {}",
+            names.join(", ")
+        )
+    })
+}

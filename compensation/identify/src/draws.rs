@@ -1,0 +1,114 @@
+//! Machines drawn from what an identification leaves open: the uncertainty of everything that is computed from them.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, SymmetricEigen};
+use volcomp_model::Machine;
+
+use crate::{
+    coefficients::micro,
+    error::IdentifyError,
+    identify::{Identification, machine_of},
+    observations::Observations,
+    params::Param,
+    system::System,
+    values::Values,
+};
+
+/// Machines whose errors are drawn from the covariance of an identification, correlations included (JCGM 101,
+/// propagation of distributions). An error that the observations do not determine is the same in every one.
+#[derive(Clone, Debug)]
+pub struct Draws {
+    system: System,
+    /// The coefficients that were found, µm and µrad.
+    found: Vec<f64>,
+    /// Places in `found` of those that are determined.
+    determined: Vec<usize>,
+    /// A matrix whose product with its transpose is their covariance.
+    root: DMatrix<f64>,
+}
+
+impl Draws {
+    /// From observations and what was found of them.
+    ///
+    /// # Errors
+    /// [`IdentifyError::OtherObservations`] where what was found has other unknowns than the observations; what
+    /// [`identify`](crate::identify()) refuses.
+    pub fn new(observations: &Observations, found: &Identification) -> Result<Self, IdentifyError> {
+        let system = System::new(observations)?;
+        let names = (0..system.params.len()).map(|param| system.name(param));
+        let is_same = names.eq(found.parameters.iter().map(|p| p.name.clone()));
+        let determined = found.parameters.iter().filter(|p| p.determined).count();
+        if !is_same || found.covariance.shape() != (determined, determined) {
+            return Err(IdentifyError::OtherObservations);
+        }
+        let mut coefficients = vec![0.0; system.unknowns.coefficients.len()];
+        // Columns of the covariance that belong to coefficients: those of set-ups are left out, their share is in the
+        // variances of the others already.
+        let (mut places, mut columns) = (Vec::new(), Vec::new());
+        let mut column = 0;
+        for (param, parameter) in found.parameters.iter().enumerate() {
+            if let Param::Coefficient(place) = system.params.at(param) {
+                coefficients[place] = parameter.value;
+                if parameter.determined {
+                    places.push(place);
+                    columns.push(column);
+                }
+            }
+            column += usize::from(parameter.determined);
+        }
+        let covariance = found
+            .covariance
+            .select_columns(&columns)
+            .select_rows(&columns);
+        Ok(Self {
+            system,
+            found: coefficients,
+            determined: places,
+            root: root_of(&covariance),
+        })
+    }
+
+    /// The machine of one draw. Every `trial` of a `seed` is the same whatever was drawn before it.
+    ///
+    /// # Errors
+    /// A curve that is refused: none for the coefficients of an identification, which has made such curves.
+    pub fn machine(&self, seed: u64, trial: u64) -> Result<Machine, IdentifyError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(trial);
+        let normal = |_, _| StandardNormal.sample(&mut rng);
+        let independent = DVector::from_fn(self.root.ncols(), normal);
+        let shifts = &self.root * independent;
+        let mut coefficients = self.found.clone();
+        for (&place, shift) in self.determined.iter().zip(&shifts) {
+            coefficients[place] += shift;
+        }
+        let listed = self.system.unknowns.coefficients.iter().zip(coefficients);
+        let inside = listed.map(|(coefficient, value)| value / micro(coefficient.error.component));
+        machine_of(
+            &self.system,
+            &Values::stated(&self.system.setup, inside.collect()),
+        )
+    }
+}
+
+/// A square root of a covariance, which rounding may have made a little indefinite. Its rows and columns are first
+/// divided by the standard uncertainties, so that µm and µrad of any size count alike.
+fn root_of(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    let sizes = covariance
+        .diagonal()
+        .map(|variance| variance.max(0.0).sqrt());
+    let correlation = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |row, column| {
+        let size = sizes[row] * sizes[column];
+        if size > 0.0 {
+            // The mean of both halves: the eigenvalues of a symmetric matrix are wanted.
+            0.5 * (covariance[(row, column)] + covariance[(column, row)]) / size
+        } else {
+            0.0
+        }
+    });
+    let eigen = SymmetricEigen::new(correlation);
+    let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+    DMatrix::from_diagonal(&sizes) * eigen.eigenvectors * DMatrix::from_diagonal(&roots)
+}

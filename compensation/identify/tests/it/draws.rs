@@ -1,0 +1,115 @@
+//! Machines drawn from the covariance, against the whole identification repeated with new readings.
+
+use std::fmt::Write as _;
+
+use volcomp_identify::{Draws, Identification, IdentifyError};
+use volcomp_kinematics::Form;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName::{X, Y};
+
+use crate::lab::{Lab, Noise, tip};
+
+const MACHINE: &str = "structure = \"w b X Y t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+";
+const TRUTH: &str =
+    "[errors]\nEC0Y = 20.0\nEXX = { poly = [0.0, 0.02, 3e-5] }\nECX = { poly = [0.0, 0.05] }\n";
+/// The tracker's frame is unknown, so the unknowns are correlated with it and with one another.
+const KEYS: &str = "folds = 0
+unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }, { error = \"ECX\", legendre = 1 }]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+frame = \"unknown\"
+uncertainty_um = 3.0
+";
+const REPEATS: usize = 400;
+const POSES: [[f64; 2]; 4] = [[0.0, 0.0], [500.0, 0.0], [120.0, 400.0], [500.0, 400.0]];
+
+fn found(lab: &Lab, truth: &Machine, noise: &mut Noise) -> Identification {
+    let mut text = String::from("X,Y,x,y,z\n");
+    for k in 0..20 {
+        let (x, y) = (f64::from(k % 5) * 125.0, f64::from(k / 5) * 133.0);
+        let at = tip(truth, &[(X, x), (Y, y)], [0.0; 3]);
+        let [px, py, pz] = [at.x, at.y, at.z].map(|p| p + noise.normal(0.003));
+        let _ = writeln!(text, "{x},{y},{px:?},{py:?},{pz:?}");
+    }
+    lab.write("t.csv", &text);
+    lab.identify(KEYS).expect("found")
+}
+
+/// The error along X at the poses, µm.
+fn errors(machine: &Machine) -> Vec<f64> {
+    let error = |[x, y]: [f64; 2]| {
+        let state = machine.state(&[(X, x), (Y, y)]).expect("a state");
+        let error = machine.error_at(&state, Form::Exact, &Temperatures::default());
+        error.position_mm.x * 1e3
+    };
+    POSES.into_iter().map(error).collect()
+}
+
+/// The standard deviation of each number, and the correlation of the first with the last.
+fn spread(rows: &[Vec<f64>]) -> (Vec<f64>, f64) {
+    let count = rows.len() as f64;
+    let mean = |k: usize| rows.iter().map(|row| row[k]).sum::<f64>() / count;
+    let product = |a: usize, b: usize| {
+        let (of_a, of_b) = (mean(a), mean(b));
+        let products = rows.iter().map(|row| (row[a] - of_a) * (row[b] - of_b));
+        products.sum::<f64>() / (count - 1.0)
+    };
+    let last = rows[0].len() - 1;
+    let deviations: Vec<f64> = (0..=last).map(|k| product(k, k).sqrt()).collect();
+    let correlation = product(0, last) / (deviations[0] * deviations[last]);
+    (deviations, correlation)
+}
+
+#[test]
+fn drawn_machines_spread_as_repeated_identifications_do() {
+    let truth = Machine::parse(&format!("{MACHINE}{TRUTH}"), "truth").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let mut noise = Noise::new(11);
+    let once = found(&lab, &truth, &mut noise);
+    let observations = lab.read(KEYS).expect("read");
+    let draws = Draws::new(&observations, &once).expect("of these observations");
+    let drawn = |trial| errors(&draws.machine(3, trial).expect("drawn"));
+    let drawn: Vec<Vec<f64>> = (0..REPEATS as u64).map(drawn).collect();
+    let repeat = |_| errors(&found(&lab, &truth, &mut noise).machine);
+    let repeated: Vec<Vec<f64>> = (0..REPEATS).map(repeat).collect();
+    let (drawn, repeated) = (spread(&drawn), spread(&repeated));
+    // Four standard deviations of the ratio of two spreads, and of the difference of two correlations.
+    let allowed = 4.0 / (REPEATS as f64).sqrt();
+    for (k, (drawn, repeated)) in drawn.0.iter().zip(&repeated.0).enumerate() {
+        assert!(*repeated > 0.1, "{k}: {repeated}");
+        assert!(
+            (drawn / repeated - 1.0).abs() < allowed,
+            "{k}: {drawn} {repeated}"
+        );
+    }
+    let difference = (drawn.1 - repeated.1).abs();
+    assert!(
+        difference < allowed * core::f64::consts::SQRT_2,
+        "{} {}",
+        drawn.1,
+        repeated.1
+    );
+}
+
+#[test]
+fn a_draw_is_the_same_whatever_was_drawn_before_and_of_its_own_observations() {
+    let truth = Machine::parse(&format!("{MACHINE}{TRUTH}"), "truth").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let once = found(&lab, &truth, &mut Noise::new(12));
+    let observations = lab.read(KEYS).expect("read");
+    let draws = Draws::new(&observations, &once).expect("of these observations");
+    let fifth = errors(&draws.machine(1, 5).expect("drawn"));
+    let _ = draws.machine(1, 4);
+    assert_eq!(errors(&draws.machine(1, 5).expect("drawn")), fifth);
+    assert_ne!(errors(&draws.machine(1, 6).expect("drawn")), fifth);
+    assert_ne!(errors(&draws.machine(2, 5).expect("drawn")), fifth);
+    let other = lab.read(&KEYS.replace("\"EC0Y\", ", "")).expect("read");
+    assert!(matches!(
+        Draws::new(&other, &once),
+        Err(IdentifyError::OtherObservations)
+    ));
+}
