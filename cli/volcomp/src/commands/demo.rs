@@ -149,8 +149,8 @@ fn curves(machine: &Machine) -> Vec<answers::FittedCurve> {
             ],
             _ => &[None],
         };
-        let parts = curve.fields().zip(directions);
-        let part = |(field, direction): (&Field, &Option<&'static str>)| {
+        let parts = curve.fields().zip(directions.iter().copied());
+        let part = |(field, direction): (&Field, Option<&'static str>)| {
             let kind = match field {
                 Field::Curve(curve) => curve.kind(),
                 Field::Grid(_) => "grid",
@@ -161,7 +161,7 @@ fn curves(machine: &Machine) -> Vec<answers::FittedCurve> {
             };
             answers::FittedCurve {
                 error: error.to_string(),
-                direction: *direction,
+                direction,
                 curve: kind,
                 order: mls.map(MovingLeastSquares::order),
                 support: mls.map(MovingLeastSquares::support),
