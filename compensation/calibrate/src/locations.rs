@@ -6,15 +6,24 @@ use volcomp_kinematics::{
 };
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError, Temperatures};
-use volcomp_vocabulary::{AxisKind, Displacement};
+use volcomp_vocabulary::{AxisKind, Displacement, Urad};
 
-use crate::{abbe::measured_point, calibration_file::CalibrationFile, profile::Profile};
+use crate::{
+    abbe::measured_point, calibration_file::CalibrationFile, location_file::is_square,
+    profile::Profile, squares::set_square,
+};
 
-/// The machine of a calibration file with the location errors that the file states.
+/// The machine of a calibration file with the location errors that the file states. The tilt of a squareness states all
+/// of it: what the machine file had for the other axis of the pair goes.
 pub(crate) fn located(file: &CalibrationFile) -> Result<Machine, ModelError> {
     let mut machine = file.machine.clone();
     for location in &file.locations {
-        machine.set_location(location.error, location.value)?;
+        if is_square(location.error) {
+            let value = Urad(location.value);
+            set_square(&mut machine, file.reference_axes, location.error, value)?;
+        } else {
+            machine.set_location(location.error, location.value)?;
+        }
     }
     Ok(machine)
 }

@@ -76,7 +76,7 @@ fn unknown(file: &CalibrationFile) -> impl Iterator<Item = ErrorName> {
 }
 
 /// The location errors that move something and that no table of the file states: of the two tilts that make a
-/// squareness the one that is not zero by definition.
+/// squareness the one that is not zero by definition, and the other where the machine file has it all the same.
 fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<ErrorName> {
     let mut names = Vec::new();
     for joint in machine.chain().joints() {
@@ -87,12 +87,15 @@ fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<Erro
             }
             if is_square(name) {
                 let is_reference = reference_of(file.reference_axes, name) == name.axis;
-                if is_reference || machine.axis(partner_of(name)).is_none() {
+                let is_none = is_reference || machine.axis(partner_of(name)).is_none();
+                let kept = machine.locations().get(&name);
+                if is_none && kept.is_none_or(|value| *value == 0.0) {
                     continue;
                 }
             }
             let square = square_of(name);
-            let stated = file.locations.iter().any(|location| location.error == name)
+            let mut locations = file.locations.iter();
+            let stated = locations.any(|location| square_of(location.error) == square)
                 || file.squareness.iter().any(|entry| entry.error == square)
                 || unknown(file).any(|error| square_of(error) == square);
             if !stated {

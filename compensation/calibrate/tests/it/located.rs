@@ -295,3 +295,39 @@ fn what_was_not_measured_is_told_with_its_effect() {
         "{told:?}"
     );
 }
+
+/// Both tilts of a pair make its squareness: a table that states one of them states all of it, whatever the machine file
+/// had for the other, and the same as [[squareness]] does.
+#[test]
+fn a_location_states_the_whole_squareness() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let geometry = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\n";
+    let machine = format!("{geometry}[errors]\nEC0X = 5.0\n");
+    fs::write(folder.path().join("machine.toml"), machine).expect("written");
+    let path = folder.path().join("calibration.toml");
+    let of = |tables: &str| {
+        let text = format!("machine = \"machine.toml\"\n{tables}");
+        fs::write(&path, text).expect("written");
+        calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
+    };
+    // The angle between X and Y is what the tilt of Y has more than that of X.
+    let square = |found: &Calibration| {
+        let tilt = |name: &str| {
+            let name: ErrorName = name.parse().expect("a name");
+            found.machine.locations().get(&name).copied()
+        };
+        tilt("EC0Y").unwrap_or_default() - tilt("EC0X").unwrap_or_default()
+    };
+    for table in ["location", "squareness"] {
+        let found = of(&format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = 12\n"));
+        let value = square(&found);
+        assert!((value - 12.0).abs() < 1e-12, "{table}: {value}");
+        let told = found.warnings.iter().any(|note| note.contains("EC0"));
+        assert!(!told, "{:?}", found.warnings);
+    }
+    let found = of("");
+    assert!((square(&found) + 5.0).abs() < 1e-12);
+    let kept = "EC0X was not measured and is kept from the machine file: 5 µrad of it";
+    let told = found.warnings.iter().any(|note| note.starts_with(kept));
+    assert!(told, "{:?}", found.warnings);
+}
