@@ -1,10 +1,13 @@
 //! First stage: the angular errors, from their readings alone.
 
+use std::collections::BTreeMap;
+
 use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
 
 use crate::{
     calibration_file::CalibrationFile,
-    contradictions::contradictions,
+    contradictions::{contradictions, noise_of_lines},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
     locations::without_location,
@@ -16,6 +19,8 @@ pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
     /// The machine of the file with its fitted tilts: what Abbe's principle and held tilts are taken from.
     pub(crate) tilted: Machine,
+    /// The standard deviation of each fitted tilt at a target, µrad, where its readings show it.
+    pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -31,6 +36,7 @@ pub(crate) fn angular(
     let mut result = Angular {
         fitted: Vec::new(),
         tilted: known.clone(),
+        noise_urad: BTreeMap::new(),
         notes: Vec::new(),
     };
     let names = measured(file).into_iter();
@@ -43,8 +49,10 @@ pub(crate) fn angular(
             profiles.push(without_location(read.clone(), known)?);
             as_read.push(read);
         }
-        let told = contradictions(error, &as_read, &profiles);
+        let told = contradictions(error, &as_read, &profiles, None)?;
         result.notes.extend(told);
+        let noise = noise_of_lines(&profiles);
+        result.noise_urad.extend(noise.map(|noise| (error, noise)));
         let (fitted, _) = fit(file, error, profiles)?;
         for one in &fitted {
             one.set_in(&mut result.tilted)?;

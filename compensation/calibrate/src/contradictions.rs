@@ -1,9 +1,12 @@
 //! Notes on lines of one error that contradict each other after the tilts of their axis have been taken out.
 
-use volcomp_metrology::MotionKind;
-use volcomp_vocabulary::ErrorName;
+use std::collections::BTreeMap;
 
-use crate::{profile::Profile, side_by_side::SideBySide};
+use volcomp_metrology::MotionKind;
+use volcomp_model::{Machine, ModelError};
+use volcomp_vocabulary::{Component, ErrorName};
+
+use crate::{abbe::Lever, profile::Profile, side_by_side::SideBySide};
 
 /// Lines differ when they do by so many times their noise.
 const TIMES_NOISE: f64 = 3.0;
@@ -14,13 +17,21 @@ const LEAST_NOISE: f64 = 0.01;
 /// A factor on the tilts explains a difference when so much of its square goes with it.
 const EXPLAINED: f64 = 0.9;
 
+/// The tilts that were taken out of lines.
+pub(crate) struct Tilts<'a> {
+    pub(crate) machine: &'a Machine,
+    /// The standard deviation of each tilt at a target, µrad; one without it counts as known.
+    pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
+}
+
 /// Notes on the lines of an error that do not agree within their noise. `read` are the profiles as they were read, `cleared`
-/// the same without what tilts and locations add.
+/// the same without what tilts and locations add; `tilts` is `None` where no tilt acts on the error.
 pub(crate) fn contradictions(
     error: ErrorName,
     read: &[Profile<'_>],
     cleared: &[Profile<'_>],
-) -> Vec<String> {
+    tilts: Option<&Tilts<'_>>,
+) -> Result<Vec<String>, ModelError> {
     let mut notes = Vec::new();
     for (second, (read_2, cleared_2)) in read.iter().zip(cleared).enumerate() {
         for (read_1, cleared_1) in read.iter().zip(cleared).take(second) {
@@ -28,17 +39,19 @@ pub(crate) fn contradictions(
                 error,
                 [read_1, read_2],
                 [cleared_1, cleared_2],
-            ));
+                tilts,
+            )?);
         }
     }
-    notes
+    Ok(notes)
 }
 
 fn contradiction(
     error: ErrorName,
     read: [&Profile<'_>; 2],
     cleared: [&Profile<'_>; 2],
-) -> Option<String> {
+    tilts: Option<&Tilts<'_>>,
+) -> Result<Option<String>, ModelError> {
     let is_straightness = MotionKind::of(error) == MotionKind::Straightness;
     let difference_of = |profiles: &[&Profile<'_>]| {
         let beside = SideBySide::of(profiles, is_straightness)?;
@@ -46,19 +59,27 @@ fn contradiction(
         let difference: Vec<f64> = pairs.map(|(first, second)| first - second).collect();
         Some((difference, beside))
     };
-    let (difference, beside) = difference_of(&cleared)?;
-    let noise = noise(cleared, &beside)?.max(LEAST_NOISE);
+    let Some((difference, beside)) = difference_of(&cleared) else {
+        return Ok(None);
+    };
+    let Some(noise) = noise(cleared, &beside) else {
+        return Ok(None);
+    };
+    let of_tilts = tilts.map_or(Ok(0.0), |tilts| tilts.noise_um(error, cleared, &beside))?;
+    let noise = noise.hypot(of_tilts).max(LEAST_NOISE);
     let rms = (dot(&difference, &difference) / difference.len() as f64).sqrt();
     let largest = difference
         .iter()
         .fold(0.0_f64, |largest, d| largest.max(d.abs()));
     if rms <= TIMES_NOISE * noise || largest <= NEVER_BELOW {
-        return None;
+        return Ok(None);
     }
     let unit = error.component.symbol();
     let [first, second] = cleared.map(|profile| profile.line.file.display().to_string());
     // What the tilts took out of the difference of the two lines.
-    let raw = difference_of(&read)?.0;
+    let Some((raw, _)) = difference_of(&read) else {
+        return Ok(None);
+    };
     let taken: Vec<f64> = raw
         .iter()
         .zip(&difference)
@@ -75,10 +96,54 @@ fn contradiction(
     } else {
         "check the files, and their `point`, `at` and `sign`".to_owned()
     };
-    Some(format!(
+    Ok(Some(format!(
         "{error}: {first} and {second} contradict each other by up to ±{largest:.1} {unit}, {:.0} times their noise of {noise:.2} {unit}: {cause}",
         rms / noise
-    ))
+    )))
+}
+
+impl Tilts<'_> {
+    /// What the noise of the tilts adds to the difference of two lines, µm: each over what the levers of the lines differ by.
+    fn noise_um(
+        &self,
+        error: ErrorName,
+        lines: [&Profile<'_>; 2],
+        beside: &SideBySide,
+    ) -> Result<f64, ModelError> {
+        let [first, second] = lines.map(|profile| Lever::new(profile.line, self.machine));
+        let (first, second) = (first?, second?);
+        let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
+        let noise_urad: Vec<f64> = angular
+            .map(|component| {
+                let tilt = ErrorName::motion(component, error.axis);
+                self.noise_urad.get(&tilt).copied().unwrap_or_default()
+            })
+            .collect();
+        let mut variance = 0.0;
+        for (_, target) in &beside.places {
+            let [at_first, at_second] = [&first, &second].map(|lever| lever.um_of_mrad(*target));
+            for (about, noise_urad) in noise_urad.iter().enumerate() {
+                let um_of_urad = (at_first[about] - at_second[about]) * 1e-3;
+                variance += (um_of_urad * noise_urad).powi(2);
+            }
+        }
+        Ok((variance / beside.places.len().max(1) as f64).sqrt())
+    }
+}
+
+/// The standard deviation of the mean of the lines of one error at a target: from repeated runs, else from how unevenly
+/// each line runs from target to target. No curve through the lines is noisier. `None` where it is not known of a line.
+pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
+    let mut variance = 0.0;
+    for profile in profiles {
+        let uneven = || {
+            let branches = profile.points.iter();
+            let values = branches.map(|points| points.iter().map(|(_, v)| *v).collect::<Vec<_>>());
+            values.filter_map(|values| uneven(&values)).reduce(f64::max)
+        };
+        variance += profile.noise_of_mean().or_else(uneven)?.powi(2);
+    }
+    (!profiles.is_empty()).then(|| variance.sqrt() / profiles.len() as f64)
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Component, ErrorName, Urad};
 use crate::{
     abbe::{Lever, without_abbe},
     calibration_file::{CalibrationFile, Line},
-    contradictions::contradictions,
+    contradictions::{Tilts, contradictions},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
     locations::without_location,
@@ -26,12 +26,13 @@ pub(crate) struct Linear<'a> {
     pub(crate) notes: Vec<String>,
 }
 
-/// Fits every linear error, with the tilts that `tilted` has; `step` is called after each.
+/// Fits every linear error, with the tilts that the machine of `tilts` has; `step` is called after each.
 pub(crate) fn linear<'a>(
     file: &'a CalibrationFile,
-    tilted: &Machine,
+    tilts: &Tilts<'_>,
     mut step: impl FnMut(),
 ) -> Result<Linear<'a>, CalibrateError> {
+    let tilted = tilts.machine;
     let mut result = Linear {
         fitted: Vec::new(),
         removed: Vec::new(),
@@ -50,7 +51,7 @@ pub(crate) fn linear<'a>(
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
-        let told = contradictions(error, &as_read, &profiles);
+        let told = contradictions(error, &as_read, &profiles, Some(tilts))?;
         result.notes.extend(told);
         if straightness {
             let straight = |profile: Profile<'a>| {
@@ -97,6 +98,21 @@ fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>
 mod tests {
     use super::*;
     use crate::testing::{file, line, machine};
+    use std::collections::BTreeMap;
+
+    /// The linear errors with tilts that are known.
+    fn with_tilts<'a>(file: &'a CalibrationFile, machine: &Machine) -> Linear<'a> {
+        let noise_urad = &BTreeMap::new();
+        linear(
+            file,
+            &Tilts {
+                machine,
+                noise_urad,
+            },
+            || (),
+        )
+        .unwrap()
+    }
 
     /// EXX read 400 mm beside the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds
     /// −ECX · y = 0.05 q · 0.4 µm, which the stage takes off.
@@ -106,13 +122,13 @@ mod tests {
         positioning.setup.point_mcs = Some([0.0, -400.0, 0.0]);
         let file = file(vec![positioning]);
         let tilted = machine("ECX = { poly = [0, 0.05] }");
-        let found = linear(&file, &tilted, || ()).unwrap();
+        let found = with_tilts(&file, &tilted);
         for q in [0.0, 500.0, 1000.0] {
             let value = found.fitted[0].branches.mean_at(q);
             assert!((value - 0.01 * q).abs() < 1e-9, "{value} at {q}");
         }
         assert!(found.notes.is_empty(), "{:?}", found.notes);
-        let left_in = linear(&file, &machine(""), || ()).unwrap().notes;
+        let left_in = with_tilts(&file, &machine("")).notes;
         assert_eq!(
             left_in,
             ["ECX was not measured: EXX from EXX.csv keeps its part, over a lever of up to 400 mm"]
@@ -123,7 +139,7 @@ mod tests {
     #[test]
     fn a_straightness_loses_its_line_and_the_slope_is_kept() {
         let file = file(vec![line("EYX", |q| 7.0 + 0.03 * q)]);
-        let found = linear(&file, &machine(""), || ()).unwrap();
+        let found = with_tilts(&file, &machine(""));
         assert!(found.fitted[0].branches.mean_at(640.0).abs() < 1e-9);
         let [(_, slope)] = found.removed[..] else {
             panic!("one line");

@@ -1,7 +1,7 @@
 //! Tilts that nothing measured, from parallel lines of positioning or straightness: what lines at different levers differ by
 //! is the tilt times the difference of their levers (Abbe's principle).
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_metrology::{DeviationUnit, Measurement, MotionKind, Reading, ReferenceKind, Rides};
@@ -11,6 +11,7 @@ use volcomp_vocabulary::{AxisKind, Component, Direction, ErrorName};
 use crate::{
     abbe::{Lever, without_abbe},
     calibration_file::{CalibrationFile, Line},
+    contradictions::noise_of_lines,
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured},
     profile::Profile,
@@ -28,6 +29,8 @@ const SAME_LEVER_MM: f64 = 1.0;
 pub(crate) struct FromLines {
     pub(crate) fitted: Vec<Fitted>,
     pub(crate) tilted: Machine,
+    /// The standard deviation of each tilt that was found at a target, µrad.
+    pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -39,6 +42,7 @@ pub(crate) fn from_parallel_lines(
     let mut result = FromLines {
         fitted: Vec::new(),
         tilted: tilted.clone(),
+        noise_urad: BTreeMap::new(),
         notes: Vec::new(),
     };
     let mut names = measured(file);
@@ -92,14 +96,19 @@ fn of_error(
         let readings = readings_of(&beside, &inverse, column);
         let line = line_of(tilt, readings, lines);
         let joint = joint_of(&result.tilted, tilt)?;
-        let (fitted, _) = fit(file, tilt, vec![Profile::new(&line, &joint)?])?;
+        let profile = Profile::new(&line, &joint)?;
+        let gain = inverse.row(column).norm() * 1e3;
+        let of_runs = noise_um.map(|noise| noise * gain);
+        let noise_urad = of_runs.or_else(|| noise_of_lines(std::slice::from_ref(&profile)));
+        result
+            .noise_urad
+            .extend(noise_urad.map(|noise| (tilt, noise)));
+        let (fitted, _) = fit(file, tilt, vec![profile])?;
         for one in &fitted {
             one.set_in(&mut result.tilted)?;
         }
         result.fitted.extend(fitted);
-        let gain = inverse.row(column).norm() * 1e3;
-        let uncertain = noise_um.map_or_else(String::new, |noise| {
-            let at_target = noise * gain;
+        let uncertain = of_runs.map_or_else(String::new, |at_target| {
             format!(", with a standard uncertainty of {at_target:.2} µrad at a target")
         });
         let slope = if is_straightness {

@@ -7,6 +7,7 @@ use volcomp_vocabulary::{ErrorName, Urad};
 use crate::{
     angular::angular,
     calibration_file::CalibrationFile,
+    contradictions::Tilts,
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
@@ -35,7 +36,13 @@ impl Stages {
     ) -> Result<Self, CalibrateError> {
         let angular = angular(file, known, &mut step)?;
         let parallel = from_parallel_lines(file, &angular.tilted)?;
-        let linear = linear(file, &parallel.tilted, &mut step)?;
+        let mut noise_urad = angular.noise_urad;
+        noise_urad.extend(&parallel.noise_urad);
+        let tilts = Tilts {
+            machine: &parallel.tilted,
+            noise_urad: &noise_urad,
+        };
+        let linear = linear(file, &tilts, &mut step)?;
         let slopes = slopes(&linear.removed, &parallel.tilted)?;
         let mut squareness = squares(file, &slopes)?;
         let mut machine = parallel.tilted;

@@ -176,3 +176,48 @@ fn lines_that_do_not_separate_the_tilts_say_so() {
         assert!(has(&three, &[&text]), "{:?}", three.warnings);
     }
 }
+
+/// Two lines 600 mm apart with little noise, and the pitch with much, run once.
+fn with_noisy_pitch(folder: &Path, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
+    let mut noise = Noise::new(seed);
+    let mut tables = String::new();
+    for (name, error, z, runs, sigma) in [
+        ("low", "EYY", 450.0, 5, 0.1),
+        ("high", "EYY", 1050.0, 5, 0.1),
+        ("pitch", "EAY", 0.0, 1, 2.0),
+    ] {
+        let line = Line {
+            error,
+            at: &[(AxisName::X, 4000.0), (AxisName::Z, z)],
+            point: [0.0, 0.0, z],
+            other: false,
+            targets: 21,
+            runs,
+        };
+        let machine = if error == "EAY" { pitch } else { truth };
+        let file = format!("{name}.csv");
+        tables += &measure(folder, machine, &file, &line, sigma, &mut noise);
+        tables += "curve = { table = {} }\n";
+    }
+    calibrated(folder, &[tables])
+}
+
+/// What the noise of a tilt adds over the difference of the levers is no contradiction: 2 µrad over 600 mm are 1.2 µm. A
+/// tilt that is twice too large is one, whatever the noise draws.
+#[test]
+fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = gantry(&format!("{LENGTH}{PITCH}"));
+    let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
+    let seeds = 1..=30;
+    let told = |pitch: &Machine| {
+        let told = |seed: &u64| {
+            let found = with_noisy_pitch(folder.path(), pitch, &truth, *seed);
+            has(&found, &["contradict"])
+        };
+        seeds.clone().filter(told).collect::<Vec<u64>>()
+    };
+    let (alarms, found) = (told(&truth), told(&doubled));
+    assert!(alarms.len() <= 1, "false alarms: {alarms:?}");
+    assert_eq!(found.len(), seeds.count(), "told only for {found:?}");
+}
