@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use volcomp_metrology::{DeviationUnit, Measurement};
+use volcomp_metrology::{DeviationUnit, Measurement, ReadingUnit};
 
 use crate::failure::Failure;
 
@@ -21,39 +21,17 @@ pub(crate) enum Unit {
 }
 
 impl Unit {
-    /// The unit in which deviations of this kind are computed and answered.
-    fn answered(self) -> DeviationUnit {
+    fn of_readings(self) -> ReadingUnit {
         match self {
-            Self::Mm | Self::Um | Self::Nm => DeviationUnit::Um,
-            Self::Deg | Self::Arcsec | Self::Rad | Self::Mrad | Self::Urad => DeviationUnit::Urad,
+            Self::Mm => ReadingUnit::Mm,
+            Self::Um => ReadingUnit::Um,
+            Self::Nm => ReadingUnit::Nm,
+            Self::Deg => ReadingUnit::Deg,
+            Self::Arcsec => ReadingUnit::Arcsec,
+            Self::Rad => ReadingUnit::Rad,
+            Self::Mrad => ReadingUnit::Mrad,
+            Self::Urad => ReadingUnit::Urad,
         }
-    }
-
-    /// How many µm or µrad it is.
-    fn size(self) -> f64 {
-        match self {
-            Self::Mm | Self::Mrad => 1e3,
-            Self::Um | Self::Urad => 1.0,
-            Self::Nm => 1e-3,
-            Self::Deg => 1e6_f64.to_radians(),
-            Self::Arcsec => (1e6 / 3600.0_f64).to_radians(),
-            Self::Rad => 1e6,
-        }
-    }
-
-    /// The unit as people read it.
-    fn symbol(self) -> String {
-        match self {
-            Self::Um | Self::Urad => self.answered().to_string(),
-            _ => self.key(),
-        }
-    }
-
-    fn is_answered_in(self, unit: DeviationUnit) -> bool {
-        matches!(
-            (self, unit),
-            (Self::Um, DeviationUnit::Um) | (Self::Urad, DeviationUnit::Urad)
-        )
     }
 
     /// The word on the command line.
@@ -80,7 +58,7 @@ fn not_stated(measurement: &Measurement) -> String {
 }
 
 /// Brings the deviations of a file into µm or µrad: out of the unit asked for, where the file states none. Without
-/// either they are taken for µm. The option never turns angles into lengths, nor one stated unit into another.
+/// either they are taken for µm. The option may repeat the unit that the file states, and never turns it into another.
 pub(crate) fn apply(
     file: &Path,
     measurement: &mut Measurement,
@@ -93,22 +71,15 @@ pub(crate) fn apply(
         }
         return Ok(measurement.unit.unwrap_or(DeviationUnit::Um));
     };
-    match measurement.unit {
-        Some(found) if !asked.is_answered_in(found) => Err(Failure::in_file(
+    let unit = asked.of_readings();
+    measurement.take_in(unit).map_err(|found| {
+        Failure::in_file(
             file,
             format_args!(
-                "found deviations in {found}, expected {} (--unit {})",
-                asked.symbol(),
+                "found deviations in {found}, expected {unit} (--unit {})",
                 asked.key()
             ),
-        )),
-        Some(found) => Ok(found),
-        None => {
-            for reading in &mut measurement.readings {
-                reading.deviation *= asked.size();
-            }
-            measurement.unit = Some(asked.answered());
-            Ok(asked.answered())
-        }
-    }
+        )
+    })?;
+    Ok(unit.held_in())
 }

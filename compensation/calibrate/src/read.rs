@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_identify::Observations;
 use volcomp_metrology::{
-    DeviationUnit, Measurement, MetrologyError, MotionKind, ReferenceKind, read_file,
+    DeviationUnit, Measurement, MetrologyError, MotionKind, ReadingUnit, ReferenceKind, read_file,
 };
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
@@ -219,16 +219,9 @@ fn decode_line(
         readings.readings.len(),
         file.display()
     );
-    let factor = setup.sign * unit_factor(section, &file_value, &readings, setup.reads_angles())?;
+    apply_unit(section, &file_value, &mut readings, setup.reads_angles())?;
     for reading in &mut readings.readings {
-        reading.deviation *= factor;
-    }
-    if section.get("unit").is_some() {
-        readings.unit = Some(if setup.reads_angles() {
-            DeviationUnit::Urad
-        } else {
-            DeviationUnit::Um
-        });
+        reading.deviation *= setup.sign;
     }
     checks::refuse_serial(&file_value, &readings, serial)?;
     checks::refuse(&file_value, &setup, &readings, machine)?;
@@ -281,32 +274,28 @@ fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Resu
     }
 }
 
-/// µm or µrad for one unit of the readings as `read_file` gives them.
-fn unit_factor(
+/// Brings the readings into µm or µrad: out of `unit`, where the file states none.
+fn apply_unit(
     section: &Section<'_>,
     file: &Value<'_>,
-    readings: &Measurement,
+    readings: &mut Measurement,
     angular: bool,
-) -> Result<f64, InputError> {
-    const LENGTHS: [(&str, f64); 2] = [("um", 1.0), ("mm", 1e3)];
-    const ANGLES: [(&str, f64); 4] = [
-        ("urad", 1.0),
-        ("mrad", 1e3),
-        ("arcsec", 1e6 * core::f64::consts::PI / 648_000.0),
-        ("deg", 1e6 * core::f64::consts::PI / 180.0),
+) -> Result<(), InputError> {
+    const LENGTHS: [(&str, ReadingUnit); 2] = [("um", ReadingUnit::Um), ("mm", ReadingUnit::Mm)];
+    const ANGLES: [(&str, ReadingUnit); 4] = [
+        ("urad", ReadingUnit::Urad),
+        ("mrad", ReadingUnit::Mrad),
+        ("arcsec", ReadingUnit::Arcsec),
+        ("deg", ReadingUnit::Deg),
     ];
-    let units = if angular { &ANGLES[..] } else { &LENGTHS[..] };
     if let Some(unit) = section.get("unit") {
-        let factor = unit.one_of(units)?;
-        return match readings.unit {
-            Some(found) if factor != 1.0 || (found == DeviationUnit::Urad) != angular => {
-                Err(unit.error(format!(
-                    "found \"{}\", but the file states that its deviations are in {found}: expected no `unit`",
-                    unit.text()?
-                )))
-            }
-            _ => Ok(factor),
-        };
+        let asked = unit.one_of(if angular { &ANGLES[..] } else { &LENGTHS[..] })?;
+        let text = unit.text()?;
+        return readings.take_in(asked).map_err(|stated| {
+            unit.error(format!(
+                "found \"{text}\", but the file states that its deviations are in {stated}: expected no `unit`"
+            ))
+        });
     }
     match (readings.unit, angular) {
         (Some(DeviationUnit::Um), true) => Err(file.error(
@@ -315,7 +304,7 @@ fn unit_factor(
         (Some(DeviationUnit::Urad), false) => Err(file.error(
             "the file holds angles, expected lengths: check `error`, or state `method = \"angular\"`",
         )),
-        _ => Ok(1.0),
+        _ => Ok(()),
     }
 }
 

@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 
-use crate::csv_head::{deviation_unit, is_target_unit, unit_of};
+use crate::csv_head::{is_target_unit, unit_of};
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
-use crate::{DeviationUnit, Direction, Measurement, MetrologyError, Reading};
+use crate::{Direction, Measurement, MetrologyError, Reading, ReadingUnit};
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
@@ -52,7 +52,8 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     notes.extend(zero_direction(&read.readings));
     Ok(Measurement {
         name: name.into(),
-        unit: columns.unit.map(|(unit, _)| unit),
+        unit: columns.unit.map(ReadingUnit::held_in),
+        stated: columns.unit,
         readings: read.readings,
         notes,
         ..Measurement::default()
@@ -80,8 +81,8 @@ pub fn write_csv(measurement: &Measurement) -> String {
 struct Columns {
     target: Column,
     deviation: Column,
-    /// The unit in the head of the deviations and how many µm or µrad it is.
-    unit: Option<(DeviationUnit, f64)>,
+    /// The unit in the head of the deviations.
+    unit: Option<ReadingUnit>,
     run_and_direction: Option<(Column, Column)>,
 }
 
@@ -106,7 +107,7 @@ impl Columns {
         }
         let unit = match unit {
             "" => None,
-            unit => Some(deviation_unit(unit).ok_or_else(|| {
+            unit => Some(ReadingUnit::named(unit).ok_or_else(|| {
                 let found = format!("deviations in {}", quoted(unit));
                 let expected = "one of µm, mm, nm, µrad, mrad, rad, arcsec, deg: `deviation µm`";
                 wrong(found, expected)
@@ -165,7 +166,7 @@ impl Rows {
         let target = place.number("target", &row.cell(columns.target).decimal_text()?)?;
         let deviation_text = row.cell(columns.deviation).decimal_text()?;
         let stated = place.number("deviation", &deviation_text)?;
-        let deviation = stated * columns.unit.map_or(1.0, |(_, size)| size);
+        let deviation = stated * columns.unit.map_or(1.0, ReadingUnit::micro);
         let (run, direction) = match columns.run_and_direction {
             Some((run, direction)) => (
                 place.count("run", row.cell(run).text())?,

@@ -11,6 +11,7 @@ mod motion_kind;
 mod number;
 mod outliers;
 mod read;
+mod reading_unit;
 mod renishaw;
 mod squareness;
 mod straightness;
@@ -23,6 +24,7 @@ pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading
 pub use motion_kind::MotionKind;
 pub use outliers::{OutlierHint, outlier_hints};
 pub use read::{READ_EXTENSIONS, read_file};
+pub use reading_unit::ReadingUnit;
 pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
 pub use squareness::{squareness, squareness_parts};
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};

@@ -2,6 +2,8 @@
 
 use volcomp_vocabulary::Direction;
 
+use crate::ReadingUnit;
+
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -113,6 +115,9 @@ pub struct Measurement {
     pub name: String,
     /// Unit of the deviations; `None` when the file does not say (CSV).
     pub unit: Option<DeviationUnit>,
+    /// The unit in which the file has the deviations, where its header states one (CSV).
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub stated: Option<ReadingUnit>,
     /// All readings, in the order of the file.
     pub readings: Vec<Reading>,
     /// The statements of the file about itself and its machine.

@@ -323,3 +323,44 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
         assert!(told.contains(expected), "{files:?}: {told}");
     }
 }
+
+/// `unit` may repeat what the header of the file states, which is applied once, and nothing else.
+#[test]
+fn a_unit_agrees_with_the_header_of_the_file() {
+    let folder = folder_of_two_axes();
+    for (header, error, unit, is_read) in [
+        ("mm", "EXX", "mm", true),
+        ("mm", "EXX", "um", false),
+        ("um", "EXX", "um", true),
+        ("um", "EXX", "mm", false),
+        ("arcsec", "EAX", "arcsec", true),
+        ("arcsec", "EAX", "urad", false),
+        ("deg", "EAX", "arcsec", false),
+    ] {
+        let rows = format!("target,deviation {header}\n0,0.001\n50,0.002\n100,0.004\n");
+        written(&folder, "a.csv", &rows);
+        let of = |unit: &str| {
+            let text = format!(
+                "machine = \"machine.toml\"\n[[measurement]]\nerror = \"{error}\"\nfile = \"a.csv\"\n{unit}"
+            );
+            CalibrationFile::read(&written(&folder, "c.toml", &text))
+        };
+        let found = of(&format!("unit = \"{unit}\"\n"));
+        let plain = of("").expect("the unit of the header");
+        match found {
+            Ok(file) => {
+                assert!(is_read, "{unit} beside {header} was read");
+                let readings = |file: &CalibrationFile| file.measurements[0].readings.clone();
+                assert_eq!(readings(&file), readings(&plain), "{unit}");
+            }
+            Err(message) => {
+                let expected = format!(
+                    ":5: measurement[0].unit: found \"{unit}\", but the file states that its deviations are in {}",
+                    header.replace("um", "µm")
+                );
+                let message = message.to_string();
+                assert!(!is_read && message.contains(&expected), "{message}");
+            }
+        }
+    }
+}

@@ -50,6 +50,7 @@ pub fn parse_renishaw(
     Ok(Measurement {
         name: name.into(),
         unit: Some(kind.unit()),
+        stated: None,
         readings: readings.into_iter().map(in_memory).collect(),
         metadata,
         environment,

@@ -186,6 +186,7 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
                 Measurement {
                     name,
                     unit,
+                    stated: None,
                     readings,
                     metadata,
                     environment,

@@ -1,0 +1,145 @@
+//! The units that deviations are written in, and how they are brought into those in which they are held.
+
+use crate::{DeviationUnit, Measurement};
+
+/// A unit in which deviations are written in a file, or asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum ReadingUnit {
+    /// Millimetres.
+    Mm,
+    /// Micrometres.
+    Um,
+    /// Nanometres.
+    Nm,
+    /// Degrees.
+    Deg,
+    /// Arc seconds.
+    Arcsec,
+    /// Radians.
+    Rad,
+    /// Milliradians.
+    Mrad,
+    /// Microradians.
+    Urad,
+}
+
+impl ReadingUnit {
+    /// The unit of this name, as it stands behind the name of a column: `mm`, `µm`, `arcsec`, in letters of either case;
+    /// `None` for a unit that is not known.
+    pub fn named(name: &str) -> Option<Self> {
+        Some(match name.to_lowercase().as_str() {
+            "mm" => Self::Mm,
+            // The micro sign becomes no Greek letter in lower case: both are written.
+            "um" | "µm" | "μm" => Self::Um,
+            "nm" => Self::Nm,
+            "rad" => Self::Rad,
+            "mrad" => Self::Mrad,
+            "urad" | "µrad" | "μrad" => Self::Urad,
+            "deg" | "°" => Self::Deg,
+            "arcsec" => Self::Arcsec,
+            _ => return None,
+        })
+    }
+
+    /// The unit in which deviations of this kind are held.
+    pub fn held_in(self) -> DeviationUnit {
+        match self {
+            Self::Mm | Self::Um | Self::Nm => DeviationUnit::Um,
+            Self::Deg | Self::Arcsec | Self::Rad | Self::Mrad | Self::Urad => DeviationUnit::Urad,
+        }
+    }
+
+    /// How many µm or µrad it is.
+    pub fn micro(self) -> f64 {
+        match self {
+            Self::Mm | Self::Mrad => 1e3,
+            Self::Um | Self::Urad => 1.0,
+            Self::Nm => 1e-3,
+            Self::Deg => 1e6_f64.to_radians(),
+            Self::Arcsec => (1e6 / 3600.0_f64).to_radians(),
+            Self::Rad => 1e6,
+        }
+    }
+}
+
+impl From<DeviationUnit> for ReadingUnit {
+    fn from(unit: DeviationUnit) -> Self {
+        match unit {
+            DeviationUnit::Um => Self::Um,
+            DeviationUnit::Urad => Self::Urad,
+        }
+    }
+}
+
+impl std::fmt::Display for ReadingUnit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Mm => "mm",
+            Self::Um => "µm",
+            Self::Nm => "nm",
+            Self::Deg => "deg",
+            Self::Arcsec => "arcsec",
+            Self::Rad => "rad",
+            Self::Mrad => "mrad",
+            Self::Urad => "µrad",
+        })
+    }
+}
+
+impl Measurement {
+    /// Takes the deviations for ones in `asked` and brings them into µm or µrad, where the file states no unit. Where it
+    /// states one the deviations have been brought there already, and `asked` must be the same.
+    ///
+    /// # Errors
+    /// The unit that the file states, where it is another one; nothing is changed then.
+    pub fn take_in(&mut self, asked: ReadingUnit) -> Result<(), ReadingUnit> {
+        match self.stated.or(self.unit.map(ReadingUnit::from)) {
+            Some(stated) if stated == asked => Ok(()),
+            Some(stated) => Err(stated),
+            None => {
+                for reading in &mut self.readings {
+                    reading.deviation *= asked.micro();
+                }
+                self.unit = Some(asked.held_in());
+                Ok(())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parse_csv;
+
+    /// 1 arcsec is 4.848 µrad, 1° is 17453 µrad.
+    #[test]
+    fn units_are_brought_into_micrometres_and_microradians() {
+        for (unit, held, size) in [
+            ("mm", DeviationUnit::Um, 1000.0),
+            ("µm", DeviationUnit::Um, 1.0),
+            ("arcsec", DeviationUnit::Urad, 4.848_136_811),
+            ("deg", DeviationUnit::Urad, 17_453.292_52),
+        ] {
+            let found = ReadingUnit::named(unit).unwrap();
+            assert_eq!(found.held_in(), held);
+            assert!((found.micro() / size - 1.0).abs() < 1e-9, "{unit}");
+        }
+        assert_eq!(ReadingUnit::named("inch"), None);
+    }
+
+    /// A unit that is asked for is the one of the header or it is refused; it is never applied twice.
+    #[test]
+    fn the_stated_unit_is_the_one_that_may_be_asked_for() {
+        let mut read = parse_csv(b"target,deviation mm\n0,0.002\n1,0.003\n", "x.csv").unwrap();
+        assert_eq!(read.take_in(ReadingUnit::Um), Err(ReadingUnit::Mm));
+        assert_eq!(read.take_in(ReadingUnit::Mm), Ok(()));
+        assert!((read.readings[0].deviation - 2.0).abs() < 1e-12);
+        let mut plain = parse_csv(b"target,deviation\n0,2\n1,3\n", "x.csv").unwrap();
+        assert_eq!(plain.take_in(ReadingUnit::Arcsec), Ok(()));
+        assert!((plain.readings[0].deviation - 9.696_273_622).abs() < 1e-6);
+        assert_eq!(plain.unit, Some(DeviationUnit::Urad));
+    }
+}
