@@ -5,7 +5,7 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::CalibrationFile,
-    checks::{different_machines, odd, without_point},
+    checks::{different_machines, odd, odd_values, without_point},
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
@@ -63,6 +63,7 @@ pub fn calibrate(
         warnings.extend(odd(line, &file.machine));
         warnings.extend(without_point(line, &stages.machine));
     }
+    warnings.extend(odd_values(file));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
     warnings.extend(not_measured(file, &stages));

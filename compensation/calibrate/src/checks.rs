@@ -4,9 +4,12 @@
 use volcomp_document::{InputError, Value};
 use volcomp_metrology::{Measurement, MotionKind};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
 
-use crate::{calibration_file::Line, setup::Setup};
+use crate::{
+    calibration_file::{CalibrationFile, Line, SquarenessSource},
+    setup::Setup,
+};
 
 /// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
 const NEVER_ABOVE: f64 = 1e5;
@@ -77,6 +80,45 @@ pub(crate) fn refuse(
         )));
     }
     Ok(())
+}
+
+/// Refuses a stated value (µm or µrad) of a size that only a wrong unit gives.
+pub(crate) fn refuse_value(
+    value: &Value<'_>,
+    kind: AxisKind,
+    micro: f64,
+) -> Result<(), InputError> {
+    if micro.abs() <= NEVER_ABOVE {
+        return Ok(());
+    }
+    let unit = match kind {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "mrad",
+    };
+    Err(value.error(format!(
+        "found {:.0} {unit}, expected less than 100 {unit}: check its unit",
+        micro * 1e-3
+    )))
+}
+
+/// Notes on location and squareness errors that are stated and odd.
+pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
+    let locations = file.locations.iter();
+    let locations = locations.map(|location| ("location", location.error, location.value));
+    let squares = file.squareness.iter().filter_map(|entry| {
+        let SquarenessSource::Value(value) = entry.source else {
+            return None;
+        };
+        Some(("squareness", entry.error, value.0))
+    });
+    let odd = locations
+        .chain(squares)
+        .filter(|(_, _, value)| value.abs() > ODD_ABOVE);
+    odd.map(|(table, error, value)| {
+        let size = Displacement::from_micro(error.component.kind(), value);
+        format!("{error} in [[{table}]]: {size:.0} is large for a machine tool: check its unit")
+    })
+    .collect()
 }
 
 /// The smallest and the largest target.

@@ -6,6 +6,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
 use crate::{
     calibration_file::Location,
+    checks::refuse_value,
     setup_file::{decode_errors, decode_sign},
     squares::{partner_of, reference_of},
 };
@@ -74,6 +75,9 @@ pub(crate) fn decode_location(
             values.len(),
             errors.len()
         )));
+    }
+    for value in &values {
+        refuse_value(&stated, kind, *value)?;
     }
     let sign = decode_sign(section)?;
     let uncertainty = section

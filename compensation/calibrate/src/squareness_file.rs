@@ -5,10 +5,11 @@ use std::path::Path;
 use volcomp_document::{InputError, Section, Value};
 use volcomp_metrology::squareness_parts;
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, ErrorName, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Urad};
 
 use crate::{
     calibration_file::{Squareness, SquarenessSource},
+    checks::refuse_value,
     diagonals::{Diagonals, decode_diagonals},
     error::CalibrateError,
     setup_file::decode_errors,
@@ -82,7 +83,14 @@ pub(crate) fn decode_squareness(
         // `errors` stands with diagonals only.
         return Ok(Vec::new());
     };
-    let number = |key: &str| section.get(key).map(|value| value.number()).transpose();
+    let number = |key: &str| {
+        let Some(value) = section.get(key) else {
+            return Ok(None);
+        };
+        let found = value.number()?;
+        refuse_value(&value, AxisKind::Rotary, found)?;
+        Ok::<_, InputError>(Some(found))
+    };
     let source = if let Some(value) = number("value_urad")? {
         SquarenessSource::Value(Urad(value))
     } else {

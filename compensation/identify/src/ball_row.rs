@@ -68,21 +68,23 @@ impl Balls {
 }
 
 /// Where the bar placement, as far as the file states it.
-pub(crate) struct Placement {
+pub(crate) struct Placement<'a> {
     origin: usize,
+    /// The origin as it is stated, and the value that states it.
+    stated: Option<(Value<'a>, Vector3<f64>)>,
     direction: Option<Vector3<f64>>,
     side1: Option<Vector3<f64>>,
 }
 
 /// Decodes the keys of a ball row: what its rows refer to, and where the bar placement.
-pub(crate) fn decode(
-    section: &Section<'_>,
+pub(crate) fn decode<'a>(
+    section: &Section<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
     file: &str,
     drift: usize,
     judge: bool,
     reading: &mut Reading,
-) -> Result<(RowKind, Placement, std::path::PathBuf), IdentifyError> {
+) -> Result<(RowKind, Placement<'a>, std::path::PathBuf), IdentifyError> {
     let row_value = section.require("row")?;
     let row = row_value.text()?;
     let path = folder.join(row);
@@ -147,6 +149,7 @@ pub(crate) fn decode(
     };
     let placement = Placement {
         origin,
+        stated: stated_vector(section, "origin")?,
         direction,
         side1,
     };
@@ -217,9 +220,10 @@ struct Place {
     offset_mm: [Option<f64>; 3],
 }
 
-/// Lays the bar through the nominal tips: the directions in which readings count, and the start of what is to be found.
+/// Lays the bar through the nominal tips, and from its origin where that is stated: the directions in which readings count,
+/// and the start of what is to be found.
 pub(crate) fn place_bar(
-    placement: &Placement,
+    placement: &Placement<'_>,
     table: &CsvTable,
     machine: &Machine,
     rows: &mut [Row],
@@ -248,9 +252,11 @@ pub(crate) fn place_bar(
     let along = if let Some(direction) = placement.direction {
         direction
     } else {
+        let stated = placement.stated.as_ref();
+        let (from, from_s) = stated.map_or((mean_tip, mean_s), |(_, origin)| (*origin, 0.0));
         let sum: Vector3<f64> = places
             .iter()
-            .map(|p| (p.nominal_mm - mean_tip) * (p.distance_mm - mean_s))
+            .map(|p| (p.nominal_mm - from) * (p.distance_mm - from_s))
             .sum();
         sum.try_normalize(1e-9).ok_or_else(|| {
             table.header_error("found readings at one place of the row only, expected two balls or more, or `direction` as numbers")
@@ -271,9 +277,20 @@ pub(crate) fn place_bar(
         );
         return Err(table.error_at(worst.line, message));
     }
+    let found = mean - along * mean_s;
+    if let Some((value, stated)) = &placement.stated {
+        let off = found - stated;
+        if off.norm() > MISPLACED_MM {
+            return Err(value.error(format!(
+                "found an origin {:.1} mm from where the readings of the balls put it, {:.1} mm of it along the row, expected less than {MISPLACED_MM} mm: it is the place in workpiece axes where the distance along the row is 0, or \"unknown\"",
+                off.norm(),
+                off.dot(&along).abs()
+            )));
+        }
+    }
     let origin = &mut setup.points[placement.origin];
     if origin.unknown {
-        origin.value = Some((mean - along * mean_s).into());
+        origin.value = Some(found.into());
     }
     for row in rows {
         if let Seen::Ball { axes: own, .. } = &mut row.seen {
@@ -286,7 +303,7 @@ pub(crate) fn place_bar(
 /// The directions along the row, to side 1 and to side 2, as columns.
 fn across(
     along: &Vector3<f64>,
-    placement: &Placement,
+    placement: &Placement<'_>,
     places: &[Place],
     table: &CsvTable,
 ) -> Result<Matrix3<f64>, InputError> {

@@ -120,6 +120,17 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
         );
     }
     assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
+    // The unit of the header may be repeated, and is applied once.
+    let path = folder.path().join("stated.csv");
+    fs::write(&path, "target,deviation mm\n0,0.001\n10,0.003\n20,0.006\n").expect("written");
+    let stated = path.display().to_string();
+    assert_eq!(
+        json(&["iso230", "--unit", "mm", &stated]),
+        json(&["iso230", &stated])
+    );
+    let message = refused(&["fit", "--unit", "um", &stated, "--method", "poly"]);
+    let said = "stated.csv: found deviations in mm, expected µm (--unit um)";
+    assert!(message.contains(said), "{message}");
 }
 
 /// A table of a spreadsheet in a country of decimal commas, with a column that nobody reads.

@@ -364,3 +364,44 @@ fn a_unit_agrees_with_the_header_of_the_file() {
         }
     }
 }
+
+/// A stated angle or length that no machine has is refused, one that is odd is told.
+#[test]
+fn stated_values_have_the_size_of_a_machine() {
+    let folder = folder_of_two_axes();
+    let of = |table: &str| {
+        let text = format!("machine = \"machine.toml\"\n{table}\n");
+        CalibrationFile::read(&written(&folder, "c.toml", &text))
+    };
+    for (table, expected) in [
+        (
+            "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1e9",
+            ":4: location[0].value_urad: found 1000000 mrad, expected less than 100 mrad",
+        ),
+        (
+            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = -2e5",
+            ":4: squareness[0].value_urad: found -200 mrad",
+        ),
+        (
+            "[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2e5",
+            "squareness[0].reference_angle_urad: found 200 mrad",
+        ),
+        (
+            "[[squareness]]\nerror = \"EC0Y\"\noptical_square_urad = 2e5",
+            "squareness[0].optical_square_urad: found 200 mrad",
+        ),
+    ] {
+        let message = of(table).expect_err(table).to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+    for table in ["location", "squareness"] {
+        let told = |value: f64| {
+            let text = format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = {value:?}");
+            let file = of(&text).expect("read");
+            let notes = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+            let expected = format!("EC0Y in [[{table}]]: -1200 µrad is large for a machine tool");
+            notes.iter().any(|note| note.starts_with(&expected))
+        };
+        assert!(told(-1200.0) && !told(-900.0), "{table}");
+    }
+}

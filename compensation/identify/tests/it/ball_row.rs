@@ -210,6 +210,19 @@ fn what_is_wrong_with_a_row_is_named() {
             "judge = true\n",
             "found `judge = true` without a known origin",
         ),
+        (
+            ROW,
+            read,
+            "origin = [5, 0, 0]\n",
+            "origin: found an origin 5.0 mm from where the readings of the balls put it, 5.0 mm of it along the row",
+        ),
+        (
+            ROW,
+            read,
+            "origin = [0, 0, -4]\ndirection = [1, 0, 0]\n",
+            "found an origin 4.0 mm from where the readings of the balls put it, 0.0 mm of it along the row",
+        ),
+        (ROW, read, "origin = [0, 0, 0]\n", ""),
         (ROW, read, "point = [1, 2, 3]\n", "unknown key"),
         (
             ROW,
