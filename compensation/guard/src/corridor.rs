@@ -22,6 +22,19 @@ impl Corridor {
         }
     }
 
+    /// These values (mm, rad) are applied. Where an axis may have been led there by the words before, these count on; where it
+    /// was moved by something else, it begins anew.
+    pub(crate) fn begin(&mut self, values: &PerChannel<f64>, limits: &Limits) {
+        let before = *self;
+        *self = Self::about(values, limits);
+        for i in 0..limits.count {
+            if before.contains(i, values[i], limits) {
+                self.lowest[i] = self.lowest[i].max(before.lowest[i]);
+                self.highest[i] = self.highest[i].min(before.highest[i]);
+            }
+        }
+    }
+
     /// Time passes.
     pub(crate) fn widen(&mut self, limits: &Limits, dt_s: f64) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {

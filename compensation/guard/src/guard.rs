@@ -136,13 +136,13 @@ impl Guard {
         let until = self.sent_to_barrier.map(|sent| sent.saturating_add(delay));
         self.shared_until = until.filter(|_| is_same);
         let sent = self.output();
-        let corridor = self.corridor;
-        self.begin_with(&places.map(|place| place.map_or(0.0, |place| sent[place])));
-        if is_same {
-            self.corridor = corridor;
-        }
-        self.before = self.vector;
+        let sent = places.map(|place| place.map_or(0.0, |place| sent[place]));
         self.limits = limits;
+        if !is_same {
+            self.corridor = Corridor::about(&sent, &self.limits);
+        }
+        self.begin_with(&sent);
+        self.before = self.vector;
         self.adopted = PerChannel::default();
         self.took_over = true;
         (self.held, self.stopped_since) = (None, None);
@@ -350,7 +350,7 @@ impl Guard {
     /// The output begins with these values (mm, rad).
     fn begin_with(&mut self, values: &PerChannel<f64>) {
         self.vector = Vector::at(values);
-        self.corridor = Corridor::about(values, &self.limits);
+        self.corridor.begin(values, &self.limits);
         self.stood = true;
     }
 

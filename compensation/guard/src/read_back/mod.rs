@@ -185,10 +185,9 @@ impl ReadBack {
             Kind::Barrier(_) | Kind::Echo(_) => true,
             Kind::NoReadBack(lines) => lines.tells(),
         };
-        if is_told {
-            let answered = *told != Told::Nothing;
-            self.landing.hear(now, answered, landed, limits);
-        }
+        // Lines that tell nothing are not waited for.
+        let answered = !is_told || *told != Told::Nothing;
+        self.landing.hear(now, answered, landed, limits);
         self.tell();
     }
 

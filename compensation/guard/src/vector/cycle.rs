@@ -2,7 +2,10 @@
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use super::motion::{allowed_part, braking_part, stopping_part, within};
+use super::{
+    ARRIVED_STEPS,
+    motion::{allowed_part, braking_part, stopping_part, within},
+};
 use crate::Limits;
 
 /// The limits of a cycle.
@@ -43,10 +46,10 @@ impl Cycle<'_> {
         self.limits.axes[axis].resolution
     }
 
-    /// The acceleration over ways that the axes of a kind go together, 1/s².
+    /// The acceleration over ways that the axes of a kind go together, 1/s². An axis that is there but for a rounding sets none.
     pub(super) fn accel_over(&self, ways: &PerChannel<f64>, kind: AxisKind) -> f64 {
         self.of_kind(kind)
-            .filter(|i| ways[*i] != 0.0)
+            .filter(|i| ways[*i].abs() > ARRIVED_STEPS * self.step(*i))
             .map(|i| self.accel[i] / ways[i].abs())
             .fold(f64::INFINITY, f64::min)
     }

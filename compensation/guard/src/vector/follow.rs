@@ -249,11 +249,7 @@ impl Vector {
         };
         let left = 1.0 - advance.ramp;
         let later = PerChannel::from_fn(|i| share.position[i] - advance.ramp * self.offset[i]);
-        let part = if self.excess == PerChannel::ZERO {
-            share.part
-        } else {
-            self.part(left, wanted, &later, &share.rotary, cycle)
-        };
+        let part = self.part(left, wanted, &later, &share.rotary, cycle);
         let (least, most) = (at(&advance.least), at(&advance.most));
         let (mut low, mut high) = (0.0_f64, 1.0_f64);
         for i in cycle.of_kind(AxisKind::Linear) {

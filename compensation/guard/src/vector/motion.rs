@@ -14,12 +14,9 @@ pub(super) fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
     if distance <= 0.0 {
         return 0.0;
     }
-    if accel.is_infinite() {
-        return distance / dt_s;
-    }
-    let by_cycle = accel * dt_s;
-    // Without the difference of two numbers that are nearly the same.
-    2.0 * accel * distance / (libm::sqrt(by_cycle * by_cycle + 2.0 * accel * distance) + by_cycle)
+    // Without the difference of two numbers that are nearly the same, and without the square of one that may be huge.
+    let cycles = 2.0 * distance / (accel * dt_s * dt_s);
+    2.0 * distance / dt_s / (libm::sqrt(1.0 + cycles) + 1.0)
 }
 
 /// The deceleration that an axis needs to stop within `distance`: more than it is allowed only where a limit or an

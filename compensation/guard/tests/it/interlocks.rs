@@ -388,3 +388,34 @@ fn what_is_free_again_in_a_stop_is_led_nowhere() {
         }
     }
 }
+
+/// Without a barrier: what a lowered limit left outside comes in at the slew, also while a stop chatters.
+#[test]
+fn a_stop_that_chatters_does_not_speed_up_what_comes_in_from_beyond_a_limit() {
+    let mut limits = limits();
+    limits.axes.iter_mut().for_each(|axis| {
+        axis.slew_per_s = 0.005;
+        axis.accel_per_s2 = f64::INFINITY;
+    });
+    let mut world = World::new(&limits);
+    world.target = Some(axes(0.100, 0.0));
+    world.request(Request::Arm);
+    world.run(Duration::from_secs(25));
+    let from = world.applied[0];
+    assert!((from - 0.100).abs() < 0.002, "{from}");
+    world.lower_limits(0.010);
+    world.target = Some(axes(0.0, 0.0));
+    let begun = world.now;
+    world.request(Request::Switched);
+    for cycle in 0..100 {
+        let interlock = Interlock {
+            emergency_stop: cycle % 2 == 0,
+            ..Interlock::default()
+        };
+        world.interlocks.see(1, Some(interlock));
+        world.cycle_after(PERIOD, None);
+    }
+    let passed_s = (world.now - begun).as_secs_f64();
+    let (way, most) = (from - world.applied[0], 0.005 * passed_s + 0.001 + 1e-9);
+    assert!(way <= most, "{way} mm in {passed_s} s, {most} allowed");
+}

@@ -324,3 +324,25 @@ fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() 
         assert_eq!(before.0, expected, "{waited_ms} ms");
     }
 }
+
+/// Lines that tell nothing: somebody arms while the module takes nothing, disarms again, and mends the module.
+#[test]
+fn lines_that_took_nothing_can_be_armed_once_they_do() {
+    let mut world = World::lines(&limits());
+    world.write_fails = true;
+    world.request(Request::Arm);
+    world.run(Duration::from_millis(200));
+    world.request(Request::Disarm);
+    let out = world.run(Duration::from_secs(1));
+    assert_eq!(
+        (out.state, world.applied),
+        (State::Disarmed, PerChannel::ZERO)
+    );
+    world.write_fails = false;
+    world.run(Duration::from_secs(60));
+    world.request(Request::Acknowledge);
+    world.run(Duration::from_secs(1));
+    world.request(Request::Arm);
+    let out = world.run(Duration::from_secs(2));
+    assert_eq!(out.state, State::Compensating, "{:?}", out.reasons);
+}

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{Limits, Request, State, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, Request, State, Vector, Wanted};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
@@ -405,4 +405,81 @@ fn what_stands_between_steps_is_ramped_out() {
             assert!(at.abs() <= 0.51 * axis.resolution, "seed {seed}: {left:?}");
         }
     }
+}
+
+/// A rotary axis with an acceleration, linear ones without: what went back to zero stands a hair beside it, and the ramp
+/// to zero never begins.
+#[test]
+fn a_ramp_to_zero_ends_where_a_rotary_axis_went_back_to_zero_before() {
+    let mut limits = limits();
+    limits.count = 2;
+    limits.axes[0].accel_per_s2 = f64::INFINITY;
+    limits.axes[1] = AxisLimits {
+        kind: AxisKind::Rotary,
+        limit: 150e-6,
+        warn: 100e-6,
+        slew_per_s: 500e-6,
+        accel_per_s2: 10e-3,
+        resolution: 5e-6,
+        ..limits.axes[1]
+    };
+    let mut world = World::new(&limits);
+    (world.target, world.rotary[1]) = (Some(axes(0.080, 0.0)), 50e-6);
+    let world = &mut world.arm();
+    assert!((world.applied[1] - 50e-6).abs() < 1e-9);
+    // The machine goes to where the rotary axis needs no correction.
+    world.rotary[1] = 0.0;
+    world.run(Duration::from_secs(4));
+    assert_eq!(world.applied[1], 0.0);
+    world.request(Request::Disarm);
+    let out = world.run(Duration::from_secs(60));
+    assert_eq!((out.state, world.applied[0]), (State::Disarmed, 0.0));
+}
+
+/// How long the ramp takes of a correction that is wanted beyond the limit, s; infinite: two minutes and more.
+fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, wanted: [f64; 2]) -> f64 {
+    let mut limits = limits();
+    limits.ramp = ramp;
+    for axis in &mut limits.axes {
+        (axis.limit, axis.warn, axis.slew_per_s, axis.accel_per_s2) = (limit, limit, slew, accel);
+    }
+    let wanted = Wanted::linear(axes(wanted[0], wanted[1]));
+    let mut vector = Vector::default();
+    for cycle in 1..=30_000_u32 {
+        vector.follow(&wanted, &limits, 0.004);
+        if vector.is_ramped() {
+            return f64::from(cycle) * 0.004;
+        }
+    }
+    f64::INFINITY
+}
+
+/// The ramp of what is wanted beyond the limit takes no longer than the ramp, or than slew and acceleration need for all that
+/// is wanted, twice.
+#[test]
+fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
+    let mut wrong = 0;
+    for limit in [0.030, 0.050, 0.100] {
+        for slew in [0.05, 0.5] {
+            for accel in [0.2, 2.0, 10.0, f64::INFINITY] {
+                for ramp_ms in [100, 2000] {
+                    for wanted in [[0.040, 0.0], [0.186, 0.0], [0.186, -0.172], [0.060, 0.040]] {
+                        let ramp = Duration::from_millis(ramp_ms);
+                        let taken_s = ramp_s(limit, slew, accel, ramp, wanted);
+                        let most = wanted[0].abs();
+                        let alone_s = (most / slew + 2.0 * slew / accel)
+                            .max(2.0 * (2.0 * most / accel).sqrt());
+                        let allowed_s = 2.0 * ramp.as_secs_f64().max(alone_s) + 0.1;
+                        if taken_s > allowed_s {
+                            wrong += 1;
+                            println!(
+                                "limit {limit} slew {slew} accel {accel} ramp {ramp_ms} ms wanted {wanted:?}: {taken_s} s, {allowed_s} s allowed"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert_eq!(wrong, 0);
 }

@@ -79,6 +79,8 @@ pub(crate) struct World {
     pub(crate) target: Option<PerChannel<f64>>,
     /// How linear axes follow rotary ones, as in [`Wanted`].
     pub(crate) follow: PerChannel<PerChannel<f64>>,
+    /// The shares of the rotary axes, as in [`Wanted`].
+    pub(crate) rotary: PerChannel<f64>,
     pub(crate) positions: PerChannel<f64>,
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
@@ -180,6 +182,7 @@ impl World {
             scanned: now,
             scan_time: SCAN,
             target: Some(axes(0.040, -0.020)),
+            rotary: PerChannel::ZERO,
             follow: PerChannel::default(),
             positions: PerChannel::ZERO,
             referenced: true,
@@ -336,6 +339,7 @@ impl World {
             interlocks: self.interlocks.reasons(),
             wanted: self.target.map(|target| Wanted {
                 follow: self.follow,
+                rotary: self.rotary,
                 ..Wanted::linear(target)
             }),
             let_go: false,
