@@ -47,8 +47,12 @@ pub(crate) struct Displacement {
     /// The constant that belongs to the terms, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) constant_urad: Option<f64>,
-    /// How far the constants of the files and positions are apart, in the unit of the column.
-    pub(crate) constant_spread: f64,
+    /// How far the constants of the files and positions are apart, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) constant_spread_um: Option<f64>,
+    /// How far the constants of the files and positions are apart, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) constant_spread_urad: Option<f64>,
     /// The terms as they stand in a machine file.
     pub(crate) toml: String,
 }
@@ -98,8 +102,14 @@ pub(crate) struct Segment {
 pub(crate) struct DriftTerm {
     /// Time constant of the first-order lag, s.
     pub(crate) lag_s: f64,
-    /// Weight of each sensor, µm/K or µrad/K.
+    /// Weight of each sensor, a factor of the drift.
     pub(crate) sensors: BTreeMap<String, f64>,
+    /// The drift of a weight of 1, µm/K.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) um_per_k: Option<f64>,
+    /// The drift of a weight of 1, µrad/K.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) urad_per_k: Option<f64>,
 }
 
 /// One `[[thermal.expansion]]` of a machine file.
@@ -126,7 +136,7 @@ pub(crate) struct LeftOut {
     pub(crate) rms_urad: Option<f64>,
 }
 
-/// One number of the terms. It fills the key of its unit.
+/// One number of the terms. It and its standard uncertainty (k = 1) fill the keys of its unit.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Number {
     /// Name of the sensor.
@@ -143,8 +153,15 @@ pub(crate) struct Number {
     /// Expansion, µm/(m·K).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) um_per_m_k: Option<f64>,
-    /// Standard uncertainty of the number, in its unit.
-    pub(crate) uncertainty: f64,
+    /// Standard uncertainty of the drift, µm/K.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty_um_per_k: Option<f64>,
+    /// Standard uncertainty of the drift, µrad/K.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty_urad_per_k: Option<f64>,
+    /// Standard uncertainty of the expansion, µm/(m·K).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty_um_per_m_k: Option<f64>,
 }
 
 /// The error of validation with so many numbers.
@@ -158,8 +175,12 @@ pub(crate) struct Size {
     /// Root mean square error of validation, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rms_urad: Option<f64>,
-    /// Standard error of it over the files or stretches of time, in the same unit.
-    pub(crate) standard_error: f64,
+    /// Standard error of it over the files or stretches of time, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) standard_error_um: Option<f64>,
+    /// Standard error of it over the files or stretches of time, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) standard_error_urad: Option<f64>,
 }
 
 /// What a sensor has shown in the tests.

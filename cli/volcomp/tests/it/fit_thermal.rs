@@ -23,7 +23,7 @@ fn few_terms_are_enough_for_a_spindle() {
         let numbers = channel["numbers"].as_array().expect("a list");
         assert!(numbers.len() <= 18);
         for number in numbers {
-            let uncertainty = number["uncertainty"].as_f64().expect("a number");
+            let uncertainty = number["uncertainty_um_per_k"].as_f64().expect("a number");
             assert!(uncertainty > 0.0, "{number}");
         }
     }
@@ -156,12 +156,24 @@ fn several_tests_are_judged_by_tests_left_out() {
     let drift = &channel["drift"];
     assert_eq!(drift.as_array().map(Vec::len), Some(1), "{drift}");
     assert_eq!(drift[0]["lag_s"], 900.0);
+    assert_eq!(drift[0]["um_per_k"], 1.0);
     let per_k = drift[0]["sensors"]["spindle"]
         .as_f64()
         .expect("the spindle");
     assert!((per_k - 2.0).abs() < 0.05, "{per_k}");
     let expansion = &channel["expansion"][0];
     assert_eq!(expansion["sensor"], "scale");
+    // Every number has a key of its unit, and its uncertainty the same.
+    for number in channel["numbers"].as_array().expect("a list") {
+        let is_drift = number["lag_s"].is_number();
+        let [with, without] = match is_drift {
+            true => ["um_per_k", "um_per_m_k"],
+            false => ["um_per_m_k", "um_per_k"],
+        };
+        let uncertainty = |unit: &str| &number[format!("uncertainty_{unit}")];
+        assert!(number[with].is_number() && uncertainty(with).is_number());
+        assert!(number[without].is_null() && uncertainty(without).is_null());
+    }
     let um_per_m_k = expansion["um_per_m_k"].as_f64().expect("a number");
     let fixed_mm = expansion["fixed_mm"].as_f64().expect("a number");
     assert!((um_per_m_k - 11.0).abs() < 0.3, "{um_per_m_k}");
@@ -184,6 +196,31 @@ fn several_tests_are_judged_by_tests_left_out() {
         std::fs::write(&other, first.replacen(from, to, 1)).expect("written");
         let message = refused(&["fit-thermal", files[0], other.to_str().expect("UTF-8")]);
         assert!(message.replace('\n', " ").contains(expected), "{message}");
+    }
+}
+
+/// The shipped machine file has the terms that the shipped runs give.
+#[test]
+fn shipped_runs_and_the_machine_file_with_their_terms() {
+    let runs = ["monday", "tuesday", "wednesday", "thursday"];
+    let runs = runs.map(|day| format!("examples/thermal/{day}.csv"));
+    let call: Vec<&str> = std::iter::once("fit-thermal")
+        .chain(runs.iter().map(String::as_str))
+        .collect();
+    let answer = json(&call);
+    let channel = &answer["displacements"][0];
+    // The noise of the displacement is 0.2 µm, both where the run begins and in each row.
+    for left in channel["left_out"].as_array().expect("a list") {
+        let rms = left["rms_um"].as_f64().expect("a number");
+        assert!((0.15..0.4).contains(&rms), "{left}");
+    }
+    let machine = std::fs::read_to_string(root().join("examples/thermal/mill.toml"));
+    let machine: toml::Table = machine.expect("read").parse().expect("TOML");
+    let terms = channel["toml"].as_str().expect("text");
+    let terms: toml::Table = format!("[thermal]\n{terms}").parse().expect("TOML");
+    assert!(terms["thermal"].get("seen").is_some());
+    for (key, expected) in terms["thermal"].as_table().expect("a table") {
+        assert_eq!(&machine["thermal"][key], expected, "{key}");
     }
 }
 

@@ -11,7 +11,7 @@ use super::{
     found::{ThermalNumber, ThermalSize, ThermalTerms},
     options::ThermalOptions,
     runs::ThermalRun,
-    sensors::telling,
+    sensors::representative_sensors,
 };
 use crate::FitError;
 
@@ -26,14 +26,14 @@ const LEAST_ROWS: usize = 20;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalSearch {
-    /// Time constants to choose from, s; 0 is no lag.
+    /// Time constants to choose from, s; 0 is no lag. Where expansions are looked for, 0 is always one of those chosen.
     pub lags_s: Vec<f64>,
     /// Penalties of the ridge regression to choose from, as shares of the variance of what a number multiplies. The smaller
     /// they are, the larger and the more opposite become the numbers of sensors that move alike.
     pub penalties: Vec<f64>,
     /// The most sensors.
     pub most_sensors: usize,
-    /// The most time constants.
+    /// The most time constants; 0 counts as one.
     pub most_lags: usize,
     /// Whether expansions are looked for where the position was varied.
     pub expansions: bool,
@@ -75,11 +75,8 @@ impl ThermalSearch {
         Ok(())
     }
 
-    /// Every choice of time constants, those with few first.
-    fn lag_sets(&self) -> Vec<Vec<f64>> {
-        let mut lags = self.lags_s.clone();
-        lags.sort_by(f64::total_cmp);
-        lags.dedup();
+    /// Every choice of some of `lags`, which rise, those with few first.
+    fn lag_sets(&self, lags: &[f64]) -> Vec<Vec<f64>> {
         let mut sets: Vec<Vec<f64>> = vec![Vec::new()];
         let mut last = sets.clone();
         for _ in 0..self.most_lags.min(lags.len()) {
@@ -98,7 +95,7 @@ impl ThermalSearch {
 
 /// Finds the terms of one displacement from several runs, or from one.
 ///
-/// The sensors are those which tell most of what all sensors tell. Time constants and penalty are those with the smallest
+/// The sensors are those which explain most of the movement of all sensors. Time constants and penalty are those with the smallest
 /// error of validation. Then numbers are left out, each time the one without which that error is smallest; of this path the
 /// fewest numbers are taken whose error is no larger than the smallest by more than one standard error.
 ///
@@ -171,13 +168,17 @@ fn search_rows(
         }
     }
     let known: Vec<(&ThermalRun, Range<usize>)> = runs.iter().zip(rows.iter().cloned()).collect();
-    let chosen = telling(&known, search.most_sensors);
+    let chosen = representative_sensors(&known, search.most_sensors);
     let space = Space::new(&known, &chosen, search, stretches_of_run);
     space.search(search, &known)
 }
 
 /// The columns to choose from, their sums over stretches, and how a choice is judged.
 struct Space {
+    /// Time constants to choose from, s, rising.
+    lags_s: Vec<f64>,
+    /// Whether there are columns of expansions.
+    expands: bool,
     columns: Vec<Column>,
     stretches: Vec<Stretch>,
     folds: Vec<Fold>,
@@ -262,6 +263,8 @@ impl Space {
             (0..known.len()).filter_map(fold).collect()
         };
         Self {
+            lags_s: lags,
+            expands,
             columns,
             stretches,
             folds,
@@ -287,14 +290,10 @@ impl Space {
         })
     }
 
-    /// The columns of some time constants, with every expansion and what has no lag where there are expansions.
+    /// The columns of some time constants, with every expansion.
     fn with_lags(&self, lags: &[f64]) -> Vec<usize> {
-        let expands = self
-            .columns
-            .iter()
-            .any(|c| c.effect == ThermalEffect::Expansion);
         let takes = |column: &Column| match column.effect {
-            ThermalEffect::Drift { lag_s } => lags.contains(&lag_s) || (expands && lag_s == 0.0),
+            ThermalEffect::Drift { lag_s } => lags.contains(&lag_s),
             ThermalEffect::Expansion => true,
         };
         let places = 0..self.columns.len();
@@ -306,7 +305,10 @@ impl Space {
     /// The best choice of time constants and penalty, then with one number less each time.
     fn path(&self, search: &ThermalSearch) -> Vec<Choice> {
         let mut best: Option<Choice> = None;
-        for lags in search.lag_sets() {
+        let mut sets = search.lag_sets(&self.lags_s);
+        // The fixed point of an expansion needs what has no lag.
+        sets.retain(|lags| !self.expands || lags.contains(&0.0));
+        for lags in sets {
             for &penalty in &search.penalties {
                 let choice = self.judged(self.with_lags(&lags), penalty);
                 best = match (best, choice) {

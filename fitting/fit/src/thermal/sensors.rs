@@ -1,4 +1,4 @@
-//! The few sensors that tell most of what all of them tell.
+//! The few sensors from whose movement that of all sensors follows best.
 
 use std::ops::Range;
 
@@ -10,14 +10,17 @@ use super::runs::ThermalRun;
 const NOISE_K: f64 = 0.05;
 /// Below this movement, K, a sensor stands still.
 const STILL_K: f64 = 1e-3;
-/// Of a sensor of which less than this share of its variance is not told by those chosen, nothing is left to tell.
+/// A sensor of whose variance those chosen leave less than this share is not chosen: it shows nothing new.
 const LEAST_SHARE: f64 = 1e-6;
 const MOST_ROWS: usize = 2000;
 
 /// Chooses sensors one after the other: each time the one which, together with those before it, explains most of the
 /// movement of all sensors, each scaled to its own. Displacements are not looked at: of many sensors that move alike they would pick
 /// by chance the one whose noise fits best.
-pub(super) fn telling(runs: &[(&ThermalRun, Range<usize>)], most: usize) -> Vec<usize> {
+pub(super) fn representative_sensors(
+    runs: &[(&ThermalRun, Range<usize>)],
+    most: usize,
+) -> Vec<usize> {
     let sensors = runs.first().map_or(0, |(run, _)| run.record.degc.len());
     let mut columns: Vec<DVector<f64>> = (0..sensors)
         .map(|sensor| {

@@ -186,6 +186,30 @@ fn an_expansion_is_found_where_the_position_was_varied() {
     );
 }
 
+/// What has no lag, in which the fixed point of an expansion shows, is one of the time constants that are counted.
+#[test]
+fn time_constants_are_counted_where_expansions_are_looked_for() {
+    let mut runs: Vec<ThermalRun> = (41..45).map(moving).collect();
+    for run in &mut runs {
+        // A drift with a lag on top, which every search would like to have.
+        let mut lagged = run.record.degc[0][0];
+        for row in 0..run.record.len() {
+            lagged += (run.record.degc[0][row] - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
+            run.record.displacement[row] += 3.0 * lagged;
+        }
+    }
+    for most_lags in [1, 2] {
+        let search = ThermalSearch {
+            lags_s: vec![300.0, 900.0],
+            most_lags,
+            ..ThermalSearch::default()
+        };
+        let found = search_thermal(&runs, &search).unwrap().lags_s();
+        assert!(found.len() <= most_lags, "{found:?}");
+        assert_eq!(found.contains(&900.0), most_lags == 2, "{found:?}");
+    }
+}
+
 #[test]
 fn what_the_sensors_have_shown_is_told() {
     let runs = runs(1, 3);

@@ -13,6 +13,7 @@ mod refusals;
 mod reproduction;
 #[cfg(feature = "serde")]
 mod serialised;
+mod shipped_runs;
 mod thermal;
 
 /// `count` targets over 0 to 8000 mm.

@@ -56,20 +56,24 @@ fn displacement(
         };
         let scale = if lag_s.is_none() { 1e3 } else { 1.0 };
         let value = number.value * scale;
+        let uncertainty = number.uncertainty * scale;
         Number {
             sensor: name(number.sensor),
             lag_s,
             um_per_k: lag_s.and(in_um(value)),
             urad_per_k: lag_s.and(in_urad(value)),
             um_per_m_k: lag_s.is_none().then_some(value),
-            uncertainty: number.uncertainty * scale,
+            uncertainty_um_per_k: lag_s.and(in_um(uncertainty)),
+            uncertainty_urad_per_k: lag_s.and(in_urad(uncertainty)),
+            uncertainty_um_per_m_k: lag_s.is_none().then_some(uncertainty),
         }
     };
     let size = |size: &volcomp_fit::ThermalSize| Size {
         numbers: size.numbers,
         rms_um: in_um(size.rms),
         rms_urad: in_urad(size.rms),
-        standard_error: size.standard_error,
+        standard_error_um: in_um(size.standard_error),
+        standard_error_urad: in_urad(size.standard_error),
     };
     let left_out = arguments.data.iter().zip(&channel.left_out);
     let left_out = left_out.map(|(file, &rms)| LeftOut {
@@ -89,7 +93,12 @@ fn displacement(
         sizes: found.path.iter().map(size).collect(),
         drift: drift
             .into_iter()
-            .map(|(lag_s, sensors)| DriftTerm { lag_s, sensors })
+            .map(|(lag_s, sensors)| DriftTerm {
+                lag_s,
+                sensors,
+                um_per_k: in_um(1.0),
+                urad_per_k: in_urad(1.0),
+            })
             .collect(),
         expansion: expansions
             .into_iter()
@@ -110,7 +119,8 @@ fn displacement(
             .collect(),
         constant_um: in_um(constant),
         constant_urad: in_urad(constant),
-        constant_spread: spread,
+        constant_spread_um: in_um(spread),
+        constant_spread_urad: in_urad(spread),
         toml: terms::toml(found, sensors, error, arguments.reference, angular),
     }
 }

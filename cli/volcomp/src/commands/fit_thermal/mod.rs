@@ -41,13 +41,15 @@ pub(crate) struct Arguments {
     /// Temperature at which the terms are zero, °C
     #[arg(long, default_value_t = 20.0, allow_hyphen_values = true)]
     reference: f64,
-    /// Time constants to choose from, s: 0,300,900
+    /// Time constants to choose from, s, separated by commas; without it
+    /// 0,120,300,600,900,1200,1800,2700,3600,5400. 0 is no lag
     #[arg(long, value_delimiter = ',')]
     lags: Vec<f64>,
     /// The most sensors that the terms may have
     #[arg(long, default_value_t = 6)]
     most_sensors: usize,
-    /// The most time constants that the terms may have
+    /// The most time constants that the terms may have; 0 counts as one, and where an axis was moved and its expansion is
+    /// looked for it is always among them
     #[arg(long, default_value_t = 3)]
     most_lags: usize,
 }
