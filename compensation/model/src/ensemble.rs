@@ -85,7 +85,7 @@ impl Ensemble {
         let Some(found) = self.found.as_ref().map(&number) else {
             return widened;
         };
-        let mut fourth_powers = [0.0; N];
+        let (mut of_scatters, mut fourth_powers) = ([0.0; N], [0.0; N]);
         for scatter in &self.scatters {
             let mut of_scatter = [0.0; N];
             for machine in &scatter.shifted {
@@ -94,13 +94,24 @@ impl Ensemble {
                     *sum += (shifted - found).powi(2);
                 }
             }
-            for (sum, of_scatter) in fourth_powers.iter_mut().zip(&of_scatter) {
-                *sum += of_scatter * of_scatter / scatter.degrees;
+            for ((sum, powers), of_scatter) in of_scatters
+                .iter_mut()
+                .zip(&mut fourth_powers)
+                .zip(&of_scatter)
+            {
+                *sum += of_scatter;
+                *powers += of_scatter * of_scatter / scatter.degrees;
             }
         }
-        for ((widened, variance), powers) in widened.iter_mut().zip(&variance).zip(&fourth_powers) {
+        let of_scatters = of_scatters.iter().zip(&fourth_powers);
+        for ((widened, variance), (of_scatters, powers)) in
+            widened.iter_mut().zip(&variance).zip(of_scatters)
+        {
             if *powers > 0.0 {
-                *widened *= student_95(variance * variance / powers) / NORMAL_95;
+                // The variance of a few machines may by chance be less than what the scatters alone add to it. With the
+                // larger one there are never fewer degrees of freedom than those of the scatter with the fewest.
+                let whole = variance.max(*of_scatters);
+                *widened *= student_95(whole * whole / powers) / NORMAL_95;
             }
         }
         widened
