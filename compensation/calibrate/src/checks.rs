@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName}
 
 use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource},
-    setup::Setup,
+    setup::{Method, Setup},
 };
 
 /// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
@@ -23,6 +23,34 @@ const SMALL_BELOW: f64 = 0.1;
 const SHORT_BELOW: f64 = 0.5;
 /// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.
 const BEYOND_ABOVE: f64 = 0.02;
+
+/// Refuses the file of another error, read in the same way: the readings of one are not those of the other. Angles of a bridge may
+/// give the angular error itself and, summed up, a straightness.
+pub(crate) fn refuse_file_of_another(
+    before: &[Line],
+    line: &Line,
+    file: &Value<'_>,
+) -> Result<(), InputError> {
+    let is_direct = |line: &Line| line.setup.method == Method::Direct;
+    let same = before.iter().find(|other| {
+        other.file == line.file
+            && other.setup.error != line.setup.error
+            && is_direct(other) == is_direct(line)
+    });
+    same.map_or(Ok(()), |other| {
+        Err(file.error(format!(
+            "found {:?}, which is the file of {} at {}, expected that of {}",
+            line.file
+                .file_name()
+                .unwrap_or_default()
+                .display()
+                .to_string(),
+            other.setup.error,
+            other.place,
+            line.setup.error
+        )))
+    })
+}
 
 /// Refuses readings (µm or µrad) that cannot be those of this line: of another axis that the machine has, none of them
 /// within the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.

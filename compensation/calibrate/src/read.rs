@@ -72,6 +72,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         let section = item.section()?;
         let line = decode_line(&section, &machine, folder, serial)?;
         check_same_curve(&measurements, &line, &section)?;
+        checks::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
         measurements.push(line);
     }
     let mut squareness: Vec<Squareness> = Vec::new();

@@ -71,12 +71,18 @@ pub enum IdentifyError {
     },
     /// The search did not come to an end.
     #[error(
-        "the search did not converge in {steps} steps; the last step was {last} standard uncertainties: expected observations that the unknowns can explain"
+        "the search did not converge in {steps} steps; the last step was {last:.1} standard uncertainties. There are {numbers} numbers for {unknowns} unknowns, of which they determine {rank}: expected more poses if these are few, else observations that the unknowns can explain"
     )]
     NotConverged {
         /// How many steps were taken.
         steps: usize,
         /// The largest last step, in standard uncertainties.
         last: f64,
+        /// How many numbers were observed.
+        numbers: usize,
+        /// How many unknowns there are.
+        unknowns: usize,
+        /// How many of them the numbers determine.
+        rank: usize,
     },
 }

@@ -122,7 +122,13 @@ pub(crate) fn solve(
         )?;
         return Ok(Solution::at(values, &equations, step));
     }
-    Err(IdentifyError::NotConverged { steps: most, last })
+    Err(IdentifyError::NotConverged {
+        steps: most,
+        last,
+        numbers: equations.residuals.len(),
+        unknowns: system.params.len(),
+        rank: kept.len(),
+    })
 }
 
 /// A step of the kept parameters among all.

@@ -166,9 +166,10 @@ fn several_tests_are_judged_by_tests_left_out() {
     // Every number has a key of its unit, and its uncertainty the same.
     for number in channel["numbers"].as_array().expect("a list") {
         let is_drift = number["lag_s"].is_number();
-        let [with, without] = match is_drift {
-            true => ["um_per_k", "um_per_m_k"],
-            false => ["um_per_m_k", "um_per_k"],
+        let [with, without] = if is_drift {
+            ["um_per_k", "um_per_m_k"]
+        } else {
+            ["um_per_m_k", "um_per_k"]
         };
         let uncertainty = |unit: &str| &number[format!("uncertainty_{unit}")];
         assert!(number[with].is_number() && uncertainty(with).is_number());
@@ -226,6 +227,8 @@ fn shipped_runs_and_the_machine_file_with_their_terms() {
 
 #[test]
 fn wrong_files_and_calls_end_with_status_2() {
+    let twice = refused(&["fit-thermal", SPINDLE, SPINDLE]);
+    assert!(twice.contains("stands twice"), "{twice}");
     let file = |text: &str| {
         let path = root().join("target/tmp/fit-thermal-wrong.csv");
         std::fs::create_dir_all(path.parent().expect("a folder")).expect("writable");

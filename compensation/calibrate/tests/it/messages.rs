@@ -33,6 +33,10 @@ fn every_wrong_key_is_named() {
     assert!(calibrate(&CalibrationFile::read(&good).expect("read"), |_, _| {}).is_ok());
     for (added, expected) in [
         ("at = { Z = 1 }", ":5: measurement[0].at.Z: the structure"),
+        (
+            "[[measurement]]\nerror = \"EYX\"\nfile = \"a.csv\"",
+            ":7: measurement[1].file: found \"a.csv\", which is the file of EXX at",
+        ),
         ("at = { X = 1 }", "X is the measured axis"),
         ("at = { Y = nan }", "expected a finite number"),
         ("poitn = [0, 0, 0]", ":5: measurement[0].poitn: unknown key"),

@@ -87,8 +87,23 @@ impl Channel {
     }
 }
 
+/// A test that is there twice would be predicted from itself.
+fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
+    let twice = files
+        .iter()
+        .enumerate()
+        .find(|(place, file)| files[..*place].contains(file));
+    twice.map_or(Ok(()), |(_, file)| {
+        Err(Failure::Input(format!(
+            "{} stands twice: expected each test once, since each is predicted from all others",
+            file.display()
+        )))
+    })
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let error = arguments.checked_error()?;
+    refuse_twice(&arguments.data)?;
     let files = read(arguments)?;
     let first = &files[0];
     let mut notes: Vec<String> = Vec::new();
