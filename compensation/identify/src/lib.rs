@@ -38,3 +38,4 @@ pub use observations::{
     Unknown,
 };
 pub use read::ReadFile;
+pub use timeline::Approach;

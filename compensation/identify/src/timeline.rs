@@ -105,17 +105,18 @@ pub(crate) fn set_times(
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
-/// The direction of the last travel of each axis.
-#[derive(Default)]
-struct Approach {
+/// From which side each axis of a machine came, over the poses in their order. A change of direction counts after travel
+/// over 5 µm or 0.0005° from the last turning point.
+#[derive(Clone, Debug, Default)]
+pub struct Approach {
     /// The last turning point of each axis, mm or rad.
     extreme: Option<[f64; MAX_AXES]>,
     direction: [Option<Direction>; MAX_AXES],
 }
 
 impl Approach {
-    /// Goes to a state and sets its directions.
-    fn to(&mut self, state: &mut State, machine: &Machine) {
+    /// Goes to a state of the machine and sets its directions of approach; `None` until an axis has moved.
+    pub fn to(&mut self, state: &mut State, machine: &Machine) {
         let extreme = self.extreme.get_or_insert(state.q.0);
         for (axis, (described, &q)) in machine.axes().iter().zip(&state.q).enumerate() {
             let kind = described.name.kind();

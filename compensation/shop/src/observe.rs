@@ -11,6 +11,7 @@ use std::fmt::Write;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_identify::Approach;
 use volcomp_kinematics::{
     State,
     nalgebra::{Matrix3, Vector3},
@@ -21,7 +22,7 @@ use volcomp_vocabulary::Displacement;
 use crate::{
     error::{ObservationError, ShopError},
     observation::{Setting, ShopObservation},
-    poses::{Approach, Room},
+    poses::Room,
     shop::Shop,
 };
 

@@ -6,7 +6,7 @@ use volcomp_kinematics::{
     nalgebra::{DMatrix, DVector, Vector3},
 };
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 /// Commands are rounded to this, mm or deg.
 const COMMAND_STEP: f64 = 1e-3;
@@ -16,8 +16,6 @@ const TRIES: usize = 200;
 const STEPS: usize = 12;
 /// A point that is missed by more is not reached, mm.
 const REACHED_MM: f64 = 1e-6;
-/// Axes turn after travel over this, mm or rad: that of a rotary axis, which every command of a linear one exceeds.
-const TURNED: f64 = 5e-4 / 180.0 * core::f64::consts::PI;
 
 /// The axes of a machine that are free to move, and where the others stand.
 #[derive(Clone, Debug)]
@@ -200,24 +198,4 @@ fn command(q: f64, [low, high]: [f64; 2]) -> f64 {
     ((q / COMMAND_STEP).round() * COMMAND_STEP)
         .max(low)
         .min(high)
-}
-
-/// The direction from which each axis comes, over the poses in their order.
-#[derive(Default)]
-pub(crate) struct Approach(Option<State>);
-
-impl Approach {
-    /// Goes to a pose: sets its directions of approach.
-    pub(crate) fn to(&mut self, state: &mut State) {
-        if let Some(last) = &self.0 {
-            state.approach = last.approach;
-            for (place, direction) in state.approach.iter_mut().enumerate() {
-                let travelled = state.q[place] - last.q[place];
-                if travelled.abs() > TURNED {
-                    *direction = Direction::of(travelled).or(*direction);
-                }
-            }
-        }
-        self.0 = Some(*state);
-    }
 }

@@ -2,14 +2,12 @@
 
 use std::fmt::Write;
 
+use volcomp_identify::Approach;
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::AxisName;
 
 use super::{Made, Observer, across, number, push_row};
-use crate::{
-    error::ObservationError,
-    poses::{Approach, actual_tip},
-};
+use crate::{error::ObservationError, poses::actual_tip};
 
 impl Observer<'_> {
     pub(super) fn diagonals(&mut self, names: &[String]) -> Result<Made, ObservationError> {
@@ -79,7 +77,7 @@ impl Observer<'_> {
         self.approach = Approach::default();
         for (row, target) in passes.into_iter().flatten().enumerate() {
             let mut state = place(target);
-            self.approach.to(&mut state);
+            self.approach.to(&mut state, self.truth);
             let actual = actual_tip(self.truth, &state, &Vector3::zeros());
             let nominal = way.norm() * target as f64 / (targets.max(2) - 1) as f64;
             let drift = self.drift_mm(&Vector3::x(), row, rows).x;

@@ -33,7 +33,7 @@ impl Observer<'_> {
         let drift = self.direction();
         let mut text = format!("{}{}length_mm\n", self.axes_header(), self.tool_header());
         for (pose, mut state) in states.into_iter().enumerate() {
-            self.approach.to(&mut state);
+            self.approach.to(&mut state, self.truth);
             let tip = actual_tip(self.tools.machine(pose), &state, &Vector3::zeros());
             let point = point + self.drift_mm(&drift, pose, poses);
             let read = self.read((tip - point).norm() - dead_length_mm);

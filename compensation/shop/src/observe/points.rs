@@ -28,7 +28,7 @@ impl Observer<'_> {
         let turn = turn * (1e-6 * self.what.instrument.angle.drift.0);
         let mut text = format!("{}{}x,y,z\n", self.axes_header(), self.tool_header());
         for (pose, mut state) in states.into_iter().enumerate() {
-            self.approach.to(&mut state);
+            self.approach.to(&mut state, self.truth);
             let tip = actual_tip(self.tools.machine(pose), &state, &offset);
             // A tracker that moves by +d sees everything moved by −d.
             let share = pose as f64 / poses.saturating_sub(1).max(1) as f64;

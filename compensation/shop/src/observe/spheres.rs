@@ -69,18 +69,25 @@ impl Observer<'_> {
         axes: &Matrix3<f64>,
         reads: Reads,
     ) -> Result<(State, Option<Vector3<f64>>), ObservationError> {
-        self.approach.to(&mut state);
         match reads {
             Reads::Offset => {
+                self.approach.to(&mut state, self.truth);
                 let tip = actual_tip(self.tools.machine(pose), &state, &Vector3::zeros());
                 let offset = axes.transpose() * (tip - centre);
                 Ok((state, Some(offset.map(|x| self.read(x)))))
             }
             Reads::Coordinates => {
-                let found = self.room.actual(self.tools.machine(pose), state, centre);
-                let mut state = found.ok_or(ObservationError::NotReached {
-                    at: (*centre).into(),
-                })?;
+                let machine = self.tools.machine(pose);
+                let found = |state| {
+                    let found = self.room.actual(machine, state, centre);
+                    found.ok_or(ObservationError::NotReached {
+                        at: (*centre).into(),
+                    })
+                };
+                // From which side an axis comes is told by where it really goes, as the coordinates that are written tell it.
+                let mut state = found(state)?;
+                self.approach.to(&mut state, self.truth);
+                let mut state = found(state)?;
                 let room = self.room.clone();
                 room.shift_linear(&mut state, |q| self.read(q));
                 Ok((state, None))

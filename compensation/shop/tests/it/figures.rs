@@ -191,3 +191,37 @@ at = { A = 0, C = 0 }
         "{after:?}"
     );
 }
+
+/// Where balls are probed, the machine goes to where they are found: an axis that is not commanded anew still goes to and
+/// fro by its errors, and so changes the side from which it comes.
+#[test]
+fn a_reversal_is_found_from_probed_balls() {
+    let truth = "structure = \"w X' b Y Z t\"
+axes = { X.travel = [0, 500], Y.travel = [0, 400], Z.travel = [0, 300] }
+[errors]
+EYY = { mean = { poly = [0.0, 0.02] }, reversal = 2.0 }
+EYX = { poly = [0.0, 0.4, -8e-4] }
+EZX = { poly = [0.0, 0.05] }
+";
+    let row = |origin: &str, direction: &str, file: &str| {
+        format!(
+            "[[observation]]\nkind = \"ball-row\"\nfile = \"{file}\"\norigin = {origin}\ndirection = {direction}\n\
+             distances = [0, 50, 100, 150, 200, 250, 300, 350]\nnoise_um = 0.3\nruns = 3\nboth_directions = true\n"
+        )
+    };
+    let shop = format!(
+        "unknown = [{{ error = \"EYY\", legendre = 1, reversal = true }}, {{ error = \"EYX\", legendre = 2 }}, \
+         {{ error = \"EZX\", legendre = 1 }}]\n{}{}",
+        row("[50, 200, 100]", "[1, 0, 0]", "along-x"),
+        row("[250, 20, 100]", "[0, 1, 0]", "along-y"),
+    );
+    let (found, _, _) = measured(truth, &shop);
+    let reversal = found.parameters.iter().find(|p| p.name == "EYY reversal");
+    let reversal = reversal.expect("asked for");
+    let uncertainty = reversal.uncertainty.expect("determined");
+    assert!(uncertainty < 0.3, "{reversal:?}");
+    assert!(
+        (reversal.value - 2.0).abs() < 4.0 * uncertainty,
+        "{reversal:?}"
+    );
+}
