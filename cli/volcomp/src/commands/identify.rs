@@ -12,6 +12,7 @@ use crate::{
     failure::Failure,
     output::OutputFile,
     progress,
+    table::folded,
 };
 
 /// Finds errors from trackers, spheres, ballbars, ball rows and diagonals
@@ -63,7 +64,18 @@ pose. Score: 1 is best; near 0 some unknowns can hardly be told apart.
 /// The tables of what was found, for people.
 pub(super) fn found_text(document: &Found) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
+    let mut given_zero: Vec<&str> = Vec::new();
     for parameter in &document.parameters {
+        for name in &parameter.given_zero {
+            if !given_zero.contains(&name.as_str()) {
+                given_zero.push(name);
+            }
+        }
+        let mark = if parameter.given_zero.is_empty() {
+            ""
+        } else {
+            " *"
+        };
         found.add_row([
             parameter.name.clone(),
             shown(parameter, parameter.value),
@@ -71,10 +83,16 @@ pub(super) fn found_text(document: &Found) -> String {
                 Some(uncertainty) => shown(parameter, uncertainty),
                 None => "not found".to_owned(),
             },
-            symbol(parameter.unit).to_owned(),
+            format!("{}{mark}", symbol(parameter.unit)),
         ]);
     }
     let mut text = table_text(&found);
+    if !given_zero.is_empty() {
+        let names = given_zero.join(", ");
+        let told = format!("* holds if what cannot be told apart from it is zero: {names}");
+        text.push('\n');
+        text += &folded(&told, "");
+    }
     let mut figures = table(&["what is left, µm", "rms", "max", ""]);
     let mut add = |what: &str, rms: f64, max: f64, of: String| {
         figures.add_row([what.to_owned(), fixed(rms, 2), fixed(max, 2), of]);
