@@ -2,6 +2,7 @@
 //! certainly wrong, noted where it is odd.
 
 use volcomp_document::{InputError, Value};
+use volcomp_kinematics::MotionFrame;
 use volcomp_metrology::{Measurement, MotionKind};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
@@ -23,6 +24,26 @@ const SMALL_BELOW: f64 = 0.1;
 const SHORT_BELOW: f64 = 0.5;
 /// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.
 const BEYOND_ABOVE: f64 = 0.02;
+
+/// Refuses a line of an error motion that turns with its axis: an instrument that does not turn sees two of them mixed. Only
+/// those along and about the axis itself are the same in both frames. `name` is the value that names the error.
+pub(crate) fn refuse_turning(
+    name: &Value<'_>,
+    error: ErrorName,
+    machine: &Machine,
+) -> Result<(), InputError> {
+    let turns = machine
+        .axis(error.axis)
+        .is_some_and(|axis| axis.motion_frame == MotionFrame::Turning);
+    let is_along = error.component.mcs_index() == error.axis.mcs_index();
+    if !turns || is_along {
+        return Ok(());
+    }
+    Err(name.error(format!(
+        "found {error}, and `motion_frame = \"turning\"` of {} in the machine file: instruments show error motions in the frame that does not turn, expected `motion_frame = \"fixed\"`",
+        error.axis
+    )))
+}
 
 /// Refuses the file of another error, read in the same way: the readings of one are not those of the other. Angles of a bridge may
 /// give the angular error itself and, summed up, a straightness.

@@ -200,7 +200,9 @@ fn decode_line(
         "holds_location",
     ];
     section.allow(&[&own[..], &Setup::KEYS].concat())?;
-    let error = decode_motion(&section.require("error")?, machine)?;
+    let error_value = section.require("error")?;
+    let error = decode_motion(&error_value, machine)?;
+    checks::refuse_turning(&error_value, error, machine)?;
     let setup = Setup::decode(section, error, machine)?;
     let holds_location = section.truth_or("holds_location", true)?;
     if let Some(value) = section

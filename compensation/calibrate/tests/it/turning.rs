@@ -77,3 +77,44 @@ fn a_turn_closes_by_itself() {
         }
     }
 }
+
+/// An instrument that does not turn sees two motions of a turning frame mixed: read as they are they would be silently wrong.
+#[test]
+fn lines_of_motions_that_turn_with_the_axis_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("written");
+        path
+    };
+    write("c.csv", "target,deviation\n0,0\n90,1\n180,2\n270,1\n");
+    for (frame, error, is_read) in [
+        ("turning", "EXC", false),
+        ("turning", "EBC", false),
+        ("turning", "EZC", true),
+        ("turning", "ECC", true),
+        ("fixed", "EXC", true),
+    ] {
+        write(
+            "machine.toml",
+            &format!(
+                "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
+            ),
+        );
+        let unit = if error.starts_with("EB") || error.starts_with("EC") {
+            "urad"
+        } else {
+            "um"
+        };
+        let text = format!(
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"{error}\"\nfile = \"c.csv\"\nunit = \"{unit}\"\n"
+        );
+        let read = CalibrationFile::read(&write("calibration.toml", &text));
+        assert_eq!(read.is_ok(), is_read, "{frame} {error}: {:?}", read.err());
+        if let Err(error) = read {
+            let error = error.to_string();
+            assert!(error.contains(":3: measurement[0].error"), "{error}");
+            assert!(error.contains("does not turn"), "{error}");
+        }
+    }
+}
