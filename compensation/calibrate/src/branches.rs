@@ -91,7 +91,7 @@ impl Branches {
         };
         let both: [(Vec<f64>, Vec<f64>); 2] = [readings(0), readings(1)];
         let read = both.iter().filter(|(x, _)| !x.is_empty());
-        let read: Vec<(Vec<f64>, Vec<f64>)> = read.cloned().collect();
+        let read: Vec<(&[f64], &[f64])> = read.map(|(x, u)| (&x[..], &u[..])).collect();
         let required = within_noise(profiles);
         let choice = choice.settled(&read, required).map_err(failed)?;
         for (direction, (x, u)) in Direction::BOTH.into_iter().zip(both) {

@@ -171,7 +171,7 @@ impl CurveChoice {
     /// least squares, from the readings of each direction.
     pub(crate) fn settled(
         self,
-        directions: &[(Vec<f64>, Vec<f64>)],
+        directions: &[(&[f64], &[f64])],
         required: Option<f64>,
     ) -> Result<Self, FitError> {
         let Self::AutoMovingLeastSquares { shape } = self else {
@@ -180,11 +180,7 @@ impl CurveChoice {
         if directions.is_empty() {
             return Ok(self);
         }
-        let sets: Vec<(&[f64], &[f64])> = directions
-            .iter()
-            .map(|(x, u)| (x.as_slice(), u.as_slice()))
-            .collect();
-        let (order, support) = choose_mls(&sets, shape, required)?;
+        let (order, support) = choose_mls(directions, shape, required)?;
         Ok(Self::MovingLeastSquares {
             order,
             support,
@@ -207,9 +203,8 @@ impl CurveChoice {
                 support,
                 shape,
             } => fit_mls(x, u, order, support, shape),
-            Self::AutoMovingLeastSquares { shape } => {
-                let (order, support) = choose_mls(&[(x, u)], shape, required)?;
-                fit_mls(x, u, order, support, shape)
+            Self::AutoMovingLeastSquares { .. } => {
+                self.settled(&[(x, u)], required)?.fit(x, u, required)
             }
             Self::BSpline => fit_bspline(x, u),
             Self::LinearTable => fit_linear_table(x, u),

@@ -75,14 +75,21 @@ impl UncertaintyArguments {
         machine: &Machine,
         notes: &mut Vec<String>,
     ) -> Result<Ensemble, Failure> {
-        let bar = progress::bar(0, "machines drawn");
+        let shifted: usize = match measured {
+            // One for each run, and the machine that was found.
+            Measured::Calibration(file) => {
+                file.scatters().map(|of| of.runs.len()).sum::<usize>() + 1
+            }
+            Measured::Observations(_) => 0,
+        };
+        let bar = progress::bar(shifted, "machines");
+        bar.inc_length(self.trials);
         let compiled = |mut drawn: Machine| {
             drawn.use_tool_of(machine)?;
             let compiled = drawn.compile(Tolerance::from_nm(TOLERANCE_NM))?;
             bar.inc(1);
             Ok::<_, Failure>(compiled)
         };
-        bar.set_length(self.trials);
         let ensemble = match measured {
             Measured::Calibration(file) => self.of_calibration(file, compiled)?,
             Measured::Observations(observations) => {

@@ -77,9 +77,6 @@ impl ThermalFit {
         rows: Range<usize>,
     ) -> (f64, Option<ThermalSegment>) {
         let predicted = self.predict(record);
-        let most = record.len().min(record.displacement.len());
-        let end = rows.end.min(most);
-        let rows = rows.start.min(end)..end;
         let errors = record.displacement.iter().zip(&predicted);
         let errors: Vec<f64> = errors.map(|(found, predicted)| found - predicted).collect();
         judged(&record.time_s, &errors, rows)
@@ -108,14 +105,16 @@ impl ThermalFit {
     }
 }
 
-/// Root mean square of some rows of errors, and the worst of ten equal stretches of them.
+/// Root mean square of some rows of errors, and the worst of ten equal stretches of them. Rows that are not there are passed
+/// over; over no row it is NaN.
 pub(super) fn judged(
     time_s: &[f64],
     errors: &[f64],
     rows: Range<usize>,
 ) -> (f64, Option<ThermalSegment>) {
     // A range that ends before it begins is no row.
-    let rows = rows.start.min(rows.end)..rows.end;
+    let end = rows.end.min(errors.len());
+    let rows = rows.start.min(end)..end;
     let segments = split(&rows, 10.min(rows.len())).into_iter();
     let worst = segments.map(|part| ThermalSegment {
         from_s: time_s[part.start],

@@ -189,9 +189,7 @@ impl ThermalTerms {
     /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run that the terms were found from,
     /// and the worst of ten equal stretches of them. Rows that the run does not have are passed over; over no row it is NaN.
     pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
-        let errors = self.errors(run);
-        let rows = rows.start.min(errors.len())..rows.end.min(errors.len());
-        judged(&run.record.time_s, &errors, rows)
+        judged(&run.record.time_s, &self.errors(run), rows)
     }
 
     /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count: its mean over
