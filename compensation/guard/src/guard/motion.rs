@@ -33,12 +33,13 @@ impl Guard {
                 let rounding = ROUNDING_STEPS * self.limits.axes[i].resolution;
                 let reach = reach[i] * ROUNDING + rounding;
                 let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
+                // What comes in from beyond a limit begins where it may stand.
+                let mut stood = lowest[i].abs().max(highest[i].abs());
                 if is_barrier {
                     // The word that was sent last is on its way, and may be sent again, however far it is from what is confirmed.
                     (least, largest) = (least.min(sent[i]), largest.max(sent[i]));
+                    stood = stood.max(sent[i].abs());
                 }
-                // What comes in from beyond a limit begins there.
-                let stood = values[i].abs().max(sent[i].abs());
                 let most = stood.max(self.limits.axes[i].reachable());
                 (least..=largest).contains(&output[i])
                     && output[i].abs() <= most * ROUNDING

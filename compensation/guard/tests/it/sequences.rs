@@ -170,9 +170,11 @@ fn sequences_that_failed_once() {
     }
 }
 
-const FAILED: [(u64, Kind, usize, usize, u32); 4] = [
+const FAILED: [(u64, Kind, usize, usize, u32); 6] = [
     (15841279278081801058, Kind::Late, 5, 3, 700),
     (9344477052774393391, Kind::Lossy, 5, 3, 1000),
     (15637356826912720972, Kind::Lossy, 5, 3, 1000),
     (13427742941852155154, Kind::Lines, 5, 1, 1000),
+    (2102507349263377414, Kind::Late, 5, 3, 1000),
+    (9392928835973895512, Kind::Late, 3, 1, 1000),
 ];
