@@ -10,6 +10,8 @@ use crate::{Limits, step::ROUNDING_STEPS};
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,
     highest: PerChannel<f64>,
+    /// What was sent last.
+    sent: PerChannel<f64>,
 }
 
 impl Corridor {
@@ -19,6 +21,20 @@ impl Corridor {
         Self {
             lowest: PerChannel::from_fn(|i| values[i] - step[i]),
             highest: PerChannel::from_fn(|i| values[i] + step[i]),
+            sent: *values,
+        }
+    }
+
+    /// The same on another path, each axis of which was at one of these places before; one that was not there is at zero.
+    pub(crate) fn on_path(&self, places: &PerChannel<Option<usize>>, limits: &Limits) -> Self {
+        let zero = Self::about(&PerChannel::ZERO, limits);
+        let carried = |from: &PerChannel<f64>, zero: &PerChannel<f64>| {
+            PerChannel::from_fn(|i| places[i].map_or(zero[i], |place| from[place]))
+        };
+        Self {
+            lowest: carried(&self.lowest, &zero.lowest),
+            highest: carried(&self.highest, &zero.highest),
+            sent: carried(&self.sent, &zero.sent),
         }
     }
 
@@ -31,6 +47,20 @@ impl Corridor {
             if before.contains(i, values[i], limits) {
                 self.lowest[i] = self.lowest[i].max(before.lowest[i]);
                 self.highest[i] = self.highest[i].min(before.highest[i]);
+                self.sent[i] = before.sent[i];
+            }
+        }
+    }
+
+    /// Nothing else was sent until now. What was sent last stood until now where it is among what may be applied, which
+    /// is `between` the lowest and the highest value of each axis.
+    pub(crate) fn stay(&mut self, between: &[PerChannel<f64>; 2], limits: &Limits) {
+        let [lowest, highest] = between;
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            let (sent, rounding) = (self.sent[i], ROUNDING_STEPS * axis.resolution);
+            if (lowest[i] - rounding..=highest[i] + rounding).contains(&sent) {
+                self.lowest[i] = self.lowest[i].max(sent - axis.resolution);
+                self.highest[i] = self.highest[i].min(sent + axis.resolution);
             }
         }
     }
@@ -51,10 +81,7 @@ impl Corridor {
 
     /// These words (mm, rad) are sent.
     pub(crate) fn narrow(&mut self, words: &PerChannel<f64>, limits: &Limits) {
-        let about = Self::about(words, limits);
-        for i in 0..limits.count {
-            self.lowest[i] = self.lowest[i].max(about.lowest[i]);
-            self.highest[i] = self.highest[i].min(about.highest[i]);
-        }
+        self.sent = *words;
+        self.stay(&[*words; 2], limits);
     }
 }

@@ -124,6 +124,7 @@ impl Guard {
         places: &PerChannel<Option<usize>>,
     ) -> Result<(), LimitsError> {
         limits.check()?;
+        let places = &places.map(|place| place.filter(|place| *place < self.limits.count));
         // What the path before has sent, or was known to apply, is expected on this path, too.
         let stands = self.stands().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
@@ -139,7 +140,7 @@ impl Guard {
         let sent = places.map(|place| place.map_or(0.0, |place| sent[place]));
         self.limits = limits;
         if !is_same {
-            self.corridor = Corridor::about(&sent, &self.limits);
+            self.corridor = self.corridor.on_path(places, &self.limits);
         }
         self.begin_with(&sent);
         self.before = self.vector;
@@ -216,9 +217,14 @@ impl Guard {
             && inputs.reading.is_some() == reading.is_some();
         let inputs = Inputs { wanted, ..*inputs };
         self.until = inputs.known.until;
+        self.corridor.stay(&inputs.known.between, &self.limits);
         self.corridor.widen(&self.limits, dt_s);
+        let took_over = self.took_over;
         let changed = self.adopt(&inputs);
-        let facts = self.facts(&inputs, reading.as_ref(), changed);
+        let facts = Facts {
+            took_over,
+            ..self.facts(&inputs, reading.as_ref(), changed)
+        };
         let before = self.state;
         self.state = before.next(&facts);
         if self.state != before && self.state == State::Arming(Phase::Proving) {

@@ -95,6 +95,8 @@ pub(crate) struct Facts {
     pub(crate) lost: bool,
     /// The controller has changed the correction that it applies without being told to.
     pub(crate) changed: bool,
+    /// Another path writes, and what it applies is seen for the first time, or not yet.
+    pub(crate) took_over: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,
     /// What is applied may be another gateway's, or nobody knows what a control that cannot be asked was left with.
@@ -271,7 +273,7 @@ impl Facts {
 
     /// What was compensated until now is ramped to anew.
     pub(crate) fn begins_anew(&self) -> bool {
-        self.changed || matches!(self.request, Some(Request::Switched | Request::TakeOver))
+        self.changed || self.took_over || self.request == Some(Request::Switched)
     }
 
     /// What follows when a person has looked at a fault: what is left of the correction is led out.

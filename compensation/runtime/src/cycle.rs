@@ -323,7 +323,7 @@ impl Cycle {
         }
         let read = Instant::now();
         self.thermal(since_start, passed);
-        let output = self.decide(since_start, asked, notes, switched);
+        let output = self.decide(since_start, asked, notes);
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
         self.read_readers(since_start);

@@ -55,6 +55,7 @@ impl Guard {
             does_not_land,
             beyond: values.as_ref().is_some_and(beyond),
             changed,
+            took_over: false,
             forbidden: !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID))
                 .is_empty(),
             foreign: FOREIGN

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use volcomp_guard::{Interlock, Limits, Request, State};
 
-use crate::world::{PERIOD, SLEW, STEP, World, axes};
+use crate::world::{PERIOD, SLEW, STEP, World, axes, limits};
 
 const LATE: [usize; 5] = [0, 1, 2, 4, 6];
 const STOP: Option<Interlock> = Some(Interlock {
@@ -136,6 +136,27 @@ fn another_way_to_the_same_barrier_takes_over_in_motion() {
                 assert_eq!(state, State::Compensating, "{case}");
             }
         }
+    }
+}
+
+/// Whatever a person asks for in the very cycle in which another way takes over, or nothing: "compensating" is not told
+/// until the ramp of that way is over.
+#[test]
+fn another_way_begins_with_a_ramp_whatever_is_asked_for() {
+    let asked = [
+        None,
+        Some(Request::Acknowledge),
+        Some(Request::Arm),
+        Some(Request::Switched),
+    ];
+    for request in asked {
+        let mut world = World::guarded(&limits()).arm();
+        let limits = *world.guard.limits();
+        world.take_other_way(&limits);
+        let output = world.cycle_after(PERIOD, request);
+        assert_eq!(output.state.name(), "arming", "{request:?}");
+        let output = world.run(Duration::from_secs(2));
+        assert_eq!(output.state, State::Compensating, "{request:?}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Inputs, Output, Reading, Reasons, Request, Wanted};
+use volcomp_guard::{Inputs, Output, Reading, Reasons, Wanted};
 use volcomp_kinematics::State;
 use volcomp_vocabulary::{PerAxis, PerChannel};
 
@@ -42,14 +42,8 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// What the model asks for, what the guard makes of it. `switched`: another path corrects than in the cycle before.
-    pub(super) fn decide(
-        &mut self,
-        now: Duration,
-        asked: &Asked,
-        mut notes: Reasons,
-        switched: bool,
-    ) -> Output {
+    /// What the model asks for, what the guard makes of it.
+    pub(super) fn decide(&mut self, now: Duration, asked: &Asked, mut notes: Reasons) -> Output {
         let active = self.selector.active();
         let axes = self.model.axes.len();
         let place = Place::seen_by(&self.paths, &self.readers, active, axes, now);
@@ -67,7 +61,6 @@ impl Cycle {
             ..wanted
         });
         notes |= kept.map_or(Reasons::NONE, |kept| kept.notes);
-        let takes_over = (switched && self.guard.state().is_armed()).then_some(Request::TakeOver);
         let reading = path.reading.as_ref().map(|snapshot| Reading {
             taken: place.oldest.or(path.seen.taken).unwrap_or_default(),
             positions: snapshot.positions,
@@ -86,7 +79,7 @@ impl Cycle {
             interlocks: self.interlocks.reasons(),
             wanted,
             let_go: kept.is_some_and(|kept| kept.let_go),
-            request: asked.request.or(takes_over),
+            request: asked.request,
             forbids: asked.forbids,
         });
         let unproven =
