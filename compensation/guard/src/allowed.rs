@@ -48,7 +48,7 @@ impl Allowed {
     pub(crate) fn is_exceeded_by(&self, values: &PerChannel<f64>, limits: &Limits) -> bool {
         let is_beyond =
             |i: usize| values[i].abs() > self.largest[i] + one_step(limits.axes[i].resolution);
-        (0..limits.count).any(is_beyond)
+        limits.places().any(is_beyond)
     }
 
     /// The highest rate of an axis with which something was sent that may be on its way, mm/s or rad/s.

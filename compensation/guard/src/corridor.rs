@@ -43,7 +43,7 @@ impl Corridor {
     pub(crate) fn begin(&mut self, values: &PerChannel<f64>, limits: &Limits) {
         let before = *self;
         *self = Self::about(values, limits);
-        for i in 0..limits.count {
+        for i in limits.places() {
             if before.contains(i, values[i], limits) {
                 self.lowest[i] = self.lowest[i].max(before.lowest[i]);
                 self.highest[i] = self.highest[i].min(before.highest[i]);

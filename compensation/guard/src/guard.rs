@@ -98,8 +98,8 @@ impl Guard {
         })
     }
 
-    /// Other limits from the next cycle on: what lies beyond them comes in by a ramp, at the old or the new rate,
-    /// whichever is lower.
+    /// Other limits from the next cycle on: what lies beyond them comes in at the old or the new rate, whichever is lower, and
+    /// by a ramp where [`Request::Switched`] follows.
     ///
     /// # Errors
     /// Those of [`Limits::check_in_place_of`]: the old ones stay.
@@ -132,7 +132,7 @@ impl Guard {
             .take_path(now, places, &stands, &self.limits, &limits);
         // What the path before sent is the output until it is known what is applied on this one.
         let is_same = limits.check_in_place_of(&self.limits).is_ok()
-            && (0..limits.count).all(|i| places[i] == Some(i));
+            && limits.places().all(|i| places[i] == Some(i));
         let delay = self.limits.longest_delay().max(limits.longest_delay());
         let until = self.sent_to_barrier.map(|sent| sent.saturating_add(delay));
         self.shared_until = until.filter(|_| is_same);
@@ -223,7 +223,7 @@ impl Guard {
         let changed = self.adopt(&inputs);
         let facts = Facts {
             took_over,
-            ..self.facts(&inputs, reading.as_ref(), changed)
+            ..self.facts(&inputs, reading.as_ref(), changed, is_number)
         };
         let before = self.state;
         self.state = before.next(&facts);
@@ -246,7 +246,7 @@ impl Guard {
         let mut reasons = self.reasons(&inputs, &facts) | Reasons::NOT_A_NUMBER.when(!is_number);
         self.hold(&inputs, &facts);
         self.before = self.vector;
-        let write = if self.sends(&inputs, &facts) {
+        let write = if self.sends(&inputs) {
             self.advance(&inputs, dt_s, &mut reasons)
         } else {
             self.vector.stop();
@@ -262,7 +262,7 @@ impl Guard {
     }
 
     fn all(&self, holds: impl FnMut(usize) -> bool) -> bool {
-        (0..self.limits.count).all(holds)
+        self.limits.places().all(holds)
     }
 
     /// A position that is no number makes a reading worthless.
@@ -341,7 +341,7 @@ impl Guard {
         let output = self.output();
         // What is confirmed anew and is what was sent goes on as it went.
         let mut is_event = false;
-        for i in 0..self.limits.count {
+        for i in self.limits.places() {
             if !is_same_step(values[i], output[i], self.limits.axes[i].resolution) {
                 self.adopted[i] = self.adopted[i].saturating_add(1);
                 is_event = true;
@@ -390,7 +390,7 @@ impl Guard {
         if known.unlanded_since.is_some() || !known.writable {
             return;
         }
-        for i in 0..self.limits.count {
+        for i in self.limits.places() {
             if !is_same_step(values[i], self.from[i], self.limits.axes[i].resolution) {
                 self.adopted[i] = 0;
             }
@@ -437,12 +437,7 @@ impl Guard {
     }
 
     /// Whether anything is sent: where it is, the output moves, or is sent on.
-    fn sends(&self, inputs: &Inputs, facts: &Facts) -> bool {
-        let idle = matches!(
-            self.state,
-            State::Disarmed | State::Faulted(Cause::BeyondLimit)
-        );
-        let stopped = facts.interlocked && inputs.known.scheme != Scheme::Barrier;
-        !idle && !stopped && inputs.known.writable
+    fn sends(&self, inputs: &Inputs) -> bool {
+        !self.is_idle(inputs) && inputs.known.writable
     }
 }

@@ -338,6 +338,11 @@ impl Limits {
         Ok(())
     }
 
+    /// The places of the axes that there are.
+    pub(crate) fn places(&self) -> core::ops::Range<usize> {
+        0..self.count.min(MAX_AXES)
+    }
+
     /// The delay of the path: how long after a write its values may be read back.
     #[must_use]
     pub fn delay(&self) -> Duration {

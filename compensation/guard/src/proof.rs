@@ -364,9 +364,7 @@ impl Proof {
         let shifts = PerChannel::from_fn(|i| goal[i] - begin[i]);
         for i in (0..limits.count.min(MAX_AXES)).filter(|i| limits.axes[*i].kind != kind) {
             let axis = &limits.axes[i];
-            let follows: f64 = (0..limits.count)
-                .map(|r| self.follow[r][i] * shifts[r])
-                .sum();
+            let follows: f64 = limits.places().map(|r| self.follow[r][i] * shifts[r]).sum();
             goal[i] += libm::round(follows / axis.resolution) * axis.resolution;
             if follows != 0.0 && goal[i].abs() > axis.reachable() * ROUNDING {
                 return begin;

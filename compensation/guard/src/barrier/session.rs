@@ -1,6 +1,6 @@
 //! The sender's side: what a report says, and the frame that answers it.
 
-use super::{Counts, Frame, Report};
+use super::{Counts, Frame, Report, is_ahead};
 
 /// What a report means for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,10 +66,9 @@ impl Session {
             owner,
             ..
         } = *report;
-        let moved_on = |last: Answered| (1..1 << 15).contains(&tick.wrapping_sub(last.tick));
         if self
             .last
-            .is_some_and(|last| last.epoch == epoch && !moved_on(last))
+            .is_some_and(|last| last.epoch == epoch && !is_ahead(tick, last.tick))
         {
             return Seen::Old;
         }

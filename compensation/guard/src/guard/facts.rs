@@ -27,6 +27,7 @@ impl Guard {
         inputs: &Inputs,
         reading: Option<&Reading>,
         changed: bool,
+        is_number: bool,
     ) -> Facts {
         let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
         if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
@@ -56,14 +57,18 @@ impl Guard {
             beyond: values.as_ref().is_some_and(beyond),
             changed,
             took_over: false,
-            forbidden: !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID))
-                .is_empty(),
+            forbidden: !is_number
+                || reading.is_none()
+                || !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID)).is_empty(),
             foreign: FOREIGN
                 .into_iter()
                 .any(|reason| known.reasons.contains(reason)),
             ramped: self.vector.is_ramped(),
             zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
-            proves: (0..self.limits.count).any(|i| self.limits.test_shift[i] > 0.0),
+            proves: self
+                .limits
+                .places()
+                .any(|i| self.limits.test_shift[i] > 0.0),
             proven: self.prove(
                 inputs,
                 reading,

@@ -161,7 +161,7 @@ impl BarrierLink {
         // As of when it could have moved, by the last report, which is so old.
         known.stands_since = age
             .zip(self.stands)
-            .map(|(age, (_, since))| since + known.shown_after + age);
+            .map(|(age, (_, since))| since.saturating_add(known.shown_after).saturating_add(age));
         known.lets_go_after = (self.settings).map(|settings| self.time_of(settings.time_out_scans));
         // A frame that answers an older report is refused.
         known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
@@ -178,7 +178,7 @@ impl BarrierLink {
     }
 
     fn time_of(&self, scans: u16) -> Duration {
-        self.scan * u32::from(scans)
+        self.scan.saturating_mul(u32::from(scans))
     }
 
     pub(super) fn frame(
@@ -201,11 +201,12 @@ impl BarrierLink {
             let (limit, rate) = (settings.limit[i], settings.rate[i].max(1));
             limit.unsigned_abs().div_ceil(rate.unsigned_abs())
         };
-        let most = u32::from((0..limits.count).map(steps).max().unwrap_or(0));
+        let most = u32::from(limits.places().map(steps).max().unwrap_or(0));
         let waits = u32::from(settings.hold_scans) + u32::from(settings.time_out_scans);
         // A step is begun at most one step's scans late.
         let moves = u32::from(settings.step_scans) * (most + 1);
-        Some(longest_scan(self.scan) * (waits + moves) + limits.longest_delay())
+        let scans = longest_scan(self.scan).saturating_mul(waits + moves);
+        Some(scans.saturating_add(limits.longest_delay()))
     }
 }
 
@@ -227,7 +228,7 @@ fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
 )]
 fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
     let mut counts = Counts::default();
-    for i in 0..limits.count {
+    for i in limits.places() {
         let count = libm::round(values[i] / limits.axes[i].resolution);
         if !(f64::from(-i16::MAX)..=f64::from(i16::MAX)).contains(&count) {
             return None;

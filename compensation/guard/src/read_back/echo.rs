@@ -79,7 +79,7 @@ impl Echo {
         limits: &Limits,
         known: &mut Known,
     ) -> Landed {
-        if !(0..limits.count).all(|i| values[i].is_finite()) {
+        if !limits.places().all(|i| values[i].is_finite()) {
             known.writable = false;
             self.equal = None;
             return Landed::Unknown;

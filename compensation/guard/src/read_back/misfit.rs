@@ -46,14 +46,16 @@ pub fn barrier_misfits(
     scan: Duration,
     limits: &Limits,
 ) -> impl Iterator<Item = BarrierMisfit> {
-    let step_s = (scan * u32::from(settings.step_scans)).as_secs_f64();
-    let time_out = scan * u32::from(settings.time_out_scans);
+    let step_s = scan
+        .saturating_mul(u32::from(settings.step_scans))
+        .as_secs_f64();
+    let time_out = scan.saturating_mul(u32::from(settings.time_out_scans));
     let zero_after = limits.zero_after;
     let late = (time_out > zero_after).then_some(BarrierMisfit::TimeOut {
         found: time_out,
         expected: zero_after,
     });
-    let axes = (0..limits.count).flat_map(move |axis| {
+    let axes = limits.places().flat_map(move |axis| {
         let of_axis = &limits.axes[axis];
         let largest = f64::from(settings.limit[axis]) * of_axis.resolution;
         let rate = f64::from(settings.rate[axis]) * of_axis.resolution / step_s;
@@ -75,7 +77,7 @@ pub fn barrier_misfits(
 
 /// The longest time of a scan that counts as the configured one.
 pub(super) fn longest_scan(scan: Duration) -> Duration {
-    scan.div_f64(*SCAN_WITHIN.start())
+    Duration::try_from_secs_f64(scan.as_secs_f64() / SCAN_WITHIN.start()).unwrap_or(Duration::MAX)
 }
 
 /// Whether so many scans in this time are those of a control that scans once in `scan`.

@@ -295,5 +295,7 @@ impl ReadBack {
 
 /// Whether two corrections are the same on every axis, to half a step.
 pub(crate) fn are_equal(a: &PerChannel<f64>, b: &PerChannel<f64>, limits: &Limits) -> bool {
-    (0..limits.count).all(|i| is_same_step(a[i], b[i], limits.axes[i].resolution))
+    limits
+        .places()
+        .all(|i| is_same_step(a[i], b[i], limits.axes[i].resolution))
 }

@@ -18,6 +18,13 @@ pub struct ControlTimeOut {
     pub to_zero: Duration,
 }
 
+impl ControlTimeOut {
+    /// Time without a write after which it is at zero.
+    fn all(&self) -> Duration {
+        self.after.saturating_add(self.to_zero)
+    }
+}
+
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
 pub(super) struct NoReadBack {
@@ -166,10 +173,10 @@ impl NoReadBack {
     /// Something was written `age` before, at some time between these.
     fn wait(&mut self, [earliest, latest]: [Duration; 2], age: Duration) {
         self.acts = self.control.map(|control| {
-            let to_zero = control.after + control.to_zero;
+            let to_zero = control.all();
             [
-                earliest + control.after.saturating_sub(age),
-                latest + to_zero.saturating_sub(age),
+                earliest.saturating_add(control.after.saturating_sub(age)),
+                latest.saturating_add(to_zero.saturating_sub(age)),
             ]
         });
     }
@@ -184,14 +191,14 @@ impl NoReadBack {
         limits: &Limits,
         known: &mut Known,
     ) {
-        let is_finite = (0..limits.count).all(|i| values[i].is_finite());
+        let is_finite = limits.places().all(|i| values[i].is_finite());
         let is_zero = are_equal(values, &PerChannel::ZERO, limits);
         let found = match self.control {
             _ if !is_finite => None,
             _ if is_zero => Some(PerChannel::ZERO),
             None => Some(*values),
             Some(control) if age < control.after => Some(*values),
-            Some(control) if age > control.after + control.to_zero => Some(PerChannel::ZERO),
+            Some(control) if age > control.all() => Some(PerChannel::ZERO),
             Some(_) => None,
         };
         self.unknown = found.is_none();
@@ -240,6 +247,6 @@ impl NoReadBack {
     pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         // A cycle more, since the last write may have been on its way.
         self.control
-            .map(|control| control.after + control.to_zero + limits.period)
+            .map(|control| control.all().saturating_add(limits.period))
     }
 }

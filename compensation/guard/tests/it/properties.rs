@@ -184,12 +184,13 @@ fn check(trace: &[Moment], way: Way) -> Result<(), TestCaseError> {
             );
             // Every window of a second.
             for then in trace[since..index].iter().rev().take(250) {
-                let rate = if way == Way::Barrier {
-                    1.0
+                // A barrier moves by two steps in each of its scans.
+                let (rate, least) = if way == Way::Barrier {
+                    (1.0, 2.0 * STEP)
                 } else {
-                    axis.slew_per_s
+                    (axis.slew_per_s, STEP)
                 };
-                let allowed = rate * (now.at_s - then.at_s) + 2.0 * STEP + 1e-9;
+                let allowed = rate * (now.at_s - then.at_s) + least + 1e-9;
                 prop_assert!(
                     (value - then.applied[i]).abs() <= allowed,
                     "{} to {value} in {} s",
@@ -212,11 +213,6 @@ proptest! {
     #[test]
     fn nothing_leaves_its_bounds(seed: u64, includes: bool, way in way()) {
         check(&trace(seed, includes, way), way)?;
-    }
-
-    #[test]
-    fn a_seed_makes_one_trace(seed: u64, way in way()) {
-        prop_assert_eq!(trace(seed, false, way), trace(seed, false, way));
     }
 }
 

@@ -88,3 +88,50 @@ fn lines_are_known_by_readings_that_are_late() {
         assert!(known.writable);
     }
 }
+
+/// Whatever an integrator passes, nothing panics.
+#[test]
+fn absurd_times_and_counts_are_no_panic() {
+    use volcomp_guard::{
+        BarrierLink, ControlTimeOut, Limits, barrier::Settings, barrier_misfits, scans_fit,
+    };
+    let limits = Limits {
+        count: 1000,
+        ..crate::world::limits()
+    };
+    let settings = Settings {
+        axes: crate::world::layout(),
+        machine: 1,
+        limit: PerChannel([1; 9]),
+        rate: PerChannel([0; 9]),
+        step_scans: u16::MAX,
+        hold_scans: u16::MAX,
+        time_out_scans: u16::MAX,
+    };
+    let endless = Duration::MAX;
+    assert!(barrier_misfits(&settings, endless, &limits).count() > 0);
+    assert!(!scans_fit(u32::MAX, Duration::from_secs(1), endless));
+    let time_out = ControlTimeOut {
+        after: endless,
+        to_zero: endless,
+    };
+    for mut read_back in [
+        ReadBack::plain(endless),
+        ReadBack::no_read_back(Some(time_out)),
+        ReadBack::barrier(BarrierLink::new(1, 2, crate::world::layout(), endless)),
+    ] {
+        for now in [Duration::ZERO, endless] {
+            let values = PerChannel([0.001; 9]);
+            read_back.hear(now, now, &Told::Values(values), &limits);
+            read_back.restore(now, &values, endless, &limits);
+            read_back.sent(now, &values, true);
+            read_back.hear(now, endless, &Told::Report(&[u16::MAX; 60]), &limits);
+            read_back.take_over(now, false);
+            read_back.acknowledge(now);
+            let _ = (
+                read_back.zero_by_itself(&limits),
+                read_back.known().holds(&limits),
+            );
+        }
+    }
+}

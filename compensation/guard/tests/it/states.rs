@@ -106,7 +106,23 @@ fn arming_is_refused_with_reasons() {
             .contains(Reasons::NO_CONTROLLER | Reasons::POSITIONS_STALE)
     );
     world.answers = true;
+    world.run(SECOND);
+    // One cycle without an answer, after a good second.
+    world.answers = false;
+    let refused = world.request(Request::Arm);
+    assert_eq!(refused.state, State::Disarmed);
+    assert!(refused.reasons.contains(Reasons::NO_CONTROLLER));
+    assert!(!refused.reasons.contains(Reasons::POSITIONS_STALE));
+    world.answers = true;
+    world.run(SECOND);
     world.target = Some(axes(f64::NAN, 0.0));
+    let refused = world.request(Request::Arm);
+    assert_eq!(refused.state, State::Disarmed);
+    assert!(refused.reasons.contains(Reasons::NOT_A_NUMBER));
+    assert!(!refused.reasons.contains(Reasons::POSITIONS_STALE));
+    world.target = Some(axes(0.01, 0.0));
+    world.run(SECOND);
+    world.positions[0] = f64::INFINITY;
     let refused = world.request(Request::Arm);
     assert_eq!(refused.state, State::Disarmed);
     assert!(refused.reasons.contains(Reasons::NOT_A_NUMBER));
