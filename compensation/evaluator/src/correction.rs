@@ -259,7 +259,7 @@ impl CompiledMachine {
     }
 
     /// The longest lever over the travels, mm.
-    fn reach_mm(&self) -> f64 {
+    pub(crate) fn reach_mm(&self) -> f64 {
         let tip = self.chain.tool_tip_mm();
         let mut reach = 0.0_f64;
         let mut travelled = 0.0;

@@ -11,6 +11,7 @@ extern crate alloc;
 mod batch;
 mod blob;
 mod build;
+mod chord;
 mod correction;
 mod error;
 mod fit;

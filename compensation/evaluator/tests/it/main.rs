@@ -6,6 +6,7 @@ mod batches;
 mod blob;
 mod blob_versions;
 mod builder;
+mod chord;
 mod compiled;
 mod differential;
 mod in_parts;

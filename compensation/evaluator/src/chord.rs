@@ -1,0 +1,144 @@
+//! How far the error along a straight way of the axes may be from a straight line between its ends: a bound from the
+//! derivatives of the curves, not from samples.
+
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, Direction};
+
+use crate::{
+    machine::{CompiledAxis, CompiledMachine},
+    parts::branch_index,
+    table::{LANES, Piece},
+};
+
+/// Slopes of the motions of an axis over a stretch of its travel, for each mm or deg.
+#[derive(Clone, Copy, Debug, Default)]
+struct Slopes {
+    /// How much the slopes of displacement (mm) and tilt (rad) differ within the stretch.
+    varies: [f64; 2],
+    /// The largest slopes.
+    largest: [f64; 2],
+}
+
+impl CompiledMachine {
+    /// A bound (mm) of the distance between the position error along the straight way of all axes from one state to the other,
+    /// and the straight line between the errors at its two ends. It holds for every place between. The directions of
+    /// travel are those of `to` all the way. An error that is linear along the way has the bound 0 on machines without rotary
+    /// axes; elsewhere the bound shrinks with the square of the length, or with the length where a slope jumps.
+    pub fn chord_bound_mm(&self, from: &State, to: &State) -> f64 {
+        let reach_mm = self.reach_mm();
+        let (mut way, mut turned) = (Vector3::zeros(), 0.0);
+        for (index, axis) in self.axes.iter().enumerate() {
+            let passed = to.q[index] - from.q[index];
+            match axis.joint.kind {
+                AxisKind::Linear => way += axis.joint.direction * passed,
+                AxisKind::Rotary => turned += libm::fabs(passed),
+            }
+        }
+        let moved = way.norm() + turned * reach_mm;
+        let second = 2.0 * turned * way.norm() + turned * turned * reach_mm;
+        let mut bound = 0.0;
+        for (index, axis) in self.axes.iter().enumerate() {
+            let ends = [from.q[index], to.q[index]].map(|q| axis.looked_up(q));
+            let length = libm::fabs(match axis.joint.kind {
+                AxisKind::Linear => to.q[index] - from.q[index],
+                AxisKind::Rotary => (to.q[index] - from.q[index]).to_degrees(),
+            });
+            if length > 0.0 {
+                let slopes = self.slopes(axis, to.approach[index], ends, length);
+                let [linear, angular] = slopes.varies;
+                bound += 0.25 * length * (linear + angular * reach_mm);
+                let [linear, angular] = slopes.largest;
+                bound += 0.25 * length * (linear * turned + angular * moved);
+            }
+            let [linear, angular] = axis.size_bounds();
+            let constant = |motion: &volcomp_kinematics::ErrorMotion| {
+                [motion.linear_mm.norm(), motion.angular_rad.norm()]
+            };
+            let [at_axis, between] = [&self.location[index], &self.assembly[index]].map(constant);
+            // A location error changes with the turn of its own axis, too.
+            let linear = linear + 2.0 * at_axis[0] + between[0];
+            let angular = angular + 2.0 * at_axis[1] + between[1];
+            bound += 0.125 * (linear * turned * turned + angular * second);
+        }
+        bound
+    }
+
+    /// The slopes of an axis between two coordinates (mm or deg) that are `length` apart.
+    fn slopes(
+        &self,
+        axis: &CompiledAxis,
+        approach: Option<Direction>,
+        ends: [f64; 2],
+        length: f64,
+    ) -> Slopes {
+        let pieces = self.tables.pieces(&axis.heads[branch_index(approach)]);
+        let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+        // Where a turn passes the end of the travel, it is looked up on both sides.
+        let is_whole = high - low + 1e-9 < length;
+        let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; LANES];
+        let last = pieces.len().saturating_sub(1);
+        for (place, piece) in pieces.iter().enumerate() {
+            let start = if place == 0 {
+                f64::NEG_INFINITY
+            } else {
+                piece.start()
+            };
+            let end = if place == last {
+                f64::INFINITY
+            } else {
+                piece.end()
+            };
+            if is_whole || (start <= high && end >= low) {
+                let within = if is_whole {
+                    [piece.start(), piece.end()]
+                } else {
+                    [low.max(start), high.min(end)]
+                };
+                take(piece, within, &mut range);
+            }
+        }
+        let norm = |of: &dyn Fn(usize) -> f64, lanes: core::ops::Range<usize>| {
+            libm::sqrt(lanes.map(|lane| of(lane) * of(lane)).sum())
+        };
+        let varies = |lane: usize| (range[lane][1] - range[lane][0]).max(0.0);
+        let largest = |lane: usize| {
+            let [low, high] = range[lane].map(libm::fabs);
+            let size = low.max(high);
+            if size.is_finite() { size } else { 0.0 }
+        };
+        let mut slopes = Slopes {
+            varies: [norm(&varies, 0..3), norm(&varies, 3..6)],
+            largest: [norm(&largest, 0..3), norm(&largest, 3..6)],
+        };
+        let thermal = Vector3::from(axis.thermal.slope_mm).norm();
+        slopes.largest[0] += thermal;
+        for patch in &axis.patches {
+            // Of an error over two coordinates only the largest slope is known.
+            let slope = patch.patch.slope_bound();
+            let place = usize::from(patch.patch.component.is_angular());
+            slopes.varies[place] += 2.0 * slope;
+            slopes.largest[place] += slope;
+        }
+        slopes
+    }
+}
+
+/// Takes the slopes of a piece between two coordinates into the range of each component.
+fn take(piece: &Piece, [low, high]: [f64; 2], range: &mut [[f64; 2]; LANES]) {
+    let [c1, c2, c3] = [1, 2, 3].map(|power| piece.power(power));
+    let [low, high] = [low, high].map(|x| x - piece.start());
+    for lane in 0..LANES {
+        let slope = |t: f64| {
+            let powers = c1[lane] + t * (2.0 * c2[lane] + t * 3.0 * c3[lane]);
+            // Beyond its end a curve holds its value; its powers are 0 there, and 0 times infinity is nothing.
+            if powers.is_nan() { c1[lane] } else { powers }
+        };
+        let turning = -c2[lane] / (3.0 * c3[lane]);
+        let inside = (low..=high).contains(&turning);
+        let between = if inside { turning } else { low };
+        for t in [low, high, between] {
+            let slope = slope(t);
+            range[lane] = [range[lane][0].min(slope), range[lane][1].max(slope)];
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The bound of the distance from a straight line, against the error at many places between.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::State;
+use volcomp_model::{Machine, Tolerance};
+use volcomp_test_support::structures::all_types;
+
+use crate::machines::{machine, random_state};
+
+/// The largest distance between error and straight line at many places, mm.
+fn found_mm(machine: &volcomp_evaluator::CompiledMachine, from: &State, to: &State) -> f64 {
+    let at = |share: f64| {
+        let mut state = *to;
+        for (q, from) in state.q.iter_mut().zip(&from.q) {
+            *q = from + share * (*q - from);
+        }
+        machine.evaluate(&state).position_mm
+    };
+    let [first, last] = [at(0.0), at(1.0)];
+    let mut largest = 0.0_f64;
+    for step in 1..100 {
+        let share = f64::from(step) / 100.0;
+        let found = at(share);
+        let away: f64 = (0..3)
+            .map(|i| (found[i] - first[i] - share * (last[i] - first[i])).powi(2))
+            .sum();
+        largest = largest.max(away.sqrt());
+    }
+    largest
+}
+
+#[test]
+fn the_bound_holds_on_every_type() {
+    let mut rng = ChaCha8Rng::seed_from_u64(21);
+    for (index, structure) in all_types().iter().enumerate() {
+        let machine = machine(structure, 700 + index as u64);
+        let compiled = machine.compile(Tolerance::default()).unwrap();
+        for _ in 0..150 {
+            let from = random_state(&machine, &mut rng);
+            let mut to = random_state(&machine, &mut rng);
+            let share = [1.0, 0.3, 0.03, 0.001][rng.random_range(0..4)];
+            for (to, from) in to.q.iter_mut().zip(&from.q) {
+                *to = from + share * (*to - from);
+            }
+            let bound = compiled.chord_bound_mm(&from, &to);
+            let found = found_mm(&compiled, &from, &to);
+            assert!(
+                found <= bound + 1e-9,
+                "{structure:?} {share}: {found} {bound}"
+            );
+            assert!(bound.is_finite());
+        }
+    }
+}
+
+/// Without curvature nothing is to be split; with a curve the bound falls with the square of the length, to the nearest 4.
+#[test]
+fn the_bound_is_as_tight_as_the_curves_are() {
+    let text = |curve: &str| {
+        format!(
+            "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0, 1000]\n[axes.Y]\ntravel = [0, 500]\n[axes.Z]\ntravel = [0, 500]\n[errors]\n{curve}"
+        )
+    };
+    let ends = |x: f64| {
+        [
+            State::from_coordinates(&[100.0, 50.0, 50.0]),
+            State::from_coordinates(&[100.0 + x, 50.0 + x, 50.0]),
+        ]
+    };
+    let straight = text(
+        "EXX = { poly = [1.0, 0.01] }\nEYX = { poly = [0.0, 0.02] }\nEC0Y = 20.0\nECX = 3.0\n",
+    );
+    let compiled = Machine::parse(&straight, "m").unwrap();
+    let compiled = compiled.compile(Tolerance::default()).unwrap();
+    let [from, to] = ends(400.0);
+    assert!(compiled.chord_bound_mm(&from, &to) < 1e-9);
+    let curved = text("EXX = { poly = [0.0, 0.0, 1e-4] }\n");
+    let compiled = Machine::parse(&curved, "m").unwrap();
+    let compiled = compiled.compile(Tolerance::default()).unwrap();
+    for x in [1.0, 10.0, 100.0, 400.0] {
+        let [from, to] = ends(x);
+        // 1e-4 µm/mm² over x: the parabola is off its chord by 1e-4·x²/4 µm in the middle.
+        let exact = 1e-7 * x * x / 4.0;
+        let found = found_mm(&compiled, &from, &to);
+        assert!(
+            (found - exact).abs() < 1e-3 * exact + 2e-9,
+            "{found} {exact}"
+        );
+        let bound = compiled.chord_bound_mm(&from, &to);
+        assert!(
+            bound >= exact - 1e-12 && bound <= 4.0 * exact,
+            "{bound} {exact}"
+        );
+    }
+}
