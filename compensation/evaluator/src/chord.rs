@@ -2,13 +2,17 @@
 //! derivatives of the curves, not from samples.
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, Direction};
+use volcomp_vocabulary::{AxisKind, Direction, PerAxis};
 
 use crate::{
     machine::{CompiledAxis, CompiledMachine},
     parts::branch_index,
     table::{LANES, Piece},
 };
+
+/// No axis goes further within the ways of [`CompiledMachine::short_ways`].
+const MOST_MM: f64 = 100.0;
+const MOST_RAD: f64 = 0.1;
 
 /// Slopes of the motions of an axis over a stretch of its travel, for each mm or deg.
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,17 +54,69 @@ impl CompiledMachine {
                 let [linear, angular] = slopes.largest;
                 bound += 0.25 * length * (linear * turned + angular * moved);
             }
-            let [linear, angular] = axis.size_bounds();
-            let constant = |motion: &volcomp_kinematics::ErrorMotion| {
-                [motion.linear_mm.norm(), motion.angular_rad.norm()]
-            };
-            let [at_axis, between] = [&self.location[index], &self.assembly[index]].map(constant);
-            // A location error changes with the turn of its own axis, too.
-            let linear = linear + 2.0 * at_axis[0] + between[0];
-            let angular = angular + 2.0 * at_axis[1] + between[1];
+            let [linear, angular] = self.sizes(index, axis);
             bound += 0.125 * (linear * turned * turned + angular * second);
         }
         bound
+    }
+
+    /// How far each axis may go (mm, rad, in chain order) so that [`chord_bound_mm`](Self::chord_bound_mm) is within a
+    /// tolerance wherever the way lies: where each axis passes a share of its way, and the shares together are no more than
+    /// one. Infinite for axes that change nothing.
+    pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
+        let reach_mm = self.reach_mm();
+        // All ways together, by which the parts of the bound with products of ways are taken for linear ones.
+        let turned: f64 = self.of_kind(AxisKind::Rotary).map(|_| MOST_RAD).sum();
+        let way: f64 = self.of_kind(AxisKind::Linear).map(|_| MOST_MM).sum();
+        let moved = way + turned * reach_mm;
+        let (mut sizes, mut tilts) = (0.0, 0.0);
+        for (index, axis) in self.axes.iter().enumerate() {
+            let [linear, angular] = self.sizes(index, axis);
+            sizes += linear;
+            tilts += angular;
+        }
+        PerAxis::from_fn(|index| {
+            let Some(axis) = self.axes.get(index) else {
+                return f64::INFINITY;
+            };
+            let is_rotary = axis.joint.kind == AxisKind::Rotary;
+            let mut per_unit = 0.0_f64;
+            for approach in [Some(Direction::Positive), Some(Direction::Negative), None] {
+                let slopes = self.slopes(axis, approach, [0.0; 2], f64::INFINITY);
+                let ([varies, tilt_varies], [slope, tilt_slope]) = (slopes.varies, slopes.largest);
+                let along = varies + tilt_varies * reach_mm + slope * turned + tilt_slope * moved;
+                per_unit = per_unit.max(0.25 * along);
+            }
+            let most = if is_rotary {
+                per_unit = per_unit.to_degrees();
+                per_unit += 0.125 * (sizes * turned + tilts * (2.0 * way + turned * reach_mm));
+                MOST_RAD
+            } else {
+                MOST_MM
+            };
+            if per_unit > 0.0 {
+                most.min(tolerance_mm / per_unit)
+            } else if turned == 0.0 {
+                f64::INFINITY
+            } else {
+                most
+            }
+        })
+    }
+
+    fn of_kind(&self, kind: AxisKind) -> impl Iterator<Item = &CompiledAxis> {
+        self.axes.iter().filter(move |axis| axis.joint.kind == kind)
+    }
+
+    /// The largest displacement (mm) and tilt (rad) that an axis and its constant errors give.
+    fn sizes(&self, index: usize, axis: &CompiledAxis) -> [f64; 2] {
+        let [linear, angular] = axis.size_bounds();
+        let (location, assembly) = (&self.location[index], &self.assembly[index]);
+        // A location error changes with the turn of its own axis, too.
+        [
+            linear + 2.0 * location.linear_mm.norm() + assembly.linear_mm.norm(),
+            angular + 2.0 * location.angular_rad.norm() + assembly.angular_rad.norm(),
+        ]
     }
 
     /// The slopes of an axis between two coordinates (mm or deg) that are `length` apart.

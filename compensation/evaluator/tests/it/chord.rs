@@ -94,3 +94,33 @@ fn the_bound_is_as_tight_as_the_curves_are() {
         );
     }
 }
+
+/// Within the short ways no bound is above the tolerance.
+#[test]
+fn short_ways_are_within_the_tolerance() {
+    let mut rng = ChaCha8Rng::seed_from_u64(22);
+    for (index, structure) in all_types().iter().enumerate() {
+        let machine = machine(structure, 800 + index as u64);
+        let compiled = machine.compile(Tolerance::default()).unwrap();
+        let tolerance_mm = [1e-4, 1e-3, 1e-2][index % 3];
+        let ways = compiled.short_ways(tolerance_mm);
+        assert!(ways.iter().all(|way| *way > 0.0));
+        for _ in 0..100 {
+            let from = random_state(&machine, &mut rng);
+            let mut to = random_state(&machine, &mut rng);
+            let count = machine.axes().len();
+            let mut shares: Vec<f64> = (0..count).map(|_| rng.random_range(0.0..1.0)).collect();
+            let all: f64 = shares.iter().sum();
+            shares.iter_mut().for_each(|share| *share /= all);
+            for i in 0..count {
+                let way = shares[i] * ways[i].min(1e3);
+                to.q[i] = from.q[i] + if rng.random() { way } else { -way };
+            }
+            let bound = compiled.chord_bound_mm(&from, &to);
+            assert!(
+                bound <= tolerance_mm * (1.0 + 1e-9),
+                "{structure:?}: {bound}"
+            );
+        }
+    }
+}
