@@ -1,0 +1,166 @@
+//! One line of a program: its words with their places in the text, so that what is not changed stays as it is.
+
+use std::ops::Range;
+
+use crate::{
+    expression::{Expressions, Read},
+    fault::Fault,
+    parameters::Value,
+    scan::Scanner,
+};
+
+/// A word: a letter and its value.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Word {
+    /// The capital letter, or one of `@`, `^` and `$`.
+    pub(crate) letter: u8,
+    /// Where the letter stands, bytes from the beginning of the line.
+    pub(crate) at: usize,
+    /// Where the value stands.
+    pub(crate) text: Range<usize>,
+    pub(crate) value: Value,
+    /// The decimals of a plain number; `None`: it was computed.
+    pub(crate) decimals: Option<u8>,
+}
+
+/// A parameter that a block sets once its other words are read.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Parameter {
+    Numbered(u32),
+    Named(String),
+}
+
+/// What a line is, besides its words.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Begins {
+    #[default]
+    Nothing,
+    /// A slash: the operator may have it skipped.
+    Slash,
+    /// A percent sign: the program begins or ends here.
+    Percent,
+}
+
+/// A line that was read; made once, and used for all lines.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Block {
+    pub(crate) words: Vec<Word>,
+    pub(crate) assignments: Vec<(Parameter, Value)>,
+    pub(crate) begins: Begins,
+    /// Where a further word may be put: behind the last one.
+    pub(crate) end: usize,
+}
+
+impl Block {
+    /// Reads a line without its end of line. O-words are read elsewhere: none may be in it.
+    pub(crate) fn read(&mut self, line: &[u8], expressions: &Expressions<'_>) -> Result<(), Fault> {
+        self.words.clear();
+        self.assignments.clear();
+        self.begins = Begins::Nothing;
+        let mut scanner = Scanner::new(line);
+        let mut end = 0;
+        match scanner.peek() {
+            Some(b'/') => {
+                scanner.next();
+                self.begins = Begins::Slash;
+                end = scanner.at();
+            }
+            Some(b'%') => {
+                self.begins = Begins::Percent;
+                self.end = line.len();
+                return Ok(());
+            }
+            _ => {}
+        }
+        self.end = end;
+        while let Some(byte) = scanner.peek() {
+            let (at, column) = (scanner.at(), scanner.column());
+            scanner.next();
+            match byte {
+                b'(' => skip_comment(&mut scanner, column)?,
+                b';' => break,
+                b'#' => {
+                    self.assignment(&mut scanner, expressions)?;
+                    self.end = scanner.at();
+                }
+                b'A'..=b'Z' | b'@' | b'^' | b'$' => {
+                    scanner.peek();
+                    let from = scanner.at();
+                    let read = expressions.read(&mut scanner)?;
+                    let Some(Read { value, decimals }) = read else {
+                        return Err(Fault::NoNumber {
+                            column,
+                            letter: char::from(byte),
+                        });
+                    };
+                    self.end = scanner.at();
+                    self.words.push(Word {
+                        letter: byte,
+                        at,
+                        text: from..scanner.at(),
+                        value,
+                        decimals,
+                    });
+                }
+                other => {
+                    return Err(Fault::Character {
+                        column,
+                        found: char::from(other),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// `#12 = 3` or `#<name> = 3`, whose `#` is passed.
+    fn assignment(
+        &mut self,
+        scanner: &mut Scanner<'_>,
+        expressions: &Expressions<'_>,
+    ) -> Result<(), Fault> {
+        let parameter = if scanner.takes(b'<') {
+            Some(Parameter::Named(scanner.name()?))
+        } else {
+            let number = expressions.parameter_number(scanner, 0)?;
+            number.map(Parameter::Numbered)
+        };
+        let column = scanner.column();
+        if !scanner.takes(b'=') {
+            return Err(Fault::Expression {
+                column,
+                what: "expected = after a parameter that begins a word",
+            });
+        }
+        let column = scanner.column();
+        let read = expressions.read(scanner)?.ok_or(Fault::Expression {
+            column,
+            what: "expected the value of the parameter after =",
+        })?;
+        let parameter = parameter.ok_or(Fault::Expression {
+            column,
+            what: "only the machine knows which parameter is set here",
+        })?;
+        self.assignments.push((parameter, read.value));
+        Ok(())
+    }
+
+    /// The last word with this letter.
+    pub(crate) fn word(&self, letter: u8) -> Option<&Word> {
+        self.words.iter().rev().find(|word| word.letter == letter)
+    }
+
+    /// All words with this letter.
+    pub(crate) fn words_of(&self, letter: u8) -> impl Iterator<Item = &Word> {
+        self.words.iter().filter(move |word| word.letter == letter)
+    }
+}
+
+fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {
+    let rest = &scanner.bytes()[scanner.at()..];
+    let Some(length) = rest.iter().position(|byte| *byte == b')') else {
+        return Err(Fault::OpenComment { column });
+    };
+    scanner.go_to(scanner.at() + length + 1);
+    Ok(())
+}

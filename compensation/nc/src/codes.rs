@@ -1,0 +1,162 @@
+//! The G and M codes of a block, sorted by what they change; one of a group in a block.
+
+use crate::{block::Block, fault::Fault, modal::Code};
+
+/// Codes that may not stand in one block, each group with its name.
+const GROUPS: [(&str, &[Code]); 13] = [
+    (
+        "motion",
+        &[
+            0, 10, 20, 30, 50, 51, 52, 53, 330, 331, 382, 383, 384, 385, 730, 740, 760, 800, 810,
+            820, 830, 840, 850, 860, 870, 880, 890,
+        ],
+    ),
+    (
+        "not modal",
+        &[40, 100, 280, 281, 300, 301, 520, 920, 921, 922, 923],
+    ),
+    ("plane", &[170, 180, 190]),
+    ("diameter", &[70, 80]),
+    ("distance", &[900, 910]),
+    ("centre", &[901, 911]),
+    ("feed", &[930, 940, 950]),
+    ("units", &[200, 210]),
+    ("radius", &[400, 410, 411, 420, 421]),
+    ("tool length", &[430, 431, 432, 490]),
+    (
+        "work offset",
+        &[540, 550, 560, 570, 580, 590, 591, 592, 593],
+    ),
+    ("return of cycles", &[980, 990]),
+    ("rotation", &[680, 690]),
+];
+/// Codes that move nothing and mean nothing for coordinates: the path mode, the speed of the spindle, an exact stop.
+const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
+
+/// The codes of a block. `None`: none of the group.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Codes {
+    groups: [Option<Code>; GROUPS.len()],
+    /// Moves in the coordinates of the machine (G53).
+    pub(crate) in_machine: bool,
+    /// The program ends here (M2, M30), or is told to go on elsewhere (M98, M99).
+    pub(crate) ends: bool,
+    pub(crate) calls: Option<Code>,
+    /// M6: the tool is changed.
+    pub(crate) changes_tool: bool,
+}
+
+/// A code that is not known: what it does nobody can say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct UnknownCode(pub(crate) Code);
+
+/// Why the codes of a block are not taken.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Refusal {
+    Fault(Fault),
+    Unknown(UnknownCode),
+    /// The number of a code that only the machine knows, or that is none.
+    NoCode(usize),
+}
+
+impl Codes {
+    pub(crate) fn of(block: &Block) -> Result<Self, Refusal> {
+        let mut codes = Self::default();
+        for (place, word) in block.words.iter().enumerate() {
+            if word.letter != b'G' && word.letter != b'M' {
+                continue;
+            }
+            let Some(code) = word.value.and_then(code_of) else {
+                return Err(Refusal::NoCode(place));
+            };
+            if word.letter == b'M' {
+                match code {
+                    20 | 300 => codes.ends = true,
+                    60 => codes.changes_tool = true,
+                    980 | 990 => codes.calls = Some(code),
+                    _ => {}
+                }
+                continue;
+            }
+            if code == 530 {
+                codes.in_machine = true;
+                continue;
+            }
+            let group = GROUPS.iter().position(|(_, group)| group.contains(&code));
+            match group {
+                Some(group) => {
+                    if let Some(other) = codes.groups[group].replace(code) {
+                        return Err(Refusal::Fault(Fault::Twice {
+                            found: text(code),
+                            other: text(other),
+                        }));
+                    }
+                }
+                None if HARMLESS.contains(&code) => {}
+                None => return Err(Refusal::Unknown(UnknownCode(code))),
+            }
+        }
+        Ok(codes)
+    }
+
+    pub(crate) fn motion(&self) -> Option<Code> {
+        self.groups[0]
+    }
+    pub(crate) fn not_modal(&self) -> Option<Code> {
+        self.groups[1]
+    }
+    pub(crate) fn plane(&self) -> Option<Code> {
+        self.groups[2]
+    }
+    pub(crate) fn diameter(&self) -> Option<Code> {
+        self.groups[3]
+    }
+    pub(crate) fn distance(&self) -> Option<Code> {
+        self.groups[4]
+    }
+    pub(crate) fn centre(&self) -> Option<Code> {
+        self.groups[5]
+    }
+    pub(crate) fn feed(&self) -> Option<Code> {
+        self.groups[6]
+    }
+    pub(crate) fn units(&self) -> Option<Code> {
+        self.groups[7]
+    }
+    pub(crate) fn radius(&self) -> Option<Code> {
+        self.groups[8]
+    }
+    pub(crate) fn tool_length(&self) -> Option<Code> {
+        self.groups[9]
+    }
+    pub(crate) fn work_offset(&self) -> Option<Code> {
+        self.groups[10]
+    }
+    pub(crate) fn comes_back(&self) -> Option<Code> {
+        self.groups[11]
+    }
+    pub(crate) fn rotation(&self) -> Option<Code> {
+        self.groups[12]
+    }
+}
+
+/// A code in tenths; `None` where the number is none.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the range was looked at before"
+)]
+fn code_of(value: f64) -> Option<Code> {
+    let tenths = (value * 10.0).round();
+    let is_code = (tenths - value * 10.0).abs() < 1e-3 && (0.0..=9990.0).contains(&tenths);
+    is_code.then_some(tenths as Code)
+}
+
+/// A G code as people write it.
+pub(crate) fn text(code: Code) -> String {
+    if code % 10 == 0 {
+        format!("G{}", code / 10)
+    } else {
+        format!("G{}.{}", code / 10, code % 10)
+    }
+}

@@ -1,0 +1,77 @@
+//! Why a program is not compensated.
+
+use crate::fault::Fault;
+
+/// Why a program is not compensated: the line, what was found, and what was expected.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NcError {
+    /// A block that cannot be read.
+    #[error("line {line}: {fault}")]
+    Block {
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong with it.
+        fault: Fault,
+    },
+    /// A code whose motion is not known.
+    #[error(
+        "line {line}: {code} is not known here: it may move an axis, so that the program cannot be compensated"
+    )]
+    UnknownCode {
+        /// Counted from 1.
+        line: usize,
+        /// As it is written.
+        code: String,
+    },
+    /// What a block asks for cannot be compensated.
+    #[error("line {line}: {what}")]
+    NotCompensated {
+        /// Counted from 1.
+        line: usize,
+        /// What it asks for, and why not.
+        what: String,
+    },
+    /// A value that only the machine knows.
+    #[error(
+        "line {line}: the value of {word} is only known at the machine, so that its motion cannot be compensated"
+    )]
+    OnlyAtMachine {
+        /// Counted from 1.
+        line: usize,
+        /// The letter of the word.
+        word: char,
+    },
+    /// A line longer than [`LONGEST_LINE`](crate::LONGEST_LINE).
+    #[error("line {line}: longer than {most} bytes; this is no NC program")]
+    LongLine {
+        /// Counted from 1.
+        line: usize,
+        /// The most that is taken.
+        most: usize,
+    },
+    /// A byte that no NC program has.
+    #[error("line {line}: byte {byte:#04x} at column {column}; this is no NC program")]
+    Binary {
+        /// Counted from 1.
+        line: usize,
+        /// Counted from 1.
+        column: usize,
+        /// The byte.
+        byte: u8,
+    },
+    /// The O-words do not fit together, or never end.
+    #[error("line {line}: {what}")]
+    Flow {
+        /// Counted from 1.
+        line: usize,
+        /// What does not fit.
+        what: String,
+    },
+    /// The program or its correction cannot be read or written.
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    /// The machine has no axis, or cannot be compiled.
+    #[error(transparent)]
+    Machine(#[from] volcomp_model::ModelError),
+}

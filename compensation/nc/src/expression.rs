@@ -1,0 +1,309 @@
+//! Numbers, parameters and expressions after a letter, as RS-274 has them; angles are in degrees.
+
+use crate::{
+    fault::Fault,
+    parameters::{MOST, Parameters, Value},
+    scan::Scanner,
+};
+
+/// Brackets in brackets, so many at the most.
+const DEEPEST: u32 = 50;
+
+/// A value as it stands in a word.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Read {
+    pub(crate) value: Value,
+    /// The decimals of a plain number; `None`: it was computed.
+    pub(crate) decimals: Option<u8>,
+}
+
+/// Operators that bind equally, the strongest last.
+const OPERATORS: [&[(&str, Operator)]; 5] = [
+    &[
+        ("AND", Operator::And),
+        ("XOR", Operator::Xor),
+        ("OR", Operator::Or),
+    ],
+    &[
+        ("EQ", Operator::Equal),
+        ("NE", Operator::NotEqual),
+        ("GT", Operator::Greater),
+        ("GE", Operator::GreaterOrEqual),
+        ("LT", Operator::Less),
+        ("LE", Operator::LessOrEqual),
+    ],
+    &[("+", Operator::Plus), ("-", Operator::Minus)],
+    &[
+        ("*", Operator::Times),
+        ("/", Operator::Over),
+        ("MOD", Operator::Modulo),
+    ],
+    &[("**", Operator::Power)],
+];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Operator {
+    And,
+    Xor,
+    Or,
+    Equal,
+    NotEqual,
+    Greater,
+    GreaterOrEqual,
+    Less,
+    LessOrEqual,
+    Plus,
+    Minus,
+    Times,
+    Over,
+    Modulo,
+    Power,
+}
+
+/// Reads values of a block; parameters have the values that they had before it.
+pub(crate) struct Expressions<'p> {
+    pub(crate) parameters: &'p Parameters,
+    /// The named parameters that the control provides, such as `_x`.
+    pub(crate) provided: &'p dyn Fn(&str) -> Option<Value>,
+    /// The numbered ones.
+    pub(crate) numbered: &'p dyn Fn(u32) -> Option<Value>,
+}
+
+impl Expressions<'_> {
+    /// The value that begins here; `None`: there is none.
+    pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<Read>, Fault> {
+        if let Some((value, decimals)) = scanner.number() {
+            return Ok(Some(Read {
+                value: Some(value),
+                decimals: Some(decimals),
+            }));
+        }
+        let value = self.value(scanner, 0)?;
+        Ok(value.map(|value| Read {
+            value,
+            decimals: None,
+        }))
+    }
+
+    fn value(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
+        if let Some((value, _)) = scanner.number() {
+            return Ok(Some(Some(value)));
+        }
+        let column = scanner.column();
+        if depth > DEEPEST {
+            return Err(Fault::Expression {
+                column,
+                what: "the expression is nested too deeply",
+            });
+        }
+        match scanner.peek() {
+            Some(b'[') => {
+                scanner.next();
+                self.bracket(scanner, depth + 1).map(Some)
+            }
+            Some(b'#') => {
+                scanner.next();
+                self.parameter(scanner, depth + 1).map(Some)
+            }
+            Some(sign @ (b'+' | b'-')) => {
+                scanner.next();
+                let value = self.value(scanner, depth + 1)?;
+                Ok(value.map(|value| value.map(|x| if sign == b'-' { -x } else { x })))
+            }
+            Some(b'A'..=b'Z') => self.function(scanner, depth + 1),
+            _ => Ok(None),
+        }
+    }
+
+    /// An expression whose opening bracket is passed.
+    fn bracket(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
+        let value = self.operation(scanner, 0, depth)?;
+        if scanner.takes(b']') {
+            return Ok(value);
+        }
+        Err(Fault::Expression {
+            column: scanner.column(),
+            what: "expected an operator or ] here",
+        })
+    }
+
+    /// Operators of one strength, from the left; between them what binds more strongly.
+    fn operation(
+        &self,
+        scanner: &mut Scanner<'_>,
+        strength: usize,
+        depth: u32,
+    ) -> Result<Value, Fault> {
+        let Some(operators) = OPERATORS.get(strength) else {
+            let column = scanner.column();
+            let value = self.value(scanner, depth)?;
+            return value.ok_or(Fault::Expression {
+                column,
+                what: "expected a number, a parameter or a function here",
+            });
+        };
+        let mut value = self.operation(scanner, strength + 1, depth)?;
+        loop {
+            let column = scanner.column();
+            let before = scanner.at();
+            let found = operators
+                .iter()
+                .find(|(letters, _)| scanner.takes_all(letters));
+            let Some((_, operator)) = found else {
+                return Ok(value);
+            };
+            if *operator == Operator::Times && scanner.peek() == Some(b'*') {
+                // The power, which binds more strongly, is not here.
+                scanner.go_to(before);
+                return Ok(value);
+            }
+            let other = self.operation(scanner, strength + 1, depth)?;
+            value = match (value, other) {
+                (Some(a), Some(b)) => Some(operate(*operator, a, b, column)?),
+                _ => None,
+            };
+        }
+    }
+
+    /// The number of a parameter, or its name; its `#` is passed.
+    fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
+        if scanner.takes(b'<') {
+            let name = scanner.name()?;
+            return self.named(&name).ok_or(Fault::NoParameter { name });
+        }
+        Ok(match self.parameter_number(scanner, depth)? {
+            Some(number) => {
+                (self.numbered)(number).unwrap_or_else(|| self.parameters.numbered(number))
+            }
+            None => None,
+        })
+    }
+
+    fn named(&self, name: &str) -> Option<Value> {
+        self.parameters
+            .named(name)
+            .or_else(|| (self.provided)(name))
+    }
+
+    /// The number of a parameter, whose `#` is passed; `None`: only the machine knows it.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range was looked at before"
+    )]
+    pub(crate) fn parameter_number(
+        &self,
+        scanner: &mut Scanner<'_>,
+        depth: u32,
+    ) -> Result<Option<u32>, Fault> {
+        let column = scanner.column();
+        let wrong = || Fault::Expression {
+            column,
+            what: "expected the number of a parameter, 1 to 99999, or its name between < and >",
+        };
+        let Some(number) = self.value(scanner, depth)?.ok_or_else(wrong)? else {
+            return Ok(None);
+        };
+        let whole = number.round();
+        if (number - whole).abs() > 1e-4 || !(1.0..f64::from(MOST)).contains(&whole) {
+            return Err(wrong());
+        }
+        Ok(Some(whole as u32))
+    }
+
+    fn function(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
+        const NAMES: [&str; 14] = [
+            "ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND",
+            "SIN", "SQRT", "TAN",
+        ];
+        let column = scanner.column();
+        let Some(name) = NAMES.into_iter().find(|name| scanner.takes_all(name)) else {
+            return Ok(None);
+        };
+        if !scanner.takes(b'[') {
+            return Err(Fault::Expression {
+                column: scanner.column(),
+                what: "expected [ after the name of a function",
+            });
+        }
+        if name == "EXISTS" {
+            let is_named = scanner.takes_all("#<");
+            let exists = is_named && self.named(&scanner.name()?).is_some();
+            if !is_named || !scanner.takes(b']') {
+                return Err(Fault::Expression {
+                    column,
+                    what: "expected EXISTS[#<name>]",
+                });
+            }
+            return Ok(Some(Some(f64::from(u8::from(exists)))));
+        }
+        let value = self.bracket(scanner, depth)?;
+        if name == "ATAN" {
+            let over = scanner.takes_all("/[");
+            if !over {
+                return Err(Fault::Expression {
+                    column,
+                    what: "expected ATAN[y]/[x]",
+                });
+            }
+            let x = self.bracket(scanner, depth)?;
+            return Ok(Some(value.zip(x).map(|(y, x)| y.atan2(x).to_degrees())));
+        }
+        let Some(x) = value else {
+            return Ok(Some(None));
+        };
+        let result = match name {
+            "ABS" => x.abs(),
+            "ACOS" => x.acos().to_degrees(),
+            "ASIN" => x.asin().to_degrees(),
+            "COS" => x.to_radians().cos(),
+            "EXP" => x.exp(),
+            "FIX" => x.floor(),
+            "FUP" => x.ceil(),
+            "LN" => x.ln(),
+            "ROUND" => x.round(),
+            "SIN" => x.to_radians().sin(),
+            "SQRT" => x.sqrt(),
+            _ => x.to_radians().tan(),
+        };
+        finite(result, column).map(|x| Some(Some(x)))
+    }
+}
+
+fn finite(value: f64, column: usize) -> Result<f64, Fault> {
+    if value.is_finite() {
+        return Ok(value);
+    }
+    Err(Fault::Arithmetic {
+        column,
+        what: "this calculation has no result (a division by zero, or a function outside its range)",
+    })
+}
+
+fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fault> {
+    let truth = |truth: bool| f64::from(u8::from(truth));
+    // Numbers that are computed are equal where they differ by their last digits only.
+    let equal = (a - b).abs() < 1e-6;
+    let value = match operator {
+        Operator::And => truth(a != 0.0 && b != 0.0),
+        Operator::Or => truth(a != 0.0 || b != 0.0),
+        Operator::Xor => truth((a != 0.0) != (b != 0.0)),
+        Operator::Equal => truth(equal),
+        Operator::NotEqual => truth(!equal),
+        Operator::Greater => truth(a > b),
+        Operator::GreaterOrEqual => truth(a >= b),
+        Operator::Less => truth(a < b),
+        Operator::LessOrEqual => truth(a <= b),
+        Operator::Plus => a + b,
+        Operator::Minus => a - b,
+        Operator::Times => a * b,
+        Operator::Over => a / b,
+        Operator::Modulo => {
+            // The result is never negative.
+            let rest = a % b;
+            if rest < 0.0 { rest + b.abs() } else { rest }
+        }
+        Operator::Power => a.powf(b),
+    };
+    finite(value, column)
+}

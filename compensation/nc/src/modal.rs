@@ -1,0 +1,147 @@
+//! What a program has switched on and set: everything that gives a later word its meaning.
+
+use crate::coordinates::{Axes, Frame};
+
+/// The work offsets of G54 to G59.3.
+pub(crate) const SYSTEMS: usize = 9;
+
+/// A G or M code in tenths: 431 is G43.1.
+pub(crate) type Code = u16;
+
+/// The plane of arcs and cycles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Plane {
+    #[default]
+    Xy,
+    Zx,
+    Yz,
+}
+
+impl Plane {
+    /// Its two axes, right-handed, and the one normal to it.
+    pub(crate) fn axes(self) -> [usize; 3] {
+        match self {
+            Self::Xy => [0, 1, 2],
+            Self::Zx => [2, 0, 1],
+            Self::Yz => [1, 2, 0],
+        }
+    }
+
+    /// The letters of the centre along the first and the second axis.
+    pub(crate) fn centre_letters(self) -> [u8; 2] {
+        match self {
+            Self::Xy => [b'I', b'J'],
+            Self::Zx => [b'K', b'I'],
+            Self::Yz => [b'J', b'K'],
+        }
+    }
+}
+
+/// What an F word means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum FeedMode {
+    /// Minutes for the motion, one over.
+    InverseTime,
+    #[default]
+    PerMinute,
+    PerRevolution,
+}
+
+/// A work offset.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct WorkOffset {
+    pub(crate) offset: Axes,
+    pub(crate) rotation_deg: f64,
+}
+
+/// What is kept of a canned cycle from hole to hole, in the coordinates of the program, mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sticky {
+    /// The bottom of the hole, and the plane to which the tool comes back.
+    pub(crate) bottom: Option<f64>,
+    pub(crate) clearance: Option<f64>,
+}
+
+/// State of a program that is read.
+#[derive(Clone, Debug)]
+pub(crate) struct Modal {
+    /// mm for each unit of length.
+    pub(crate) unit_mm: f64,
+    pub(crate) plane: Plane,
+    pub(crate) absolute: bool,
+    /// The centre of an arc is a place, not a way from its beginning.
+    pub(crate) centre_absolute: bool,
+    /// X words are diameters.
+    pub(crate) diameter: bool,
+    /// The motion that coordinates alone stand for.
+    pub(crate) motion: Option<Code>,
+    pub(crate) feed_mode: FeedMode,
+    pub(crate) feed: Option<f64>,
+    /// Which of the work offsets holds.
+    pub(crate) system: usize,
+    pub(crate) offsets: [WorkOffset; SYSTEMS],
+    /// The offset of G92 or G52, whether it holds or not.
+    pub(crate) shift: Axes,
+    pub(crate) shifted: bool,
+    pub(crate) tool_offset: Axes,
+    /// The rotation of G68, deg, and its centre.
+    pub(crate) rotation: Option<(f64, [f64; 2])>,
+    /// The radius of the tool is compensated: 410 or 420.
+    pub(crate) radius: Option<Code>,
+    /// A cycle comes back to where it began, not to its clearance plane.
+    pub(crate) comes_back: bool,
+    pub(crate) sticky: Sticky,
+    pub(crate) tool: Option<u32>,
+    /// The places of G28 and G30, in the machine's coordinates.
+    pub(crate) homes: [Axes; 2],
+}
+
+impl Default for Modal {
+    fn default() -> Self {
+        Self {
+            unit_mm: 1.0,
+            plane: Plane::Xy,
+            absolute: true,
+            centre_absolute: false,
+            diameter: false,
+            motion: None,
+            feed_mode: FeedMode::PerMinute,
+            feed: None,
+            system: 0,
+            offsets: [WorkOffset::default(); SYSTEMS],
+            shift: [0.0; 9],
+            shifted: false,
+            tool_offset: [0.0; 9],
+            rotation: None,
+            radius: None,
+            comes_back: true,
+            sticky: Sticky::default(),
+            tool: None,
+            homes: [[0.0; 9]; 2],
+        }
+    }
+}
+
+impl Modal {
+    /// What lies between program and machine now.
+    pub(crate) fn frame(&self) -> Frame {
+        let work = &self.offsets[self.system.min(SYSTEMS - 1)];
+        let (rotation_deg, centre) = self.rotation.unwrap_or((work.rotation_deg, [0.0; 2]));
+        Frame {
+            work: work.offset,
+            shift: if self.shifted { self.shift } else { [0.0; 9] },
+            tool: self.tool_offset,
+            rotation_deg,
+            centre,
+        }
+    }
+
+    /// mm or deg for each unit of a word of this axis.
+    pub(crate) fn scale(&self, axis: usize) -> f64 {
+        match axis {
+            0 if self.diameter => 0.5 * self.unit_mm,
+            3..6 => 1.0,
+            _ => self.unit_mm,
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! What a block makes the axes do.
+
+use crate::coordinates::Axes;
+
+/// How a motion goes from its beginning to its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Path {
+    Rapid,
+    Line,
+    Arc(Arc),
+    /// A cycle at its end: the tool goes down to `bottom` there and back, in the coordinates of the program, mm, along the
+    /// axis normal to the plane.
+    Hole {
+        bottom: f64,
+        clearance: f64,
+    },
+    /// Something that is passed on as it is: a probing move, a thread, a spline.
+    Other,
+}
+
+/// An arc or a helix, in the coordinates of the program, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Arc {
+    /// The two axes of its plane, and the one along which a helix rises.
+    pub(crate) axes: [usize; 3],
+    pub(crate) centre: [f64; 2],
+    /// The angle it turns by, rad, positive counterclockwise.
+    pub(crate) turns_by: f64,
+    /// It is written with a radius.
+    pub(crate) by_radius: bool,
+}
+
+/// A motion of a block.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Move {
+    pub(crate) path: Path,
+    /// The coordinates of the machine before and after, mm and deg.
+    pub(crate) from: Axes,
+    pub(crate) to: Axes,
+    /// The place of the word of each axis in the block.
+    pub(crate) words: Axes<Option<usize>>,
+    /// Its words are ways, not places.
+    pub(crate) incremental: bool,
+    /// Its words are the coordinates of the machine (G53, G28).
+    pub(crate) in_machine: bool,
+}

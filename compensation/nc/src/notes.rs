@@ -1,0 +1,74 @@
+//! What a user should know of a program that was compensated: each thing once, with the first line at which it was met.
+
+use std::{collections::BTreeMap, fmt};
+
+/// Something that was met in a program.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Note {
+    /// The tool with this number has no length in the set-up: zero was taken.
+    NoToolLength(u32),
+    /// A motion of this code passes on as it is.
+    PassedOn(String),
+    /// The place of G28.1 or G30.1 is not known, since the axes were not all named before.
+    HomeUnknown,
+    /// The machine has no axis of this letter: its words pass on as they are.
+    NoAxis(char),
+    /// A correction of this axis was left out, since the program does not name the axis before, and the set-up does not
+    /// say where it stands.
+    LeftOut(char),
+    /// The coordinate of this axis is outside the travel.
+    OutsideTravel(char),
+    /// The radius of the tool is compensated: the contour is corrected.
+    RadiusCompensated,
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoToolLength(tool) => write!(
+                f,
+                "the length of tool {tool} is not in the set-up: zero was taken"
+            ),
+            Self::PassedOn(code) => write!(f, "motions of {code} pass on without a correction"),
+            Self::HomeUnknown => write!(
+                f,
+                "the place that is stored here is not known, since the program has not named every axis before"
+            ),
+            Self::NoAxis(axis) => write!(
+                f,
+                "the machine has no axis {axis}: its words pass on as they are"
+            ),
+            Self::LeftOut(axis) => write!(
+                f,
+                "corrections of {axis} are left out until the program names that axis, since it is not known where it stands"
+            ),
+            Self::OutsideTravel(axis) => write!(
+                f,
+                "{axis} leaves its travel; beyond its ends the errors there are taken"
+            ),
+            Self::RadiusCompensated => write!(
+                f,
+                "with the radius of the tool compensated (G41, G42) the contour is corrected, not the path of the tool's centre"
+            ),
+        }
+    }
+}
+
+/// Notes, each with the line at which it was met first, counted from 1.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Notes(BTreeMap<Note, usize>);
+
+impl Notes {
+    pub(crate) fn add(&mut self, note: Note, line: usize) {
+        self.0.entry(note).or_insert(line);
+    }
+
+    /// Each note and its line, by line.
+    #[must_use]
+    pub fn by_line(&self) -> Vec<(usize, &Note)> {
+        let mut notes: Vec<_> = self.0.iter().map(|(note, line)| (*line, note)).collect();
+        notes.sort();
+        notes
+    }
+}

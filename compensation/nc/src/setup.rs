@@ -1,0 +1,115 @@
+//! The set-up of a machine that a program relies on: work offsets, tool lengths, and where the axes stand at its beginning.
+
+use std::collections::{BTreeMap, HashMap};
+
+use volcomp_model::document::{Document, InputError, Section};
+
+use crate::{
+    coordinates::{Axes, axis_of},
+    modal::{Modal, SYSTEMS, WorkOffset},
+};
+
+/// The names of the work offsets.
+const NAMES: [&str; SYSTEMS] = [
+    "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
+];
+
+/// What a program relies on and does not say itself. Lengths are mm, angles deg; what is not given is zero.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SetUp {
+    offsets: [WorkOffset; SYSTEMS],
+    tools: BTreeMap<u32, Axes>,
+    homes: [Axes; 2],
+    start: Option<(Axes, Axes<bool>)>,
+    inch: bool,
+}
+
+impl SetUp {
+    /// Reads a set-up file, whose name is used in messages.
+    ///
+    /// # Errors
+    /// Keys that are not known, values of another kind; with file, line and key.
+    pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
+        Document::new(file, text).decode(|root| {
+            root.allow(&["units", "work_offset", "tool", "home", "start"])?;
+            let mut setup = Self::default();
+            if let Some(units) = root.get("units") {
+                setup.inch = units.one_of(&[("mm", false), ("inch", true)])?;
+            }
+            if let Some(offsets) = root.section("work_offset")? {
+                offsets.allow(&NAMES)?;
+                for (place, name) in NAMES.iter().enumerate() {
+                    let Some(offset) = offsets.section(name)? else {
+                        continue;
+                    };
+                    let (at, _) = axes_of(&offset, &["rotation_deg"])?;
+                    setup.offsets[place].offset = at;
+                    if let Some(angle) = offset.get("rotation_deg") {
+                        setup.offsets[place].rotation_deg = angle.number()?;
+                    }
+                }
+            }
+            if let Some(tools) = root.section("tool")? {
+                for (name, _) in tools.values() {
+                    let Some(tool) = tools.section(name)? else {
+                        continue;
+                    };
+                    let number: u32 = name.parse().map_err(|_| {
+                        tool.error("expected the number of a tool, such as [tool.1]")
+                    })?;
+                    setup.tools.insert(number, axes_of(&tool, &[])?.0);
+                }
+            }
+            if let Some(homes) = root.section("home")? {
+                homes.allow(&["G28", "G30"])?;
+                for (place, name) in ["G28", "G30"].into_iter().enumerate() {
+                    if let Some(home) = homes.section(name)? {
+                        setup.homes[place] = axes_of(&home, &[])?.0;
+                    }
+                }
+            }
+            if let Some(start) = root.section("start")? {
+                setup.start = Some(axes_of(&start, &[])?);
+            }
+            Ok(setup)
+        })
+    }
+
+    pub(crate) fn modal(&self) -> Modal {
+        Modal {
+            unit_mm: if self.inch { 25.4 } else { 1.0 },
+            offsets: self.offsets,
+            homes: self.homes,
+            ..Modal::default()
+        }
+    }
+
+    pub(crate) fn tools(&self) -> HashMap<u32, Axes> {
+        self.tools.iter().map(|(tool, at)| (*tool, *at)).collect()
+    }
+
+    /// Where the axes stand at the beginning, and of which it is known.
+    pub(crate) fn start(&self) -> (Axes, Axes<bool>) {
+        self.start.unwrap_or_default()
+    }
+}
+
+/// Coordinates by the letters of axes, and which were given.
+fn axes_of(section: &Section<'_>, others: &[&str]) -> Result<(Axes, Axes<bool>), InputError> {
+    let mut known: Vec<&str> = vec!["X", "Y", "Z", "A", "B", "C", "U", "V", "W"];
+    known.extend(others);
+    section.allow(&known)?;
+    let (mut at, mut given) = ([0.0; 9], [false; 9]);
+    let values = section.values();
+    for (key, value) in values {
+        let axis = match key.as_bytes() {
+            [letter] => axis_of(*letter),
+            _ => None,
+        };
+        if let Some(axis) = axis {
+            at[axis] = value.number()?;
+            given[axis] = true;
+        }
+    }
+    Ok((at, given))
+}

@@ -1,0 +1,145 @@
+//! The words that lead the axes to a place with its correction, and what of the correction they carry.
+
+use crate::{
+    coordinates::Axes,
+    number::{of_steps, steps, write_steps},
+};
+
+/// How coordinates are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Decimals {
+    /// Decimals of lengths in mm.
+    pub mm: u8,
+    /// Decimals of lengths in inch.
+    pub inch: u8,
+    /// Decimals of angles in deg.
+    pub deg: u8,
+}
+
+impl Default for Decimals {
+    /// What most controls take: 1 µm, 0.0001 inch and 0.001 deg.
+    fn default() -> Self {
+        Self {
+            mm: 3,
+            inch: 4,
+            deg: 3,
+        }
+    }
+}
+
+impl Decimals {
+    pub(crate) fn of(self, axis: usize, unit_mm: f64) -> u8 {
+        match axis {
+            3..6 => self.deg,
+            _ if unit_mm == 1.0 => self.mm,
+            _ => self.inch,
+        }
+    }
+}
+
+/// A word as it stands in the program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Written {
+    /// Its value in its own unit.
+    pub(crate) value: f64,
+    /// The decimals of a plain number.
+    pub(crate) decimals: u8,
+    /// It must be written anew even where nothing changes: the motion is split.
+    pub(crate) anew: bool,
+}
+
+/// A number as it is written: so many steps of the last decimal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Number {
+    steps: i64,
+    decimals: u8,
+}
+
+impl Number {
+    /// The nearest number with so many decimals; `None` where it is too large to be exact.
+    pub(crate) fn nearest(value: f64, decimals: u8) -> Option<Self> {
+        Some(Self {
+            steps: steps(value, decimals)?,
+            decimals,
+        })
+    }
+
+    pub(crate) fn value(self) -> f64 {
+        of_steps(self.steps, self.decimals)
+    }
+
+    pub(crate) fn write(self, to: &mut Vec<u8>) {
+        write_steps(to, self.steps, self.decimals);
+    }
+}
+
+/// One axis on its way: all in the coordinates of the program, mm or deg.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OnItsWay {
+    /// Where it is without a correction, before and after.
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// The correction that belongs to the end.
+    pub(crate) delta: f64,
+    /// The correction that is in it before.
+    pub(crate) carried: f64,
+    /// mm or deg for each unit of a word.
+    pub(crate) scale: f64,
+    pub(crate) decimals: u8,
+    pub(crate) incremental: bool,
+    pub(crate) written: Option<Written>,
+    /// A word may be added for it.
+    pub(crate) may_be_added: bool,
+}
+
+impl OnItsWay {
+    /// The number to be written, if any, and the correction that is in the axis then.
+    pub(crate) fn word(&self) -> (Option<Number>, f64) {
+        let nominal = if self.incremental {
+            self.to - self.from
+        } else {
+            self.to
+        };
+        let base = if self.incremental {
+            self.from + self.carried
+        } else {
+            0.0
+        };
+        let wanted = self.to + self.delta - base;
+        let half = 0.5 * of_steps(1, self.decimals);
+        let carried_by = |value: f64| base + value * self.scale - self.to;
+        match self.written {
+            Some(written) => {
+                let changes = ((wanted - nominal) / self.scale).abs() >= half;
+                if !changes && !written.anew {
+                    let kept = if self.incremental { self.carried } else { 0.0 };
+                    return (None, kept);
+                }
+                let value = if changes || written.anew {
+                    wanted / self.scale
+                } else {
+                    written.value
+                };
+                let decimals = self.decimals.max(written.decimals);
+                let number = Number::nearest(value, decimals);
+                let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+                (number, carried)
+            }
+            None => {
+                // The axis stays where it is, with what is in it.
+                let needed = (self.to + self.delta) - (self.from + self.carried);
+                if !self.may_be_added || (needed / self.scale).abs() < half {
+                    return (None, self.carried + self.from - self.to);
+                }
+                let number = Number::nearest(wanted / self.scale, self.decimals);
+                let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+                (number, carried)
+            }
+        }
+    }
+}
+
+/// A value for each axis, made one by one.
+pub(crate) fn each<T>(value: impl FnMut(usize) -> T) -> Axes<T> {
+    std::array::from_fn(value)
+}

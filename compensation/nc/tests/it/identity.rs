@@ -1,0 +1,115 @@
+//! A machine without errors changes no byte, whatever the program.
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Corrector, Decimals, NcError, SetUp, Summary, compensate};
+
+pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
+
+/// The result of compensating a program by a machine with these errors, 0.5 µm being the tolerance of splits.
+pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summary), NcError> {
+    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005)?;
+    let setup = SetUp::parse("", "setup.toml").expect("an empty set-up");
+    let mut out = Vec::new();
+    let summary = compensate(
+        &mut &program[..],
+        &mut out,
+        &corrector,
+        &setup,
+        Decimals::default(),
+        |_| Ok(()),
+    )?;
+    Ok((out, summary))
+}
+
+#[test]
+fn odd_programs_come_out_byte_for_byte() {
+    let programs: [&[u8]; 12] = [
+        b"",
+        b"\n\n",
+        b"%\r\nO1234 (part)\r\nN10 G21 G90\r\nN20 g1 x 1 0 . 5 Y-2.F100 ; go\r\n%\r\nwhat ever\r\n",
+        b"G0 X1 (caf\xe9) Y2\nM2\nthis is not read any more ]]]",
+        b"G0 X0\n/N5 G1 X#1 F[100*2] Y[#<_x>+1]\n#1=5 #<name>=3\nG1 X[ABS[-#1] ** 2] Y#<name>\n",
+        b"G2 X10 Y0 I5 J0 F100\nG3 X0 R5\nG2 I5\nG2 I5 P3 Z-1\n",
+        b"G81 X1 Y1 Z-5 R1 F100\nX2\nX3 L2\nG91 X1 L4\nG80\n",
+        b"G20 G91 G1 X.1 F10\nX+.1\nX-0.10\nG92 X0\nG92.1\n",
+        b"G43 H1 Z10\nG54.1\n",
+        b"G10 L2 P1 X10 R30\nG1 F1 X5\nG68 R45 X1 Y1\nX6\nG69\n",
+        b"G28 Z0\nG53 G0 Z0\nG33 Z-5 K1\nG38.2 X5 F10\nG1 X1",
+        b"\tG1\tX1\t\n   \nM3 S1000\nT1 M6\nG93 G1 X2 F2\nG95 X3 F.1\n",
+    ];
+    for (place, program) in programs.iter().enumerate() {
+        match compensated("", program) {
+            Ok((out, summary)) => {
+                assert_eq!(
+                    String::from_utf8_lossy(&out),
+                    String::from_utf8_lossy(program),
+                    "{place}"
+                );
+                assert_eq!((summary.counts.changed, summary.counts.added), (0, 0));
+            }
+            Err(error) => assert_eq!(place, 8, "{error}"),
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_read_says_where_and_why() {
+    let cases: [(&[u8], &str); 12] = [
+        (
+            b"G1 X1\nG1 X Y2\n",
+            "line 2: column 4: expected a number, a parameter or an expression after 'X'",
+        ),
+        (
+            b"G1 (open\n",
+            "line 1: column 4: the comment that begins here does not end in its line",
+        ),
+        (
+            b"G1 X[1/0]\n",
+            "line 1: column 7: this calculation has no result (a division by zero, or a function outside its range)",
+        ),
+        (
+            b"G1 X#5061\n",
+            "line 1: the value of X is only known at the machine, so that its motion cannot be compensated",
+        ),
+        (
+            b"G1 X#<nothing>\n",
+            "line 1: the parameter #<nothing> has no value here",
+        ),
+        (
+            b"G1 X1 X2\n",
+            "line 1: X stands beside X in one block, of which only one may",
+        ),
+        (
+            b"G0 G1 X1\n",
+            "line 1: G1 stands beside G0 in one block, of which only one may",
+        ),
+        (
+            b"G123 X1\n",
+            "line 1: G123 is not known here: it may move an axis, so that the program cannot be compensated",
+        ),
+        (
+            b"X1\n",
+            "line 1: axis words without a motion that takes them",
+        ),
+        (
+            b"\x7fELF\x00",
+            "line 1: byte 0x00 at column 5; this is no NC program",
+        ),
+        (
+            b"G2 X1 Y1\n",
+            "line 1: an arc without a centre and without a radius R",
+        ),
+        (
+            b"G1 X\xff\n",
+            "line 1: column 4: expected a number, a parameter or an expression after 'X'",
+        ),
+    ];
+    for (program, expected) in cases {
+        let error = compensated("", program).expect_err("refused");
+        assert_eq!(error.to_string(), expected);
+    }
+    let long = vec![b'('; (1 << 20) + 2];
+    let error = compensated("", &long).expect_err("refused");
+    assert!(error.to_string().contains("longer than"), "{error}");
+}

@@ -1,0 +1,4 @@
+//! Tests of this crate from outside.
+
+mod identity;
+mod straight;

@@ -1,0 +1,111 @@
+//! Straight motions, against corrections that are known on paper.
+
+use crate::identity::compensated;
+
+fn lines(errors: &str, program: &str) -> Vec<String> {
+    let (out, _) = compensated(errors, program.as_bytes()).expect("compensated");
+    let text = String::from_utf8(out).expect("text");
+    text.lines().map(str::to_owned).collect()
+}
+
+/// 100 µm/m too long: every coordinate is commanded 100 µm/m shorter, and the words in G91 by their differences.
+#[test]
+fn a_scale_error_is_taken_from_every_coordinate() {
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    assert_eq!(
+        lines(
+            scale,
+            "G21 G90 G54\nN10 G0 X100 Y0 Z0 (start)\nG1 F500 X200.0\nX300. Y5\nG91 X-100\nG90 G1 X0\n"
+        ),
+        [
+            "G21 G90 G54",
+            "N10 G0 X99.990 Y0 Z0 (start)",
+            "G1 F500 X199.980",
+            "X299.970 Y5",
+            "G91 X-99.990",
+            "G90 G1 X0",
+        ]
+    );
+    // Inch: 10 inch are 254 mm, 25.4 µm too long, 0.001 inch.
+    assert_eq!(
+        lines(scale, "G20 G90\nG0 X10 Y0 Z0\nX-10\n"),
+        ["G20 G90", "G0 X9.9990 Y0 Z0", "X-9.9990"]
+    );
+    // A program's own decimals stay.
+    assert_eq!(lines(scale, "G0 Y0 Z0\nX100.12345\n")[1], "X100.11344");
+}
+
+/// Squareness: X goes with Y, also where a block does not name X; before X is known it is left out.
+#[test]
+fn an_axis_that_a_block_does_not_name_is_added() {
+    let square = "[errors]\nEC0Y = 50.0\n";
+    let (out, summary) =
+        compensated(square, b"G90\nG1 F100 Y200\nX0 Y200\nY100\nG91 Y100\n").expect("compensated");
+    assert_eq!(
+        String::from_utf8(out).expect("text"),
+        "G90\nG1 F100 Y200\nX0.010 Y200\nY100 X0.005\nG91 Y100 X0.005\n"
+    );
+    let notes: Vec<String> = summary
+        .notes
+        .by_line()
+        .iter()
+        .map(|(line, note)| format!("{line}: {note}"))
+        .collect();
+    assert_eq!(
+        notes,
+        [
+            "2: corrections of X are left out until the program names that axis, since it is not known where it stands"
+        ]
+    );
+}
+
+/// A straightness curve of X: a long line along X is split where the curve needs it, a line along Y is not.
+#[test]
+fn lines_are_split_where_the_correction_bends() {
+    let bent = "[errors]\nEYX = { poly = [0.0, 0.0, 0.0001] }\n";
+    let out = lines(bent, "G90 G0 X0 Y0 Z0\nG1 F100 X400 (along)\nY50\n");
+    assert!(out.len() > 6 && out[1].ends_with("(along)"), "{out:?}");
+    assert_eq!(out.last().map(String::as_str), Some("Y49.984"));
+    // Each corner is on the corrected curve to half a step, and between them the chord is within 0.5 µm and rounding.
+    let mut before = (0.0, 0.0);
+    for line in &out[1..out.len() - 1] {
+        let word = |letter: char| {
+            let text = line.split(letter).nth(1)?;
+            let text: String = text
+                .chars()
+                .take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-'))
+                .collect();
+            text.parse::<f64>().ok()
+        };
+        let at = (word('X').expect("X"), word('Y').unwrap_or(before.1));
+        let curve = |x: f64| -1e-7 * x * x;
+        assert!((at.1 - curve(at.0)).abs() <= 0.000_501, "{line}");
+        for step in 0..=20 {
+            let share = f64::from(step) / 20.0;
+            let x = before.0 + share * (at.0 - before.0);
+            let y = before.1 + share * (at.1 - before.1);
+            assert!((y - curve(x)).abs() <= 0.001_01, "{line}");
+        }
+        before = at;
+    }
+    assert_eq!(before.0, 400.0);
+}
+
+/// G92 says where the axes stand: with the correction that is in them.
+#[test]
+fn offsets_are_set_with_the_correction_in_the_axes() {
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    assert_eq!(
+        lines(
+            scale,
+            "G90 G0 X100 Y0 Z0\nG92 X0\nG1 F1 X100\nG92.1\nX200\n"
+        ),
+        [
+            "G90 G0 X99.990 Y0 Z0",
+            "G92 X-0.010",
+            "G1 F1 X99.980",
+            "G92.1",
+            "X199.980"
+        ]
+    );
+}
