@@ -31,6 +31,11 @@ Examples:
   volcomp axes -m trunnion.toml --tip 0,0,-50 --tool-axis 0,0.5,0.866
   volcomp --json axes -m five-axis.toml --tip 400,300,-300";
 
+pub(crate) const NC: &str = "\
+Examples:
+  volcomp nc part.ngc -o part-compensated.ngc -m mill.toml
+  volcomp nc part.nc -o out.nc -m mill.toml --setup setup.toml --tolerance 0.5";
+
 pub(crate) const DH: &str = "\
 Examples:
   volcomp dh -m trunnion.toml

@@ -85,6 +85,8 @@ enum Command {
     Simulate(commands::simulate::Arguments),
     #[command(after_help = examples::DEMO)]
     Demo(commands::demo::Arguments),
+    #[command(after_help = examples::NC)]
+    Nc(commands::nc::Arguments),
     #[command(after_help = examples::INSPECT)]
     Inspect(commands::inspect::Arguments),
     #[command(after_help = examples::PROBE)]
@@ -129,6 +131,7 @@ fn main() -> ExitCode {
         Command::Identify(a) => commands::identify::run(a),
         Command::Simulate(a) => commands::simulate::run(a),
         Command::Demo(a) => commands::demo::run(a),
+        Command::Nc(a) => commands::nc::run(a),
         Command::Inspect(a) => commands::inspect::run(a),
         Command::Probe(a) => commands::probe::run(a),
         Command::Compile(a) => commands::compile::run(a),

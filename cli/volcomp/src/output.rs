@@ -165,7 +165,6 @@ impl OutputFile {
 }
 
 /// For libraries that write by themselves.
-#[cfg(feature = "parquet")]
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.writer

@@ -149,11 +149,6 @@ impl Block {
     pub(crate) fn word(&self, letter: u8) -> Option<&Word> {
         self.words.iter().rev().find(|word| word.letter == letter)
     }
-
-    /// All words with this letter.
-    pub(crate) fn words_of(&self, letter: u8) -> impl Iterator<Item = &Word> {
-        self.words.iter().filter(move |word| word.letter == letter)
-    }
 }
 
 fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {

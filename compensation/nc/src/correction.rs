@@ -24,6 +24,7 @@ const TURNS_AFTER: [f64; 2] = [0.005, 5e-4];
 #[derive(Clone, Debug)]
 pub struct Corrector {
     machine: Machine,
+    temperatures: Temperatures,
     compiled: CompiledMachine,
     /// The place in the chain of each axis a program can name.
     places: Axes<Option<usize>>,
@@ -70,6 +71,7 @@ impl Corrector {
         let joints = machine.chain().joints();
         let mut corrector = Self {
             machine: machine.clone(),
+            temperatures: temperatures.clone(),
             only_linear: joints.iter().all(|joint| joint.kind == AxisKind::Linear),
             bidirectional: machine
                 .errors()
@@ -126,6 +128,15 @@ impl Corrector {
         state
     }
 
+    /// From which side the axes come, to be put back.
+    pub(crate) fn sides(&self) -> (Axes<Option<Direction>>, Axes) {
+        (self.approach, self.furthest)
+    }
+
+    pub(crate) fn put_back(&mut self, (approach, furthest): (Axes<Option<Direction>>, Axes)) {
+        (self.approach, self.furthest) = (approach, furthest);
+    }
+
     /// The axes go to this place: from now on they come from that side.
     pub(crate) fn goes(&mut self, to: &Axes) {
         if !self.bidirectional {
@@ -166,7 +177,7 @@ impl Corrector {
             let options = self.machine.correction_options();
             let exact = self
                 .machine
-                .correction_at(&state, &Temperatures::new(), &options);
+                .correction_at(&state, &self.temperatures, &options);
             if exact.converged {
                 delta = exact.delta;
             }

@@ -6,7 +6,7 @@ use crate::{
     NcError,
     block::{Block, Parameter, Word},
     codes::{Codes, Refusal, UnknownCode, text},
-    coordinates::{Axes, Frame, LETTERS, axis_of, is_rotary},
+    coordinates::{Axes, Frame, axis_of, is_rotary},
     fault::Fault,
     modal::{Code, FeedMode, Modal, Plane, SYSTEMS},
     motion::{Arc, Move, Path},
@@ -830,9 +830,4 @@ fn refused(refusal: Refusal, block: &Block, line: usize) -> NcError {
             },
         },
     }
-}
-
-/// The letter of an axis.
-pub(crate) fn letter(axis: usize) -> char {
-    LETTERS.get(axis).map_or('?', |letter| char::from(*letter))
 }

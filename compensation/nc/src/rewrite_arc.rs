@@ -13,6 +13,8 @@ use crate::{
 /// A smooth function that is 0 at both ends and in the middle, and has no third bend, is nowhere larger than so many times what it is at
 /// its quarters.
 const BETWEEN_QUARTERS: f64 = 1.15;
+/// An arc is looked at by so many quarters at the most.
+const MOST_QUARTERS: u32 = 4096;
 /// Smaller parts of an arc are not split any further, rad.
 const SMALLEST: f64 = 1e-3;
 
@@ -53,8 +55,11 @@ impl Rewriter {
             return Ok(true);
         }
         let mut parts = Vec::new();
-        let mut open = vec![Part { from: 0.0, to: 1.0 }];
+        let mut open = self.from_turn_to_turn(arc, &from);
+        let sides = self.corrector.sides();
         while let Some(part) = open.pop() {
+            let end_of_part = frame.to_machine(&arc.place(&from, &to, part.to));
+            self.corrector.goes(&end_of_part);
             let turns = (part.to - part.from) * arc.turns_by.abs();
             if turns < SMALLEST || self.fits(arc, [&from, &to], part) {
                 parts.push(part);
@@ -67,6 +72,7 @@ impl Rewriter {
                 open.push(Part { to: middle, ..part });
             }
         }
+        self.corrector.put_back(sides);
         let splits = parts.len() > 1;
         let unit = self.interpreter.modal.unit_mm;
         let letters = self.interpreter.modal.plane.centre_letters();
@@ -76,6 +82,7 @@ impl Rewriter {
         let mut before = from;
         for (place, part) in parts.iter().enumerate() {
             let at = arc.place(&from, &to, part.to);
+            self.corrector.goes(&frame.to_machine(&at));
             let middle = arc.place(&from, &to, 0.5 * (part.from + part.to));
             let shifted =
                 |delta: &Axes, at: &Axes| [at[first] + delta[first], at[second] + delta[second]];
@@ -180,7 +187,6 @@ impl Rewriter {
             }
             before = at;
         }
-        self.corrector.goes(&motion.to);
         self.carried = frame.way_to_machine(&carried);
         Ok(!splits
             && self.edits.replaced.is_empty()
@@ -218,6 +224,31 @@ impl Rewriter {
             (0, None) => {}
             _ => others.push((letter, number)),
         }
+    }
+
+    /// The parts of an arc in which no axis changes its direction, the first one last: the whole arc where that changes nothing.
+    fn from_turn_to_turn(&self, arc: &Arc, from: &Axes) -> Vec<Part> {
+        let mut parts = vec![Part { from: 0.0, to: 1.0 }];
+        if !self.corrector.is_bidirectional() {
+            return parts;
+        }
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let (_, start) = arc.start(from);
+        let turned = self.interpreter.frame.rotation_deg.to_radians();
+        // The first quarter beyond the beginning, in the coordinates of the machine.
+        let begins = (start + turned) / quarter;
+        let sign = arc.turns_by.signum();
+        let next = if sign > 0.0 { (begins + 1e-9).floor() + 1.0 } else { (begins - 1e-9).ceil() - 1.0 };
+        for place in 0..MOST_QUARTERS {
+            let share = (next + sign * f64::from(place) - begins) * quarter / arc.turns_by;
+            let Some(last) = parts.last_mut().filter(|_| share < 1.0 - 1e-9) else {
+                break;
+            };
+            last.to = share;
+            parts.push(Part { from: share, to: 1.0 });
+        }
+        parts.reverse();
+        parts
     }
 
     fn delta_in_program(&self, at: &Axes) -> Axes {

@@ -12,6 +12,7 @@ pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
+pub(crate) mod nc;
 pub(crate) mod position;
 pub(crate) mod probe;
 pub(crate) mod program;
@@ -50,6 +51,7 @@ pub(crate) const ALL: &[Named] = &[
     ("demo", schema::<simulate::Demo>),
     ("probe", schema::<probe::Probe>),
     ("probe-list", schema::<probe::ProbeList>),
+    ("nc", schema::<nc::Nc>),
     ("failure", schema::<failure::Document>),
 ];
 

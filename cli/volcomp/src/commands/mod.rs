@@ -18,6 +18,7 @@ pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
+pub(crate) mod nc;
 mod outside;
 pub(crate) mod probe;
 pub(crate) mod sensitivity;
