@@ -1,4 +1,4 @@
-//! A row of balls on a bar (1-D ball array): the row file, where the bar placement, and in which directions readings count.
+//! A row of balls on a bar (1-D ball array): the row file, where the bar lies, and in which directions readings count.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::{
 /// The keys of a ball row besides those of every observation.
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// A ball further than this from where its distance puts it is another ball, or the bar placement otherwise.
+/// A ball further than this from where its distance puts it is another ball, or the bar lies elsewhere.
 const MISPLACED_MM: f64 = 2.0;
 /// A row whose direction has a smaller part along every axis has no side that is meant by itself.
 const ALONG_AN_AXIS: f64 = 0.9;
@@ -67,7 +67,7 @@ impl Balls {
     }
 }
 
-/// Where the bar placement, as far as the file states it.
+/// Where the bar lies, as far as the file states it.
 pub(crate) struct Placement<'a> {
     origin: usize,
     /// The origin as it is stated, and the value that states it.
@@ -76,7 +76,7 @@ pub(crate) struct Placement<'a> {
     side1: Option<Vector3<f64>>,
 }
 
-/// Decodes the keys of a ball row: what its rows refer to, and where the bar placement.
+/// Decodes the keys of a ball row: what its rows refer to, and where the bar lies.
 pub(crate) fn decode<'a>(
     section: &Section<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -106,7 +106,7 @@ pub(crate) fn decode<'a>(
     ) {
         return Err(section
             .error(format!(
-                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar placement is found from its readings alone"
+                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar lies is found from its own readings, and those of a judged row find nothing"
             ))
             .into());
     }

@@ -1,6 +1,6 @@
 //! Reads a file of observations, its machine file and its row files.
 
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 use volcomp_document::{
     CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text,
@@ -130,6 +130,7 @@ fn observations(
     let mut observations = Vec::new();
     let items = root.require("observation")?.items()?;
     let sections: Vec<Section<'_>> = items.iter().map(Value::section).collect::<Result<_, _>>()?;
+    refuse_same_file(&sections)?;
     // Those that are fitted first: the others refer to their set-ups.
     let mut order: Vec<(bool, usize)> = Vec::new();
     for (place, section) in sections.iter().enumerate() {
@@ -160,6 +161,32 @@ fn observations(
     })
 }
 
+/// Refuses a row file that two observations name: no reading is of two kinds or directions, so its rows would count twice, or
+/// judge what was fitted to them. A file of ball distances (`row`) may be named as often as its bar was laid down.
+fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
+    let mut before: Vec<(PathBuf, Value<'_>)> = Vec::new();
+    for section in sections {
+        // One without a file, or with something else there, is refused where it is decoded.
+        let Some((value, Ok(name))) = section.get("file").map(|v| (v.clone(), v.text())) else {
+            continue;
+        };
+        // `a.csv` and `./a.csv` are one file.
+        let path: PathBuf = Path::new(name)
+            .components()
+            .filter(|part| *part != Component::CurDir)
+            .collect();
+        if let Some((_, other)) = before.iter().find(|(known, _)| *known == path) {
+            let place = other.error("");
+            return Err(value.error(format!(
+                "found {name:?}, which is the file of the observation at {}:{} too, expected another file: the rows of a file count in one observation",
+                place.file, place.line
+            )));
+        }
+        before.push((path, value));
+    }
+    Ok(())
+}
+
 #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
 fn decode_observation(
     section: &Section<'_>,
@@ -167,7 +194,7 @@ fn decode_observation(
     machine: &Machine,
     judge: bool,
     reading: &mut Reading,
-    files: &mut Vec<std::path::PathBuf>,
+    files: &mut Vec<PathBuf>,
 ) -> Result<crate::timeline::Timed, IdentifyError> {
     let kind = section.require("kind")?.one_of(&[
         ("points", Kind::Points),
