@@ -114,6 +114,8 @@ fn decode(
     let machine = Machine::parse(&read(&machine_file)?, &machine_file.display().to_string())?;
     let mut found = observations(root, machine, folder, read)?;
     found.files.insert(0, machine_file);
+    let odd = found.machine.notes();
+    found.notes.splice(0..0, odd);
     Ok(found)
 }
 
