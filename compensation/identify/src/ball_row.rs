@@ -317,7 +317,7 @@ fn across(
     let side = match placement.side1 {
         Some(side) => side,
         None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
-            return Err(table.header_error("found readings to the side of a row that placement along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
+            return Err(table.header_error("found readings to the side of a row that lies along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
         }
         // X: Y and Z; Y: Z and X; Z: X and Y.
         None => Vector3::ith((largest + 1) % 3, 1.0),
