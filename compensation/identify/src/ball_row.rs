@@ -9,8 +9,9 @@ use volcomp_model::Machine;
 use crate::{
     error::IdentifyError,
     observations::{NumberKind, Quantity, Row, Seen, SetUp},
-    read::{ReadFile, Reading, point, stated_vector},
+    read::ReadFile,
     rows::RowKind,
+    setup_keys::{Reading, point, stated_vector},
 };
 
 /// The keys of a ball row besides those of every observation.

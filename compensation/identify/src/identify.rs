@@ -136,7 +136,7 @@ fn redundant(system: &System, rank: &Rank) -> Vec<String> {
     let left = rank.null.iter().map(|null| null[0].0);
     let is_convention = |column: &usize| match system.params.at(*column) {
         Param::Coefficient(place) => system.unknowns.is_convention(place),
-        _ => false,
+        Param::SetUp { .. } => false,
     };
     left.filter(is_convention)
         .map(|column| system.name(column))

@@ -130,13 +130,14 @@ pub(crate) fn effects(
     terms: &[ErrorTerm],
     squares: &[Squares],
     count: usize,
-    size: impl Fn(&ErrorTerm) -> f64,
+    size: impl Fn(ErrorTerm) -> f64,
 ) -> Result<Vec<Effect>, SensitivityError> {
-    let square = |(term, squares): (&ErrorTerm, &Squares)| squares.position[0] * size(term).powi(2);
+    let square =
+        |(term, squares): (&ErrorTerm, &Squares)| squares.position[0] * size(*term).powi(2);
     let total: f64 = terms.iter().zip(squares).map(square).sum();
     let effect = |(term, squares): (&ErrorTerm, &Squares)| {
         let sizes = |[sum, largest]: [f64; 2], micro: f64| {
-            [(sum / count as f64).sqrt(), largest.sqrt()].map(|of_one| of_one * size(term) * micro)
+            [(sum / count as f64).sqrt(), largest.sqrt()].map(|of_one| of_one * size(*term) * micro)
         };
         let [position_rms_um, position_max_um] = sizes(squares.position, 1e3);
         let [orientation_rms_urad, orientation_max_urad] = sizes(squares.rotation, 1e6);

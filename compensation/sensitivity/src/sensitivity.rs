@@ -148,7 +148,7 @@ pub fn sensitivity(
 }
 
 /// 1 µm or 1 µrad of an error, in mm or rad.
-fn in_micro_units(term: &ErrorTerm) -> f64 {
+fn in_micro_units(term: ErrorTerm) -> f64 {
     if term.component().is_angular() {
         1e-6
     } else {

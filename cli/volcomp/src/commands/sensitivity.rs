@@ -58,7 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     notes.extend(note);
     if arguments.values {
         found.errors = by_values(&machine, &errors, &poses)?;
-        if found.errors.iter().all(|effect| is_zero(effect)) {
+        if found.errors.iter().all(is_zero) {
             notes.push("the machine file gives no error that moves the tool".to_owned());
         }
     }

@@ -243,7 +243,7 @@ fn lines_without_a_point_are_named_in_one_note() {
         "machine.toml",
         "structure = \"w b X Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
     );
-    let readings: String = (0..=4).map(|k| format!("{},{k}\n", 25 * k)).collect();
+    let readings = "0,0\n25,1\n50,2\n75,3\n100,4\n";
     let mut text = String::from("machine = \"machine.toml\"\n");
     for error in ["EBX", "ECX", "EAY", "EXX", "EYX", "EYY", "EZZ"] {
         write(
@@ -258,7 +258,10 @@ fn lines_without_a_point_are_named_in_one_note() {
         } else {
             ""
         };
-        text += &format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}");
+        let _ = write!(
+            text,
+            "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}"
+        );
     }
     write("calibration.toml", &text);
     let path = folder.path().join("calibration.toml");

@@ -122,8 +122,11 @@ fn a_row_file_that_two_observations_name_is_refused_with_both_places() {
     let mut text = String::from("folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n");
     for y in [0, 300] {
         let file = format!("bar{y}.csv");
-        let readings: String = (0..4).map(|k| format!("{},{y},{k},0\n", 100 * k)).collect();
-        lab.write(&file, &format!("X,Y,ball,along_um\n{readings}"));
+        let mut readings = String::from("X,Y,ball,along_um\n");
+        for k in 0..4 {
+            let _ = writeln!(readings, "{},{y},{k},0", 100 * k);
+        }
+        lab.write(&file, &readings);
         let _ = write!(
             text,
             "[[observation]]\nkind = \"ball-row\"\nrow = \"balls.csv\"\nfile = \"{file}\"\n"

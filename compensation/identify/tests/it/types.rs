@@ -144,9 +144,11 @@ impl Readings<'_> {
 
     fn ball_rows(lab: &Lab) -> String {
         let distances = [0.0, 90.0, 180.0, 270.0, 360.0];
-        let balls = distances.iter().enumerate();
-        let balls: String = balls.map(|(k, mm)| format!("{k},{mm}\n")).collect();
-        lab.write("balls.csv", &format!("ball,distance_mm\n{balls}"));
+        let mut balls = String::from("ball,distance_mm\n");
+        for (ball, distance) in distances.iter().enumerate() {
+            let _ = writeln!(balls, "{ball},{distance}");
+        }
+        lab.write("balls.csv", &balls);
         let mut tables = String::new();
         for (place, (along, side)) in [
             ([1, 0, 0], [0, 1, 0]),
