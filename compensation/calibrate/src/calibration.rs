@@ -28,6 +28,8 @@ pub struct Calibration {
     pub identified: Option<Identified>,
     /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
+    /// Those of the messages that name the errors which nothing measured, each with what it can do.
+    pub not_measured: Vec<String>,
 }
 
 /// Turns measurements into a machine. `progress` is told how many of how many errors are done.
@@ -58,20 +60,22 @@ pub fn calibrate(
         stages.machine = found.found.machine.clone();
         identified = Some(found);
     }
-    let mut warnings = different_machines(&file.measurements);
-    for line in &file.measurements {
-        warnings.extend(odd(line, &file.machine));
-        warnings.extend(without_point(line, &stages.machine));
-    }
+    let mut warnings = file.machine.notes();
+    warnings.extend(different_machines(&file.measurements));
+    let lines = file.measurements.iter();
+    warnings.extend(lines.flat_map(|line| odd(line, &file.machine)));
+    warnings.extend(without_point(&file.measurements, &stages.machine));
     warnings.extend(odd_values(file));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
-    warnings.extend(not_measured(file, &stages));
+    let not_measured = not_measured(file, &stages);
+    warnings.extend(not_measured.iter().cloned());
     Ok(Calibration {
         machine: stages.machine,
         curves: stages.curves,
         squareness: stages.squareness,
         identified,
         warnings,
+        not_measured,
     })
 }

@@ -260,25 +260,34 @@ fn named_in_title(line: &Line) -> Option<ErrorName> {
     (!names.contains(&line.setup.error)).then_some(other)
 }
 
-/// Notes on lines that state no `point` though tilts of their axis are known: the lever may have been forgotten.
-pub(crate) fn without_point(line: &Line, tilted: &Machine) -> Option<String> {
-    let error = line.setup.error;
-    if error.component.is_angular() || line.setup.point_mcs.is_some() {
-        return None;
-    }
-    let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
-    let tilts = angular.map(|component| ErrorName::motion(component, error.axis));
-    let tilts: Vec<String> = tilts
-        .filter(|tilt| tilted.error(*tilt).is_some())
-        .map(|tilt| tilt.to_string())
-        .collect();
-    (!tilts.is_empty()).then(|| {
+/// A note that names the lines which state no `point` though tilts of their axis are known: the lever may have been
+/// forgotten.
+pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> {
+    let named = |line: &Line| {
+        let error = line.setup.error;
+        if error.component.is_angular() || line.setup.point_mcs.is_some() {
+            return None;
+        }
+        let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
+        let tilts = angular.map(|component| ErrorName::motion(component, error.axis));
+        let tilts: Vec<String> = tilts
+            .filter(|tilt| tilted.error(*tilt).is_some())
+            .map(|tilt| tilt.to_string())
+            .collect();
+        (!tilts.is_empty()).then(|| {
+            format!(
+                "{} ({}): {error} with {}",
+                line.file.display(),
+                line.place,
+                tilts.join(" ")
+            )
+        })
+    };
+    let lines: Vec<String> = lines.iter().filter_map(named).collect();
+    (!lines.is_empty()).then(|| {
         format!(
-            "{} ({}): it states no `point`, so {error} is taken as measured at the point of {} itself, and the levers of {} are taken from there: state `point` if the line ran elsewhere",
-            line.file.display(),
-            line.place,
-            error.axis,
-            tilts.join(", ")
+            "no `point` is stated for the lines below, so each error is taken as measured at the point of its axis, and the levers of the tilts named beside it are taken from there; state `point` where a line ran elsewhere: {}",
+            lines.join("; ")
         )
     })
 }

@@ -1,8 +1,9 @@
-//! Notes on the errors that a calibration did not measure.
+//! Notes on the errors that nothing measured.
 
+use volcomp_identify::Observations;
 use volcomp_model::Machine;
 use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity};
-use volcomp_vocabulary::{AxisKind, Component, Displacement, ErrorName};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
 
 use crate::{
     calibration_file::CalibrationFile,
@@ -18,19 +19,50 @@ const ROTARY_NODES: usize = 9;
 /// The size of an error whose effect is told, µm or µrad.
 const EXAMPLE: f64 = 10.0;
 
+/// Notes on the errors that a calibration did not measure.
+pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<String> {
+    let unknown: Vec<ErrorName> = file.observations.iter().flat_map(unknown).collect();
+    let is_measured = |name: ErrorName| {
+        let fitted = |curve: &FittedCurve| curve.error == name;
+        stages.measured.contains(&name)
+            || unknown.contains(&name)
+            || stages.curves.iter().any(fitted)
+    };
+    let is_stated = |square: ErrorName| {
+        let mut locations = file.locations.iter();
+        locations.any(|location| square_of(location.error) == square)
+            || file.squareness.iter().any(|entry| entry.error == square)
+            || unknown.iter().any(|error| square_of(*error) == square)
+    };
+    notes(
+        &stages.machine,
+        file.reference_axes,
+        &is_measured,
+        &is_stated,
+    )
+}
+
+/// Notes on the errors of a machine that observations do not ask for, in the words of a calibration.
+pub fn not_observed(observations: &Observations) -> Vec<String> {
+    let unknown: Vec<ErrorName> = unknown(observations).collect();
+    let is_measured = |name: ErrorName| unknown.contains(&name);
+    let is_stated = |square: ErrorName| unknown.iter().any(|error| square_of(*error) == square);
+    let axes = [AxisName::X, AxisName::Y];
+    notes(&observations.machine, axes, &is_measured, &is_stated)
+}
+
 /// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
 /// location errors, those of squareness among them, each with what it can do.
-pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<String> {
-    let machine = &stages.machine;
-    let unknown: Vec<ErrorName> = unknown(file).collect();
+fn notes(
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+    is_measured: &dyn Fn(ErrorName) -> bool,
+    is_stated: &dyn Fn(ErrorName) -> bool,
+) -> Vec<String> {
     let mut notes = Vec::new();
     for axis in machine.axes() {
         let names = Component::ALL.map(|component| ErrorName::motion(component, axis.name));
-        let not_measured = names.into_iter().filter(|name| {
-            let fitted = |curve: &FittedCurve| curve.error == *name;
-            let found = stages.measured.contains(name) || unknown.contains(name);
-            !found && !stages.curves.iter().any(fitted)
-        });
+        let not_measured = names.into_iter().filter(|name| !is_measured(*name));
         let (kept, missing): (Vec<_>, Vec<_>) =
             not_measured.partition(|name| machine.error(*name).is_some());
         for (what, names) in [
@@ -43,7 +75,7 @@ pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<Strin
             }
         }
     }
-    let names = locations_not_measured(file, machine);
+    let names = locations_not_measured(machine, reference_axes, is_stated);
     let effects = largest_effects(machine, &names);
     for (name, effect) in names.into_iter().zip(effects) {
         let (unit, stated) = (name.component.symbol(), machine.locations().get(&name));
@@ -70,14 +102,17 @@ pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<Strin
 }
 
 /// The errors that are to be found from observations.
-fn unknown(file: &CalibrationFile) -> impl Iterator<Item = ErrorName> {
-    let observations = file.observations.iter();
-    observations.flat_map(|o| o.unknown.iter().map(|unknown| unknown.error))
+fn unknown(observations: &Observations) -> impl Iterator<Item = ErrorName> {
+    observations.unknown.iter().map(|unknown| unknown.error)
 }
 
-/// The location errors that move something and that no table of the file states: of the two tilts that make a
-/// squareness the one that is not zero by definition, and the other where the machine file has it all the same.
-fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<ErrorName> {
+/// The location errors that move something and that nothing states: of the two tilts that make a squareness the one that is
+/// not zero by definition, and the other where the machine file has it all the same.
+fn locations_not_measured(
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+    is_stated: &dyn Fn(ErrorName) -> bool,
+) -> Vec<ErrorName> {
     let mut names = Vec::new();
     for joint in machine.chain().joints() {
         for component in Component::ALL {
@@ -86,19 +121,14 @@ fn locations_not_measured(file: &CalibrationFile, machine: &Machine) -> Vec<Erro
                 continue;
             }
             if is_square(name) {
-                let is_reference = reference_of(file.reference_axes, name) == name.axis;
+                let is_reference = reference_of(reference_axes, name) == name.axis;
                 let is_none = is_reference || machine.axis(partner_of(name)).is_none();
                 let kept = machine.locations().get(&name);
                 if is_none && kept.is_none_or(|value| *value == 0.0) {
                     continue;
                 }
             }
-            let square = square_of(name);
-            let mut locations = file.locations.iter();
-            let stated = locations.any(|location| square_of(location.error) == square)
-                || file.squareness.iter().any(|entry| entry.error == square)
-                || unknown(file).any(|error| square_of(error) == square);
-            if !stated {
+            if !is_stated(square_of(name)) {
                 names.push(name);
             }
         }

@@ -1,4 +1,4 @@
-//! A row of balls on a bar (1-D ball array): the row file, where the bar placement, and in which directions readings count.
+//! A row of balls on a bar (1-D ball array): the row file, where the bar lies, and in which directions readings count.
 
 use std::path::Path;
 
@@ -9,14 +9,15 @@ use volcomp_model::Machine;
 use crate::{
     error::IdentifyError,
     observations::{NumberKind, Quantity, Row, Seen, SetUp},
-    read::{ReadFile, Reading, point, stated_vector},
+    read::ReadFile,
     rows::RowKind,
+    setup_keys::{Reading, point, stated_vector},
 };
 
 /// The keys of a ball row besides those of every observation.
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// A ball further than this from where its distance puts it is another ball, or the bar placement otherwise.
+/// A ball further than this from where its distance puts it is another ball, or the bar lies elsewhere.
 const MISPLACED_MM: f64 = 2.0;
 /// A row whose direction has a smaller part along every axis has no side that is meant by itself.
 const ALONG_AN_AXIS: f64 = 0.9;
@@ -67,7 +68,7 @@ impl Balls {
     }
 }
 
-/// Where the bar placement, as far as the file states it.
+/// Where the bar lies, as far as the file states it.
 pub(crate) struct Placement<'a> {
     origin: usize,
     /// The origin as it is stated, and the value that states it.
@@ -76,7 +77,7 @@ pub(crate) struct Placement<'a> {
     side1: Option<Vector3<f64>>,
 }
 
-/// Decodes the keys of a ball row: what its rows refer to, and where the bar placement.
+/// Decodes the keys of a ball row: what its rows refer to, and where the bar lies.
 pub(crate) fn decode<'a>(
     section: &Section<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -106,7 +107,7 @@ pub(crate) fn decode<'a>(
     ) {
         return Err(section
             .error(format!(
-                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar placement is found from its readings alone"
+                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar lies is found from its own readings, and those of a judged row find nothing"
             ))
             .into());
     }
@@ -317,7 +318,7 @@ fn across(
     let side = match placement.side1 {
         Some(side) => side,
         None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
-            return Err(table.header_error("found readings to the side of a row that placement along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
+            return Err(table.header_error("found readings to the side of a row that lies along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
         }
         // X: Y and Z; Y: Z and X; Z: X and Y.
         None => Vector3::ith((largest + 1) % 3, 1.0),

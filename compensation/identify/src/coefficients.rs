@@ -152,6 +152,23 @@ impl Unknowns {
     }
 }
 
+impl Unknowns {
+    /// Whether a coefficient is the constant of a curve, or the slope of the straightness of a linear axis: what of it nothing
+    /// else says is a convention.
+    pub(crate) fn is_convention(&self, place: usize) -> bool {
+        let coefficient = &self.coefficients[place];
+        let error = coefficient.error;
+        let is_straightness = !error.axis.is_rotary()
+            && !error.component.is_angular()
+            && error.component.mcs_index() != error.axis.mcs_index();
+        match coefficient.role {
+            Role::Mode(0) => true,
+            Role::Mode(1) => is_straightness,
+            _ => false,
+        }
+    }
+}
+
 /// µm or µrad for one mm or rad of a component.
 pub(crate) fn micro(component: Component) -> f64 {
     if component.is_angular() { 1e6 } else { 1e3 }

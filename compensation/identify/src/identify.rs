@@ -50,6 +50,11 @@ pub struct Identification {
     pub rank: usize,
     /// σ_min/σ_max of the columns scaled to unit length; 0 where the rank is not full.
     pub score: f64,
+    /// The same of the unknowns that are determined alone.
+    pub score_of_determined: f64,
+    /// Unknowns that are left at zero though nothing is missing: the constants that curves bring, and the slopes of
+    /// straightnesses, as far as location errors, other constants or the set-up move the tool alike. They are conventions.
+    pub redundant: Vec<String>,
     /// Every combination that moves nothing: names and weights, the one that was left at zero first.
     pub null: Vec<Vec<(String, f64)>>,
     /// What is left of the fitted rows.
@@ -110,7 +115,9 @@ pub fn identify(
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.kept.len(),
-        score: fitted.rank.singular[0] / fitted.rank.singular[1].max(f64::MIN_POSITIVE),
+        score: fitted.rank.score(),
+        score_of_determined: fitted.rank.score_of_kept(),
+        redundant: redundant(&system, &fitted.rank),
         residual: figures(&residuals),
         judged: judged(&system, observations, &fitted.solution.values),
         left_out,
@@ -122,6 +129,18 @@ pub fn identify(
         null,
         warnings,
     })
+}
+
+/// The names of the unknowns that are left at zero and are conventions: constants of curves and slopes of straightnesses.
+fn redundant(system: &System, rank: &Rank) -> Vec<String> {
+    let left = rank.null.iter().map(|null| null[0].0);
+    let is_convention = |column: &usize| match system.params.at(*column) {
+        Param::Coefficient(place) => system.unknowns.is_convention(place),
+        Param::SetUp { .. } => false,
+    };
+    left.filter(is_convention)
+        .map(|column| system.name(column))
+        .collect()
 }
 
 /// Fits rows from a start of the set-ups.

@@ -19,6 +19,8 @@ mod products;
 mod rank;
 mod read;
 mod rows;
+mod seen_columns;
+mod setup_keys;
 mod solve;
 mod start;
 mod system;

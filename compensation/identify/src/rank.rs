@@ -17,8 +17,24 @@ pub(crate) struct Rank {
     /// For every other column the combination that moves nothing: columns of unit length and their weights, of unit
     /// length together; the column itself first.
     pub(crate) null: Vec<Vec<(usize, f64)>>,
-    /// The smallest and the largest singular value of the columns scaled to unit length.
-    pub(crate) singular: [f64; 2],
+    /// The smallest and the largest singular value of the columns that are kept, scaled to unit length.
+    singular: [f64; 2],
+}
+
+impl Rank {
+    /// The smallest by the largest singular value of the columns scaled to unit length: 0 where some are left out.
+    pub(crate) fn score(&self) -> f64 {
+        if self.null.is_empty() {
+            self.score_of_kept()
+        } else {
+            0.0
+        }
+    }
+
+    /// The same of the columns that are kept.
+    pub(crate) fn score_of_kept(&self) -> f64 {
+        self.singular[0] / self.singular[1].max(f64::MIN_POSITIVE)
+    }
 }
 
 /// Goes through the columns in order and keeps each that is independent of those kept before it (Gram–Schmidt, twice).
@@ -61,11 +77,7 @@ pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
                 .push(combination(place, &rank.kept, &triangle, parts));
         }
     }
-    rank.singular = if rank.null.is_empty() && rows >= matrix.ncols() {
-        ends(&scaled)
-    } else {
-        [0.0, ends(&scaled)[1]]
-    };
+    rank.singular = ends(&scaled.select_columns(&rank.kept));
     rank
 }
 
@@ -124,7 +136,11 @@ mod tests {
         assert_eq!(rank.kept, [0, 1]);
         assert_eq!(rank.null.len(), 2);
         assert_eq!(rank.null[1], [(3, 1.0)]);
-        assert_eq!(rank.singular[0], 0.0);
+        assert_eq!(rank.score(), 0.0);
+        // Two columns of unit length with the scalar product c have the singular values √(1 ± c): c = 2/√(5·10).
+        let c = 2.0 / 50.0_f64.sqrt();
+        let expected = ((1.0 - c) / (1.0 + c)).sqrt();
+        assert!((rank.score_of_kept() - expected).abs() < 1e-14);
         let null = &rank.null[0];
         assert_eq!(null.len(), 3);
         let mut total = DVector::zeros(4);
@@ -141,6 +157,7 @@ mod tests {
         let matrix = DMatrix::from_row_slice(3, 2, &[5.0, 0.0, 0.0, 0.1, 0.0, 0.0]);
         let rank = independent(&matrix);
         assert_eq!(rank.kept, [0, 1]);
-        assert!((rank.singular[0] / rank.singular[1] - 1.0).abs() < 1e-14);
+        assert!((rank.score() - 1.0).abs() < 1e-14);
+        assert_eq!(rank.score(), rank.score_of_kept());
     }
 }

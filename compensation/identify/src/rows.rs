@@ -1,19 +1,17 @@
 //! The rows of a file of observations.
 
 use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted};
-use volcomp_kinematics::{
-    State,
-    nalgebra::{Matrix3, Vector3},
-};
+use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
-    observations::{Quantity, Row, Seen, Stand},
-    read::Reading,
+    observations::{Row, Stand},
+    seen_columns::{Columns, SeenColumns},
+    setup_keys::Reading,
 };
 
-/// What the rows of a file hold.
+/// SeenColumns the rows of a file hold.
 pub(crate) enum RowKind {
     Points {
         frame: usize,
@@ -53,35 +51,6 @@ const NEVER_BEYOND: f64 = 1.0;
 /// Rows outside travel that are named.
 const SHOWN: usize = 5;
 
-/// The columns of a table by their exact names: `X` is an axis, `x` a coordinate of a target.
-struct Columns<'t> {
-    table: &'t CsvTable,
-    used: Vec<String>,
-}
-
-impl Columns<'_> {
-    fn get(&mut self, name: &str) -> Result<Option<Column>, InputError> {
-        self.used.push(name.to_owned());
-        let mut named = self.table.columns().filter(|(_, found)| *found == name);
-        let first = named.next().map(|(column, _)| column);
-        match named.next() {
-            Some(_) => Err(self
-                .table
-                .header_error(format!("column `{name}` stands twice"))),
-            None => Ok(first),
-        }
-    }
-
-    fn require(&mut self, name: &str) -> Result<Column, InputError> {
-        self.get(name)?.ok_or_else(|| {
-            let found: Vec<&str> = self.table.names().map(|(_, name)| name).collect();
-            let found = quoted(&found.join(","));
-            self.table
-                .header_error(format!("found {found}, expected a column `{name}`"))
-        })
-    }
-}
-
 /// Reads every row.
 #[expect(clippy::too_many_lines, reason = "one column after the other")]
 pub(crate) fn read_rows(
@@ -104,7 +73,7 @@ pub(crate) fn read_rows(
     };
     let order = columns.get("order")?;
     let uncertainty = columns.get("uncertainty_um")?;
-    let mut what = What::columns(&mut columns, kind)?;
+    let mut what = SeenColumns::columns(&mut columns, kind)?;
     let mut poses: Vec<(String, Stand)> = Vec::new();
     let mut rows = Vec::new();
     let mut orders: Vec<f64> = Vec::new();
@@ -125,7 +94,7 @@ pub(crate) fn read_rows(
                 &mut outside,
             )?)
         };
-        if let (What::Pair { .. }, Some(stand)) = (&what, stand) {
+        if let (SeenColumns::Pair { .. }, Some(stand)) = (&what, stand) {
             let column = name.ok_or_else(|| {
                 table.header_error("expected a column `pose` with the names of the poses")
             })?;
@@ -293,300 +262,4 @@ fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>,
         known: known.join(", "),
     };
     Err(unknown.to_string())
-}
-
-/// The columns of what was seen.
-enum What {
-    Points {
-        at: [Column; 3],
-    },
-    Sphere {
-        sphere: Option<Column>,
-        offset: Option<[Column; 3]>,
-        drift: usize,
-    },
-    Distance {
-        length: Column,
-    },
-    Pair {
-        from: Column,
-        to: Column,
-        length: Column,
-    },
-    Line {
-        deviation: Column,
-    },
-    Ball {
-        ball: Column,
-        /// Along and to the sides; none of them: the tip was on the centre of the ball.
-        offsets: [Option<Column>; 3],
-    },
-}
-
-impl What {
-    fn columns(columns: &mut Columns<'_>, kind: &RowKind) -> Result<Self, InputError> {
-        Ok(match kind {
-            RowKind::Points { .. } => Self::Points {
-                at: [
-                    columns.require("x")?,
-                    columns.require("y")?,
-                    columns.require("z")?,
-                ],
-            },
-            RowKind::Sphere { drift } => {
-                let sphere = columns.get("sphere")?;
-                let offset = match columns.get("dx_um")? {
-                    Some(x) => Some([x, columns.require("dy_um")?, columns.require("dz_um")?]),
-                    None => None,
-                };
-                Self::Sphere {
-                    sphere,
-                    offset,
-                    drift: *drift,
-                }
-            }
-            RowKind::Distance { point: None, .. } => Self::Pair {
-                from: columns.require("from")?,
-                to: columns.require("to")?,
-                length: columns.require("length_mm")?,
-            },
-            RowKind::Distance { .. } => Self::Distance {
-                length: columns.require("length_mm")?,
-            },
-            RowKind::Line { .. } => Self::Line {
-                deviation: columns.require("deviation_um")?,
-            },
-            RowKind::Ball { .. } => Self::Ball {
-                ball: columns.require("ball")?,
-                offsets: [
-                    columns.get("along_um")?,
-                    columns.get("side1_um")?,
-                    columns.get("side2_um")?,
-                ],
-            },
-        })
-    }
-
-    /// Whether a row names two poses instead of being one.
-    fn is_pair(
-        &self,
-        row: &CsvRow<'_>,
-        axes: &[(Column, AxisName, usize)],
-    ) -> Result<bool, InputError> {
-        let Self::Pair { from, to, length } = self else {
-            return Ok(false);
-        };
-        let is_pose = axes
-            .iter()
-            .any(|(column, ..)| !row.cell(*column).text().is_empty());
-        let is_pair = [from, to, length]
-            .iter()
-            .any(|column| !row.cell(**column).text().is_empty());
-        if is_pose == is_pair {
-            return Err(row.error(
-                "expected either the coordinates of a pose, or `from`, `to` and `length_mm`",
-            ));
-        }
-        Ok(is_pair)
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "what a row refers to")]
-    #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
-    fn read(
-        &mut self,
-        row: &CsvRow<'_>,
-        stand: Option<Stand>,
-        tool: &str,
-        kind: &RowKind,
-        poses: &[(String, Stand)],
-        reading: &mut Reading,
-        judge: bool,
-    ) -> Result<(Stand, Seen), InputError> {
-        let numbers = |columns: &[Column; 3]| -> Result<Vector3<f64>, InputError> {
-            let mut vector = Vector3::zeros();
-            for (place, column) in columns.iter().enumerate() {
-                vector[place] = row.cell(*column).number()?;
-            }
-            Ok(vector)
-        };
-        let here = || stand.ok_or_else(|| row.error("expected the coordinates of a pose"));
-        match (&*self, kind) {
-            (Self::Points { at }, RowKind::Points { frame, targets }) => {
-                let target = targets
-                    .iter()
-                    .find(|(name, _)| name == tool || name.is_empty());
-                Ok((
-                    here()?,
-                    Seen::Point {
-                        frame: *frame,
-                        target: target.and_then(|(_, place)| *place),
-                        at_mm: numbers(at)?,
-                    },
-                ))
-            }
-            (
-                Self::Sphere {
-                    sphere,
-                    offset,
-                    drift,
-                },
-                _,
-            ) => {
-                let name = sphere.map_or("", |column| row.cell(column).text());
-                let centre = centre_of(name, *drift, judge, row, reading)?;
-                let offset_mm = match offset {
-                    Some(columns) => numbers(columns)? * 1e-3,
-                    None => Vector3::zeros(),
-                };
-                Ok((here()?, Seen::Sphere { centre, offset_mm }))
-            }
-            (
-                Self::Distance { length },
-                RowKind::Distance {
-                    point: Some(point),
-                    dead,
-                },
-            ) => Ok((
-                here()?,
-                Seen::Distance {
-                    point: *point,
-                    dead: *dead,
-                    length_mm: row.cell(*length).number()?,
-                },
-            )),
-            (Self::Pair { from, to, length }, RowKind::Distance { dead, .. }) => {
-                let [from, stand] = pair(row, [*from, *to], poses)?;
-                Ok((
-                    stand,
-                    Seen::Pair {
-                        from,
-                        dead: *dead,
-                        length_mm: row.cell(*length).number()?,
-                    },
-                ))
-            }
-            (
-                Self::Line { deviation },
-                RowKind::Line {
-                    direction,
-                    offset,
-                    slope,
-                },
-            ) => Ok((
-                here()?,
-                Seen::Line {
-                    direction: *direction,
-                    offset: *offset,
-                    slope: *slope,
-                    deviation_mm: row.cell(*deviation).number()? * 1e-3,
-                },
-            )),
-            (
-                Self::Ball { ball, offsets },
-                RowKind::Ball {
-                    balls,
-                    origin,
-                    tilts,
-                },
-            ) => {
-                let cell = row.cell(*ball);
-                let distance = reading.rows_of_balls[*balls]
-                    .distance_of(cell.text(), &mut reading.setup)
-                    .map_err(|message| cell.error(message))?;
-                Ok((
-                    here()?,
-                    Seen::Ball {
-                        origin: *origin,
-                        tilts: *tilts,
-                        distance,
-                        // Laid through all rows when they are read.
-                        axes: Matrix3::identity(),
-                        offset_mm: ball_offset(row, offsets)?,
-                    },
-                ))
-            }
-            // The columns were made for the kind.
-            _ => Err(row.error("expected a row of this kind of observation")),
-        }
-    }
-}
-
-/// The two poses between which a row measures.
-fn pair(
-    row: &CsvRow<'_>,
-    columns: [Column; 2],
-    poses: &[(String, Stand)],
-) -> Result<[Stand; 2], InputError> {
-    let find = |column: Column| {
-        let cell = row.cell(column);
-        let pose = poses.iter().find(|(name, _)| name == cell.text());
-        pose.map(|(_, stand)| *stand).ok_or_else(|| {
-            cell.error(format!(
-                "found {}, expected the name of a pose above this row",
-                quoted(cell.text())
-            ))
-        })
-    };
-    let [from, to] = columns;
-    let pair = [find(from)?, find(to)?];
-    if pair[0] == pair[1] {
-        return Err(row.error("found the same pose twice, expected two poses that differ"));
-    }
-    Ok(pair)
-}
-
-/// Tip minus ball, mm, as far as it was read: all of it zero where there is no column for it.
-fn ball_offset(
-    row: &CsvRow<'_>,
-    columns: &[Option<Column>; 3],
-) -> Result<[Option<f64>; 3], InputError> {
-    if columns.iter().all(Option::is_none) {
-        return Ok([Some(0.0); 3]);
-    }
-    let mut offset = [None; 3];
-    for (place, column) in columns.iter().enumerate() {
-        let cell = column.map(|column| row.cell(column));
-        if let Some(cell) = cell.filter(|cell| !cell.text().is_empty()) {
-            offset[place] = Some(cell.number()? * 1e-3);
-        }
-    }
-    if offset == [None; 3] {
-        return Err(
-            row.error("found no reading, expected at least one of along_um, side1_um, side2_um")
-        );
-    }
-    Ok(offset)
-}
-
-/// The centre of a sphere, the same in all files that name it.
-fn centre_of(
-    name: &str,
-    drift: usize,
-    judge: bool,
-    row: &CsvRow<'_>,
-    reading: &mut Reading,
-) -> Result<usize, InputError> {
-    if let Some((_, place)) = reading.spheres.iter().find(|(known, _)| known == name) {
-        return Ok(*place);
-    }
-    if judge {
-        return Err(row.error(format!(
-            "sphere {} is in no fitted observation, expected one that is",
-            quoted(name)
-        )));
-    }
-    let place = reading.setup.points.len();
-    reading.setup.points.push(Quantity {
-        name: if name.is_empty() {
-            "sphere".to_owned()
-        } else {
-            format!("sphere {name}")
-        },
-        value: None,
-        unknown: true,
-        drift,
-        known_within: None,
-    });
-    reading.spheres.push((name.to_owned(), place));
-    Ok(place)
 }

@@ -33,6 +33,25 @@ impl Axis {
         }
     }
 
+    /// The travel in degrees that is meant if the file states that of a rotary axis in radians: where both ends are usual
+    /// parts of a circle in radians, to the digits that people write (3.14, 1.571, 6.2832), and not 0.
+    pub fn travel_as_if_in_radians(&self) -> Option<[f64; 2]> {
+        // deg; what people write of π is off by 0.05 % at the most.
+        const USUAL: [f64; 13] = [
+            0.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 150.0, 180.0, 210.0, 240.0, 270.0, 360.0,
+        ];
+        let usual = |end: f64| {
+            let deg = end.to_degrees();
+            let near = |usual: &&f64| (deg.abs() - **usual).abs() <= 6e-4 * **usual;
+            USUAL.iter().find(near).map(|usual| usual.copysign(deg))
+        };
+        if !self.name.is_rotary() {
+            return None;
+        }
+        let [low, high] = self.travel;
+        Some([usual(low)?, usual(high)?])
+    }
+
     /// Whether a coordinate, mm or deg, lies in the travel, but for rounding.
     pub(crate) fn contains(&self, coordinate: f64) -> bool {
         is_within(self.travel, coordinate)

@@ -121,3 +121,62 @@ impl Ensemble {
 fn has_structure_of(machine: &CompiledMachine, other: &CompiledMachine) -> bool {
     machine.chain().structure() == other.chain().structure()
 }
+
+#[cfg(test)]
+mod tests {
+    use volcomp_evaluator::Tolerance;
+
+    use super::*;
+    use crate::Machine;
+
+    /// A machine whose X is off by so much.
+    fn off(um: f64) -> Result<CompiledMachine, crate::ModelError> {
+        let text = format!(
+            "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 100.0]\n[errors]\nEXX = {um:?}\n"
+        );
+        Machine::parse(&text, "m")?.compile(Tolerance::default())
+    }
+
+    /// The factor by which scatters of these variances (µm²) and degrees of freedom widen machines drawn with this variance.
+    fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, crate::ModelError> {
+        let of_x = |ensemble: &Ensemble| ensemble.standard_uncertainty(&State::default())[0] * 1e3;
+        // The variance of two machines is half the square of their distance.
+        let half = (variance / 2.0).sqrt();
+        let drawn = Ensemble::new(vec![off(3.0 - half)?, off(3.0 + half)?]).expect("two machines");
+        assert!((of_x(&drawn) / variance.sqrt() - 1.0).abs() < 1e-6);
+        let scatter = |&(variance, degrees): &(f64, f64)| -> Result<Scatter, crate::ModelError> {
+            // Two runs that make half of it each.
+            let shifted = off(3.0 + (variance / 2.0).sqrt())?;
+            Ok(Scatter {
+                degrees,
+                shifted: vec![shifted.clone(), shifted],
+            })
+        };
+        let scatters = scatters.iter().map(scatter).collect::<Result<_, _>>()?;
+        let with = drawn.with_scatters(off(3.0)?, scatters);
+        Ok(of_x(&with.expect("of one structure")) / variance.sqrt())
+    }
+
+    /// Degrees of freedom of Welch and Satterthwaite worked out by hand, with the factors of table G.2 of JCGM 100.
+    #[test]
+    fn a_band_has_the_effective_degrees_of_freedom() -> Result<(), crate::ModelError> {
+        for (variance, scatters, degrees, t) in [
+            // All of it from one line of three runs: its own.
+            (4.0, &[(4.0, 2.0)][..], 2, 4.302_653),
+            // Two lines alike: 1/(¼/2 + ¼/2) = 4; three of them: 6.
+            (4.0, &[(2.0, 2.0), (2.0, 2.0)], 4, 2.776_445),
+            (6.0, &[(2.0, 2.0), (2.0, 2.0), (2.0, 2.0)], 6, 2.446_912),
+            // As much again from what is known well: 1/(¼/5) = 20.
+            (4.0, &[(2.0, 5.0)], 20, 2.085_963),
+            // ⅔ with four, ⅓ with one: 1/(4/9/4 + 1/9/1) = 4.5, between four and five.
+            (9.0, &[(6.0, 4.0), (3.0, 1.0)], 4, 2.658_9),
+            // Fewer machines drawn than the scatters add: no fewer degrees than theirs.
+            (1.0, &[(4.0, 2.0)], 2, 4.302_653),
+        ] {
+            let found = widened(variance, scatters)? * 1.959_964;
+            assert!((found - t).abs() < 2e-3, "{degrees}: {found} {t}");
+        }
+        assert!((widened(4.0, &[])? - 1.0).abs() < 1e-9);
+        Ok(())
+    }
+}

@@ -101,6 +101,20 @@ impl Machine {
         self.axes.iter().find(|axis| axis.name == name)
     }
 
+    /// Notes for people on what is odd about the axes, though it may be meant: travel that looks like radians.
+    pub fn notes(&self) -> Vec<String> {
+        let axes = self.axes.iter();
+        let note = |axis: &Axis| {
+            let [low, high] = axis.travel;
+            let [low_deg, high_deg] = axis.travel_as_if_in_radians()?;
+            Some(format!(
+                "travel of {}: {low} to {high} deg, which in radians would be {low_deg} to {high_deg} deg: is it stated in radians? Coordinates of rotary axes are in deg",
+                axis.name
+            ))
+        };
+        axes.filter_map(note).collect()
+    }
+
     /// The tool that `[tool]` states; tools by name start from it.
     pub fn tool(&self) -> &Tool {
         &self.tool

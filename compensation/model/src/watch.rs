@@ -135,13 +135,15 @@ impl Watch {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The share of the terms that is in effect, 0 to 1.
+    /// The share of the terms that is in effect, 0 to 1: 0 until every sensor was heard, since nobody knows yet whether they
+    /// are where the terms were found.
     pub(crate) fn share(&self) -> f64 {
-        self.share.unwrap_or(1.0)
+        self.share.unwrap_or(0.0)
     }
 
-    /// Whether a sensor is beyond what was seen, or the terms still come in again after that.
+    /// Whether a sensor is beyond what was seen, or the terms still come in again after that. A sensor that was not heard
+    /// yet is not beyond it: its terms have not begun.
     pub(crate) fn is_beyond(&self) -> bool {
-        self.beyond_k() > 0.0 || self.share() < 1.0
+        self.beyond_k() > 0.0 || self.share.is_some_and(|share| share < 1.0)
     }
 }

@@ -7,6 +7,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component};
 
 use crate::{
     dependence::{DEPENDENT_BELOW, Dependence},
+    effects::{Effect, Squares, effects},
     gaps::{Gaps, InGap, twists},
     poses::Poses,
     term::ErrorTerm,
@@ -18,24 +19,6 @@ const CHUNK: usize = 2048;
 const STACKED: usize = 48;
 /// The largest number of poses.
 const MOST_POSES: usize = 1 << 28;
-
-/// What one error does over the poses, for each unit of it: for 1 µm of a displacement, for 1 µrad of a rotation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Effect {
-    /// The error.
-    pub term: ErrorTerm,
-    /// Root mean square of the displacement of the tool tip, µm.
-    pub position_rms_um: f64,
-    /// The largest displacement, µm.
-    pub position_max_um: f64,
-    /// Root mean square of the rotation of the tool, µrad.
-    pub orientation_rms_urad: f64,
-    /// The largest rotation, µrad.
-    pub orientation_max_urad: f64,
-    /// The part of the mean square of the displacement that comes from this error when every error is one unit and
-    /// none knows of another.
-    pub share: f64,
-}
 
 /// Errors whose effects are proportional at every pose: one motion of the tool.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,15 +72,12 @@ pub enum SensitivityError {
     NotFinite,
 }
 
-/// Judges errors of a chain over poses, to first order, on all cores.
-///
-/// # Errors
-/// [`SensitivityError`].
-pub fn sensitivity(
+/// The number of poses, where it is one that is looked at and the chain has the axes of all errors.
+pub(crate) fn checked(
     chain: &Chain,
     terms: &[ErrorTerm],
     poses: &Poses,
-) -> Result<Sensitivity, SensitivityError> {
+) -> Result<usize, SensitivityError> {
     if terms.is_empty() {
         return Err(SensitivityError::NoErrors);
     }
@@ -115,6 +95,19 @@ pub fn sensitivity(
             return Err(SensitivityError::NoSuchAxis { term, axis });
         }
     }
+    Ok(count)
+}
+
+/// Judges errors of a chain over poses, to first order, on all cores.
+///
+/// # Errors
+/// [`SensitivityError`].
+pub fn sensitivity(
+    chain: &Chain,
+    terms: &[ErrorTerm],
+    poses: &Poses,
+) -> Result<Sensitivity, SensitivityError> {
+    let count = checked(chain, terms, poses)?;
     let made_of: Vec<Vec<InGap>> = terms.iter().map(|&term| twists(chain, term)).collect();
     let basis = Basis::new(chain, poses, count);
     let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
@@ -137,9 +130,6 @@ pub fn sensitivity(
     for chunk in &chunks {
         sums.join(chunk);
     }
-    if !sums.effects.iter().flatten().all(|x| x.is_finite()) {
-        return Err(SensitivityError::NotFinite);
-    }
     let columns = &sums.triangle * basis.combinations(&made_of);
     let dependence = Dependence::of(&columns);
     let named = |null: Vec<(usize, f64)>| {
@@ -150,11 +140,20 @@ pub fn sensitivity(
     };
     Ok(Sensitivity {
         poses: count,
-        errors: effects(terms, &sums.effects, count),
+        errors: effects(terms, &sums.effects, count, in_micro_units)?,
         motions: motions(chain, terms, &made_of, &columns),
         rank: dependence.rank,
         indistinguishable: dependence.null.into_iter().map(named).collect(),
     })
+}
+
+/// 1 µm or 1 µrad of an error, in mm or rad.
+fn in_micro_units(term: ErrorTerm) -> f64 {
+    if term.component().is_angular() {
+        1e-6
+    } else {
+        1e-3
+    }
 }
 
 /// A combination in mm and rad as one of unit length in µm and µrad.
@@ -257,8 +256,8 @@ impl Basis {
 
 /// What a chunk of poses adds up to.
 struct Sums {
-    /// For each error: sum of squares and largest square of displacement (mm) and of rotation (rad), for each mm or rad.
-    effects: Vec<[f64; 4]>,
+    /// What each error does, for each mm or rad.
+    effects: Vec<Squares>,
     /// The triangular factor of the stacked rows.
     triangle: DMatrix<f64>,
 }
@@ -266,7 +265,7 @@ struct Sums {
 impl Sums {
     fn new(terms: usize, columns: usize) -> Self {
         Self {
-            effects: vec![[0.0; 4]; terms],
+            effects: vec![Squares::default(); terms],
             triangle: DMatrix::zeros(columns, columns),
         }
     }
@@ -290,13 +289,7 @@ impl Sums {
             for place in from..to {
                 let gaps = Gaps::at(chain, &poses.state(place));
                 for (sums, twists) in self.effects.iter_mut().zip(made_of) {
-                    let squares = gaps.effect(twists).map(|v| v.norm_squared());
-                    *sums = [
-                        sums[0] + squares[0],
-                        sums[1].max(squares[0]),
-                        sums[2] + squares[1],
-                        sums[3].max(squares[1]),
-                    ];
+                    sums.take(gaps.effect(twists));
                 }
                 basis.write_rows(&gaps, &mut stacked, columns + 6 * (place - from));
             }
@@ -307,12 +300,7 @@ impl Sums {
 
     fn join(&mut self, other: &Self) {
         for (sums, other) in self.effects.iter_mut().zip(&other.effects) {
-            *sums = [
-                sums[0] + other[0],
-                sums[1].max(other[1]),
-                sums[2] + other[2],
-                sums[3].max(other[3]),
-            ];
+            sums.join(other);
         }
         let columns = self.triangle.ncols();
         let mut stacked = DMatrix::zeros(2 * columns, columns);
@@ -324,33 +312,6 @@ impl Sums {
             .copy_from(&other.triangle);
         self.triangle = stacked.qr().unpack_r();
     }
-}
-
-fn effects(terms: &[ErrorTerm], sums: &[[f64; 4]], count: usize) -> Vec<Effect> {
-    // For each µm or µrad: mm/rad of a rotation are 1e-3 µm/µrad, rad/rad and mm/mm are 1; nothing turns the tool by
-    // its length.
-    let unit = |term: &ErrorTerm| {
-        if term.component().is_angular() {
-            1e-3
-        } else {
-            1.0
-        }
-    };
-    let square = |(term, sums): (&ErrorTerm, &[f64; 4])| sums[0] * unit(term) * unit(term);
-    let total: f64 = terms.iter().zip(sums).map(square).sum();
-    let effect = |(term, sums): (&ErrorTerm, &[f64; 4])| {
-        let [square_sum, largest, turn_sum, turn_largest] = *sums;
-        let part = square((term, sums));
-        Effect {
-            term: *term,
-            position_rms_um: (square_sum / count as f64).sqrt() * unit(term),
-            position_max_um: largest.sqrt() * unit(term),
-            orientation_rms_urad: (turn_sum / count as f64).sqrt(),
-            orientation_max_urad: turn_largest.sqrt(),
-            share: if total > 0.0 { part / total } else { 0.0 },
-        }
-    };
-    terms.iter().zip(sums).map(effect).collect()
 }
 
 /// Columns that are proportional, put together; those of zeros are left out.

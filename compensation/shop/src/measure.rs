@@ -201,15 +201,13 @@ impl Shop {
             (Format::Renishaw, Some(DeviationUnit::Urad)) => "rta",
             (Format::Renishaw, _) => "rtl",
         };
+        let mut described = measurement.clone();
+        described.metadata.machine = Some(self.truth.name.clone());
+        described.metadata.axis = Some(line.setup.error.axis.to_string());
+        described.metadata.title = Some(line.setup.error.to_string());
         let text = match self.format {
-            Format::Csv => write_csv(measurement),
-            Format::Renishaw => {
-                let mut described = measurement.clone();
-                described.metadata.machine = Some(self.truth.name.clone());
-                described.metadata.axis = Some(line.setup.error.axis.to_string());
-                described.metadata.title = Some(line.setup.error.to_string());
-                write_renishaw(&described)
-            }
+            Format::Csv => write_csv(&described),
+            Format::Renishaw => write_renishaw(&described),
         };
         (format!("{}.{ending}", line.name), text)
     }

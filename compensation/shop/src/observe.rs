@@ -22,7 +22,7 @@ use volcomp_vocabulary::Displacement;
 use crate::{
     error::{ObservationError, ShopError},
     observation::{Setting, ShopObservation},
-    poses::Room,
+    poses::FreeAxes,
     shop::Shop,
 };
 
@@ -77,7 +77,7 @@ struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,
     tools: Tools<'a>,
-    room: Room,
+    free_axes: FreeAxes,
     random: ChaCha8Rng,
     approach: Approach,
 }
@@ -125,7 +125,7 @@ impl<'a> Observer<'a> {
             truth,
             what,
             tools: Tools(machines),
-            room: Room::new(truth, &what.at),
+            free_axes: FreeAxes::new(truth, &what.at),
             random,
             approach: Approach::default(),
         })

@@ -19,13 +19,13 @@ const REACHED_MM: f64 = 1e-6;
 
 /// The axes of a machine that are free to move, and where the others stand.
 #[derive(Clone, Debug)]
-pub(crate) struct Room {
+pub(crate) struct FreeAxes {
     /// Place in the chain and travel, mm or deg.
     free: Vec<(usize, AxisKind, [f64; 2])>,
     held: State,
 }
 
-impl Room {
+impl FreeAxes {
     pub(crate) fn new(machine: &Machine, at: &[(AxisName, f64)]) -> Self {
         let mut held = State::default();
         let mut free = Vec::new();
@@ -44,7 +44,7 @@ impl Room {
         own.map(|(place, _, travel)| (*place, *travel))
     }
 
-    /// Poses all over the room: each axis stands once at each of so many places, ends included, in an order of its own.
+    /// Poses all over the travels: each axis stands once at each of so many places, ends included, in an order of its own.
     pub(crate) fn everywhere(&self, poses: usize, random: &mut impl Rng) -> Vec<State> {
         let mut states = vec![self.held; poses];
         for (place, kind, travel) in &self.free {
@@ -55,7 +55,7 @@ impl Room {
         states
     }
 
-    /// Poses with the ideal tip at points, at rotary positions all over the room. `point` and `machine` by the number of
+    /// Poses with the ideal tip at points, at rotary positions all over the travels. `point` and `machine` by the number of
     /// the pose; a point that is out of reach is drawn anew. `Err`: how many were found.
     pub(crate) fn around<'m, R: Rng>(
         &self,

@@ -45,6 +45,6 @@ pub enum Format {
     /// `.rtl` for lengths, `.rta` for angles.
     #[default]
     Renishaw,
-    /// CSV tables with the header `target,run,direction,deviation`.
+    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose heads state their units.
     Csv,
 }

@@ -33,6 +33,18 @@ pub enum FitError {
         /// The number that is needed.
         needed: usize,
     },
+    /// A thermal record has too few rows, or there are too few runs.
+    #[error("found {found} {what}: {purpose} needs at least {needed}")]
+    TooFew {
+        /// What there is too little of: rows or runs.
+        what: &'static str,
+        /// The fit that needs them.
+        purpose: &'static str,
+        /// How many were found.
+        found: usize,
+        /// How many are needed.
+        needed: usize,
+    },
     /// A target lies outside the domain asked for.
     #[error("target {index} is {value}: expected it in the domain [{lower}, {upper}]")]
     OutsideDomain {

@@ -9,17 +9,20 @@ const ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
 /// The name of the fit in messages about too few targets.
 const PURPOSE: &str = "moving least squares";
+const OF_ORDER: &str = "a curve of moving least squares of this order";
+/// The widest support: with more every target weighs nearly alike, and the curve is one polynomial.
+const WIDEST: f64 = 1.0;
 /// The published order and support of long gantries, tried besides the grid.
 const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
 /// The smallest ratio of singular values of the weighted design matrix of a candidate.
 const LEAST_CONDITION: f64 = 1e-10;
 
-/// Fits moving least squares of the order, the support (fraction of the range of the targets) and
+/// Fits moving least squares of the order, the support (a share of the range of the targets, above 0 and at most 1) and
 /// the shape of the weight, through the mean reading of each target.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, too few targets, or parameters that
-/// [`MovingLeastSquares::new`] refuses.
+/// Unequal lengths, numbers that are not finite, a support above 1, fewer than order + 2 targets, which no such support
+/// carries, or parameters that [`MovingLeastSquares::new`] refuses.
 pub fn fit_mls(
     x: &[f64],
     u: &[f64],
@@ -27,8 +30,15 @@ pub fn fit_mls(
     support: f64,
     shape: f64,
 ) -> Result<Fit, FitError> {
-    let needed = order.saturating_add(1).max(2);
-    let targets = readings::checked_targets(x, u, needed, PURPOSE)?;
+    if support > WIDEST {
+        return Err(FitError::Parameter {
+            what: "support",
+            value: support,
+            expected: "a share of the measured range, above 0 and at most 1",
+        });
+    }
+    let needed = order.saturating_add(2);
+    let targets = readings::checked_targets(x, u, needed, OF_ORDER)?;
     Ok(Candidate::new(targets, order, support, shape)?.fit(x, u))
 }
 

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
 
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::csv_head::{is_target_unit, unit_of};
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
-use crate::{Direction, Measurement, MetrologyError, Reading, ReadingUnit};
+use crate::{DeviationUnit, Direction, Measurement, MetrologyError, Reading, ReadingUnit};
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
@@ -61,9 +62,22 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
 }
 
 /// Writes the readings as `target,run,direction,deviation`, in their order, with as many digits as it takes to
-/// read the very same numbers again. Unit, metadata, environment and notes have no place in the format.
+/// read the very same numbers again. The heads state the unit of the deviations where it is known (`deviation_um`), and that of the
+/// targets where the metadata name the axis (`target_mm`). Other metadata, environment and notes have no place in the format.
 pub fn write_csv(measurement: &Measurement) -> String {
-    let mut text = NAMES.join(",") + "\n";
+    let axis = measurement.metadata.axis.as_deref();
+    let axis: Option<AxisName> = axis.and_then(|letter| letter.trim().parse().ok());
+    let unit = |name: &str| match (name, measurement.unit) {
+        ("target", _) => axis.map_or("", |axis| match axis.kind() {
+            AxisKind::Linear => "_mm",
+            AxisKind::Rotary => "_deg",
+        }),
+        ("deviation", Some(DeviationUnit::Um)) => "_um",
+        ("deviation", Some(DeviationUnit::Urad)) => "_urad",
+        _ => "",
+    };
+    let heads = NAMES.map(|name| format!("{name}{}", unit(name)));
+    let mut text = heads.join(",") + "\n";
     for Reading {
         target,
         run,

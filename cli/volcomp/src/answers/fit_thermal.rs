@@ -10,7 +10,8 @@ use serde::Serialize;
 pub(crate) struct FitThermal {
     /// One entry for each displacement that was fitted.
     pub(crate) displacements: Vec<Displacement>,
-    /// Share of the time that was fitted; the rest was predicted. Of a single file only.
+    /// Share of the rows, the first ones, that terms were found from to be judged; the others were predicted. Of a single file
+    /// only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) train: Option<f64>,
     /// The temperature columns, without `_degc`.
@@ -22,6 +23,10 @@ pub(crate) struct FitThermal {
 pub(crate) struct Displacement {
     /// The name of the column in the file.
     pub(crate) name: String,
+    /// The error that it is; null where the call does not say it, and the terms have a gap.
+    pub(crate) error: Option<String>,
+    /// Whether the terms predict no worse than regression without time constants (`baseline`).
+    pub(crate) recommended: bool,
     /// Ridge regression on the temperatures as they are.
     pub(crate) baseline: Prediction,
     /// Regression on all sensors with many time constants, as a measure of what few terms lose; of a single file only.
@@ -53,7 +58,7 @@ pub(crate) struct Displacement {
     /// How far the constants of the files and positions are apart, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) constant_spread_urad: Option<f64>,
-    /// The terms as they stand in a machine file.
+    /// The terms as they stand in a machine file; where `error` is null each `error` in it is a gap to be filled in.
     pub(crate) toml: String,
 }
 
@@ -66,7 +71,7 @@ pub(crate) struct Prediction {
     /// Root mean square error of the prediction, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rms_urad: Option<f64>,
-    /// The worst stretch of the prediction.
+    /// The stretch with the largest error, of ten of equally many rows; of a single file only.
     pub(crate) worst_segment: Option<Segment>,
     /// Root mean square error with which penalty, time constants and sensors were chosen, µm.
     #[serde(skip_serializing_if = "Option::is_none")]

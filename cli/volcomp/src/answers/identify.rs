@@ -29,6 +29,11 @@ pub(crate) struct Found {
     pub(crate) rank: usize,
     /// Identifiability score: smallest by largest singular value of the columns scaled to unit length; 0 where the rank is not full.
     pub(crate) score: f64,
+    /// The same of the unknowns that are determined alone.
+    pub(crate) score_of_determined: f64,
+    /// Unknowns left at zero though nothing is missing: constants of curves and slopes of straightnesses that move the tool like
+    /// location errors, other constants or the set-up.
+    pub(crate) redundant: Vec<String>,
     /// Every combination of unknowns that moves nothing: names and weights.
     pub(crate) null: Vec<BTreeMap<String, f64>>,
     /// What is left of the rows that were fitted, µm.
@@ -131,6 +136,8 @@ impl From<&Identification> for Found {
             parameters: parameters.collect(),
             rank: found.rank,
             score: found.score,
+            score_of_determined: found.score_of_determined,
+            redundant: found.redundant.clone(),
             null: found
                 .null
                 .iter()

@@ -5,11 +5,14 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// The document of `volcomp sensitivity`: what 1 µm or 1 µrad of each error does over many positions.
+/// The document of `volcomp sensitivity`: what each error does over many positions.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Sensitivity {
     /// How many positions were looked at.
     pub(crate) positions: usize,
+    /// Whether the effects are those of the values in the machine file, the largest first (`--values`); else of 1 µm or
+    /// 1 µrad of each error.
+    pub(crate) values: bool,
     /// Each error: six error motions of each axis, and its location errors or, with `--assembly`, its assembly errors
     /// `SXX` to `SCX`.
     pub(crate) errors: Vec<Effect>,
@@ -26,7 +29,7 @@ pub(crate) struct Sensitivity {
     pub(crate) indistinguishable: Vec<BTreeMap<String, f64>>,
 }
 
-/// What 1 µm or 1 µrad of one error does.
+/// What 1 µm or 1 µrad of one error does; with `--values` what its value does.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Effect {
     /// The error.
@@ -39,7 +42,7 @@ pub(crate) struct Effect {
     pub(crate) orientation_rms_urad: f64,
     /// The largest rotation, µrad.
     pub(crate) orientation_max_urad: f64,
-    /// Part of the mean square of the displacement when every error is one unit and none knows of another, 0 to 1.
+    /// Part of the mean square of the displacement when none of the errors knows of another, 0 to 1.
     pub(crate) share: f64,
 }
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use volcomp_model::{Tolerance, evaluator::BLOB_VERSION};
 
-use super::{Answer, thermal_notes};
+use super::{Answer, machine_notes};
 use crate::{
     answers::program::Compile, failure::Failure, output::OutputFile, points::SpindleArguments,
 };
@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         "{}: {} bytes, {} cubic pieces, within {nm} nm and {nm} nrad\nSHA-256 {}\n",
         document.file, document.bytes, document.pieces, document.sha256
     );
-    Answer::new(&document, text, thermal_notes(&machine, &temperatures))
+    Answer::new(&document, text, machine_notes(&machine, &temperatures))
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {

@@ -2,7 +2,7 @@
 
 use volcomp_model::{BODY_DIAGONALS, ModelError, diagonals};
 
-use super::{Answer, fixed, table, table_text, thermal_notes};
+use super::{Answer, fixed, machine_notes, table, table_text};
 use crate::{
     answers::diagonals::{Diagonal, Diagonals},
     compensation::{Compensation, CompensationArguments},
@@ -67,6 +67,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(
         &document,
         table_text(&table) + &compensation.words(),
-        thermal_notes(&machine, &temperatures),
+        machine_notes(&machine, &temperatures),
     )
 }

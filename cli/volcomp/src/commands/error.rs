@@ -4,9 +4,9 @@ use volcomp_kinematics::{Form, State};
 use volcomp_model::{Machine, Temperatures};
 
 use super::{
-    Answer, fixed, micrometres, microradians,
+    Answer, fixed, machine_notes, micrometres, microradians,
     outside::{outside, outside_note, remarks},
-    table, table_text, thermal_notes,
+    table, table_text,
 };
 use crate::{
     answers::position::ErrorAt,
@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         outside_note(rows.iter().map(|row| &row.outside)),
     ];
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
-    notes.extend(thermal_notes(&machine, &temperatures));
+    notes.extend(machine_notes(&machine, &temperatures));
     Answer::new(&states.document(rows), text, notes)
 }
 

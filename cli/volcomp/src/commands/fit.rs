@@ -16,6 +16,7 @@ use super::{Answer, fixed, table, table_text};
 use crate::{
     answers::fit::{Fit as Document, Point, Spread, Trial},
     failure::Failure,
+    table::folded,
     unit::{self, Unit},
 };
 
@@ -33,7 +34,7 @@ pub(crate) struct Arguments {
     /// Order of the polynomials (poly, chebyshev, mls)
     #[arg(long, default_value_t = 4)]
     order: usize,
-    /// Half width of the weight as a share of the measured range, above 0 (mls) [default: 1/3]
+    /// Half width of the weight as a share of the measured range, above 0 and at most 1 (mls) [default: 1/3]
     #[arg(long, default_value_t = 1.0 / 3.0, hide_default_value = true)]
     support: f64,
     /// Shape of the Gaussian weight (mls)
@@ -130,6 +131,9 @@ fn scan(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> Vec<Trial> {
     trials.iter().map(row).collect()
 }
 
+/// Stands in the table where a target cannot be predicted from the others.
+const NOT_PREDICTED: &str = "x";
+
 /// Two tables, of the largest residual and of the leave-one-out error, a row for each support and a column for each
 /// order.
 fn scan_text(trials: &[Trial]) -> String {
@@ -147,7 +151,7 @@ fn scan_text(trials: &[Trial]) -> String {
             if is_residual {
                 t.largest_residual_um.or(t.largest_residual_urad)
             } else {
-                t.leave_one_out_um.or(t.leave_one_out_urad)
+                t.leave_one_out()
             }
         };
         let mut rows = table(&["support", "order 1", "2", "3", "4", "5", "6"]);
@@ -156,9 +160,12 @@ fn scan_text(trials: &[Trial]) -> String {
                 let mut trials = trials.iter();
                 let trial = trials.find(|t| t.order == order && t.support == support);
                 let shown = trial.map_or(String::new(), |trial| {
-                    let value = value(trial).filter(|value| value.is_finite());
                     let mark = if trial.shown { "*" } else { "" };
-                    value.map_or(String::new(), |v| mark.to_owned() + &fixed(v, 2))
+                    let shown = match value(trial) {
+                        Some(value) if value.is_finite() => fixed(value, 2),
+                        _ => NOT_PREDICTED.to_owned(),
+                    };
+                    mark.to_owned() + &shown
                 });
                 if shown.is_empty() {
                     "-".to_owned()
@@ -172,7 +179,16 @@ fn scan_text(trials: &[Trial]) -> String {
         // Writing to a string never fails.
         let _ = write!(text, "\n{title}, {symbol}\n{}", table_text(&rows));
     }
-    text + "\n* the curve above; - too few targets within the support\n"
+    text += "\n* the curve above; - too few targets within the support\n";
+    if trials.iter().any(|trial| trial.leave_one_out().is_none()) {
+        text += &folded(
+            &format!(
+                "{NOT_PREDICTED} no leave-one-out error: somewhere the curve goes through a target, since the others within its support hardly weigh there; such a setting is never chosen"
+            ),
+            "",
+        );
+    }
+    text
 }
 
 /// A note where the curve is printed outside its range.

@@ -58,7 +58,8 @@ fn text(document: &Document, output: &Path) -> String {
 /// What the words of the tables mean.
 pub(super) const EXPLAINED: &str = "
 Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
-pose. Score: 1 is best; near 0 some unknowns can hardly be told apart.
+pose. Score: 1 is best; near 0 some unknowns can hardly be told apart. Rank: how
+many unknowns are determined, of how many that are counted.
 ";
 
 /// The tables of what was found, for people.
@@ -120,11 +121,20 @@ pub(super) fn found_text(document: &Found) -> String {
     // Writing to a string never fails.
     let _ = writeln!(
         text,
-        "\nrank {} of {}, score {:.1e}",
+        "\nrank {} of {}, score of what is determined {:.1e}",
         document.rank,
-        document.parameters.len(),
-        document.score
+        document.parameters.len() - document.redundant.len(),
+        document.score_of_determined
     );
+    if !document.redundant.is_empty() {
+        let names = document.redundant.join(", ");
+        text += &folded(
+            &format!(
+                "Not counted, since they move the tool like location errors, other constants or the set-up, and are zero by convention: {names}"
+            ),
+            "",
+        );
+    }
     if let Some(next) = &document.next {
         let pose: Vec<String> = next
             .pose

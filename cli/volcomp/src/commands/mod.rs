@@ -105,13 +105,15 @@ fn in_degrees(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).mm_or_deg()
 }
 
-/// What there is to say about temperatures and thermal terms.
-fn thermal_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> {
-    let notes = [
+/// What there is to say about a machine file, about temperatures and about thermal terms.
+fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> {
+    let thermal = [
         thermal_note(machine, temperatures),
         seen_note(machine, temperatures),
     ];
-    notes.into_iter().flatten().collect()
+    let mut notes = machine.notes();
+    notes.extend(thermal.into_iter().flatten());
+    notes
 }
 
 /// Names the temperatures beyond what thermal terms have seen.

@@ -2,9 +2,11 @@
 
 use std::{fmt::Write, path::PathBuf};
 
-use volcomp_model::Machine;
-use volcomp_sensitivity::{DEPENDENT_BELOW, ErrorTerm, Poses, Sensitivity, sensitivity, terms};
-use volcomp_vocabulary::Displacement;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_sensitivity::{
+    DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of, sensitivity, terms,
+};
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
@@ -29,6 +31,10 @@ pub(crate) struct Arguments {
     /// them
     #[arg(long)]
     assembly: bool,
+    /// Effect of the values that the machine file gives its errors, the largest first, in place of 1 µm or 1 µrad of each.
+    /// Thermal terms do not count, and curves of both directions count with their mean
+    #[arg(long)]
+    values: bool,
 }
 
 /// The errors of a machine that `--assembly` or its absence means.
@@ -47,8 +53,37 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         None => (grid(&machine, usize::from(arguments.grid)), None),
     };
     let errors = errors_of(&machine, arguments.assembly);
-    let found = sensitivity(machine.chain(), &errors, &poses).map_err(Failure::input)?;
-    Answer::new(&document(&found), text(&found), note.into_iter().collect())
+    let mut found = sensitivity(machine.chain(), &errors, &poses).map_err(Failure::input)?;
+    let mut notes = machine.notes();
+    notes.extend(note);
+    if arguments.values {
+        found.errors = by_values(&machine, &errors, &poses)?;
+        if found.errors.iter().all(is_zero) {
+            notes.push("the machine file gives no error that moves the tool".to_owned());
+        }
+    }
+    let text = text(&machine, &found, arguments.values);
+    Answer::new(&document(&found, arguments.values), text, notes)
+}
+
+/// What the values of the machine's errors do, the largest displacement first.
+fn by_values(
+    machine: &Machine,
+    errors: &[ErrorTerm],
+    poses: &Poses,
+) -> Result<Vec<Effect>, Failure> {
+    let temperatures = Temperatures::default();
+    let source = machine.source(&temperatures);
+    let mut found = effects_of(machine.chain(), &source, errors, poses).map_err(Failure::input)?;
+    found.sort_by(|a, b| {
+        let by_position = b.position_rms_um.total_cmp(&a.position_rms_um);
+        by_position.then(b.orientation_rms_urad.total_cmp(&a.orientation_rms_urad))
+    });
+    Ok(found)
+}
+
+fn is_zero(effect: &Effect) -> bool {
+    effect.position_max_um == 0.0 && effect.orientation_max_urad == 0.0
 }
 
 fn grid(machine: &Machine, count: usize) -> Poses {
@@ -60,9 +95,9 @@ fn grid(machine: &Machine, count: usize) -> Poses {
     Poses::over(&travels, count)
 }
 
-fn document(found: &Sensitivity) -> answers::Sensitivity {
+fn document(found: &Sensitivity, values: bool) -> answers::Sensitivity {
     let names = |terms: &[ErrorTerm]| terms.iter().map(ToString::to_string).collect();
-    let effect = |effect: &volcomp_sensitivity::Effect| answers::Effect {
+    let effect = |effect: &Effect| answers::Effect {
         name: effect.term.to_string(),
         position_rms_um: effect.position_rms_um,
         position_max_um: effect.position_max_um,
@@ -78,6 +113,7 @@ fn document(found: &Sensitivity) -> answers::Sensitivity {
     };
     answers::Sensitivity {
         positions: found.poses,
+        values,
         errors: found.errors.iter().map(effect).collect(),
         groups: found
             .motions
@@ -95,9 +131,34 @@ fn document(found: &Sensitivity) -> answers::Sensitivity {
     }
 }
 
-fn text(found: &Sensitivity) -> String {
+/// The errors of a machine that are zero by definition where X is the first and Y the second reference axis: of the six tilts
+/// of X, Y and Z only three differences matter.
+fn zero_by_definition(machine: &Machine, found: &Sensitivity) -> Vec<String> {
+    let pairs = [
+        ("EB0X", AxisName::Z),
+        ("EC0X", AxisName::Y),
+        ("EA0Y", AxisName::Z),
+    ];
+    // Those that the machine file has all the same are not zero.
+    let stated: Vec<String> = machine
+        .locations()
+        .iter()
+        .filter(|(_, value)| **value != 0.0)
+        .map(|(name, _)| name.to_string())
+        .collect();
+    let is_there = |name: &str| found.errors.iter().any(|e| e.term.to_string() == name);
+    pairs
+        .into_iter()
+        .filter(|(name, partner)| is_there(name) && machine.axis(*partner).is_some())
+        .filter(|(name, _)| !stated.iter().any(|stated| stated == name))
+        .map(|(name, _)| name.to_owned())
+        .collect()
+}
+
+fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
     let mut effects = table(&["", "rms µm", "max µm", "rms µrad", "max µrad", "share %"]);
-    for effect in &found.errors {
+    let shown = found.errors.iter().filter(|e| !(values && is_zero(e)));
+    for effect in shown {
         effects.add_row([
             effect.term.to_string(),
             fixed(effect.position_rms_um, 4),
@@ -107,11 +168,25 @@ fn text(found: &Sensitivity) -> String {
             fixed(effect.share * 100.0, 2),
         ]);
     }
+    let of = if values {
+        "the errors of the machine file"
+    } else {
+        "1 µm or 1 µrad of each error"
+    };
     let mut text = format!(
-        "{HEAD}Effect of 1 µm or 1 µrad of each error over {} positions{HEAD:#}\n{}",
+        "{HEAD}Effect of {of} over {} positions{HEAD:#}\n{}",
         found.poses,
         table_text(&effects)
     );
+    let zero: Vec<String> = found
+        .errors
+        .iter()
+        .filter(|effect| values && is_zero(effect))
+        .map(|effect| effect.term.to_string())
+        .collect();
+    if !zero.is_empty() {
+        text += &folded(&format!("Zero or not stated: {}", zero.join(" ")), " ");
+    }
     // Writing to a string never fails.
     let _ = writeln!(
         text,
@@ -128,6 +203,16 @@ fn text(found: &Sensitivity) -> String {
         &format!("Position and orientation of the tool tell {rank} of {errors} errors apart."),
         "",
     );
+    let by_definition = zero_by_definition(machine, found);
+    if !by_definition.is_empty() {
+        let (names, left) = (by_definition.join(" "), errors - by_definition.len());
+        text += &folded(
+            &format!(
+                "Against X and Y as reference axes {names} are zero by definition, which leaves {left}."
+            ),
+            "",
+        );
+    }
     let is_one_motion = |null: &&Vec<(ErrorTerm, f64)>| {
         let of_one = |motion: &volcomp_sensitivity::DistinctMotion| {
             null.iter().all(|(term, _)| motion.terms.contains(term))

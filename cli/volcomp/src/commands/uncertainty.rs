@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_calibrate::{CalibrationFile, calibrate, not_observed};
 use volcomp_document::Document;
 use volcomp_identify::{Draws, Identification, Observations, identify};
 use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
@@ -91,13 +91,14 @@ impl UncertaintyArguments {
             Ok::<_, Failure>(compiled)
         };
         let ensemble = match measured {
-            Measured::Calibration(file) => self.of_calibration(file, compiled)?,
+            Measured::Calibration(file) => self.of_calibration(file, compiled, notes)?,
             Measured::Observations(observations) => {
                 let mut observations = Observations::clone(observations);
                 // Nobody reads how well the rows left out are predicted.
                 observations.folds = 0;
                 let found = identify(&observations, |_, _| {})?;
                 notes.extend(not_determined(&found));
+                notes.extend(as_if_known(not_observed(&observations)));
                 let draws = Draws::new(&observations, &found)?;
                 self.drawn(|trial| compiled(draws.machine(self.seed, trial)?))?
             }
@@ -119,6 +120,7 @@ impl UncertaintyArguments {
         &self,
         file: &CalibrationFile,
         compiled: impl Fn(Machine) -> Result<CompiledMachine, Failure> + Sync,
+        notes: &mut Vec<String>,
     ) -> Result<Option<Ensemble>, Failure> {
         let calibrated = |file: &CalibrationFile| compiled(calibrate(file, |_, _| {})?.machine);
         let Some(ensemble) = self.drawn(|trial| calibrated(&file.varied(self.seed, trial)))? else {
@@ -133,7 +135,9 @@ impl UncertaintyArguments {
                 shifted: shifted.collect::<Result<Vec<_>, _>>()?,
             });
         }
-        Ok(ensemble.with_scatters(calibrated(file)?, scatters))
+        let found = calibrate(file, |_, _| {})?;
+        notes.extend(as_if_known(found.not_measured));
+        Ok(ensemble.with_scatters(compiled(found.machine)?, scatters))
     }
 }
 
@@ -160,6 +164,13 @@ impl Measured {
             Self::Observations(observations) => &observations.machine,
         }
     }
+}
+
+/// The notes on errors that nothing measured, after a word on what they mean for an uncertainty.
+fn as_if_known(not_measured: Vec<String>) -> Vec<String> {
+    let what = "errors that were not measured are in the uncertainty as if they were known";
+    let heading = (!not_measured.is_empty()).then(|| what.to_owned());
+    heading.into_iter().chain(not_measured).collect()
 }
 
 /// A note that names the errors which are the same in every drawn machine.

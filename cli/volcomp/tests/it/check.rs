@@ -202,3 +202,24 @@ fn a_compiled_machine_is_read_back() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
     assert_eq!(volcomp(&["compile", GANTRY]).status.code(), Some(2));
 }
+
+/// Travel of a rotary axis in radians is noted wherever the machine is read, not only by `check`.
+#[test]
+fn travel_in_radians_is_asked_about() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("machine.toml").display().to_string();
+    let machine =
+        "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC.travel = [0, 6.2832]\n";
+    fs::write(&path, machine).expect("written");
+    for call in [
+        &["check", &path][..],
+        &["error", "-m", &path, "--at", "X=1,C=1"],
+        &["sensitivity", "-m", &path],
+    ] {
+        let output = volcomp(call);
+        let said = String::from_utf8_lossy(&output.stderr);
+        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+        let asked = "note: travel of C: 0 to 6.2832 deg, which in radians would be 0 to 360 deg: is it stated in radians?";
+        assert!(said.contains(asked), "{call:?}: {said}");
+    }
+}

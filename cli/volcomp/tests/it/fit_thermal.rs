@@ -29,6 +29,83 @@ fn few_terms_are_enough_for_a_spindle() {
     }
 }
 
+/// The part of a printed answer that belongs to one displacement.
+fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
+    let (_, from) = printed.split_once(&format!("\n\n{name}\n")).expect(name);
+    from.split_once(&format!("\n\n{next}\n"))
+        .map_or(from, |(own, _)| own)
+}
+
+/// Each displacement is the error that the call says, or has a gap that no machine file takes. Terms that predict worse than
+/// the regression without lags are not printed.
+#[test]
+fn displacements_are_the_errors_that_the_call_names() {
+    let named = [
+        "fit-thermal",
+        SPINDLE,
+        "--error",
+        "ch1_um=EZZ,ch3_um=EXZ",
+        "--error",
+        "ch4_um=EYZ",
+    ];
+    let answer = json(&named);
+    let printed = text(&named);
+    let channels = answer["displacements"].as_array().expect("a list");
+    let names = ["ch1_um", "ch2_um", "ch3_um", "ch4_um", "ch5_um", "-"];
+    let mut not_recommended = 0;
+    for (place, (channel, error)) in channels
+        .iter()
+        .zip([Some("EZZ"), None, Some("EXZ"), Some("EYZ"), None])
+        .enumerate()
+    {
+        assert_eq!(channel["error"].as_str(), error);
+        let rms = |which: &str| channel[which]["rms_um"].as_f64().expect("a number");
+        let worse = rms("fit") > rms("baseline");
+        assert_eq!(channel["recommended"], !worse, "{channel}");
+        let own = section(&printed, names[place], names[place + 1]);
+        assert_eq!(own.contains("[[thermal.drift]]"), !worse, "{own}");
+        assert_eq!(own.contains("No terms are printed"), worse, "{own}");
+        not_recommended += usize::from(worse);
+        let toml = channel["toml"].as_str().expect("text");
+        let stated = format!("error = \"{}\"\n", error.unwrap_or("???"));
+        assert_eq!(
+            toml.matches("error = ").count(),
+            toml.matches(&stated).count()
+        );
+    }
+    assert!(not_recommended > 0, "the third channel of this test");
+    let gap = channels[1]["toml"].as_str().expect("text");
+    assert!(
+        gap.starts_with("# Put the error that ch2_um is in place of ???."),
+        "{gap}"
+    );
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("m.toml").display().to_string();
+    let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
+    std::fs::write(&path, format!("{axes}[thermal]\nreference = 20.0\n{gap}")).expect("written");
+    let message = refused(&["check", &path]);
+    assert!(message.contains("???"), "{message}");
+    for (error, expected) in [
+        (
+            "ch9_um=EZZ",
+            "found no displacement ch9_um to fit, expected one of ch1_um",
+        ),
+        (
+            "ch1_um=EAZ",
+            "found EAZ for ch1_um, which is in µm: expected a linear",
+        ),
+        (
+            "ch1_um=EZZ,ch1_um=EXZ",
+            "a second error for the same displacement",
+        ),
+        ("ch1_um=EZ", "--error: "),
+    ] {
+        let message = refused(&["fit-thermal", SPINDLE, "--error", error]);
+        let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
 /// The temperatures of `seen`, half-way between lowest and highest, and the sum of all numbers times what these are
 /// above a reference.
 fn half_way(channel: &Value, reference: f64) -> (String, f64) {
@@ -249,7 +326,7 @@ fn wrong_files_and_calls_end_with_status_2() {
         ),
         (
             "time_s,t1_degc,ch1_um\n0,20,1\n1,20,2\n",
-            "needs at least 200",
+            "found 2 rows, of which the first 1 (--train 0.7) find terms and the others judge",
         ),
     ] {
         let path = file(text);

@@ -234,3 +234,32 @@ fn a_turning_frame_is_told() {
     assert_eq!(found["axes"][3]["motion_frame"], "turning");
     assert_eq!(found["axes"][0]["motion_frame"], Value::Null);
 }
+
+/// The values of the machine file in place of one unit each: the largest first, each that of its curve at the nodes.
+#[test]
+fn effects_of_the_values_of_the_machine_file() {
+    let call = ["sensitivity", "-m", "examples/gantry.toml", "--values"];
+    let found = json(&call);
+    assert_eq!(found["values"], true);
+    let errors = found["errors"].as_array().expect("a list");
+    let number = |effect: &Value, key: &str| effect[key].as_f64().expect("a number");
+    let sizes: Vec<f64> = errors
+        .iter()
+        .map(|e| number(e, "position_rms_um"))
+        .collect();
+    assert!(sizes.windows(2).all(|pair| pair[0] >= pair[1]), "{sizes:?}");
+    let of = |name: &str| errors.iter().find(|e| e["name"] == name).expect("there");
+    // EXX of the file at 0, 2000 … 8000 mm moves the tool by itself.
+    let exx = [0.0, 2000.0, 4000.0, 6000.0, 8000.0].map(|x: f64| 0.0073 * x - 2.1e-7 * x * x);
+    let rms = (exx.iter().map(|um| um * um).sum::<f64>() / 5.0).sqrt();
+    assert!((number(of("EXX"), "position_rms_um") - rms).abs() < 1e-9);
+    assert_eq!(number(of("EBX"), "share"), 0.0);
+    let printed = text(&call);
+    assert!(printed.contains("Zero or not stated: EZX"), "{printed}");
+    let printed = text(&call[..3]);
+    let printed = printed.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        printed.contains("tell 12 of 24 errors apart. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21."),
+        "{printed}"
+    );
+}

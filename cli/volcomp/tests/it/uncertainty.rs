@@ -122,6 +122,83 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     assert!(without.get("uncertainty").is_none());
 }
 
+/// What the program says besides its answer.
+fn notes(call: &[&str]) -> Vec<String> {
+    let output = crate::volcomp(call);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    // A note that was folded goes on in lines that are indented.
+    let mut notes: Vec<String> = Vec::new();
+    for line in said.lines() {
+        match (line.strip_prefix("note: "), notes.last_mut()) {
+            (Some(note), _) => notes.push(note.to_owned()),
+            (None, Some(last)) => *last = format!("{last} {}", line.trim_start()),
+            (None, None) => {}
+        }
+    }
+    notes
+}
+
+/// What nothing measured is named by an uncertainty in the words of `calibrate`; from observations too.
+#[test]
+fn what_nothing_measured_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("m.toml").display().to_string();
+    let calibration = "examples/calibration/calibration.toml";
+    let of_calibration = notes(&["calibrate", calibration, "-o", &machine]);
+    let from = |file| {
+        notes(&[
+            "map",
+            "-m",
+            &machine,
+            "--grid",
+            "2x2x2",
+            "--trials",
+            "2",
+            "--uncertainty",
+            file,
+        ])
+    };
+    let of_map = from(calibration);
+    let not_measured =
+        |note: &&String| note.contains("not measured") && note.contains("taken as 0");
+    let expected: Vec<&String> = of_calibration.iter().filter(not_measured).collect();
+    assert!(expected.len() > 3, "{of_calibration:?}");
+    for note in expected {
+        assert!(of_map.contains(note), "{note}: {of_map:?}");
+    }
+    let heading = "errors that were not measured are in the uncertainty as if they were known";
+    assert_eq!(of_map.iter().filter(|note| *note == heading).count(), 1);
+    let machine = "examples/identification/machine.toml";
+    let of_observations = notes(&[
+        "map",
+        "-m",
+        machine,
+        "--grid",
+        "2x2x2",
+        "--trials",
+        "2",
+        "--uncertainty",
+        OBSERVATIONS,
+    ]);
+    // The unknowns of the file are EYX, EBX and EXX of X, all location errors but EA0B.
+    assert!(
+        of_observations.contains(&"not measured, taken as 0: EZX EAX ECX".to_owned()),
+        "{of_observations:?}"
+    );
+    let single: Vec<&str> = of_observations
+        .iter()
+        .filter_map(|note| {
+            note.split_once(" was not measured and is")
+                .map(|(name, _)| name)
+        })
+        .collect();
+    assert!(
+        single.contains(&"EA0B") && !single.contains(&"EC0B"),
+        "{single:?}"
+    );
+}
+
 #[test]
 fn observations_of_another_machine_are_refused() {
     let call = ["-m", "examples/five-axis.toml", "--at", "X=1"];

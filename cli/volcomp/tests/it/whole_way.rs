@@ -1,6 +1,6 @@
 //! From a truth machine over laser files to a corrected machine, with the real program.
 
-use std::fs;
+use std::{fmt::Write as _, fs};
 
 use serde_json::Value;
 
@@ -291,4 +291,54 @@ fn an_interrupt_leaves_nothing_half_written() {
     assert!(interrupt.success());
     assert_eq!(child.wait().expect("ended").code(), Some(130));
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0);
+}
+
+/// Where the others within the support hardly weigh against a target there is no leave-one-out error, and the table says so.
+#[test]
+fn settings_without_a_leave_one_out_error_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("uneven.csv");
+    let mut table = "target,deviation\n".to_owned();
+    // Clusters of targets: seen from the last one, others stand just inside of the edge of some supports.
+    for x in [0, 12, 24, 150, 186, 198, 312, 324, 336, 450, 498, 612] {
+        let reading = (0.02 * f64::from(x)).sin() + 0.3 * f64::from(x * 7 % 5);
+        let _ = writeln!(table, "{x},{reading}");
+    }
+    fs::write(&path, table).expect("written");
+    let path = path.display().to_string();
+    let call = [
+        "fit",
+        &path,
+        "--method",
+        "mls",
+        "--scan",
+        "--order",
+        "1",
+        "--support",
+        "1",
+    ];
+    let answer = json(&call);
+    let scan = answer["scan"].as_array().expect("a list");
+    let without = scan
+        .iter()
+        .filter(|trial| trial["leave_one_out_um"].is_null());
+    let without = without.count();
+    assert!(without > 0, "{scan:?}");
+    assert!(
+        scan.iter()
+            .all(|trial| trial["largest_residual_um"].is_number())
+    );
+    let printed = text(&call);
+    let (_, left_out) = printed.split_once("Leave-one-out error").expect("a table");
+    let (left_out, said) = left_out
+        .split_once("* the curve above")
+        .expect("a line below");
+    assert_eq!(
+        left_out
+            .split_whitespace()
+            .filter(|cell| *cell == "x")
+            .count(),
+        without
+    );
+    assert!(said.contains("x no leave-one-out error"), "{said}");
 }

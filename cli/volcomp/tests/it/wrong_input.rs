@@ -192,6 +192,17 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
         "--scan: found another method, expected --method mls",
     ),
     (
+        &[
+            "fit",
+            "fitting/metrology/tests/data/iso230-2-axis.csv",
+            "--method",
+            "mls",
+            "--support",
+            "50",
+        ],
+        "support is 50: expected a share of the measured range, above 0 and at most 1",
+    ),
+    (
         &["calibrate", "nowhere.toml", "-o", "m.toml"],
         "nowhere.toml: cannot be read",
     ),

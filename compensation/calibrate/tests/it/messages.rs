@@ -224,12 +224,67 @@ fn what_is_hardly_meant_is_refused_or_told() {
         .warnings
         .join("\n");
     for expected in [
-        "calibration.toml:8): it states no `point`, so EXX is taken as measured at the point of X itself, and the levers of EBX are taken from there",
+        "calibration.toml:8): EXX with EBX",
         "calibration.toml:8): it states the machine `Gantry`, and the machine file is of `Mill`",
         "the measurement files state different serial numbers: `4711` (",
     ] {
         assert!(told.contains(expected), "{told}");
     }
+}
+
+/// One note for all lines without a point, however many: it names each with its file, its place, and its tilts.
+#[test]
+fn lines_without_a_point_are_named_in_one_note() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).expect("written");
+    };
+    write(
+        "machine.toml",
+        "structure = \"w b X Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
+    );
+    let readings = "0,0\n25,1\n50,2\n75,3\n100,4\n";
+    let mut text = String::from("machine = \"machine.toml\"\n");
+    for error in ["EBX", "ECX", "EAY", "EXX", "EYX", "EYY", "EZZ"] {
+        write(
+            &format!("{error}.csv"),
+            &format!("target,deviation\n{readings}"),
+        );
+        if error == "EZZ" {
+            continue;
+        }
+        let point = if error == "EYX" {
+            "point = [0, 0, 9]\n"
+        } else {
+            ""
+        };
+        let _ = write!(
+            text,
+            "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}"
+        );
+    }
+    write("calibration.toml", &text);
+    let path = folder.path().join("calibration.toml");
+    let file = CalibrationFile::read(&path).expect("read");
+    let told = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+    let notes: Vec<&String> = told
+        .iter()
+        .filter(|note| note.contains("no `point`"))
+        .collect();
+    assert_eq!(notes.len(), 1, "{told:?}");
+    let named = |error: &str, line: usize, tilts: &str| {
+        let csv = folder.path().join(format!("{error}.csv"));
+        format!(
+            "{} ({}:{line}): {error} with {tilts}",
+            csv.display(),
+            path.display()
+        )
+    };
+    let expected = [named("EXX", 13, "EBX ECX"), named("EYY", 20, "EAY")].join("; ");
+    assert!(
+        notes[0].ends_with(&format!("where a line ran elsewhere: {expected}")),
+        "{notes:?}"
+    );
 }
 
 /// What a measurement file says against its calibration file: refused with line and key where it is certainly wrong,

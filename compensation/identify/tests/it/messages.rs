@@ -98,6 +98,43 @@ fn wrong_rows_are_refused_with_their_place() {
     }
 }
 
+/// Its rows would count twice, or judge what was fitted to them. One bar may lie in several places, though.
+#[test]
+fn a_row_file_that_two_observations_name_is_refused_with_both_places() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &rows(&SQUARE, 1.0));
+    for (again, extra) in [("t.csv", ""), ("./t.csv", ""), ("t.csv", "judge = true")] {
+        let second = format!("[[observation]]\nkind = \"points\"\nfile = \"{again}\"\n{extra}\n");
+        let message = lab.refused(&(points("") + &second));
+        let (o, expected) = (lab.path("o.toml"), "expected another file");
+        assert!(
+            message.starts_with(&format!("{o}:10: observation[1].file: found {again:?}"))
+                && message.contains(&format!(
+                    "which is the file of the observation at {o}:6 too, {expected}"
+                )),
+            "{message}"
+        );
+    }
+    lab.write(
+        "balls.csv",
+        "ball,distance_mm,uncertainty_um\n0,0,0\n1,100,1\n2,200,1\n3,300,1\n",
+    );
+    let mut text = String::from("folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n");
+    for y in [0, 300] {
+        let file = format!("bar{y}.csv");
+        let mut readings = String::from("X,Y,ball,along_um\n");
+        for k in 0..4 {
+            let _ = writeln!(readings, "{},{y},{k},0", 100 * k);
+        }
+        lab.write(&file, &readings);
+        let _ = write!(
+            text,
+            "[[observation]]\nkind = \"ball-row\"\nrow = \"balls.csv\"\nfile = \"{file}\"\n"
+        );
+    }
+    lab.identify(&text).expect("the same balls in two places");
+}
+
 #[test]
 fn wrong_unknowns_are_refused() {
     let lab = Lab::new(MACHINE);

@@ -109,6 +109,9 @@ target = \"unknown\"
     assert!(names.contains(&"EX0C"), "{names:?}");
     assert_eq!(found.rank, found.parameters.len() - 1);
     assert_eq!(found.score, 0.0);
+    // The constant that EXX brings is the only one: without it everything is determined.
+    assert_eq!(found.redundant, ["EXX constant"]);
+    assert!(found.score_of_determined > 1e-4 && found.score_of_determined < 1.0);
     let left = found
         .parameters
         .iter()

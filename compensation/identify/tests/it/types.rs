@@ -17,8 +17,9 @@ const UNKNOWN: &str = "unknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", \"EX0C\", \"EY0C
 const ERRORS: usize = 11;
 
 /// The kinds of measurement: the head of the column, and what its file of observations says.
-const MEASUREMENTS: [(&str, &[Part]); 6] = [
+const MEASUREMENTS: [(&str, &[Part]); 7] = [
     ("diagonals", &[Part::Diagonals]),
+    ("ball rows", &[Part::BallRows]),
     ("one sphere, one probe", &[Part::Sphere { tools: 1 }]),
     ("one sphere, two probes", &[Part::Sphere { tools: 2 }]),
     ("ballbar", &[Part::Ballbar]),
@@ -33,6 +34,9 @@ const MEASUREMENTS: [(&str, &[Part]); 6] = [
 enum Part {
     /// The four body diagonals and two diagonals of each face, rotary axes at 0.
     Diagonals,
+    /// A row of balls along X, Y and Z and across each plane, read along it and to both sides; nobody knows where it lies.
+    /// Rotary axes at 0.
+    BallRows,
     /// A touch probe on a sphere on the table, whose centre is unknown, at many angles.
     Sphere { tools: usize },
     /// A ballbar of unknown dead length from an unknown point on the table to the tip, at many angles.
@@ -101,6 +105,7 @@ impl Readings<'_> {
     fn of(&mut self, part: Part, lab: &Lab) -> String {
         match part {
             Part::Diagonals => Self::diagonals(lab),
+            Part::BallRows => Self::ball_rows(lab),
             Part::Sphere { tools } => self.sphere(lab, tools),
             Part::Ballbar => self.ballbar(lab),
             Part::Tracker => self.tracker(lab),
@@ -132,6 +137,40 @@ impl Readings<'_> {
             let _ = writeln!(
                 tables,
                 "[[observation]]\nkind = \"line\"\nfile = \"d{place}.csv\"\ndirection = [{x}, {y}, {z}]\noffset = \"unknown\""
+            );
+        }
+        tables
+    }
+
+    fn ball_rows(lab: &Lab) -> String {
+        let distances = [0.0, 90.0, 180.0, 270.0, 360.0];
+        let mut balls = String::from("ball,distance_mm\n");
+        for (ball, distance) in distances.iter().enumerate() {
+            let _ = writeln!(balls, "{ball},{distance}");
+        }
+        lab.write("balls.csv", &balls);
+        let mut tables = String::new();
+        for (place, (along, side)) in [
+            ([1, 0, 0], [0, 1, 0]),
+            ([0, 1, 0], [0, 0, 1]),
+            ([0, 0, 1], [1, 0, 0]),
+            ([1, 1, 0], [0, 0, 1]),
+            ([0, 1, 1], [1, 0, 0]),
+            ([1, 0, 1], [0, 1, 0]),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let along = Vector3::from(along.map(f64::from)).normalize();
+            let mut file = String::from("X,Y,Z,ball,along_um,side1_um,side2_um\n");
+            for (ball, distance) in distances.into_iter().enumerate() {
+                let at = along * (distance - 180.0);
+                let _ = writeln!(file, "{:.9},{:.9},{:.9},{ball},0,0,0", at.x, at.y, at.z);
+            }
+            lab.write(&format!("row{place}.csv"), &file);
+            let _ = writeln!(
+                tables,
+                "[[observation]]\nkind = \"ball-row\"\nfile = \"row{place}.csv\"\nrow = \"balls.csv\"\nside1 = {side:?}"
             );
         }
         tables

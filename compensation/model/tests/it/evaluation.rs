@@ -56,6 +56,41 @@ fn every_kind_of_curve_has_its_value() {
 }
 
 #[test]
+fn travel_in_radians_is_noted() {
+    let notes = |travel: &str| {
+        let text = format!(
+            "structure = \"w C' b X t\"\n[axes]\nX.travel = [0.0, 3.14]\nC.travel = {travel}\n"
+        );
+        machine(&text).notes()
+    };
+    for (travel, in_deg) in [
+        ("[-3.14, 3.14]", "-180 to 180 deg"),
+        ("[0, 6.2832]", "0 to 360 deg"),
+        ("[-1.5708, 2.094]", "-90 to 120 deg"),
+        ("[-0.7853981633974483, 4.712]", "-45 to 270 deg"),
+    ] {
+        let found = notes(travel);
+        assert!(
+            found.len() == 1
+                && found[0].starts_with("travel of C: ")
+                && found[0].contains(in_deg)
+                && found[0].contains("is it stated in radians?"),
+            "{travel}: {found:?}"
+        );
+    }
+    // A table of small tilts, a full circle, one end alone, none of the usual parts of a circle.
+    for travel in [
+        "[-3, 3]",
+        "[0, 360]",
+        "[-3.14, 90]",
+        "[-5.5, 5.5]",
+        "[0, 6]",
+    ] {
+        assert_eq!(notes(travel), Vec::<String>::new(), "{travel}");
+    }
+}
+
+#[test]
 fn names_what_is_outside_its_range_sorted() {
     let machine = machine(EXAMPLE);
     let state = machine

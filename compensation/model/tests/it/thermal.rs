@@ -372,6 +372,24 @@ fn beyond_what_they_have_seen_terms_hold_and_fade() {
     }
 }
 
+/// Terms of one error work against each other: none of them is in effect alone while a sensor whose range is stated has not
+/// told where it is.
+#[test]
+fn terms_wait_until_every_watched_sensor_was_heard() {
+    let (machine, mut thermal) = state_of(SEEN);
+    for _ in 0..10 {
+        thermal.step(6.0, &[Some(25.0), None]);
+        assert!(!thermal.is_beyond_seen());
+        assert!(thermal.is_degraded());
+        assert_eq!(x_z_um(&machine, &thermal), [0.0; 2]);
+    }
+    thermal.step(0.004, &column_spindle(25.0, 26.0));
+    // 10 µm/(m·K) · 5 K · 0.1 m, and 3 µm/K.
+    let [_, z_um] = x_z_um(&machine, &thermal);
+    assert!((z_um - (5.0 + 3.0 * 6.0)).abs() < 1e-3, "{z_um}");
+    assert!(!thermal.is_beyond_seen());
+}
+
 /// A temperature that leaves the range at 2 K/min: nothing jumps, nothing is told before it is so, and what has faded comes
 /// in again with the temperature.
 #[test]

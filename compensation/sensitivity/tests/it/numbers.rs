@@ -4,13 +4,14 @@ use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{
-    Chain, ErrorMotion, Form, GivenErrors, MotionFrame, State, volumetric_error,
+    Chain, ErrorMotion, ErrorSource, Form, GivenErrors, MotionFrame, State, volumetric_error,
 };
+use volcomp_model::{Machine, Temperatures};
 use volcomp_sensitivity::{
-    Dependence, ErrorTerm, Poses, Sensitivity, SensitivityError, sensitivity, terms,
+    Dependence, ErrorTerm, Poses, Sensitivity, SensitivityError, effects_of, sensitivity, terms,
 };
 use volcomp_test_support::structures::all_types;
-use volcomp_vocabulary::{AxisKind, ErrorName};
+use volcomp_vocabulary::{AxisKind, Direction, ErrorName, MAX_AXES};
 
 fn random_chain(structure: &volcomp_kinematics::Structure, rng: &mut ChaCha8Rng) -> Chain {
     let mut chain = Chain::new(structure.clone());
@@ -297,4 +298,127 @@ fn columns_of_a_known_matrix() {
         "{twice:?}"
     );
     assert_eq!(nothing[..], [(2, 1.0)]);
+}
+
+/// A source that has one error of another one only.
+struct Only<'a, S> {
+    source: &'a S,
+    term: ErrorTerm,
+    axis: usize,
+}
+
+impl<S: ErrorSource> Only<'_, S> {
+    fn of(&self, axis: usize, six: ErrorMotion, is_kind: bool) -> ErrorMotion {
+        let mut kept = ErrorMotion::ZERO;
+        if axis == self.axis && is_kind {
+            let component = self.term.component();
+            let place = component.index() % 3;
+            if component.is_angular() {
+                kept.angular_rad[place] = six.angular_rad[place];
+            } else {
+                kept.linear_mm[place] = six.linear_mm[place];
+            }
+        }
+        kept
+    }
+}
+
+impl<S: ErrorSource> ErrorSource for Only<'_, S> {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        let is_motion = matches!(self.term, ErrorTerm::Named(name) if !name.location);
+        self.of(axis, self.source.error_motion(axis, state), is_motion)
+    }
+    fn location(&self, axis: usize) -> ErrorMotion {
+        let is_location = matches!(self.term, ErrorTerm::Named(name) if name.location);
+        self.of(axis, self.source.location(axis), is_location)
+    }
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        let is_assembly = matches!(self.term, ErrorTerm::Assembly(..));
+        self.of(axis, self.source.assembly(axis), is_assembly)
+    }
+}
+
+/// The effect of the values of a machine file against the model evaluated with one error at a time.
+#[test]
+fn effects_of_a_machine_are_those_of_its_errors_one_by_one() {
+    let machine = Machine::parse(
+        "structure = \"w C' X' b Y Z B t\"
+[axes]
+X.travel = [0, 500]
+Y.travel = [0, 400]
+Z.travel = [-300, 0]
+B = { travel = [-90, 90], point = [10.0, 0.0, 40.0] }
+C = { travel = [0, 360], point = [250.0, 200.0, 0.0] }
+[tool]
+tip = [0.0, 0.0, -150.0]
+[errors]
+EXX = { poly = [0.0, 0.02] }
+EYX = { forward = { poly = [2.0, 0.01] }, backward = { poly = [6.0, 0.01] } }
+EBX = { poly = [0.0, 0.05, -1e-4] }
+EAC = { fourier = [0.0, 3.0, 1.0], period = 360.0 }
+EZB = 4.0
+EC0Y = 12.0
+EX0C = -7.0
+EA0B = 3.0
+[assembly]
+Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
+",
+        "m",
+    )
+    .expect("a machine");
+    let chain = machine.chain();
+    let mut rng = ChaCha8Rng::seed_from_u64(77);
+    let mut poses = random_poses(chain, 300, &mut rng);
+    for (place, pose) in poses.iter_mut().enumerate() {
+        let forward = place % 2 == 0;
+        let direction = if forward {
+            Direction::Positive
+        } else {
+            Direction::Negative
+        };
+        pose.approach = [Some(direction); MAX_AXES].into();
+    }
+    let errors = all_terms(chain);
+    let temperatures = Temperatures::new();
+    let source = machine.source(&temperatures);
+    let found = effects_of(chain, &source, &errors, &Poses::List(poses.clone())).unwrap();
+    let mut squares = Vec::new();
+    for (effect, &term) in found.iter().zip(&errors) {
+        let axis = chain.structure().index_of(term.axis()).unwrap();
+        let only = Only {
+            source: &source,
+            term,
+            axis,
+        };
+        let each = poses
+            .iter()
+            .map(|pose| volumetric_error(chain, &only, pose, Form::Twist));
+        let each: Vec<[f64; 2]> = each
+            .map(|e| [e.position_mm.norm() * 1e3, e.rotation_rad.norm() * 1e6])
+            .collect();
+        let rms = |k: usize| (each.iter().map(|e| e[k] * e[k]).sum::<f64>() / 300.0).sqrt();
+        let max = |k: usize| each.iter().map(|e| e[k]).fold(0.0, f64::max);
+        for (found, expected) in [
+            (effect.position_rms_um, rms(0)),
+            (effect.position_max_um, max(0)),
+            (effect.orientation_rms_urad, rms(1)),
+            (effect.orientation_max_urad, max(1)),
+        ] {
+            assert!(
+                (found - expected).abs() < 1e-9 * (1.0 + expected),
+                "{term}: {found} {expected}"
+            );
+        }
+        squares.push(rms(0).powi(2));
+    }
+    let total: f64 = squares.iter().sum();
+    for (effect, square) in found.iter().zip(&squares) {
+        assert!(
+            (effect.share - square / total).abs() < 1e-12,
+            "{}",
+            effect.term
+        );
+    }
+    let moving = found.iter().filter(|effect| effect.share > 0.0).count();
+    assert_eq!(moving, 10, "the errors of the file: {found:?}");
 }

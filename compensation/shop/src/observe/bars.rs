@@ -67,7 +67,7 @@ impl Observer<'_> {
             for mark in marks {
                 let nominal = real.origin + real.axes.column(0) * bar.distances[mark];
                 let held = self
-                    .room
+                    .free_axes
                     .ideal(self.tools.machine(pass), self.held()?, &nominal);
                 let state = held.ok_or(ObservationError::NotReached { at: nominal.into() })?;
                 let drifted = self.drift_mm(&drift, found.len(), rows);

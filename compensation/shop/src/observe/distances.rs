@@ -13,10 +13,10 @@ impl Observer<'_> {
         dead_length_mm: f64,
         radius_mm: Option<f64>,
     ) -> Result<Made, ObservationError> {
-        let (room, tools) = (&self.room, &self.tools);
+        let (free_axes, tools) = (&self.free_axes, &self.tools);
         let states = match radius_mm {
-            None => room.everywhere(poses, &mut self.random),
-            Some(radius) => room
+            None => free_axes.everywhere(poses, &mut self.random),
+            Some(radius) => free_axes
                 .around(
                     poses,
                     |pose| tools.machine(pose),

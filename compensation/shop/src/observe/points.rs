@@ -18,7 +18,7 @@ impl Observer<'_> {
         let rotation = Rotation3::from_euler_angles(a, b, c);
         let place = Vector3::new(frame[0], frame[1], frame[2]);
         let offset = Vector3::from(target.unwrap_or_default());
-        let states = self.room.everywhere(poses, &mut self.random);
+        let states = self.free_axes.everywhere(poses, &mut self.random);
         let middle = states
             .iter()
             .map(|state| self.truth.chain().ideal_tip_mm(state))

@@ -29,7 +29,7 @@ impl Observer<'_> {
             let drift = self.direction();
             let tools = &self.tools;
             let states = self
-                .room
+                .free_axes
                 .around(
                     poses,
                     |pose| tools.machine(pose),
@@ -79,7 +79,7 @@ impl Observer<'_> {
             Reads::Coordinates => {
                 let machine = self.tools.machine(pose);
                 let found = |state| {
-                    let found = self.room.actual(machine, state, centre);
+                    let found = self.free_axes.actual(machine, state, centre);
                     found.ok_or(ObservationError::NotReached {
                         at: (*centre).into(),
                     })
@@ -88,8 +88,8 @@ impl Observer<'_> {
                 let mut state = found(state)?;
                 self.approach.to(&mut state, self.truth);
                 let mut state = found(state)?;
-                let room = self.room.clone();
-                room.shift_linear(&mut state, |q| self.read(q));
+                let free_axes = self.free_axes.clone();
+                free_axes.shift_linear(&mut state, |q| self.read(q));
                 Ok((state, None))
             }
         }

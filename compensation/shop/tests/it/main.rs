@@ -3,6 +3,7 @@
 mod coverage;
 mod example;
 mod figures;
+mod fuzz_corpus;
 mod held_rotary;
 mod messages;
 mod observation_messages;

@@ -74,7 +74,8 @@ fn check(
     record.check()?;
     options.check()?;
     if train.end > record.len() || train.len() < 20 * BLOCKS {
-        return Err(FitError::TooFewTargets {
+        return Err(FitError::TooFew {
+            what: "rows",
             purpose: "a thermal fit",
             found: train.len().min(record.len()),
             needed: 20 * BLOCKS,

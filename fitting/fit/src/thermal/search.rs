@@ -128,7 +128,8 @@ pub fn search_thermal_rows(
 /// As [`search_thermal`]; fewer than two runs.
 pub fn left_out_runs(runs: &[ThermalRun], search: &ThermalSearch) -> Result<Vec<f64>, FitError> {
     if runs.len() < 2 {
-        return Err(FitError::TooFewTargets {
+        return Err(FitError::TooFew {
+            what: "runs",
             purpose: "leaving out runs",
             found: runs.len(),
             needed: 2,
@@ -160,7 +161,8 @@ fn search_rows(
         let needed = stretches_of_run * LEAST_ROWS;
         let found = rows.len().min(run.record.len());
         if found < needed || rows.end > run.record.len() {
-            return Err(FitError::TooFewTargets {
+            return Err(FitError::TooFew {
+                what: "rows",
                 purpose: "a thermal fit",
                 found,
                 needed,

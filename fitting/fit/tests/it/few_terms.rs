@@ -289,10 +289,18 @@ fn wrong_runs_are_refused() {
     ));
     assert!(matches!(
         left_out_runs(&good[..1], &ThermalSearch::default()),
-        Err(FitError::TooFewTargets { .. })
+        Err(FitError::TooFew {
+            what: "runs",
+            found: 1,
+            ..
+        })
     ));
     assert!(matches!(
         search_thermal_rows(&good[0], 0..100, &ThermalSearch::default()),
-        Err(FitError::TooFewTargets { .. })
+        Err(FitError::TooFew {
+            what: "rows",
+            found: 100,
+            ..
+        })
     ));
 }

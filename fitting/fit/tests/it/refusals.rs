@@ -118,4 +118,21 @@ fn parameters() {
         fit_mls(&x, &x, 4, 0.1, 3.0),
         Err(FitError::Curve(_))
     ));
+    // A percentage, and more than the range; all of the range is the widest.
+    for support in [50.0, 1.01] {
+        refused(
+            fit_mls(&x, &x, 4, support, 3.0),
+            &format!(
+                "support is {support}: expected a share of the measured range, above 0 and at most 1"
+            ),
+        );
+    }
+    assert!(fit_mls(&x, &x, 4, 1.0, 3.0).is_ok());
+    assert!(fit_mls(&x, &x, 4, 0.0, 3.0).is_err());
+    // With as many targets as coefficients those at the ends are at the edge of every support.
+    assert!(fit_mls(&x[..6], &x[..6], 4, 1.0, 3.0).is_ok());
+    refused(
+        fit_mls(&x[..5], &x[..5], 4, 1.0, 3.0),
+        "found 5 different targets: a curve of moving least squares of this order needs at least 6",
+    );
 }

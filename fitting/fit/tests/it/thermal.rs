@@ -160,6 +160,10 @@ fn wrong_records_are_refused() {
     ));
     assert!(matches!(
         fit_thermal(&good, 0..100, &ThermalOptions::default()),
-        Err(FitError::TooFewTargets { .. })
+        Err(FitError::TooFew {
+            what: "rows",
+            found: 100,
+            ..
+        })
     ));
 }

@@ -105,6 +105,37 @@ fn written_tables_read_back_exactly() {
     assert_eq!(write_csv(&m), text);
 }
 
+/// The heads state what is known of the units, and are read again.
+#[test]
+fn written_tables_state_their_units() {
+    let mut m = csv("target,run,direction,deviation\n0,1,+,1.5\n").unwrap();
+    for (axis, unit, head) in [
+        (
+            "X",
+            DeviationUnit::Um,
+            "target_mm,run,direction,deviation_um",
+        ),
+        (
+            "C",
+            DeviationUnit::Urad,
+            "target_deg,run,direction,deviation_urad",
+        ),
+        (
+            "",
+            DeviationUnit::Urad,
+            "target,run,direction,deviation_urad",
+        ),
+    ] {
+        m.metadata.axis = Some(axis.to_owned());
+        m.unit = Some(unit);
+        let text = write_csv(&m);
+        assert_eq!(text, format!("{head}\n0,1,+,1.5\n"));
+        let again = csv(&text).unwrap();
+        assert_eq!((again.unit, &again.readings), (Some(unit), &m.readings));
+        assert_eq!(again.notes, Vec::<String>::new());
+    }
+}
+
 #[test]
 fn what_a_person_should_know_is_noted() {
     let notes = |text: &str| csv(text).unwrap().notes.join("\n");

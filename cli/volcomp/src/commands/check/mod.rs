@@ -12,7 +12,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use self::{sizes::sizes, sketch::sketch};
-use super::{Answer, in_degrees, micrometres, microradians, thermal_notes};
+use super::{Answer, in_degrees, machine_notes, micrometres, microradians};
 use crate::{
     answers::check::{Assembly, Axis, Check, Place, Thermal, Tool},
     failure::Failure,
@@ -35,7 +35,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
     let document = document(arguments, &machine, &temperatures);
     let text = text::text(&document);
-    let mut notes = thermal_notes(&machine, &temperatures);
+    let mut notes = machine_notes(&machine, &temperatures);
     notes.extend(no_point_note(&machine));
     Answer::new(&document, text, notes)
 }

@@ -10,9 +10,8 @@ use volcomp_model::{Ensemble, Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use super::{
-    Answer, in_degrees, micro, micrometres, microradians,
+    Answer, in_degrees, machine_notes, micro, micrometres, microradians,
     outside::{outside, outside_note},
-    thermal_notes,
     uncertainty::UncertaintyArguments,
 };
 use crate::{
@@ -87,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         arguments.output.as_ref().and(columns.replaced_note()),
     ];
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
-    notes.extend(thermal_notes(&machine, &temperatures));
+    notes.extend(machine_notes(&machine, &temperatures));
     notes.extend(uncertain);
     Answer::new(&states.document(rows), text, notes)
 }

@@ -1,7 +1,6 @@
 //! The result of a thermal fit as a document.
 
 use volcomp_fit::ThermalEffect;
-use volcomp_model::ErrorName;
 
 use super::{Arguments, Channel, Judged, terms};
 use crate::answers::fit_thermal::{
@@ -13,9 +12,8 @@ pub(super) fn document(
     channels: &[Channel],
     sensors: &[String],
     arguments: &Arguments,
-    error: ErrorName,
 ) -> FitThermal {
-    let displacement = |channel: &Channel| displacement(channel, sensors, arguments, error);
+    let displacement = |channel: &Channel| displacement(channel, sensors, arguments);
     FitThermal {
         displacements: channels.iter().map(displacement).collect(),
         train: (arguments.data.len() == 1).then_some(arguments.train),
@@ -23,12 +21,7 @@ pub(super) fn document(
     }
 }
 
-fn displacement(
-    channel: &Channel,
-    sensors: &[String],
-    arguments: &Arguments,
-    error: ErrorName,
-) -> Displacement {
+fn displacement(channel: &Channel, sensors: &[String], arguments: &Arguments) -> Displacement {
     let angular = channel.is_angular();
     let in_um = |value: f64| (!angular).then_some(value);
     let in_urad = |value: f64| angular.then_some(value);
@@ -85,6 +78,8 @@ fn displacement(
     let (drift, expansions) = terms::terms(found, sensors);
     Displacement {
         name: channel.name.clone(),
+        error: channel.error.map(|error| error.to_string()),
+        recommended: channel.is_recommended(),
         baseline: prediction(&channel.plain),
         dense: channel.dense.as_ref().map(prediction),
         fit: prediction(&channel.few),
@@ -121,6 +116,6 @@ fn displacement(
         constant_urad: in_urad(constant),
         constant_spread_um: in_um(spread),
         constant_spread_urad: in_urad(spread),
-        toml: terms::toml(found, sensors, error, arguments.reference, angular),
+        toml: terms::toml(channel, sensors, arguments.reference),
     }
 }

@@ -2,6 +2,7 @@
 
 mod columns;
 mod document;
+mod errors;
 mod terms;
 mod text;
 
@@ -11,9 +12,12 @@ use volcomp_fit::{
     FitError, ThermalOptions, ThermalRecord, ThermalRun, ThermalSearch, ThermalSegment,
     ThermalTerms, fit_thermal, left_out_runs, search_thermal, search_thermal_rows,
 };
-use volcomp_model::{ErrorName, POSSIBLE_DEGC, vocabulary::AxisKind};
+use volcomp_model::{ErrorName, POSSIBLE_DEGC};
 
-use self::columns::Columns;
+use self::{
+    columns::Columns,
+    errors::{Errors, may_expand},
+};
 use super::Answer;
 use crate::failure::Failure;
 
@@ -21,9 +25,10 @@ use crate::failure::Failure;
 ///
 /// Each file is one test: a column time_s, temperatures in columns that end in _degc, displacements in columns that end in
 /// _um or _urad, and where an axis was moved its position in a column X or X_mm; other columns are not read. Few sensors,
-/// few time constants and few numbers are chosen. Several files are judged by leaving out each one as a whole. A single file is
-/// judged by its last part: each stretch of the time before is predicted from what came before it, and the rest shows how
-/// well the terms predict. The terms that are printed are found in the same way from everything.
+/// few time constants and few numbers are chosen. Several files are judged by leaving out each one as a whole: it is predicted
+/// by terms that are found from the others. Of a single file the first rows (--train) find terms, and the rows after them
+/// are predicted to judge these. The terms that are printed are found in the same way from all rows of all files. Where terms
+/// with time constants predict worse than those without any, none are printed.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Time, temperatures and displacements: .csv, one file for each test
@@ -32,10 +37,13 @@ pub(crate) struct Arguments {
     /// Column with the displacement to fit, more than once for several; without it all are fitted
     #[arg(long)]
     displacement: Vec<String>,
-    /// The error that the displacement is, for the terms of the machine file
-    #[arg(long, default_value = "EZZ")]
-    error: String,
-    /// Share of the time on which the terms of a single file are fitted, 0.05 to 0.95; the rest is predicted
+    /// The error that a displacement is, for the terms of the machine file: COLUMN=ERROR, once for each displacement, or
+    /// ERROR alone where one is fitted. Without it a single displacement in µm is EZZ, and several have a gap in their terms
+    /// that you fill in
+    #[arg(long, value_name = "[COLUMN=]ERROR", value_delimiter = ',')]
+    error: Vec<String>,
+    /// Share of the rows of a single file, the first ones, that terms are found from to be judged, 0.05 to 0.95; the rows after
+    /// them are predicted
     #[arg(long, default_value_t = 0.7)]
     train: f64,
     /// Temperature at which the terms are zero, °C
@@ -57,6 +65,8 @@ pub(crate) struct Arguments {
 /// A displacement and the terms that were found for it.
 struct Channel {
     name: String,
+    /// The error that it is; `None` where the call does not say it.
+    error: Option<ErrorName>,
     /// Without time constants.
     plain: Judged,
     /// Every sensor with the mean of many choices of time constants; of a single file only.
@@ -83,8 +93,18 @@ struct Judged {
 impl Channel {
     /// Whether the displacement is a rotation in µrad and not a translation in µm.
     fn is_angular(&self) -> bool {
-        self.name.ends_with("_urad")
+        is_angular(&self.name)
     }
+
+    /// Whether the terms predict no worse than regression without time constants does.
+    fn is_recommended(&self) -> bool {
+        self.few.rms <= self.plain.rms
+    }
+}
+
+/// Whether a column holds a rotation in µrad and not a translation in µm.
+fn is_angular(column: &str) -> bool {
+    column.ends_with("_urad")
 }
 
 /// A test that is there twice would be predicted from itself.
@@ -102,7 +122,7 @@ fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let error = arguments.checked_error()?;
+    let errors = arguments.checked_errors()?;
     refuse_twice(&arguments.data)?;
     let files = read(arguments)?;
     let first = &files[0];
@@ -116,16 +136,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     let moved = files.iter().filter_map(|file| file.position.as_ref());
     let moved: Vec<_> = moved.map(|(axis, _)| *axis).collect();
-    let is_length = error.axis.kind() == AxisKind::Linear && !error.component.is_angular();
-    let expansions = is_length
-        && moved
-            .iter()
-            .all(|axis| axis.is_none_or(|a| a == error.axis));
-    if !moved.is_empty() && !expansions {
-        notes.push(format!(
-            "no expansion is looked for: that needs `--error` to name a linear error motion of the axis that was moved, found {error}"
-        ));
-    }
     if moved.iter().any(|axis| *axis != moved[0])
         || (!moved.is_empty() && moved.len() != files.len())
     {
@@ -134,27 +144,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
                 .to_owned(),
         ));
     }
-    let search = ThermalSearch {
-        lags_s: if arguments.lags.is_empty() {
-            ThermalSearch::default().lags_s
-        } else {
-            arguments.lags.clone()
-        },
-        most_sensors: arguments.most_sensors,
-        most_lags: arguments.most_lags,
-        expansions,
-        ..ThermalSearch::default()
-    };
     let names = first.displacements.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> = names
         .filter(|name| {
             arguments.displacement.is_empty() || arguments.displacement.iter().any(|d| d == name)
         })
         .collect();
-    let channels = names
-        .iter()
-        .map(|name| channel(name, &files, arguments, &search))
-        .collect::<Result<Vec<_>, _>>()?;
+    let of = errors.of(&names)?;
+    notes.extend(errors.note(&of, &names));
+    let mut channels = Vec::new();
+    for (name, error) in names.iter().zip(of) {
+        let expansions = may_expand(error)
+            .is_some_and(|e| moved.iter().all(|axis| axis.is_none_or(|a| a == e.axis)));
+        if !moved.is_empty() && !expansions {
+            let found = error.map_or("none".to_owned(), |error| error.to_string());
+            notes.push(format!(
+                "{name}: no expansion is looked for: that needs `--error` to name a linear error motion of the axis that was moved, found {found}"
+            ));
+        }
+        let search = arguments.search(expansions);
+        channels.push(channel(name, error, &files, arguments, &search)?);
+    }
     let sensors = &first.sensors;
     for channel in &channels {
         let spread = channel.terms.constant_at(arguments.reference).1;
@@ -166,17 +176,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             ));
         }
     }
-    let document = document::document(&channels, sensors, arguments, error);
-    Answer::new(
-        &document,
-        text::text(&channels, sensors, arguments, error),
-        notes,
-    )
+    let document = document::document(&channels, sensors, arguments);
+    let text = text::text(&channels, sensors, arguments);
+    Answer::new(&document, text, notes)
 }
 
 impl Arguments {
-    /// The error that is named, when the rest of the call makes sense as well.
-    fn checked_error(&self) -> Result<ErrorName, Failure> {
+    /// What to choose from.
+    fn search(&self, expansions: bool) -> ThermalSearch {
+        ThermalSearch {
+            lags_s: if self.lags.is_empty() {
+                ThermalSearch::default().lags_s
+            } else {
+                self.lags.clone()
+            },
+            most_sensors: self.most_sensors,
+            most_lags: self.most_lags,
+            expansions,
+            ..ThermalSearch::default()
+        }
+    }
+
+    /// The errors that are named, when the rest of the call makes sense as well.
+    fn checked_errors(&self) -> Result<Errors, Failure> {
         if !(0.05..=0.95).contains(&self.train) {
             let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);
             return Err(Failure::Input(message));
@@ -189,9 +211,7 @@ impl Arguments {
                 POSSIBLE_DEGC.end()
             )));
         }
-        self.error
-            .parse()
-            .map_err(|e| Failure::Input(format!("--error: {e}")))
+        Errors::read(&self.error)
     }
 }
 
@@ -222,6 +242,7 @@ fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
 
 fn channel(
     name: &str,
+    error: Option<ErrorName>,
     files: &[Columns],
     arguments: &Arguments,
     search: &ThermalSearch,
@@ -259,6 +280,17 @@ fn channel(
             reason = "a share of a count"
         )]
         let train = (run.record.len() as f64 * arguments.train) as usize;
+        let failed = |error: FitError| match error {
+            FitError::TooFew { needed, .. } if train < needed => Failure::in_file(
+                &arguments.data[0],
+                format_args!(
+                    "{name}: found {} rows, of which the first {train} (--train {}) find terms and the others judge them: expected at least {needed} to find terms from",
+                    run.record.len(),
+                    arguments.train
+                ),
+            ),
+            other => failed(other),
+        };
         let by_time = |search: &ThermalSearch| {
             let terms = search_thermal_rows(run, 0..train, search)?;
             Ok(Judged::by_time(&terms, run, train))
@@ -279,6 +311,7 @@ fn channel(
         let stands = run.position_mm.is_empty();
         return Ok(Channel {
             name: name.to_owned(),
+            error,
             plain: if stands {
                 dense(ThermalOptions::plain()).map_err(failed)?
             } else {
@@ -299,6 +332,7 @@ fn channel(
     let plain_left_out = left_out_runs(&runs, &without_lags).map_err(failed)?;
     Ok(Channel {
         name: name.to_owned(),
+        error,
         plain: Judged::by_runs(&plain, &runs, &plain_left_out),
         dense: None,
         few: Judged::by_runs(&terms, &runs, &left_out),

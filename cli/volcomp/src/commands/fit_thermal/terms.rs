@@ -3,7 +3,11 @@
 use std::{collections::BTreeMap, fmt::Write as _};
 
 use volcomp_fit::{ThermalEffect, ThermalTerms};
-use volcomp_model::ErrorName;
+
+use super::Channel;
+
+/// What stands in place of an error that the call does not name.
+const GAP: &str = "???";
 
 /// A lag, and for each sensor its weight, µm/K or µrad/K.
 pub(super) type Drift = (f64, BTreeMap<String, f64>);
@@ -53,20 +57,30 @@ pub(super) fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<Drift>, Ve
 }
 
 /// The terms as `[[thermal.drift]]`, `[[thermal.expansion]]` and `[[thermal.seen]]`, and the constant that belongs to them.
-pub(super) fn toml(
-    found: &ThermalTerms,
-    sensors: &[String],
-    error: ErrorName,
-    reference_degc: f64,
-    is_angular: bool,
-) -> String {
-    let (unit, symbol) = if is_angular {
+/// Where nobody said which error they are of, a gap stands in its place, which no machine file takes.
+pub(super) fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
+    let found = &channel.terms;
+    let (unit, symbol) = if channel.is_angular() {
         ("urad", "µrad")
     } else {
         ("um", "µm")
     };
-    let mut text = format!(
-        "# With {reference_degc} °C as [thermal] reference the constant\n# {:.3} {symbol} belongs to the curve of {error}.\n",
+    let (error, curve) = match channel.error {
+        Some(error) => (error.to_string(), format!("the curve of {error}")),
+        None => (GAP.to_owned(), "its curve".to_owned()),
+    };
+    let mut text = String::new();
+    if channel.error.is_none() {
+        // Writing to a string never fails.
+        let _ = writeln!(
+            text,
+            "# Put the error that {} is in place of {GAP}.",
+            channel.name
+        );
+    }
+    let _ = writeln!(
+        text,
+        "# With {reference_degc} °C as [thermal] reference the constant\n# {:.3} {symbol} belongs to {curve}.",
         found.constant_at(reference_degc).0
     );
     let (drift, expansions) = terms(found, sensors);

@@ -3,43 +3,50 @@
 use std::fmt::Write as _;
 
 use volcomp_fit::ThermalEffect;
-use volcomp_model::ErrorName;
 
 use super::{Arguments, Channel, terms};
-use crate::commands::{fixed, table, table_text};
+use crate::{
+    commands::{fixed, table, table_text},
+    table::folded,
+};
 
 /// The errors of the prediction, the numbers, and what belongs into the machine file.
-pub(super) fn text(
-    channels: &[Channel],
-    sensors: &[String],
-    arguments: &Arguments,
-    error: ErrorName,
-) -> String {
-    let mut text = comparison(channels, arguments.data.len());
+pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Arguments) -> String {
+    let mut text = comparison(channels, arguments);
     for channel in channels {
-        let found = &channel.terms;
-        let toml = terms::toml(
-            found,
-            sensors,
-            error,
-            arguments.reference,
-            channel.is_angular(),
-        );
+        let paste = if channel.is_recommended() {
+            let toml = terms::toml(channel, sensors, arguments.reference);
+            format!("# {}\n{toml}", channel.name)
+        } else {
+            worse(channel)
+        };
         // Writing to a string never fails.
         let _ = write!(
             text,
-            "\n{}\n{}\n{}\n# {}\n{toml}",
+            "\n{}\n{}\n{}\n{paste}",
             channel.name,
             numbers(channel, sensors),
-            sizes(channel),
-            channel.name
+            sizes(channel)
         );
     }
     text
 }
 
+/// Why there are no terms to paste.
+fn worse(channel: &Channel) -> String {
+    let unit = if channel.is_angular() { "µrad" } else { "µm" };
+    folded(
+        &format!(
+            "No terms are printed: they predict worse ({} {unit}) than regression without time constants ({} {unit}). Try `--lags 0`, or take more tests.",
+            fixed(channel.few.rms, 2),
+            fixed(channel.plain.rms, 2)
+        ),
+        "",
+    )
+}
+
 /// The root mean square errors of the prediction, without and with time constants.
-fn comparison(channels: &[Channel], files: usize) -> String {
+fn comparison(channels: &[Channel], arguments: &Arguments) -> String {
     let mut lines = table(&[
         "RMS of prediction",
         "no lag",
@@ -67,15 +74,15 @@ fn comparison(channels: &[Channel], files: usize) -> String {
             channel.terms.lags_s().len().to_string(),
         ]);
     }
-    let of_what = if files == 1 {
-        "The prediction is of the last part of the time, in the unit of the column (µm or\n\
-         µrad). Dense: all sensors with many time constants, as a measure of what few\n\
-         terms lose."
+    let of_what = if let [_] = arguments.data[..] {
+        format!(
+            "The prediction is of the last {} % of the rows, by terms found from those before them, in the unit of the column (µm or µrad). Dense: all sensors with many time constants, as a measure of what few terms lose. Worst: the largest error of ten stretches of equally many rows; from h: where that stretch begins, in hours of the file.",
+            fixed(100.0 * (1.0 - arguments.train), 0)
+        )
     } else {
-        "The prediction is of each file from all others, in the unit of the column (µm or\n\
-         µrad), both counted from the start of the file."
+        "The prediction is of each file from all others, in the unit of the column (µm or µrad), both counted from the start of the file.".to_owned()
     };
-    table_text(&lines) + "\n" + of_what + "\n"
+    table_text(&lines) + "\n" + &folded(&of_what, "")
 }
 
 /// Every number with its uncertainty.

@@ -18,7 +18,7 @@ use self::{
     node::Node,
     work::{Largest, Work},
 };
-use super::{Answer, fixed, thermal_notes, uncertainty::UncertaintyArguments};
+use super::{Answer, fixed, machine_notes, uncertainty::UncertaintyArguments};
 use crate::{
     answers::{
         ByAxis,
@@ -80,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let model = arguments.model()?;
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
-    let mut notes = thermal_notes(&machine, &temperatures);
+    let mut notes = machine_notes(&machine, &temperatures);
     let measured = arguments.uncertainty.read(&machine, &mut notes)?;
     let grid = MapGrid::over_travels(&machine, counts)?;
     if grid.axes.is_empty() {

@@ -1,0 +1,170 @@
+//! The sizes of what errors do over many poses: of one unit of each, or of the values that a machine has.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource};
+use volcomp_vocabulary::MAX_AXES;
+
+use crate::{
+    gaps::{Gaps, InGap, twists},
+    poses::Poses,
+    sensitivity::{SensitivityError, checked},
+    term::ErrorTerm,
+};
+
+/// Poses that one core takes at a time.
+const CHUNK: usize = 2048;
+
+/// What one error does over the poses: one unit of it (1 µm of a displacement, 1 µrad of a rotation) where it comes from
+/// [`sensitivity`](crate::sensitivity()), the values that a machine has where it comes from [`effects_of`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effect {
+    /// The error.
+    pub term: ErrorTerm,
+    /// Root mean square of the displacement of the tool tip, µm.
+    pub position_rms_um: f64,
+    /// The largest displacement, µm.
+    pub position_max_um: f64,
+    /// Root mean square of the rotation of the tool, µrad.
+    pub orientation_rms_urad: f64,
+    /// The largest rotation, µrad.
+    pub orientation_max_urad: f64,
+    /// The part of the mean square of the displacement that comes from this error when none of them knows of another.
+    pub share: f64,
+}
+
+/// Sums and largest values of the squares of displacement (mm) and rotation (rad).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Squares {
+    position: [f64; 2],
+    rotation: [f64; 2],
+}
+
+impl Squares {
+    /// Takes displacement and rotation at one more pose.
+    pub(crate) fn take(&mut self, [position, rotation]: [Vector3<f64>; 2]) {
+        let of = |v: Vector3<f64>| [v.norm_squared(); 2];
+        self.join(&Self {
+            position: of(position),
+            rotation: of(rotation),
+        });
+    }
+
+    /// Takes what other poses add up to.
+    pub(crate) fn join(&mut self, other: &Self) {
+        let both = |one: [f64; 2], other: [f64; 2]| [one[0] + other[0], one[1].max(other[1])];
+        self.position = both(self.position, other.position);
+        self.rotation = both(self.rotation, other.rotation);
+    }
+}
+
+/// The values (µm or µrad) that a source has for the errors, over the poses: to first order, what each of them does to the
+/// tool alone. An error motion counts with its value at each pose, on the branch that the pose states as its approach.
+///
+/// # Errors
+/// Those of [`sensitivity`](crate::sensitivity()).
+pub fn effects_of(
+    chain: &Chain,
+    source: &(impl ErrorSource + Sync),
+    terms: &[ErrorTerm],
+    poses: &Poses,
+) -> Result<Vec<Effect>, SensitivityError> {
+    let count = checked(chain, terms, poses)?;
+    let made_of: Vec<(usize, Vec<InGap>)> = terms
+        .iter()
+        // Every axis is there: it was checked above.
+        .filter_map(|&term| {
+            Some((
+                chain.structure().index_of(term.axis())?,
+                twists(chain, term),
+            ))
+        })
+        .collect();
+    let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
+    // Chunks are joined in their order, so that every run gives the same digits.
+    let chunks: Vec<Vec<Squares>> = starts
+        .into_par_iter()
+        .map(|start| {
+            let mut sums = vec![Squares::default(); terms.len()];
+            for place in start..count.min(start + CHUNK) {
+                let state = poses.state(place);
+                let gaps = Gaps::at(chain, &state);
+                let mut motions = [ErrorMotion::ZERO; MAX_AXES];
+                for (axis, motion) in motions.iter_mut().enumerate().take(chain.joints().len()) {
+                    *motion = source.error_motion(axis, &state);
+                }
+                for ((sums, term), (axis, twists)) in sums.iter_mut().zip(terms).zip(&made_of) {
+                    let six = match term {
+                        ErrorTerm::Assembly(..) => source.assembly(*axis),
+                        ErrorTerm::Named(name) if name.location => source.location(*axis),
+                        ErrorTerm::Named(_) => motions[*axis],
+                    };
+                    let value = component_of(&six, *term);
+                    sums.take(gaps.effect(twists).map(|v| v * value));
+                }
+            }
+            sums
+        })
+        .collect();
+    let mut sums = vec![Squares::default(); terms.len()];
+    for chunk in &chunks {
+        for (sums, other) in sums.iter_mut().zip(chunk) {
+            sums.join(other);
+        }
+    }
+    effects(terms, &sums, count, |_| 1.0)
+}
+
+/// The component of a motion that a term names, mm or rad.
+fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
+    let along = term.component().mcs_index();
+    if term.component().is_angular() {
+        six.angular_rad[along]
+    } else {
+        six.linear_mm[along]
+    }
+}
+
+/// The effects of errors from their squares, which are those of one of `size` (mm or rad) of each.
+pub(crate) fn effects(
+    terms: &[ErrorTerm],
+    squares: &[Squares],
+    count: usize,
+    size: impl Fn(ErrorTerm) -> f64,
+) -> Result<Vec<Effect>, SensitivityError> {
+    let square =
+        |(term, squares): (&ErrorTerm, &Squares)| squares.position[0] * size(*term).powi(2);
+    let total: f64 = terms.iter().zip(squares).map(square).sum();
+    let effect = |(term, squares): (&ErrorTerm, &Squares)| {
+        let sizes = |[sum, largest]: [f64; 2], micro: f64| {
+            [(sum / count as f64).sqrt(), largest.sqrt()].map(|of_one| of_one * size(*term) * micro)
+        };
+        let [position_rms_um, position_max_um] = sizes(squares.position, 1e3);
+        let [orientation_rms_urad, orientation_max_urad] = sizes(squares.rotation, 1e6);
+        let part = square((term, squares));
+        Effect {
+            term: *term,
+            position_rms_um,
+            position_max_um,
+            orientation_rms_urad,
+            orientation_max_urad,
+            share: if total > 0.0 { part / total } else { 0.0 },
+        }
+    };
+    let found: Vec<Effect> = terms.iter().zip(squares).map(effect).collect();
+    let is_finite = |effect: &Effect| {
+        [
+            effect.position_rms_um,
+            effect.position_max_um,
+            effect.orientation_rms_urad,
+            effect.orientation_max_urad,
+        ]
+        .iter()
+        .all(|size| size.is_finite())
+    };
+    if found.iter().all(is_finite) {
+        Ok(found)
+    } else {
+        Err(SensitivityError::NotFinite)
+    }
+}
