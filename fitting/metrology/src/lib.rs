@@ -5,6 +5,7 @@ mod csv_file;
 mod csv_head;
 mod encoding;
 mod error;
+pub mod form;
 mod iso230_2;
 mod measurement;
 mod motion_kind;

@@ -221,7 +221,7 @@ impl ReferenceLine {
 }
 
 /// The lower half of the convex hull of points in ascending order (Andrew's monotone chain).
-fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
     let mut hull: Vec<(f64, f64)> = Vec::new();
     for point in points {
         while let [.., a, b] = hull[..] {

@@ -3,6 +3,9 @@
 
 mod bad_input;
 mod csv;
+mod form;
+mod form_peer;
+mod form_refused;
 mod fuzz_corpus;
 mod geometry;
 mod iso230_2;

@@ -1,0 +1,256 @@
+//! Cylinders and cones: least squares of the distances from their surfaces.
+
+use nalgebra::{SVector, Vector3};
+
+use super::{
+    Axis, FeatureKind, Form, FormError,
+    circle::FlatCircle,
+    cloud::{Cloud, across, range, rms, signed},
+    refine::{Refined, Shape, refine},
+};
+
+/// Points that are enough to find the start with.
+const FEW: usize = 200;
+
+/// Directions that are tried as axes, over half a sphere: 0.2 rad apart.
+const DIRECTIONS: usize = 120;
+
+/// A surface of revolution with straight sides: a cone (`N` = 6) or, with the angle fixed at 0, a cylinder (`N` = 5).
+///
+/// With r and s the distance from the axis and the place along it, from `point` on, the signed distance of a point from
+/// the surface is r cos ψ − s sin ψ − h.
+#[derive(Clone, Copy)]
+struct Conical<const N: usize> {
+    point: Vector3<f64>,
+    axis: Vector3<f64>,
+    across: [Vector3<f64>; 2],
+    /// ψ: half the angle of the cone, rad; negative where it becomes narrower along the axis.
+    half_angle: f64,
+    /// h: distance of the surface from `point`.
+    height: f64,
+}
+
+impl<const N: usize> Conical<N> {
+    /// r and s of a point.
+    fn polar(&self, point: &Vector3<f64>) -> (f64, f64) {
+        let from = point - self.point;
+        let s = from.dot(&self.axis);
+        ((from - self.axis * s).norm(), s)
+    }
+
+    /// The start for an axis in a direction: the circle of the points seen along it, and their mean slope.
+    fn start(points: &[Vector3<f64>], axis: Vector3<f64>) -> Option<Self> {
+        let [e1, e2] = across(axis);
+        let seen = |p: &Vector3<f64>| Vector3::new(p.dot(&e1), p.dot(&e2), p.dot(&axis));
+        let seen: Vec<Vector3<f64>> = points.iter().map(seen).collect();
+        let circle = FlatCircle::algebraic(&seen)?;
+        let n = seen.len() as f64;
+        let radii: Vec<f64> = (seen.iter())
+            .map(|p| (p.xy() - circle.centre).norm())
+            .collect();
+        let mean_r = radii.iter().sum::<f64>() / n;
+        let mean_s = seen.iter().map(|p| p.z).sum::<f64>() / n;
+        let (mut up, mut across_up) = (0.0, 0.0);
+        for (p, r) in seen.iter().zip(&radii) {
+            across_up += (p.z - mean_s) * (p.z - mean_s);
+            up += (p.z - mean_s) * (r - mean_r);
+        }
+        let is_cone = N == 6 && across_up > 0.0;
+        let half_angle = if is_cone {
+            (up / across_up).atan()
+        } else {
+            0.0
+        };
+        Some(Self {
+            point: e1 * circle.centre.x + e2 * circle.centre.y,
+            axis,
+            across: [e1, e2],
+            half_angle,
+            height: (mean_r - mean_s * half_angle.tan()) * half_angle.cos(),
+        })
+    }
+}
+
+impl<const N: usize> Shape<N> for Conical<N> {
+    fn distance(&self, point: &Vector3<f64>) -> (f64, SVector<f64, N>) {
+        let (sin, cos) = self.half_angle.sin_cos();
+        let from = point - self.point;
+        let s = from.dot(&self.axis);
+        let beside = from - self.axis * s;
+        let r = beside.norm();
+        let u = if r > 0.0 { beside / r } else { beside };
+        let [u1, u2] = self.across.map(|e| u.dot(&e));
+        let tilt = s * cos + r * sin;
+        let derivatives = [
+            -cos * u1,
+            -cos * u2,
+            -tilt * u1,
+            -tilt * u2,
+            -1.0,
+            -r * sin - s * cos,
+        ];
+        let derivatives = SVector::from_fn(|k, _| derivatives[k]);
+        (r * cos - s * sin - self.height, derivatives)
+    }
+
+    fn moved(&self, by: &SVector<f64, N>) -> Self {
+        let [e1, e2] = self.across;
+        let axis = (self.axis + e1 * by[2] + e2 * by[3]).normalize();
+        Self {
+            point: self.point + e1 * by[0] + e2 * by[1],
+            axis,
+            across: across(axis),
+            half_angle: self.half_angle + if N == 6 { by[5] } else { 0.0 },
+            height: self.height + by[4],
+        }
+    }
+}
+
+/// Unit vectors over half a sphere, evenly (Fibonacci's spiral).
+fn directions() -> impl Iterator<Item = Vector3<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..DIRECTIONS).map(move |k| {
+        let z = (k as f64 + 0.5) / DIRECTIONS as f64;
+        let (sin, cos) = (golden * k as f64).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vector3::new(r * cos, r * sin, z)
+    })
+}
+
+/// The best surface from starts in every direction.
+fn best<const N: usize>(
+    cloud: &Cloud,
+    is_possible: impl Fn(&Conical<N>, &[Vector3<f64>]) -> bool,
+) -> Option<Refined<Conical<N>, N>> {
+    let stride = cloud.points.len().div_ceil(FEW);
+    let few: Vec<Vector3<f64>> = cloud.points.iter().step_by(stride).copied().collect();
+    let starts = cloud.directions.into_iter().chain(directions());
+    let found = starts.filter_map(|axis| {
+        let found = refine(Conical::<N>::start(&few, axis)?, &few, 60);
+        is_possible(&found.shape, &few).then_some(found)
+    });
+    let best = found.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
+    let fit = refine(best.shape, &cloud.points, 200);
+    (fit.has_settled() && is_possible(&fit.shape, &cloud.points)).then_some(fit)
+}
+
+/// Largest radius, and largest distance of an apex, in extents of the points.
+const FAR: f64 = 1e5;
+
+impl<const N: usize> Refined<Conical<N>, N> {
+    /// Whether the points determine the surface.
+    fn is_determined(&self) -> bool {
+        self.determined > 1e-8
+    }
+}
+
+/// The cylinder through points.
+pub(super) fn cylinder(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
+    const FEATURE: FeatureKind = FeatureKind::Cylinder;
+    const EXPECTED: &str = "points around the axis and along it";
+    let cloud = Cloud::of(points_mm, FEATURE)?;
+    cloud.refuse_line(FEATURE, EXPECTED)?;
+    cloud.refuse_plane(FEATURE, EXPECTED)?;
+    let refused = || FormError::NotDetermined {
+        feature: FEATURE,
+        found: "points that determine no cylinder".into(),
+        expected: EXPECTED,
+    };
+    let possible = |c: &Conical<5>, _: &[Vector3<f64>]| c.height > 0.0 && c.height < FAR;
+    let fit = best(&cloud, possible).ok_or_else(refused)?;
+    if !fit.is_determined() {
+        return Err(refused());
+    }
+    let found = fit.shape;
+    let axis = signed(found.axis);
+    let from_axis = |s: f64| found.point + axis * s;
+    let along = range(cloud.points.iter().map(|p| (p - found.point).dot(&axis)));
+    Ok(Form {
+        radius_mm: Some(found.height * cloud.scale_mm),
+        position_mm: cloud.in_mm(from_axis(0.5 * (along[0] + along[1]))),
+        ..form(&cloud, FEATURE, &found, axis, along.map(from_axis))
+    })
+}
+
+/// The cone through points.
+pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
+    const FEATURE: FeatureKind = FeatureKind::Cone;
+    const EXPECTED: &str = "points around the axis and along it, on one side of the apex";
+    let cloud = Cloud::of(points_mm, FEATURE)?;
+    cloud.refuse_line(FEATURE, EXPECTED)?;
+    cloud.refuse_plane(FEATURE, EXPECTED)?;
+    let refused = |found: &str, expected| FormError::NotDetermined {
+        feature: FEATURE,
+        found: found.into(),
+        expected,
+    };
+    let nothing = || refused("points that determine no cone", EXPECTED);
+    let fit = best(&cloud, on_one_side).ok_or_else(nothing)?;
+    let found = fit.shape;
+    let (sin, cos) = found.half_angle.sin_cos();
+    if sin.abs() * FAR < found.height.abs() {
+        let expected = "a cone: for this shape ask for a cylinder";
+        return Err(refused("sides that are parallel", expected));
+    }
+    if cos < 1.0 / FAR || !fit.is_determined() {
+        return Err(nothing());
+    }
+    // From the apex into the cone.
+    let axis = found.axis * sin.signum();
+    let apex = found.point - found.axis * (found.height / sin);
+    let along = range(cloud.points.iter().map(|p| (p - apex).dot(&axis)));
+    Ok(Form {
+        half_angle_rad: Some(found.half_angle.abs()),
+        position_mm: cloud.in_mm(apex),
+        ..form(
+            &cloud,
+            FEATURE,
+            &found,
+            axis,
+            along.map(|s| apex + axis * s),
+        )
+    })
+}
+
+/// Whether the points lie on one side of the apex, but for what they scatter.
+fn on_one_side(cone: &Conical<6>, points: &[Vector3<f64>]) -> bool {
+    let (sin, cos) = cone.half_angle.sin_cos();
+    if cos <= 0.0 {
+        return false;
+    }
+    // Place along the side from the foot of `point`'s perpendicular; its sign is that of the side.
+    let apex = -cone.height * cos / sin;
+    let scatter = rms(points.iter().map(|p| cone.distance(p).0));
+    points.iter().all(|point| {
+        let (r, s) = cone.polar(point);
+        let from_apex = (s * cos + r * sin - apex) * sin.signum();
+        sin == 0.0 || from_apex >= -(3.0 * scatter + 1e-9)
+    })
+}
+
+/// What both have in common.
+fn form<const N: usize>(
+    cloud: &Cloud,
+    feature: FeatureKind,
+    found: &Conical<N>,
+    axis: Vector3<f64>,
+    ends: [Vector3<f64>; 2],
+) -> Form {
+    let distances = || cloud.points.iter().map(|p| found.distance(p).0);
+    let [low, high] = range(distances());
+    Form {
+        feature,
+        points: cloud.points.len(),
+        position_mm: [0.0; 3],
+        direction: axis.into(),
+        radius_mm: None,
+        half_angle_rad: None,
+        axis: Some(Axis {
+            ends_mm: ends.map(|end| cloud.in_mm(end)),
+        }),
+        deviation_mm: (high - low) * cloud.scale_mm,
+        rms_mm: rms(distances()) * cloud.scale_mm,
+        out_of_plane_mm: None,
+        minimum_zone: None,
+    }
+}
