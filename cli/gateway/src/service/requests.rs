@@ -160,7 +160,7 @@ impl Service {
                     Step::Recording(step) => self.recorded(step, who, disarms),
                     Step::Reading(step) => self.planned(step, who),
                     Step::Keeping(step) => self.kept(*step),
-                    Step::Effect(effect) => self.took_effect(effect, who),
+                    Step::Effect(effect) => self.took_effect(effect, who, disarms),
                 };
                 match progress {
                     Progress::Next(next) => step = next,
@@ -208,12 +208,14 @@ impl Service {
     }
 
     /// Whether a request has taken effect.
-    fn took_effect(&mut self, effect: Effect, who: &str) -> Progress {
+    fn took_effect(&mut self, effect: Effect, who: &str, disarms: u64) -> Progress {
         let report = *self.parts.handle.report();
         // Two cycles: the order may have come in the middle of one.
         let seen = report.cycle > effect.cycle + 2;
         if seen && effect::has_taken(effect.request, report.state) {
-            if effect.request == Request::Arm && who != AUTO_ARM {
+            // The report may be of a cycle that began before somebody disarmed it again.
+            let since = self.switch.count() != disarms;
+            if effect.request == Request::Arm && who != AUTO_ARM && !since {
                 self.stand(|standing| standing.disarmed_by = None);
             }
             let reasons = self.all_reasons(&report);
