@@ -30,6 +30,16 @@ pub(crate) enum Parameter {
     Named(String),
 }
 
+/// A parameter and its value.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Assignment {
+    pub(crate) parameter: Parameter,
+    pub(crate) value: Value,
+    /// Where all of it stands, and its value alone.
+    pub(crate) all: Range<usize>,
+    pub(crate) text: Range<usize>,
+}
+
 /// What a line is, besides its words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Begins {
@@ -45,7 +55,7 @@ pub(crate) enum Begins {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Block {
     pub(crate) words: Vec<Word>,
-    pub(crate) assignments: Vec<(Parameter, Value)>,
+    pub(crate) assignments: Vec<Assignment>,
     pub(crate) begins: Begins,
     /// Where a further word may be put: behind the last one.
     pub(crate) end: usize,
@@ -80,7 +90,7 @@ impl Block {
                 b'(' => skip_comment(&mut scanner, column)?,
                 b';' => break,
                 b'#' => {
-                    self.assignment(&mut scanner, expressions)?;
+                    self.assignment(at, &mut scanner, expressions)?;
                     self.end = scanner.at();
                 }
                 b'A'..=b'Z' | b'@' | b'^' | b'$' => {
@@ -116,6 +126,7 @@ impl Block {
     /// `#12 = 3` or `#<name> = 3`, whose `#` is passed.
     fn assignment(
         &mut self,
+        at: usize,
         scanner: &mut Scanner<'_>,
         expressions: &Expressions<'_>,
     ) -> Result<(), Fault> {
@@ -132,7 +143,8 @@ impl Block {
                 what: "expected = after a parameter that begins a word",
             });
         }
-        let column = scanner.column();
+        scanner.peek();
+        let (column, from) = (scanner.column(), scanner.at());
         let read = expressions.read(scanner)?.ok_or(Fault::Expression {
             column,
             what: "expected the value of the parameter after =",
@@ -141,7 +153,12 @@ impl Block {
             column,
             what: "only the machine knows which parameter is set here",
         })?;
-        self.assignments.push((parameter, read.value));
+        self.assignments.push(Assignment {
+            parameter,
+            value: read.value,
+            all: at..scanner.at(),
+            text: from..scanner.at(),
+        });
         Ok(())
     }
 

@@ -159,10 +159,11 @@ impl Interpreter {
         } else if let Some(motion) = codes.motion() {
             self.set_motion(motion);
         }
-        for (parameter, value) in &block.assignments {
-            match parameter {
-                Parameter::Named(name) => self.parameters.set_named(name, *value),
-                Parameter::Numbered(number) => self.parameters.set_numbered(*number, *value),
+        for assignment in &block.assignments {
+            let value = assignment.value;
+            match &assignment.parameter {
+                Parameter::Named(name) => self.parameters.set_named(name, value),
+                Parameter::Numbered(number) => self.parameters.set_numbered(*number, value),
             }
         }
         Ok(outcome)

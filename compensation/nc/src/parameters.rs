@@ -1,42 +1,100 @@
-//! Parameters of a program: numbered and named ones. A value that only the machine knows, such as a probed position, is not known
-//! here.
+//! Parameters of a program: numbered and named ones, with those of a subroutine for its own. A value that only the machine
+//! knows, such as a probed position, is not known here.
 
 use std::collections::HashMap;
 
 /// A number, or one that only the machine knows.
 pub(crate) type Value = Option<f64>;
 
+/// The first numbered parameters are a subroutine's own.
+const LOCAL: u32 = 30;
 /// So many numbered parameters there are.
 pub(crate) const MOST: u32 = 100_000;
 /// Parameters that the control sets from what only it knows: probed positions, and what an input was.
 const AT_MACHINE: [std::ops::RangeInclusive<u32>; 3] = [3000..=3999, 5061..=5070, 5399..=5399];
 
-/// State: what the program has set so far.
+/// Parameters of one kind.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Parameters {
+struct Values {
     numbered: HashMap<u32, Value>,
     named: HashMap<String, Value>,
 }
 
+/// State: what the program has set so far.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Parameters {
+    /// Numbered ones from 31 on, and named ones whose names begin with an underscore.
+    of_all: Values,
+    /// The own ones of the main program, and of each subroutine that is being executed.
+    of_main: Values,
+    of_subs: Vec<Values>,
+}
+
 impl Parameters {
+    /// Whether a subroutine is being executed.
+    pub(crate) fn in_sub(&self) -> bool {
+        !self.of_subs.is_empty()
+    }
+
+    pub(crate) fn is_local(number: u32) -> bool {
+        number <= LOCAL
+    }
+
+    pub(crate) fn is_local_name(name: &str) -> bool {
+        !name.starts_with('_')
+    }
+
+    fn values(&self, local: bool) -> &Values {
+        if local {
+            self.of_subs.last().unwrap_or(&self.of_main)
+        } else {
+            &self.of_all
+        }
+    }
+
+    fn values_mut(&mut self, local: bool) -> &mut Values {
+        if local {
+            self.of_subs.last_mut().unwrap_or(&mut self.of_main)
+        } else {
+            &mut self.of_all
+        }
+    }
+
     /// The value of a numbered parameter: 0 where it was never set.
     pub(crate) fn numbered(&self, number: u32) -> Value {
         if AT_MACHINE.iter().any(|range| range.contains(&number)) {
             return None;
         }
-        self.numbered.get(&number).copied().unwrap_or(Some(0.0))
+        let values = self.values(Self::is_local(number));
+        values.numbered.get(&number).copied().unwrap_or(Some(0.0))
     }
 
     pub(crate) fn set_numbered(&mut self, number: u32, value: Value) {
-        self.numbered.insert(number, value);
+        let values = self.values_mut(Self::is_local(number));
+        values.numbered.insert(number, value);
     }
 
     /// The value of a named parameter; `None`: it was never set.
     pub(crate) fn named(&self, name: &str) -> Option<Value> {
-        self.named.get(name).copied()
+        let values = self.values(Self::is_local_name(name));
+        values.named.get(name).copied()
     }
 
     pub(crate) fn set_named(&mut self, name: &str, value: Value) {
-        self.named.insert(name.to_owned(), value);
+        let values = self.values_mut(Self::is_local_name(name));
+        values.named.insert(name.to_owned(), value);
+    }
+
+    /// A subroutine begins with these arguments; parameters without one are 0 in it.
+    pub(crate) fn enter(&mut self, arguments: &[Value]) {
+        self.of_subs.push(Values {
+            numbered: (1..=LOCAL).zip(arguments.iter().copied()).collect(),
+            named: HashMap::new(),
+        });
+    }
+
+    /// A subroutine ends.
+    pub(crate) fn leave(&mut self) {
+        self.of_subs.pop();
     }
 }

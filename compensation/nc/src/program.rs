@@ -1,14 +1,21 @@
 //! A whole program, line by line: constant memory, whatever its length.
 
-use std::io::{BufRead, Write};
+use std::io::{BufRead, Read, Write};
 
 use crate::{
-    Counts, Decimals, NcError, Notes, correction::Corrector, interpret::Interpreter,
-    rewrite::Rewriter, scan::Scanner, setup::SetUp,
+    Counts, Decimals, NcError, Notes,
+    correction::Corrector,
+    flow::{OLine, o_line},
+    interpret::Interpreter,
+    rewrite::Rewriter,
+    run::{Lines, run},
+    setup::SetUp,
 };
 
 /// A longer line is refused.
 pub const LONGEST_LINE: usize = 1 << 20;
+/// What follows the first O-word is held in memory, so many bytes at the most.
+const MOST_IN_MEMORY: usize = 256 << 20;
 
 /// What was done to a program.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,7 +31,7 @@ pub struct Summary {
 
 /// Reads a program and writes it with the correction in its coordinates. Every byte that is no changed coordinate comes out
 /// as it went in. `seen` is called now and then with the bytes that were read so far; what it returns as an error ends
-/// the work.
+/// the work. A program with O-words is executed, `most_blocks` of its lines at the most; the others are streamed.
 ///
 /// # Errors
 /// Lines that cannot be read or compensated, each with its number, and what reading and writing say. What was written
@@ -35,6 +42,7 @@ pub fn compensate(
     corrector: &Corrector,
     setup: &SetUp,
     decimals: Decimals,
+    most_blocks: u64,
     mut seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
     let (position, known) = setup.start();
@@ -63,16 +71,28 @@ pub fn compensate(
                 byte: 0,
             });
         }
-        if let Some(what) = program_number(line) {
-            if what == Numbered::Flow {
-                return Err(NcError::Flow {
-                    line: number,
-                    what: "O-words that call, repeat or choose are not followed yet: write the program without them, or compensate it at the machine".to_owned(),
+        match o_line(line) {
+            Some(OLine::Program) => {
+                rewriter.counts.lines += 1;
+                output.write_all(&text)?;
+                continue;
+            }
+            Some(_) => {
+                // From here on lines are executed in another order than they stand.
+                let rest = read_rest(input, text, number)?;
+                let lines = Lines {
+                    lines: split_lines(&rest),
+                    first: number,
+                };
+                let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
+                seen(bytes + rest.len() as u64)?;
+                return Ok(Summary {
+                    counts: after.counts,
+                    notes: after.interpreter.notes,
+                    ended: ends,
                 });
             }
-            rewriter.counts.lines += 1;
-            output.write_all(&text)?;
-            continue;
+            None => {}
         }
         out.clear();
         let went = rewriter.line(line, end, number, &mut out)?;
@@ -89,34 +109,30 @@ pub fn compensate(
     })
 }
 
-/// What an O at the beginning of a line is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Numbered {
-    /// The number of the program.
-    Program,
-    /// A call, a loop or a condition.
-    Flow,
+/// All that is left, behind what was read already.
+fn read_rest(
+    input: &mut impl BufRead,
+    mut text: Vec<u8>,
+    number: usize,
+) -> Result<Vec<u8>, NcError> {
+    let left = u64::try_from(MOST_IN_MEMORY).unwrap_or(u64::MAX);
+    input.take(left + 1).read_to_end(&mut text)?;
+    if text.len() > MOST_IN_MEMORY {
+        return Err(NcError::Flow {
+            line: number,
+            what: format!(
+                "a program with O-words is held in memory, up to {} MiB; this one is longer",
+                MOST_IN_MEMORY >> 20
+            ),
+        });
+    }
+    Ok(text)
 }
 
-/// Whether a line begins with an O, and what that is.
-fn program_number(line: &[u8]) -> Option<Numbered> {
-    let mut scanner = Scanner::new(line);
-    if scanner.takes(b'/') {
-        scanner.peek();
-    }
-    if scanner.takes(b'N') {
-        scanner.number();
-    }
-    if !scanner.takes(b'O') {
-        return None;
-    }
-    let is_number = scanner.number().is_some();
-    let is_all = matches!(scanner.peek(), None | Some(b'(' | b';'));
-    Some(if is_number && is_all {
-        Numbered::Program
-    } else {
-        Numbered::Flow
-    })
+/// Each line and its end.
+fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
+    let lines = text.split_inclusive(|byte| *byte == b'\n');
+    lines.map(|line| line.split_at(length_of(line))).collect()
 }
 
 /// A line with its end; false: there is none any more.

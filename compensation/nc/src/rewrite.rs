@@ -1,8 +1,10 @@
 //! A line in, the lines with its correction out.
 
+use std::ops::Range;
+
 use crate::{
     NcError,
-    block::{Begins, Block, Word},
+    block::{Begins, Block, Parameter, Word},
     coordinates::{Axes, LETTERS},
     correction::Corrector,
     expression::Expressions,
@@ -10,6 +12,7 @@ use crate::{
     motion::{Move, Path},
     notes::Note,
     number::of_steps,
+    parameters::Parameters,
     words::{Decimals, Number, OnItsWay, Written, each},
 };
 
@@ -38,6 +41,8 @@ pub(crate) struct Edits {
     pub(crate) removed: Vec<usize>,
     /// Words behind the last one.
     pub(crate) added: Vec<(u8, Number)>,
+    /// Other text, and the number instead of it, or nothing.
+    pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
 }
 
 impl Edits {
@@ -45,30 +50,36 @@ impl Edits {
         self.replaced.clear();
         self.removed.clear();
         self.added.clear();
+        self.ranges.clear();
     }
 
-    fn is_empty(&self) -> bool {
-        self.replaced.is_empty() && self.removed.is_empty() && self.added.is_empty()
+    pub(crate) fn is_empty(&self) -> bool {
+        self.replaced.is_empty()
+            && self.removed.is_empty()
+            && self.added.is_empty()
+            && self.ranges.is_empty()
     }
 
     /// Writes the line with its edits.
     fn write(&self, line: &[u8], block: &Block, out: &mut Vec<u8>) {
-        let mut at = 0;
-        for (
-            place,
-            Word {
-                at: letter, text, ..
-            },
-        ) in block.words.iter().enumerate()
-        {
+        let mut edits: Vec<(Range<usize>, Option<Number>)> = self.ranges.clone();
+        for (place, Word { at, text, .. }) in block.words.iter().enumerate() {
             if self.removed.contains(&place) {
-                out.extend_from_slice(&line[at..*letter]);
-                at = text.end;
-            } else if let Some((_, number)) = self.replaced.iter().find(|(of, _)| *of == place) {
-                out.extend_from_slice(&line[at..text.start]);
-                number.write(out);
-                at = text.end;
+                edits.push((*at..text.end, None));
+            } else if let Some((_, number)) =
+                self.replaced.iter().rev().find(|(of, _)| *of == place)
+            {
+                edits.push((text.clone(), Some(*number)));
             }
+        }
+        edits.sort_by_key(|(range, _)| range.start);
+        let mut at = 0;
+        for (range, number) in edits {
+            out.extend_from_slice(&line[at..range.start]);
+            if let Some(number) = number {
+                number.write(out);
+            }
+            at = range.end;
         }
         out.extend_from_slice(&line[at..block.end]);
         for (letter, number) in &self.added {
@@ -92,6 +103,8 @@ pub(crate) struct Rewriter {
     pub(crate) carried: Axes,
     /// What of it stands in the depth of the cycle that is kept from hole to hole, mm.
     pub(crate) carried_by_cycle: f64,
+    /// Values that are computed are written as numbers: the lines that compute them are not executed in this order.
+    pub(crate) writes_values: bool,
     pub(crate) counts: Counts,
     pub(crate) block: Block,
     pub(crate) edits: Edits,
@@ -114,6 +127,7 @@ impl Rewriter {
             decimals,
             carried: [0.0; 9],
             carried_by_cycle: 0.0,
+            writes_values: false,
             counts: Counts::default(),
             block: Block::default(),
             edits: Edits::default(),
@@ -174,26 +188,58 @@ impl Rewriter {
             self.carried_by_cycle = 0.0;
         }
         self.edits.clear();
-        let mut same = true;
+        if self.writes_values {
+            self.write_values(block);
+        }
+        let mut same = self.edits.is_empty();
         if let Some(motion) = &outcome.motion {
             self.counts.motions += 1;
             same = self.motion(motion, &outcome, block, line, end, number, out)?;
         } else if let Some(words) = &outcome.presets {
             self.presets(words, block);
             same = self.edits.is_empty();
-            if !same {
-                self.edits.write(line, block, out);
-            }
         }
         if same {
             out.extend_from_slice(line);
         } else {
+            if out.is_empty() {
+                self.edits.write(line, block, out);
+            }
             self.counts.changed += 1;
         }
         Ok(Went {
             same,
             ends: outcome.ends,
         })
+    }
+
+    /// Every computed value as the number that it is here.
+    fn write_values(&mut self, block: &Block) {
+        for (place, word) in block.words.iter().enumerate() {
+            let value = word.value.filter(|_| word.decimals.is_none());
+            let number = value.and_then(|value| Number::shortest(value, 6));
+            self.edits
+                .replaced
+                .extend(number.map(|number| (place, number)));
+        }
+        if !self.interpreter.parameters.in_sub() {
+            return;
+        }
+        // What a subroutine sets for itself must not be set for the program.
+        for assignment in &block.assignments {
+            let is_local = match &assignment.parameter {
+                Parameter::Numbered(number) => Parameters::is_local(*number),
+                Parameter::Named(name) => Parameters::is_local_name(name),
+            };
+            let value = assignment
+                .value
+                .and_then(|value| Number::shortest(value, 6));
+            if is_local {
+                self.edits.ranges.push((assignment.all.clone(), None));
+            } else if value.is_some() {
+                self.edits.ranges.push((assignment.text.clone(), value));
+            }
+        }
     }
 
     /// Words that say where the axes stand: there is a correction in the axes.
@@ -252,11 +298,11 @@ impl Rewriter {
         match motion.path {
             _ if motion.in_machine => {
                 self.is_uncorrected(motion);
-                Ok(true)
+                Ok(self.edits.is_empty())
             }
             Path::Other => {
                 self.is_uncorrected(motion);
-                Ok(true)
+                Ok(self.edits.is_empty())
             }
             Path::Rapid => self.straight(motion, &[1.0], block, line, end, number, out),
             Path::Line => {

@@ -132,7 +132,14 @@ impl Rewriter {
                     std::array::from_fn(|i| start[i] - before[[first, second][i]]);
                 Some([arc.centre[0] + shift[0], arc.centre[1] + shift[1]])
             } else {
-                centre_through(start, shifted(&delta_middle, &middle), end_at)
+                // As far from the programmed centre as the circle through the corrected places is from that through the
+                // programmed ones, which may not meet the centre for their rounding.
+                let plain = [&before, &middle, &at].map(|at| [at[first], at[second]]);
+                let corrected = centre_through(start, shifted(&delta_middle, &middle), end_at);
+                let plain = centre_through(plain[0], plain[1], plain[2]);
+                corrected.zip(plain).map(|(corrected, plain)| {
+                    std::array::from_fn(|i| arc.centre[i] + corrected[i] - plain[i])
+                })
             };
             let centre = centre.unwrap_or(arc.centre);
             let mut others: Vec<(u8, Number)> = Vec::new();
@@ -143,6 +150,16 @@ impl Rewriter {
                 let longer = (part.to - part.from) * arc.turns_by.abs() > std::f64::consts::PI;
                 let size = if longer { -size } else { size };
                 let word = block.words.iter().position(|word| word.letter == b'R');
+                let written = word.and_then(|place| block.words.get(place)?.value);
+                let size = match written.filter(|_| !splits) {
+                    // As much larger as the arc is, whatever rounding its radius has.
+                    Some(written) => {
+                        let plain =
+                            (before[first] - arc.centre[0]).hypot(before[second] - arc.centre[1]);
+                        written * unit + written.signum() * (size.abs() - plain)
+                    }
+                    None => size,
+                };
                 self.other_word(
                     b'R',
                     word,
@@ -238,14 +255,21 @@ impl Rewriter {
         // The first quarter beyond the beginning, in the coordinates of the machine.
         let begins = (start + turned) / quarter;
         let sign = arc.turns_by.signum();
-        let next = if sign > 0.0 { (begins + 1e-9).floor() + 1.0 } else { (begins - 1e-9).ceil() - 1.0 };
+        let next = if sign > 0.0 {
+            (begins + 1e-9).floor() + 1.0
+        } else {
+            (begins - 1e-9).ceil() - 1.0
+        };
         for place in 0..MOST_QUARTERS {
             let share = (next + sign * f64::from(place) - begins) * quarter / arc.turns_by;
             let Some(last) = parts.last_mut().filter(|_| share < 1.0 - 1e-9) else {
                 break;
             };
             last.to = share;
-            parts.push(Part { from: share, to: 1.0 });
+            parts.push(Part {
+                from: share,
+                to: 1.0,
+            });
         }
         parts.reverse();
         parts
@@ -316,18 +340,27 @@ impl Rewriter {
             None
         } else {
             let middle = &places[places.len() / 2].1;
-            let Some(centre) = centre_through(shifted(start), shifted(middle), shifted(end)) else {
+            // The programmed circle, too: its numbers are rounded, and that is not for a correction to mend.
+            let plain = |(at, _): &(Axes, Axes)| [at[first], at[second]];
+            let circle = |of: &dyn Fn(&(Axes, Axes)) -> [f64; 2]| {
+                let centre = centre_through(of(start), of(middle), of(end))?;
+                let [x, y] = of(start);
+                Some((centre, (x - centre[0]).hypot(y - centre[1])))
+            };
+            let Some(both) = circle(&shifted).zip(circle(&plain)) else {
                 return false;
             };
-            let [x, y] = shifted(start);
-            Some((centre, (x - centre[0]).hypot(y - centre[1])))
+            Some(both)
         };
         let mut largest = 0.0_f64;
         for (share, place) in &places {
             let in_plane = match circle {
-                Some((centre, radius)) => {
-                    let [x, y] = shifted(place);
-                    ((x - centre[0]).hypot(y - centre[1]) - radius).abs()
+                Some((corrected, plain)) => {
+                    let off = |(centre, radius): ([f64; 2], f64), [x, y]: [f64; 2]| {
+                        (x - centre[0]).hypot(y - centre[1]) - radius
+                    };
+                    (off(corrected, shifted(place)) - off(plain, [place.0[first], place.0[second]]))
+                        .abs()
                 }
                 // A whole circle keeps its radius: it is shifted as its beginning is.
                 None => {

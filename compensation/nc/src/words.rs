@@ -64,6 +64,16 @@ impl Number {
         })
     }
 
+    /// The nearest number with so many decimals at the most, without zeros at its end.
+    pub(crate) fn shortest(value: f64, decimals: u8) -> Option<Self> {
+        let mut number = Self::nearest(value, decimals)?;
+        while number.decimals > 0 && number.steps % 10 == 0 {
+            number.steps /= 10;
+            number.decimals -= 1;
+        }
+        Some(number)
+    }
+
     pub(crate) fn value(self) -> f64 {
         of_steps(self.steps, self.decimals)
     }

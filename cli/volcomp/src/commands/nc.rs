@@ -41,6 +41,9 @@ pub(crate) struct Arguments {
     /// Decimals of changed coordinates: mm,inch,deg; a program's own further ones stay
     #[arg(long, value_name = "MM,INCH,DEG", default_value = "3,4,3", value_parser = decimals)]
     decimals: Decimals,
+    /// Blocks that are executed at the most where the program has O-words
+    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
+    max_blocks: u64,
 }
 
 /// `3,4,3`.
@@ -89,6 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         &corrector,
         &setup,
         arguments.decimals,
+        arguments.max_blocks,
         |bytes| {
             bar.set_position(bytes);
             Ok(())

@@ -17,6 +17,7 @@ pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summ
         &corrector,
         &setup,
         Decimals::default(),
+        1_000_000,
         |_| Ok(()),
     )?;
     Ok((out, summary))

@@ -1,4 +1,6 @@
 //! Tests of this crate from outside.
 
+mod arcs;
+mod flow;
 mod identity;
 mod straight;

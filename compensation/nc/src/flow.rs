@@ -1,0 +1,226 @@
+//! O-words: which line is executed after which. They are matched once, before anything is executed.
+
+use std::collections::HashMap;
+
+use crate::{NcError, scan::Scanner};
+
+/// What an O-word does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Keyword {
+    Sub,
+    EndSub,
+    Return,
+    Call,
+    While,
+    EndWhile,
+    Do,
+    /// The end of a loop that begins with `do`.
+    DoWhile,
+    If,
+    ElseIf,
+    Else,
+    EndIf,
+    Repeat,
+    EndRepeat,
+    Break,
+    Continue,
+}
+
+/// Longer ones before those with which they begin.
+const KEYWORDS: [(&str, Keyword); 15] = [
+    ("ENDWHILE", Keyword::EndWhile),
+    ("ENDREPEAT", Keyword::EndRepeat),
+    ("ENDSUB", Keyword::EndSub),
+    ("ENDIF", Keyword::EndIf),
+    ("ELSEIF", Keyword::ElseIf),
+    ("ELSE", Keyword::Else),
+    ("CONTINUE", Keyword::Continue),
+    ("BREAK", Keyword::Break),
+    ("RETURN", Keyword::Return),
+    ("REPEAT", Keyword::Repeat),
+    ("WHILE", Keyword::While),
+    ("CALL", Keyword::Call),
+    ("SUB", Keyword::Sub),
+    ("IF", Keyword::If),
+    ("DO", Keyword::Do),
+];
+
+/// A line with an O-word.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Statement {
+    pub(crate) name: String,
+    pub(crate) keyword: Keyword,
+    /// Where its conditions and arguments begin, bytes from the beginning of the line.
+    pub(crate) rest: usize,
+}
+
+/// What a line that begins with an O is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum OLine {
+    /// The number of a program, as FANUC controls have it.
+    Program,
+    Statement(Statement),
+    /// It cannot be read.
+    Wrong(&'static str),
+}
+
+/// What a line is that begins with an O; `None`: it does not.
+pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
+    let mut scanner = Scanner::new(line);
+    scanner.takes(b'/');
+    if scanner.takes(b'N') {
+        scanner.number();
+    }
+    if !scanner.takes(b'O') {
+        return None;
+    }
+    let name = if scanner.takes(b'<') {
+        match scanner.name() {
+            Ok(name) => name,
+            Err(_) => return Some(OLine::Wrong("the name of this O-word does not end with >")),
+        }
+    } else if let Some((number, 0)) = scanner.number() {
+        if matches!(scanner.peek(), None | Some(b'(' | b';')) {
+            return Some(OLine::Program);
+        }
+        format!("{number}")
+    } else {
+        return Some(OLine::Wrong(
+            "an O-word whose name is computed is not followed; expected a number, or a name between < and >",
+        ));
+    };
+    let keyword = KEYWORDS
+        .into_iter()
+        .find(|(letters, _)| scanner.takes_all(letters));
+    let Some((_, keyword)) = keyword else {
+        return Some(OLine::Wrong(
+            "expected a word such as sub, call, while, if or repeat after the name of an O-word",
+        ));
+    };
+    Some(OLine::Statement(Statement {
+        name,
+        keyword,
+        rest: scanner.at(),
+    }))
+}
+
+/// A program with O-words whose beginnings and ends were found. Lines are counted from 0.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Flow {
+    pub(crate) statements: HashMap<usize, Statement>,
+    /// The line at which what begins or ends at a line ends or begins.
+    partner: HashMap<usize, usize>,
+    /// For an `if` and an `elseif`, the line of the next branch, or of the end.
+    pub(crate) next_branch: HashMap<usize, usize>,
+    subs: HashMap<String, usize>,
+}
+
+impl Flow {
+    /// Matches the O-words of these lines, the first of which has this number.
+    pub(crate) fn new(lines: &[&[u8]], first: usize) -> Result<Self, NcError> {
+        let mut flow = Self::default();
+        let mut open: Vec<(usize, usize)> = Vec::new();
+        for (place, line) in lines.iter().enumerate() {
+            let wrong = |what: String| NcError::Flow {
+                line: first + place,
+                what,
+            };
+            let mut statement = match o_line(line) {
+                Some(OLine::Statement(statement)) => statement,
+                Some(OLine::Wrong(what)) => return Err(wrong(what.to_owned())),
+                Some(OLine::Program) | None => continue,
+            };
+            let name = statement.name.clone();
+            let opened = open
+                .last()
+                .and_then(|(at, _)| flow.statements.get(at))
+                .filter(|opened| opened.name == name)
+                .map(|opened| opened.keyword);
+            if statement.keyword == Keyword::While && opened == Some(Keyword::Do) {
+                statement.keyword = Keyword::DoWhile;
+            }
+            let needs = match statement.keyword {
+                Keyword::EndSub => Some(Keyword::Sub),
+                Keyword::EndWhile => Some(Keyword::While),
+                Keyword::DoWhile => Some(Keyword::Do),
+                Keyword::ElseIf | Keyword::Else | Keyword::EndIf => Some(Keyword::If),
+                Keyword::EndRepeat => Some(Keyword::Repeat),
+                _ => None,
+            };
+            if let Some(needs) = needs {
+                let Some((begin, branch)) = open.last_mut().filter(|_| opened == Some(needs))
+                else {
+                    return Err(wrong(format!(
+                        "o{name} ends or goes on here what did not begin before, or what lies in it has not ended"
+                    )));
+                };
+                if needs == Keyword::If {
+                    flow.next_branch.insert(*branch, place);
+                    *branch = place;
+                }
+                if !matches!(statement.keyword, Keyword::ElseIf | Keyword::Else) {
+                    flow.partner.insert(*begin, place);
+                    flow.partner.insert(place, *begin);
+                    open.pop();
+                }
+            }
+            match statement.keyword {
+                Keyword::Sub => {
+                    if !open.is_empty() {
+                        return Err(wrong(format!(
+                            "the subroutine o{name} begins in something that has not ended"
+                        )));
+                    }
+                    if flow.subs.insert(name.clone(), place).is_some() {
+                        return Err(wrong(format!("the subroutine o{name} stands twice")));
+                    }
+                    open.push((place, place));
+                }
+                Keyword::While | Keyword::Do | Keyword::If | Keyword::Repeat => {
+                    open.push((place, place))
+                }
+                _ => {}
+            }
+            flow.statements.insert(place, statement);
+        }
+        if let Some((begin, _)) = open.last() {
+            return Err(NcError::Flow {
+                line: first + begin,
+                what: "what begins here does not end in the program".to_owned(),
+            });
+        }
+        Ok(flow)
+    }
+
+    /// Where what begins at a line ends, or what ends there begins.
+    pub(crate) fn partner(&self, line: usize) -> usize {
+        self.partner.get(&line).copied().unwrap_or(line)
+    }
+
+    /// Where a subroutine begins.
+    pub(crate) fn sub(&self, name: &str) -> Option<usize> {
+        self.subs.get(name).copied()
+    }
+
+    /// The end of the `if` to which a branch belongs.
+    pub(crate) fn end_of_if(&self, mut branch: usize) -> usize {
+        while let Some(next) = self.next_branch.get(&branch) {
+            branch = *next;
+        }
+        branch
+    }
+
+    /// Where the loop of this name begins in which a line lies.
+    pub(crate) fn loop_around(&self, line: usize, name: &str) -> Option<usize> {
+        (0..line).rev().find(|at| {
+            self.statements.get(at).is_some_and(|statement| {
+                statement.name == name
+                    && matches!(
+                        statement.keyword,
+                        Keyword::While | Keyword::Do | Keyword::Repeat
+                    )
+                    && self.partner(*at) > line
+            })
+        })
+    }
+}

@@ -1,0 +1,431 @@
+//! A program with O-words, executed: each of its lines as often as it comes. Where a line is corrected differently from time to time, what calls
+//! or repeats it is written out, pass by pass.
+
+use std::io::Write;
+
+use crate::{
+    NcError,
+    expression::Expressions,
+    flow::{Flow, Keyword, Statement},
+    parameters::Value,
+    rewrite::Rewriter,
+    scan::Scanner,
+};
+
+/// Subroutines that call one another, so many at the most.
+const DEEPEST: usize = 100;
+
+/// Lines of a program with O-words.
+pub(crate) struct Lines<'t> {
+    /// Each line and its end.
+    pub(crate) lines: Vec<(&'t [u8], &'t [u8])>,
+    /// The number of the first one.
+    pub(crate) first: usize,
+}
+
+/// What is done with lines as they are executed.
+trait Sink {
+    /// A line is executed, and this is written instead of it.
+    fn executed(&mut self, place: usize, text: &[u8], same: bool) -> Result<(), NcError>;
+    /// The main program is at this line.
+    fn at(&mut self, place: usize) -> Result<(), NcError>;
+}
+
+/// State of the execution.
+struct Run<'r, 't> {
+    lines: &'r Lines<'t>,
+    flow: &'r Flow,
+    most: u64,
+    rewriter: Rewriter,
+    calls: Vec<usize>,
+    /// The loops with a count that are being done: where each begins, and how often it is still to be done.
+    counts: Vec<(usize, u64)>,
+}
+
+/// Executes the lines and writes them with their corrections; gives the state at the end and where that was.
+pub(crate) fn run(
+    rewriter: Rewriter,
+    lines: &Lines<'_>,
+    most: u64,
+    output: &mut impl Write,
+) -> Result<(Rewriter, bool), NcError> {
+    let plain: Vec<&[u8]> = lines.lines.iter().map(|(line, _)| *line).collect();
+    let flow = Flow::new(&plain, lines.first)?;
+    let mut recorded = Recorded {
+        texts: vec![None; plain.len()],
+        conflicts: vec![false; plain.len()],
+    };
+    let before = rewriter.clone();
+    let (after, end) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
+    if !recorded.conflicts.contains(&true) {
+        for (place, (line, end)) in lines.lines.iter().enumerate() {
+            let text = recorded.texts[place].as_deref();
+            output.write_all(text.unwrap_or(line))?;
+            output.write_all(end)?;
+        }
+        return Ok((after, end.is_some()));
+    }
+    // A second time: what executes a line with a conflict is written out.
+    let mut unrolled = Run::new(before, lines, &flow, most);
+    unrolled.rewriter.writes_values = true;
+    let mut written = Unrolled {
+        lines,
+        flow: &flow,
+        recorded: &recorded,
+        output,
+        next: 0,
+        open: None,
+        pending: Vec::new(),
+        conflicts: false,
+    };
+    let (after, end) = unrolled.go(&mut written)?;
+    written.finish(end)?;
+    Ok((after, end.is_some()))
+}
+
+impl<'r, 't> Run<'r, 't> {
+    fn new(rewriter: Rewriter, lines: &'r Lines<'t>, flow: &'r Flow, most: u64) -> Self {
+        Self {
+            lines,
+            flow,
+            most,
+            rewriter,
+            calls: Vec::new(),
+            counts: Vec::new(),
+        }
+    }
+
+    /// Executes all; the state at the end, and the line that ended the program.
+    fn go(mut self, sink: &mut impl Sink) -> Result<(Rewriter, Option<usize>), NcError> {
+        let (mut at, mut executed) = (0, 0_u64);
+        let mut text = Vec::new();
+        while let Some((line, end)) = self.lines.lines.get(at) {
+            executed += 1;
+            if executed > self.most {
+                return Err(self.wrong(at, format!("more than {} blocks are executed (a loop without an end?); --max-blocks allows more", self.most)));
+            }
+            if self.calls.is_empty() {
+                sink.at(at)?;
+            }
+            if let Some(statement) = self.flow.statements.get(&at) {
+                at = self.follow(at, statement, line)?;
+                continue;
+            }
+            if crate::flow::o_line(line).is_some() {
+                // The number of the program.
+                at += 1;
+                continue;
+            }
+            text.clear();
+            let went = self
+                .rewriter
+                .line(line, end, self.lines.first + at, &mut text)?;
+            sink.executed(at, &text, went.same)?;
+            if went.ends {
+                return Ok((self.rewriter, Some(at)));
+            }
+            at += 1;
+        }
+        Ok((self.rewriter, None))
+    }
+
+    fn wrong(&self, at: usize, what: String) -> NcError {
+        NcError::Flow {
+            line: self.lines.first + at,
+            what,
+        }
+    }
+
+    /// The line after one with an O-word.
+    fn follow(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
+        let flow = self.flow;
+        match statement.keyword {
+            // One that is not called is passed by.
+            Keyword::Sub => Ok(flow.partner(at) + 1),
+            Keyword::Call => self.call(at, statement, line),
+            Keyword::EndSub | Keyword::Return => {
+                let value = self.values(at, statement, line)?.first().copied();
+                let Some(back) = self.calls.pop() else {
+                    return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
+                };
+                let parameters = &mut self.rewriter.interpreter.parameters;
+                parameters.leave();
+                parameters.set_named(
+                    "_value_returned",
+                    Some(f64::from(u8::from(value.is_some()))),
+                );
+                parameters.set_named("_value", value.unwrap_or(Some(0.0)));
+                Ok(back)
+            }
+            Keyword::While => Ok(if self.holds(at, statement, line)? {
+                at + 1
+            } else {
+                flow.partner(at) + 1
+            }),
+            Keyword::EndWhile => Ok(flow.partner(at)),
+            Keyword::Do | Keyword::EndIf => Ok(at + 1),
+            Keyword::DoWhile => Ok(if self.holds(at, statement, line)? {
+                flow.partner(at) + 1
+            } else {
+                at + 1
+            }),
+            Keyword::If => {
+                let mut branch = at;
+                let (mut statement, mut line) = (statement, line);
+                loop {
+                    let goes = match statement.keyword {
+                        Keyword::If | Keyword::ElseIf => self.holds(branch, statement, line)?,
+                        _ => true,
+                    };
+                    if goes {
+                        return Ok(branch + 1);
+                    }
+                    let next = flow.next_branch.get(&branch);
+                    let Some((next, of_next)) =
+                        next.and_then(|next| Some((*next, flow.statements.get(next)?)))
+                    else {
+                        return Ok(branch + 1);
+                    };
+                    (branch, statement, line) = (next, of_next, self.lines.lines[next].0);
+                }
+            }
+            // The branch before was executed.
+            Keyword::ElseIf | Keyword::Else => Ok(flow.end_of_if(at) + 1),
+            Keyword::Repeat => {
+                let times = self.number(at, statement, line)?;
+                if times < 1.0 {
+                    return Ok(flow.partner(at) + 1);
+                }
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "at least one; too many are stopped by the number of blocks"
+                )]
+                self.counts.push((at, times.round() as u64));
+                Ok(at + 1)
+            }
+            Keyword::EndRepeat => {
+                let begin = flow.partner(at);
+                match self
+                    .counts
+                    .last_mut()
+                    .filter(|(of, left)| *of == begin && *left > 1)
+                {
+                    Some((_, left)) => {
+                        *left -= 1;
+                        Ok(begin + 1)
+                    }
+                    None => {
+                        self.counts.pop();
+                        Ok(at + 1)
+                    }
+                }
+            }
+            Keyword::Break | Keyword::Continue => {
+                let Some(begin) = flow.loop_around(at, &statement.name) else {
+                    return Err(self.wrong(
+                        at,
+                        format!("there is no loop o{} around this line", statement.name),
+                    ));
+                };
+                // Counted loops in between end.
+                while self
+                    .counts
+                    .last()
+                    .is_some_and(|(of, _)| *of > begin && flow.partner(*of) > at)
+                {
+                    self.counts.pop();
+                }
+                if statement.keyword == Keyword::Break {
+                    if self.counts.last().is_some_and(|(of, _)| *of == begin) {
+                        self.counts.pop();
+                    }
+                    return Ok(flow.partner(begin) + 1);
+                }
+                let is_while = flow
+                    .statements
+                    .get(&begin)
+                    .is_some_and(|of| of.keyword == Keyword::While);
+                Ok(if is_while { begin } else { flow.partner(begin) })
+            }
+        }
+    }
+
+    fn call(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
+        let Some(begin) = self.flow.sub(&statement.name) else {
+            return Err(self.wrong(
+                at,
+                format!(
+                    "the subroutine o<{}> is not in this program",
+                    statement.name
+                ),
+            ));
+        };
+        if self.calls.len() >= DEEPEST {
+            return Err(self.wrong(
+                at,
+                format!("more than {DEEPEST} subroutines call one another"),
+            ));
+        }
+        let arguments = self.values(at, statement, line)?;
+        self.rewriter.interpreter.parameters.enter(&arguments);
+        self.calls.push(at + 1);
+        Ok(begin + 1)
+    }
+
+    /// The values behind an O-word.
+    fn values(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
+        let interpreter = &self.rewriter.interpreter;
+        let expressions = Expressions {
+            parameters: &interpreter.parameters,
+            provided: &|name| interpreter.provided(name),
+            numbered: &|number| interpreter.numbered(number),
+        };
+        let mut scanner = Scanner::new(line);
+        scanner.go_to(statement.rest);
+        let mut values = Vec::new();
+        while scanner.peek() == Some(b'[') {
+            let read = expressions
+                .read(&mut scanner)
+                .map_err(|fault| NcError::Block {
+                    line: self.lines.first + at,
+                    fault,
+                })?;
+            values.extend(read.map(|read| read.value));
+        }
+        Ok(values)
+    }
+
+    fn number(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<f64, NcError> {
+        match self.values(at, statement, line)?.first() {
+            Some(Some(value)) => Ok(*value),
+            Some(None) => Err(self.wrong(
+                at,
+                "which lines are executed after this one is only known at the machine".to_owned(),
+            )),
+            None => Err(self.wrong(at, "expected a value in [ ] here".to_owned())),
+        }
+    }
+
+    fn holds(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<bool, NcError> {
+        Ok(self.number(at, statement, line)? != 0.0)
+    }
+}
+
+/// What each line becomes, and which become different things from time to time.
+struct Recorded {
+    texts: Vec<Option<Vec<u8>>>,
+    conflicts: Vec<bool>,
+}
+
+impl Sink for Recorded {
+    fn executed(&mut self, place: usize, text: &[u8], _: bool) -> Result<(), NcError> {
+        match &self.texts[place] {
+            Some(before) if before != text => self.conflicts[place] = true,
+            Some(_) => {}
+            None => self.texts[place] = Some(text.to_vec()),
+        }
+        Ok(())
+    }
+
+    fn at(&mut self, _: usize) -> Result<(), NcError> {
+        Ok(())
+    }
+}
+
+/// Writes the program; what the main program calls or repeats is held until it is known whether a line with a conflict is in it.
+struct Unrolled<'a, W> {
+    lines: &'a Lines<'a>,
+    flow: &'a Flow,
+    recorded: &'a Recorded,
+    output: &'a mut W,
+    /// The next line of the text that is to be written.
+    next: usize,
+    /// Where what is executed now begins and ends in the main program.
+    open: Option<[usize; 2]>,
+    /// What was executed since it began.
+    pending: Vec<u8>,
+    conflicts: bool,
+}
+
+impl<W: Write> Unrolled<'_, W> {
+    /// The lines of the text up to this one, as they are, or with what they always become.
+    fn write_to(&mut self, end: usize) -> Result<(), NcError> {
+        while self.next < end.min(self.lines.lines.len()) {
+            let (line, end_of_line) = self.lines.lines[self.next];
+            let always = self.recorded.texts[self.next].as_deref();
+            let text = always.filter(|_| !self.recorded.conflicts[self.next]);
+            self.output.write_all(text.unwrap_or(line))?;
+            self.output.write_all(end_of_line)?;
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    /// What was executed has ended: it stays as it is, or is written out with the original as comments.
+    fn close(&mut self) -> Result<(), NcError> {
+        let Some([begin, end]) = self.open.take() else {
+            return Ok(());
+        };
+        self.write_to(begin)?;
+        if self.conflicts {
+            for (line, end_of_line) in
+                &self.lines.lines[begin..=end.min(self.lines.lines.len() - 1)]
+            {
+                self.output.write_all(b";")?;
+                self.output.write_all(line)?;
+                self.output.write_all(if end_of_line.is_empty() {
+                    b"\n"
+                } else {
+                    end_of_line
+                })?;
+            }
+            self.output.write_all(&self.pending)?;
+            self.next = end + 1;
+        } else {
+            self.write_to(end + 1)?;
+        }
+        self.pending.clear();
+        self.conflicts = false;
+        Ok(())
+    }
+
+    fn finish(&mut self, _: Option<usize>) -> Result<(), NcError> {
+        self.close()?;
+        self.write_to(self.lines.lines.len())
+    }
+}
+
+impl<W: Write> Sink for Unrolled<'_, W> {
+    fn at(&mut self, place: usize) -> Result<(), NcError> {
+        if self
+            .open
+            .is_some_and(|[begin, end]| (begin..=end).contains(&place))
+        {
+            return Ok(());
+        }
+        self.close()?;
+        let Some(statement) = self.flow.statements.get(&place) else {
+            return Ok(());
+        };
+        let end = match statement.keyword {
+            Keyword::Call => Some(place),
+            Keyword::If => Some(self.flow.end_of_if(place)),
+            Keyword::While | Keyword::Do | Keyword::Repeat => Some(self.flow.partner(place)),
+            _ => None,
+        };
+        self.open = end.map(|end| [place, end]);
+        Ok(())
+    }
+
+    fn executed(&mut self, place: usize, text: &[u8], _: bool) -> Result<(), NcError> {
+        if self.open.is_some() {
+            let end = self.lines.lines[place].1;
+            self.pending.extend_from_slice(text);
+            self.pending
+                .extend_from_slice(if end.is_empty() { b"\n" } else { end });
+            self.conflicts |= self.recorded.conflicts[place];
+        }
+        Ok(())
+    }
+}
