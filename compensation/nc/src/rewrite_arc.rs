@@ -238,14 +238,21 @@ impl Rewriter {
         // The first quarter beyond the beginning, in the coordinates of the machine.
         let begins = (start + turned) / quarter;
         let sign = arc.turns_by.signum();
-        let next = if sign > 0.0 { (begins + 1e-9).floor() + 1.0 } else { (begins - 1e-9).ceil() - 1.0 };
+        let next = if sign > 0.0 {
+            (begins + 1e-9).floor() + 1.0
+        } else {
+            (begins - 1e-9).ceil() - 1.0
+        };
         for place in 0..MOST_QUARTERS {
             let share = (next + sign * f64::from(place) - begins) * quarter / arc.turns_by;
             let Some(last) = parts.last_mut().filter(|_| share < 1.0 - 1e-9) else {
                 break;
             };
             last.to = share;
-            parts.push(Part { from: share, to: 1.0 });
+            parts.push(Part {
+                from: share,
+                to: 1.0,
+            });
         }
         parts.reverse();
         parts
