@@ -9,7 +9,7 @@ use std::{
 use volcomp_document::read_text;
 use volcomp_nc::{Corrector, Decimals, NcError, SetUp, Summary, compensate};
 
-use super::{Answer, thermal_notes};
+use super::{Answer, machine_notes};
 use crate::{
     answers::nc::{Nc, NcNote},
     failure::Failure,
@@ -73,7 +73,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let program = &arguments.program;
     let file = File::open(program).map_err(|e| Failure::in_file(program, e))?;
     if file.metadata().is_ok_and(|about| about.is_dir()) {
-        return Err(Failure::in_file(program, "it is a directory, expected an NC program"));
+        return Err(Failure::in_file(
+            program,
+            "it is a directory, expected an NC program",
+        ));
     }
     let length = file.metadata().map_or(0, |about| about.len());
     let mut inputs = vec![
@@ -100,9 +103,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     );
     bar.finish_and_clear();
     let summary = summary.map_err(|error| failure(program, error))?;
-    output.flush().map_err(|e| Failure::in_file(&arguments.output, e))?;
+    output
+        .flush()
+        .map_err(|e| Failure::in_file(&arguments.output, e))?;
     output.finish()?;
-    answer(&arguments.output, &summary, thermal_notes(&machine, &temperatures))
+    answer(
+        &arguments.output,
+        &summary,
+        machine_notes(&machine, &temperatures),
+    )
 }
 
 fn failure(program: &Path, error: NcError) -> Failure {
