@@ -66,6 +66,11 @@ Examples:
   volcomp iso230 exx.rtl
   volcomp --json iso230 eay.rta";
 
+pub(crate) const FORM: &str = "\
+Examples:
+  volcomp form ring.csv --feature circle --plane xy
+  volcomp --json form bore.csv --feature cylinder --datum 0,0,0,0,0,1";
+
 pub(crate) const CALIBRATE: &str = "\
 Examples:
   volcomp calibrate calibration.toml -o machine-new.toml

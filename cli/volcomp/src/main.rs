@@ -77,6 +77,8 @@ enum Command {
     FitThermal(commands::fit_thermal::Arguments),
     #[command(after_help = examples::ISO230)]
     Iso230(commands::iso230::Arguments),
+    #[command(after_help = examples::FORM)]
+    Form(commands::form::Arguments),
     #[command(after_help = examples::CALIBRATE)]
     Calibrate(commands::calibrate::Arguments),
     #[command(after_help = examples::IDENTIFY)]
@@ -127,6 +129,7 @@ fn main() -> ExitCode {
         Command::Fit(a) => commands::fit::run(a),
         Command::FitThermal(a) => commands::fit_thermal::run(a),
         Command::Iso230(a) => commands::iso230::run(a),
+        Command::Form(a) => commands::form::run(a),
         Command::Calibrate(a) => commands::calibrate::run(a),
         Command::Identify(a) => commands::identify::run(a),
         Command::Simulate(a) => commands::simulate::run(a),

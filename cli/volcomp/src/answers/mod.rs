@@ -8,6 +8,7 @@ pub(crate) mod diagonals;
 pub(crate) mod failure;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
+pub(crate) mod form;
 pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
@@ -46,6 +47,7 @@ pub(crate) const ALL: &[Named] = &[
     ("calibrate", schema::<calibrate::Calibrate>),
     ("identify", schema::<identify::Identify>),
     ("iso230", schema::<iso230::Iso230>),
+    ("form", schema::<form::Form>),
     ("inspect", schema::<inspect::Inspect>),
     ("simulate", schema::<simulate::Simulate>),
     ("demo", schema::<simulate::Demo>),

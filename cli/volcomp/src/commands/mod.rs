@@ -13,6 +13,7 @@ pub(crate) mod error;
 pub(crate) mod expression;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
+pub(crate) mod form;
 pub(crate) mod generate;
 pub(crate) mod identify;
 pub(crate) mod inspect;

@@ -192,17 +192,23 @@ pub(crate) fn states_of(machine: &Machine, path: &Path) -> Result<States, Failur
 
 /// The three numbers of an option such as `--tip 100,-20,35.5`.
 pub(crate) fn three(option: &str, text: &str) -> Result<[f64; 3], Failure> {
+    let expected = "three finite numbers with decimal points: 100,-20,35.5";
+    numbers(option, text, expected)
+}
+
+/// The `N` numbers of an option; `expected` says what they are.
+pub(crate) fn numbers<const N: usize>(
+    option: &str,
+    text: &str,
+    expected: &str,
+) -> Result<[f64; N], Failure> {
     let numbers: Option<Vec<f64>> = text
         .split([',', ';'])
         .map(|number| number.trim().parse::<f64>().ok().filter(|x| x.is_finite()))
         .collect();
     numbers
         .and_then(|numbers| numbers.try_into().ok())
-        .ok_or_else(|| {
-            Failure::Input(format!(
-                "{option}: found `{text}`, expected three finite numbers with decimal points: 100,-20,35.5"
-            ))
-        })
+        .ok_or_else(|| Failure::Input(format!("{option}: found `{text}`, expected {expected}")))
 }
 
 impl PointArguments {

@@ -303,6 +303,28 @@ fn calibrate_writes_a_machine_file_that_error_reads() {
 }
 
 #[test]
+fn form_of_points_in_a_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("points.csv").display().to_string();
+    // A square of four points and the middles of its sides, two of them 20 µm nearer to the centre.
+    let points = "name;x mm;y mm;z mm\na;10;0;5\nb;0;9,98;5\nc;-10;0;5\n\nd;0;-9,98;5\n";
+    std::fs::write(&path, points).expect("written");
+    let call = ["form", &path, "--feature", "circle", "--plane", "xy"];
+    let answer = json(&[&call[..], &["--datum", "0.3,0.4,0,0,0,-2"]].concat());
+    for (k, expected) in [0.0, 0.0, 5.0].into_iter().enumerate() {
+        close(&answer["position_mm"][k], expected, 1e-12);
+    }
+    close(&answer["radius_mm"], 9.99, 1e-12);
+    close(&answer["form_um"]["least_squares"], 20.0, 1e-9);
+    close(&answer["form_um"]["minimum_zone"], 20.0, 1e-9);
+    close(&answer["form_um"]["rms"], 10.0, 1e-9);
+    close(&answer["coaxiality_um"], 1000.0, 1e-9);
+    let lines = &answer["minimum_zone"]["contact_lines"];
+    assert_eq!(lines.to_string(), "[2,3,4,6]");
+    assert_eq!(answer["notes"][0], "columns that are not read: name");
+}
+
+#[test]
 fn tables_for_people() {
     insta::assert_snapshot!(
         "error",

@@ -150,6 +150,62 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
         "expected .csv, .vti, .vtr",
     ),
     (&["iso230", "nowhere.csv"], "nowhere.csv: cannot be read"),
+    (
+        &["form", "nowhere.csv", "--feature", "circle"],
+        "nowhere.csv: cannot be read",
+    ),
+    (
+        &["form", "examples/mill-moves.csv", "--feature", "sphere"],
+        "--feature",
+    ),
+    (
+        &["form", "examples/ring.csv", "--feature", "cone"],
+        "examples/ring.csv: cone: found points in one plane, expected points around the axis",
+    ),
+    (
+        &[
+            "form",
+            "examples/bore.csv",
+            "--feature",
+            "cylinder",
+            "--plane",
+            "xy",
+        ],
+        "--plane: found another feature, expected --feature circle or line",
+    ),
+    (
+        &[
+            "form",
+            "examples/bore.csv",
+            "--feature",
+            "plane",
+            "--datum",
+            "0,0,0,0,0,1",
+        ],
+        "--datum: found --feature plane, expected a feature with an axis or a centre",
+    ),
+    (
+        &[
+            "form",
+            "examples/bore.csv",
+            "--feature",
+            "cylinder",
+            "--datum",
+            "0,0,0",
+        ],
+        "--datum: found `0,0,0`, expected six finite numbers",
+    ),
+    (
+        &[
+            "form",
+            "examples/bore.csv",
+            "--feature",
+            "cylinder",
+            "--datum",
+            "1,2,3,0,0,0",
+        ],
+        "--datum: datum axis: found the direction 0,0,0",
+    ),
     (&["iso230", "examples"], "examples"),
     (
         &[

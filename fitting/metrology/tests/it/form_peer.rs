@@ -11,9 +11,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use volcomp_metrology::form::{CoordinatePlane, Feature, evaluate_form};
 
-use crate::form::Motion;
-
-type Point = [f64; 3];
+use crate::form::{Motion, Point, near};
 
 /// The numbers of the script; `None` where there is no Python.
 fn scipy(feature: &str, points: &[Point]) -> Option<Vec<f64>> {
@@ -44,14 +42,6 @@ fn scipy(feature: &str, points: &[Point]) -> Option<Vec<f64>> {
             .map(|x| x.parse().unwrap())
             .collect(),
     )
-}
-
-#[track_caller]
-fn near(found: f64, expected: f64, within: f64) {
-    assert!(
-        (found - expected).abs() <= within,
-        "{found} is not {expected} within {within}"
-    );
 }
 
 fn noise(rng: &mut ChaCha8Rng, size: f64) -> f64 {

@@ -1,6 +1,8 @@
 //! Points and tables that are refused, and what the messages say.
 
-use volcomp_metrology::form::{Feature, FormError, evaluate_form, parse_points};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use volcomp_metrology::form::{CoordinatePlane, Feature, FormError, evaluate_form, parse_points};
 
 const ALL: [Feature; 5] = [
     Feature::Circle { plane: None },
@@ -81,12 +83,12 @@ fn points_that_do_not_determine_the_feature() {
     assert!(refused(&cube, ALL[0]).contains("do not lie near a plane"));
     // Along x in the plane of y and z every point is the same.
     let along_x = Feature::Line {
-        plane: Some(volcomp_metrology::form::CoordinatePlane::Yz),
+        plane: Some(CoordinatePlane::Yz),
     };
     let axis: Vec<[f64; 3]> = (0..9).map(|k| [number(k), 0.0, 0.0]).collect();
     assert!(refused(&axis, along_x).contains("found 1 different points"));
     let in_plane = Feature::Circle {
-        plane: Some(volcomp_metrology::form::CoordinatePlane::Zx),
+        plane: Some(CoordinatePlane::Zx),
     };
     assert!(
         refused(&circle, in_plane)
@@ -143,4 +145,56 @@ fn tables_of_points() {
         let error = parse_points(text, "p.csv").unwrap_err().to_string();
         assert!(error.starts_with(message), "{error}");
     }
+}
+
+/// Points on a coarse grid are often doubled, in line, in a plane or in a circle; some coordinates are huge, tiny or none.
+#[test]
+fn whatever_the_points_are_the_answer_is_finite_or_a_refusal() {
+    let mut rng = ChaCha8Rng::seed_from_u64(31);
+    let odd = [
+        0.0,
+        -0.0,
+        1e9,
+        -1e9,
+        1e-300,
+        5e-324,
+        f64::NAN,
+        f64::INFINITY,
+        1e-9,
+    ];
+    let (mut answers, mut refusals) = (0, 0);
+    for case in 0..400 {
+        let grid = f64::from(rng.random_range(1..5));
+        let points: Vec<[f64; 3]> = (0..rng.random_range(0..14))
+            .map(|_| {
+                std::array::from_fn(|_| match rng.random_range(0..60) {
+                    k if k < case % 4 => odd[rng.random_range(0..odd.len())],
+                    _ => f64::floor(rng.random_range(0.0..=grid)),
+                })
+            })
+            .collect();
+        let plane = Some(CoordinatePlane::Yz);
+        let in_plane = [Feature::Circle { plane }, Feature::Line { plane }];
+        for feature in ALL.into_iter().chain(in_plane) {
+            let Ok(form) = evaluate_form(&points, feature) else {
+                refusals += 1;
+                continue;
+            };
+            answers += 1;
+            let zone = form.minimum_zone.as_ref();
+            let numbers = [form.deviation_mm, form.rms_mm];
+            let numbers = numbers.into_iter().chain(form.position_mm);
+            let numbers = numbers.chain(form.direction).chain(form.radius_mm);
+            let mut numbers = numbers.chain(zone.map(|zone| zone.deviation_mm));
+            assert!(numbers.all(f64::is_finite), "{points:?} {form:?}");
+            if let Some(zone) = zone {
+                let rounding = 1e-9 * form.deviation_mm.max(1.0);
+                assert!(
+                    zone.deviation_mm <= form.deviation_mm + rounding,
+                    "{points:?} {form:?}"
+                );
+            }
+        }
+    }
+    assert!(answers > 100 && refusals > 100, "{answers} {refusals}");
 }

@@ -6,6 +6,7 @@ mod csv;
 mod form;
 mod form_peer;
 mod form_refused;
+mod form_revolved;
 mod fuzz_corpus;
 mod geometry;
 mod iso230_2;

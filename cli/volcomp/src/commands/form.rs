@@ -1,0 +1,186 @@
+//! `volcomp form`: form, position and coaxiality of a feature measured point by point.
+
+use std::{fmt::Write as _, path::PathBuf};
+
+use clap::ValueEnum;
+use volcomp_document::read_text;
+use volcomp_metrology::form::{
+    CoordinatePlane, DatumAxis, Feature, FeatureKind, evaluate_form, parse_points,
+};
+
+use super::{Answer, fixed, table, table_text};
+use crate::{answers::form::Form as Document, failure::Failure, points::numbers, table::folded};
+
+/// Form deviation, position and axis of a feature measured point by point
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The points: a CSV file with the columns x, y, z, mm
+    points: PathBuf,
+    /// What was measured
+    #[arg(long)]
+    feature: FeatureName,
+    /// The plane of a circle, or in which a line is evaluated; without it the least-squares plane of a circle, and a line
+    /// in space
+    #[arg(long)]
+    plane: Option<PlaneName>,
+    /// Datum axis for coaxiality: a point x,y,z on it, mm, and its direction i,j,k of any length
+    #[arg(long, value_name = "X,Y,Z,I,J,K", allow_hyphen_values = true)]
+    datum: Option<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FeatureName {
+    Circle,
+    Line,
+    Plane,
+    Cylinder,
+    Cone,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PlaneName {
+    Xy,
+    Yz,
+    Zx,
+}
+
+impl From<PlaneName> for CoordinatePlane {
+    fn from(name: PlaneName) -> Self {
+        match name {
+            PlaneName::Xy => Self::Xy,
+            PlaneName::Yz => Self::Yz,
+            PlaneName::Zx => Self::Zx,
+        }
+    }
+}
+
+impl Arguments {
+    /// The feature with its plane.
+    fn feature(&self) -> Result<Feature, Failure> {
+        let plane = self.plane.map(CoordinatePlane::from);
+        let feature = match self.feature {
+            FeatureName::Circle => return Ok(Feature::Circle { plane }),
+            FeatureName::Line => return Ok(Feature::Line { plane }),
+            FeatureName::Plane => Feature::Plane,
+            FeatureName::Cylinder => Feature::Cylinder,
+            FeatureName::Cone => Feature::Cone,
+        };
+        if plane.is_some() {
+            let message = "--plane: found another feature, expected --feature circle or line";
+            return Err(Failure::Input(message.to_owned()));
+        }
+        Ok(feature)
+    }
+
+    fn datum(&self) -> Result<Option<DatumAxis>, Failure> {
+        let Some(text) = &self.datum else {
+            return Ok(None);
+        };
+        if self.feature == FeatureName::Plane {
+            let message =
+                "--datum: found --feature plane, expected a feature with an axis or a centre";
+            return Err(Failure::Input(message.to_owned()));
+        }
+        let expected = "six finite numbers, a point and a direction: 100,-20,35.5,0,0,1";
+        let [x, y, z, i, j, k] = numbers("--datum", text, expected)?;
+        let datum = DatumAxis::new([x, y, z], [i, j, k])
+            .map_err(|e| Failure::Input(format!("--datum: {e}")))?;
+        Ok(Some(datum))
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let (feature, datum) = (arguments.feature()?, arguments.datum()?);
+    let path = &arguments.points;
+    let read = parse_points(&read_text(path)?, &path.display().to_string())?;
+    let form = evaluate_form(&read.points_mm, feature).map_err(|error| match error {
+        volcomp_metrology::form::FormError::Coordinate { .. } => Failure::input(error),
+        other => Failure::in_file(path, other),
+    })?;
+    let mut notes = read.notes;
+    if form.feature == FeatureKind::Circle && form.minimum_zone.is_none() {
+        let note = "the narrowest ring about so short an arc is a straight strip: no minimum zone";
+        notes.push(note.to_owned());
+    }
+    let coaxiality_mm = (form.axis.zip(datum)).map(|(axis, datum)| axis.coaxiality_mm(&datum));
+    let document = Document::new(&form, &read.lines, coaxiality_mm, notes.clone());
+    let text = text(&document, form.feature);
+    Answer::new(&document, text, notes)
+}
+
+fn text(document: &Document, feature: FeatureKind) -> String {
+    let mut places = table(&["", "x", "y", "z"]);
+    let mut row = |name: &str, values: [f64; 3], digits: usize| {
+        let [x, y, z] = values.map(|value| fixed(value, digits));
+        places.add_row([name, &x, &y, &z]);
+    };
+    let (position, direction) = match feature {
+        FeatureKind::Circle => ("centre, mm", "normal"),
+        FeatureKind::Line => ("middle, mm", "direction"),
+        FeatureKind::Plane => ("mean of the points, mm", "normal"),
+        FeatureKind::Cylinder => ("middle of the axis, mm", "axis"),
+        FeatureKind::Cone => ("apex, mm", "axis"),
+    };
+    row(position, document.position_mm, 5);
+    row(direction, document.direction, 7);
+    if let Some([from, to]) = document.axis_mm {
+        row("from, mm", from, 5);
+        row("to, mm", to, 5);
+    }
+    if let Some(zone) = &document.minimum_zone {
+        match feature {
+            FeatureKind::Circle => row("centre of the minimum zone, mm", zone.position_mm, 5),
+            FeatureKind::Plane => row("normal of the minimum zone", zone.direction, 7),
+            _ => row("direction of the minimum zone", zone.direction, 7),
+        }
+    }
+    let mut text = format!("{feature} of least squares, {} points\n\n", document.points);
+    text += &table_text(&places);
+    // Writing to a string never fails.
+    text.push('\n');
+    if let Some(radius) = document.radius_mm {
+        let _ = writeln!(text, "radius {} mm", fixed(radius, 5));
+    }
+    if let Some(angle) = document.half_angle_deg {
+        let _ = writeln!(text, "half angle {} deg", fixed(angle, 6));
+    }
+    let form = &document.form_um;
+    let name = deviation(document, feature);
+    let least = fixed(form.least_squares, 2);
+    let _ = writeln!(text, "{name} {least} µm (rms {} µm)", fixed(form.rms, 2));
+    if let (Some(width), Some(zone)) = (form.minimum_zone, &document.minimum_zone) {
+        let lines: Vec<String> = zone.contact_lines.iter().map(usize::to_string).collect();
+        let said = format!(
+            "minimum zone {} µm, held by lines {}",
+            fixed(width, 2),
+            lines.join(", ")
+        );
+        text += &folded(&said, "");
+    }
+    if let Some(out) = document.out_of_plane_um {
+        let _ = writeln!(text, "out of the plane {} µm", fixed(out, 2));
+    }
+    if let Some(coaxiality) = document.coaxiality_um {
+        let name = match feature {
+            FeatureKind::Circle => "concentricity",
+            _ => "coaxiality",
+        };
+        let _ = writeln!(text, "{name} to the datum axis {} µm", fixed(coaxiality, 2));
+    }
+    text
+}
+
+/// The name of the form deviation about the feature of least squares.
+fn deviation(document: &Document, feature: FeatureKind) -> &'static str {
+    match feature {
+        FeatureKind::Circle => "roundness",
+        // A line in space has no plane to be out of.
+        FeatureKind::Line if document.out_of_plane_um.is_none() => {
+            "straightness, as diameter of the cylinder about the line,"
+        }
+        FeatureKind::Line => "straightness",
+        FeatureKind::Plane => "flatness",
+        FeatureKind::Cylinder => "cylindricity",
+        FeatureKind::Cone => "form deviation of the cone",
+    }
+}
