@@ -469,6 +469,9 @@ impl Interpreter {
         line: usize,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
+        if block.word(b'@').is_some() || block.word(b'^').is_some() {
+            return Err(not_compensated(line, "polar coordinates (@ and ^)"));
+        }
         if let Some(code) = codes.motion() {
             self.set_motion(code);
         }
@@ -493,9 +496,6 @@ impl Interpreter {
             && code != 50
         {
             return Ok(());
-        }
-        if block.word(b'@').is_some() || block.word(b'^').is_some() {
-            return Err(not_compensated(line, "polar coordinates (@ and ^)"));
         }
         let incremental = !self.modal.absolute;
         let from = self.position;
