@@ -154,7 +154,7 @@ fn code_of(value: f64) -> Option<Code> {
 
 /// A G code as people write it.
 pub(crate) fn text(code: Code) -> String {
-    if code % 10 == 0 {
+    if code.is_multiple_of(10) {
         format!("G{}", code / 10)
     } else {
         format!("G{}.{}", code / 10, code % 10)

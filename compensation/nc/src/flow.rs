@@ -177,7 +177,7 @@ impl Flow {
                     open.push((place, place));
                 }
                 Keyword::While | Keyword::Do | Keyword::If | Keyword::Repeat => {
-                    open.push((place, place))
+                    open.push((place, place));
                 }
                 _ => {}
             }

@@ -8,7 +8,7 @@ use crate::{
     codes::{Codes, Refusal, UnknownCode, text},
     coordinates::{Axes, Frame, axis_of, is_rotary},
     fault::Fault,
-    modal::{Code, FeedMode, Modal, Plane, SYSTEMS},
+    modal::{Code, FeedMode, Modal, Plane, SYSTEMS, Sticky},
     motion::{Arc, Move, Path},
     notes::{Note, Notes},
     parameters::{Parameters, Value},
@@ -310,7 +310,7 @@ impl Interpreter {
         match codes.not_modal() {
             Some(100) => self.set_table(block, words, line, outcome)?,
             Some(code @ (280 | 300)) => {
-                self.go_home(usize::from(code == 300), block, words, line, outcome)?
+                self.go_home(usize::from(code == 300), block, words, line, outcome)?;
             }
             Some(code @ (281 | 301)) => {
                 if self.known != [true; 9] {
@@ -456,7 +456,7 @@ impl Interpreter {
     fn set_motion(&mut self, code: Code) {
         let is_cycle = |code: Code| (730..900).contains(&code);
         if self.modal.motion.is_none_or(|before| !is_cycle(before)) || !is_cycle(code) {
-            self.modal.sticky = Default::default();
+            self.modal.sticky = Sticky::default();
         }
         self.modal.motion = (code != 800).then_some(code);
     }
@@ -491,19 +491,16 @@ impl Interpreter {
             }
             return Ok(());
         };
-        if !has_words
-            && !(matches!(code, 20 | 30) && codes.motion().is_some() && has_centre())
-            && code != 50
-        {
+        let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
+        if !(has_words || is_whole_circle || code == 50) {
             return Ok(());
         }
         let incremental = !self.modal.absolute;
         let from = self.position;
         let path = match code {
-            0 => Path::Rapid,
-            10 => Path::Line,
-            20 | 30 => Path::Line, // Replaced below, once its end is known.
-            730..=890 => Path::Rapid,
+            // Arcs and cycles are made below, once their ends are known.
+            0 | 730..=890 => Path::Rapid,
+            10 | 20 | 30 => Path::Line,
             _ => {
                 self.notes.add(Note::PassedOn(text(code)), line);
                 Path::Other

@@ -1,4 +1,8 @@
 #![doc = include_str!("../README.md")]
+#![expect(
+    clippy::needless_range_loop,
+    reason = "an axis is a place in several lists at once"
+)]
 
 mod arc;
 mod block;

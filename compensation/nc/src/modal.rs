@@ -63,6 +63,7 @@ pub(crate) struct Sticky {
 }
 
 /// State of a program that is read.
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
 #[derive(Clone, Debug)]
 pub(crate) struct Modal {
     /// mm for each unit of length.

@@ -24,16 +24,16 @@ struct Values {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Parameters {
     /// Numbered ones from 31 on, and named ones whose names begin with an underscore.
-    of_all: Values,
+    shared: Values,
     /// The own ones of the main program, and of each subroutine that is being executed.
-    of_main: Values,
-    of_subs: Vec<Values>,
+    main: Values,
+    subs: Vec<Values>,
 }
 
 impl Parameters {
     /// Whether a subroutine is being executed.
     pub(crate) fn in_sub(&self) -> bool {
-        !self.of_subs.is_empty()
+        !self.subs.is_empty()
     }
 
     pub(crate) fn is_local(number: u32) -> bool {
@@ -46,17 +46,17 @@ impl Parameters {
 
     fn values(&self, local: bool) -> &Values {
         if local {
-            self.of_subs.last().unwrap_or(&self.of_main)
+            self.subs.last().unwrap_or(&self.main)
         } else {
-            &self.of_all
+            &self.shared
         }
     }
 
     fn values_mut(&mut self, local: bool) -> &mut Values {
         if local {
-            self.of_subs.last_mut().unwrap_or(&mut self.of_main)
+            self.subs.last_mut().unwrap_or(&mut self.main)
         } else {
-            &mut self.of_all
+            &mut self.shared
         }
     }
 
@@ -87,7 +87,7 @@ impl Parameters {
 
     /// A subroutine begins with these arguments; parameters without one are 0 in it.
     pub(crate) fn enter(&mut self, arguments: &[Value]) {
-        self.of_subs.push(Values {
+        self.subs.push(Values {
             numbered: (1..=LOCAL).zip(arguments.iter().copied()).collect(),
             named: HashMap::new(),
         });
@@ -95,6 +95,6 @@ impl Parameters {
 
     /// A subroutine ends.
     pub(crate) fn leave(&mut self) {
-        self.of_subs.pop();
+        self.subs.pop();
     }
 }

@@ -304,12 +304,12 @@ impl Rewriter {
                 self.is_uncorrected(motion);
                 Ok(self.edits.is_empty())
             }
-            Path::Rapid => self.straight(motion, &[1.0], block, line, end, number, out),
+            Path::Rapid => Ok(self.straight(motion, &[1.0], block, line, end, number, out)),
             Path::Line => {
                 let parts = self.parts(motion);
-                self.straight(motion, &parts, block, line, end, number, out)
+                Ok(self.straight(motion, &parts, block, line, end, number, out))
             }
-            Path::Arc(arc) => self.arc(motion, &arc, block, line, end, number, out),
+            Path::Arc(arc) => Ok(self.arc(motion, &arc, block, line, end, number, out)),
             Path::Hole { bottom, clearance } => self.hole(
                 motion,
                 [bottom, clearance],
@@ -434,7 +434,7 @@ impl Rewriter {
         end: &[u8],
         number: usize,
         out: &mut Vec<u8>,
-    ) -> Result<bool, NcError> {
+    ) -> bool {
         let frame = self.interpreter.frame.clone();
         let splits = parts.len() > 1;
         let mut carried = frame.way_to_program(&self.carried);
@@ -454,7 +454,6 @@ impl Rewriter {
                 }
                 let anew = splits && (to[axis] != before[axis] || place == 0 || motion.incremental);
                 let written = word.map(|word| Written {
-                    value: word.value.unwrap_or(0.0),
                     decimals: word.decimals.unwrap_or(0),
                     anew,
                 });
@@ -474,7 +473,7 @@ impl Rewriter {
             (before, passed) = (to, *share);
         }
         self.carried = frame.way_to_machine(&carried);
-        Ok(!splits && self.edits.is_empty())
+        !splits && self.edits.is_empty()
     }
 
     /// Where F is one over the time of a motion, the F of a part of it.
@@ -599,7 +598,6 @@ impl Rewriter {
                 continue;
             }
             let written = word.map(|word| Written {
-                value: word.value.unwrap_or(0.0),
                 decimals: word.decimals.unwrap_or(0),
                 anew: false,
             });

@@ -1,7 +1,6 @@
 //! Arcs with their correction: still arcs where the circle through three corrected places fits, else parts of them.
 
 use crate::{
-    NcError,
     arc::centre_through,
     block::Block,
     coordinates::Axes,
@@ -29,6 +28,10 @@ struct Part {
 impl Rewriter {
     /// An arc; whether its line stays as it is.
     #[expect(
+        clippy::too_many_lines,
+        reason = "the words of one arc, one after the other"
+    )]
+    #[expect(
         clippy::too_many_arguments,
         reason = "the line and all that is known of it"
     )]
@@ -41,7 +44,7 @@ impl Rewriter {
         end: &[u8],
         number: usize,
         out: &mut Vec<u8>,
-    ) -> Result<bool, NcError> {
+    ) -> bool {
         let frame = self.interpreter.frame.clone();
         let [first, second, _] = arc.axes;
         let from = frame.to_program(&motion.from);
@@ -52,10 +55,10 @@ impl Rewriter {
         let (radius, _) = arc.start(&from);
         if !known || radius == 0.0 {
             self.carried = [0.0; 9];
-            return Ok(true);
+            return self.edits.is_empty();
         }
         let mut parts = Vec::new();
-        let mut open = self.from_turn_to_turn(arc, &from);
+        let mut open = self.turn_to_turn(arc, &from);
         let sides = self.corrector.sides();
         while let Some(part) = open.pop() {
             let end_of_part = frame.to_machine(&arc.place(&from, &to, part.to));
@@ -100,14 +103,12 @@ impl Rewriter {
                 }
                 let in_plane = axis == first || axis == second;
                 let mut written = word.map(|word| Written {
-                    value: word.value.unwrap_or(0.0),
                     decimals: word.decimals.unwrap_or(0),
                     anew: splits,
                 });
                 if written.is_none() && splits && in_plane {
                     // Each part needs its end.
                     written = Some(Written {
-                        value: 0.0,
                         decimals: 0,
                         anew: true,
                     });
@@ -205,10 +206,7 @@ impl Rewriter {
             before = at;
         }
         self.carried = frame.way_to_machine(&carried);
-        Ok(!splits
-            && self.edits.replaced.is_empty()
-            && self.edits.added.is_empty()
-            && self.edits.removed.is_empty())
+        !splits && self.edits.is_empty()
     }
 
     /// A word of the centre or the radius: of the first part in the line itself, of the others behind their coordinates.
@@ -244,7 +242,7 @@ impl Rewriter {
     }
 
     /// The parts of an arc in which no axis changes its direction, the first one last: the whole arc where that changes nothing.
-    fn from_turn_to_turn(&self, arc: &Arc, from: &Axes) -> Vec<Part> {
+    fn turn_to_turn(&self, arc: &Arc, from: &Axes) -> Vec<Part> {
         let mut parts = vec![Part { from: 0.0, to: 1.0 }];
         if !self.corrector.is_bidirectional() {
             return parts;
@@ -354,19 +352,16 @@ impl Rewriter {
         };
         let mut largest = 0.0_f64;
         for (share, place) in &places {
-            let in_plane = match circle {
-                Some((corrected, plain)) => {
-                    let off = |(centre, radius): ([f64; 2], f64), [x, y]: [f64; 2]| {
-                        (x - centre[0]).hypot(y - centre[1]) - radius
-                    };
-                    (off(corrected, shifted(place)) - off(plain, [place.0[first], place.0[second]]))
-                        .abs()
-                }
+            let in_plane = if let Some((corrected, plain)) = circle {
+                let off = |(centre, radius): ([f64; 2], f64), [x, y]: [f64; 2]| {
+                    (x - centre[0]).hypot(y - centre[1]) - radius
+                };
+                (off(corrected, shifted(place)) - off(plain, [place.0[first], place.0[second]]))
+                    .abs()
+            } else {
                 // A whole circle keeps its radius: it is shifted as its beginning is.
-                None => {
-                    let (delta, of_start) = (&place.1, &start.1);
-                    (delta[first] - of_start[first]).hypot(delta[second] - of_start[second])
-                }
+                let (delta, of_start) = (&place.1, &start.1);
+                (delta[first] - of_start[first]).hypot(delta[second] - of_start[second])
             };
             largest = largest.max(in_plane).max(off_plane(*share, &place.1));
         }

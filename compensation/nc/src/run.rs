@@ -137,6 +137,7 @@ impl<'r, 't> Run<'r, 't> {
     }
 
     /// The line after one with an O-word.
+    #[expect(clippy::too_many_lines, reason = "one arm for each word")]
     fn follow(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let flow = self.flow;
         match statement.keyword {
@@ -206,20 +207,13 @@ impl<'r, 't> Run<'r, 't> {
             }
             Keyword::EndRepeat => {
                 let begin = flow.partner(at);
-                match self
-                    .counts
-                    .last_mut()
-                    .filter(|(of, left)| *of == begin && *left > 1)
-                {
-                    Some((_, left)) => {
-                        *left -= 1;
-                        Ok(begin + 1)
-                    }
-                    None => {
-                        self.counts.pop();
-                        Ok(at + 1)
-                    }
+                let last = self.counts.last_mut();
+                if let Some((_, left)) = last.filter(|(of, left)| *of == begin && *left > 1) {
+                    *left -= 1;
+                    return Ok(begin + 1);
                 }
+                self.counts.pop();
+                Ok(at + 1)
             }
             Keyword::Break | Keyword::Continue => {
                 let Some(begin) = flow.loop_around(at, &statement.name) else {

@@ -40,8 +40,6 @@ impl Decimals {
 /// A word as it stands in the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Written {
-    /// Its value in its own unit.
-    pub(crate) value: f64,
     /// The decimals of a plain number.
     pub(crate) decimals: u8,
     /// It must be written anew even where nothing changes: the motion is split.
@@ -118,34 +116,25 @@ impl OnItsWay {
         let wanted = self.to + self.delta - base;
         let half = 0.5 * of_steps(1, self.decimals);
         let carried_by = |value: f64| base + value * self.scale - self.to;
-        match self.written {
-            Some(written) => {
-                let changes = ((wanted - nominal) / self.scale).abs() >= half;
-                if !changes && !written.anew {
-                    let kept = if self.incremental { self.carried } else { 0.0 };
-                    return (None, kept);
-                }
-                let value = if changes || written.anew {
-                    wanted / self.scale
-                } else {
-                    written.value
-                };
-                let decimals = self.decimals.max(written.decimals);
-                let number = Number::nearest(value, decimals);
-                let carried = number.map_or(self.carried, |number| carried_by(number.value()));
-                (number, carried)
+        let Some(written) = self.written else {
+            // The axis stays where it is, with what is in it.
+            let needed = (self.to + self.delta) - (self.from + self.carried);
+            if !self.may_be_added || (needed / self.scale).abs() < half {
+                return (None, self.carried + self.from - self.to);
             }
-            None => {
-                // The axis stays where it is, with what is in it.
-                let needed = (self.to + self.delta) - (self.from + self.carried);
-                if !self.may_be_added || (needed / self.scale).abs() < half {
-                    return (None, self.carried + self.from - self.to);
-                }
-                let number = Number::nearest(wanted / self.scale, self.decimals);
-                let carried = number.map_or(self.carried, |number| carried_by(number.value()));
-                (number, carried)
-            }
+            let number = Number::nearest(wanted / self.scale, self.decimals);
+            let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+            return (number, carried);
+        };
+        let changes = ((wanted - nominal) / self.scale).abs() >= half;
+        if !changes && !written.anew {
+            let kept = if self.incremental { self.carried } else { 0.0 };
+            return (None, kept);
         }
+        let decimals = self.decimals.max(written.decimals);
+        let number = Number::nearest(wanted / self.scale, decimals);
+        let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+        (number, carried)
     }
 }
 

@@ -12,7 +12,10 @@ fn text(errors: &str, program: &str) -> String {
 fn a_constant_error_shifts_an_arc() {
     let constant = "[errors]\nEXX = { poly = [10.0] }\nEYY = { poly = [-20.0] }\n";
     assert_eq!(
-        text(constant, "G90 G0 X0 Y0 Z0\nG1 F100 X10 Y0\nG3 X0 Y10 I-10 J0\nG2 X10 Y0 R10\nG2 I-5\n"),
+        text(
+            constant,
+            "G90 G0 X0 Y0 Z0\nG1 F100 X10 Y0\nG3 X0 Y10 I-10 J0\nG2 X10 Y0 R10\nG2 I-5\n"
+        ),
         "G90 G0 X-0.010 Y0.020 Z0\nG1 F100 X9.990 Y0.020\nG3 X-0.010 Y10.020 I-10 J0\nG2 X9.990 Y0.020 R10\nG2 I-5\n"
     );
 }
@@ -22,7 +25,10 @@ fn a_constant_error_shifts_an_arc() {
 fn equal_scales_keep_an_arc_one_arc() {
     let scales = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
     assert_eq!(
-        text(scales, "G90 G0 X100 Y0 Z0\nG3 F100 X0 Y100 I-100 J0\nG3 X-100 Y0 R100\n"),
+        text(
+            scales,
+            "G90 G0 X100 Y0 Z0\nG3 F100 X0 Y100 I-100 J0\nG3 X-100 Y0 R100\n"
+        ),
         "G90 G0 X99.990 Y0 Z0\nG3 F100 X0 Y99.990 I-99.990 J0\nG3 X-99.990 Y0 R99.990\n"
     );
 }
@@ -37,7 +43,10 @@ fn an_ellipse_is_made_of_arcs() {
     for line in out.lines() {
         let word = |letter: char| {
             let text = line.split(letter).nth(1)?;
-            let number: String = text.chars().take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-')).collect();
+            let number: String = text
+                .chars()
+                .take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-'))
+                .collect();
             number.parse::<f64>().ok()
         };
         let to = (word('X').unwrap_or(at.0), word('Y').unwrap_or(at.1));
@@ -53,7 +62,10 @@ fn an_ellipse_is_made_of_arcs() {
             }
             for step in 0..=50 {
                 let turned = from + (until - from) * f64::from(step) / 50.0;
-                let (x, y) = (centre.0 + radius * turned.cos(), centre.1 + radius * turned.sin());
+                let (x, y) = (
+                    centre.0 + radius * turned.cos(),
+                    centre.1 + radius * turned.sin(),
+                );
                 // Where the tool then is: X by the squareness, Y by the straightness of X.
                 let tool = (x - 1e-4 * y, y + 2e-8 * x * x);
                 let off = tool.0.hypot(tool.1) - 100.0;
