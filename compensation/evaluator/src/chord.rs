@@ -144,7 +144,7 @@ impl CompiledMachine {
             } else {
                 piece.end()
             };
-            if is_whole || (start <= high && end >= low) {
+            if is_whole || (start < high && end > low) {
                 let within = if is_whole {
                     [piece.start(), piece.end()]
                 } else {

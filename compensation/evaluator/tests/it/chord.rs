@@ -64,8 +64,8 @@ fn the_bound_is_as_tight_as_the_curves_are() {
     };
     let ends = |x: f64| {
         [
-            State::from_coordinates(&[100.0, 50.0, 50.0]),
-            State::from_coordinates(&[100.0 + x, 50.0 + x, 50.0]),
+            State::from_coordinates(&[0.0, 0.0, 50.0]),
+            State::from_coordinates(&[x, x, 50.0]),
         ]
     };
     let straight = text(
