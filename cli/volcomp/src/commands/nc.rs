@@ -9,7 +9,7 @@ use std::{
 use volcomp_document::read_text;
 use volcomp_nc::{Corrector, Decimals, NcError, SetUp, Summary, compensate};
 
-use super::{Answer, thermal_notes};
+use super::{Answer, machine_notes};
 use crate::{
     answers::nc::{Nc, NcNote},
     failure::Failure,
@@ -98,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let summary = summary.map_err(|error| failure(program, error))?;
     output.flush().map_err(|e| Failure::in_file(&arguments.output, e))?;
     output.finish()?;
-    answer(&arguments.output, &summary, thermal_notes(&machine, &temperatures))
+    answer(&arguments.output, &summary, machine_notes(&machine, &temperatures))
 }
 
 fn failure(program: &Path, error: NcError) -> Failure {
