@@ -26,7 +26,7 @@ pub(crate) struct Form {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) axis_mm: Option<[[f64; 3]; 2]>,
     /// The form deviation.
-    pub(crate) form_um: Deviation,
+    pub(crate) deviation_um: Deviation,
     /// Range of the points at right angles to the plane of a circle, or of a line in a plane, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) out_of_plane_um: Option<f64>,
@@ -86,7 +86,7 @@ impl Form {
             axis_mm: (form.axis)
                 .filter(|_| form.feature != FeatureKind::Circle)
                 .map(|axis| axis.ends_mm),
-            form_um: Deviation {
+            deviation_um: Deviation {
                 least_squares: form.deviation_mm * UM_PER_MM,
                 minimum_zone: zone.map(|zone| zone.deviation_mm * UM_PER_MM),
                 rms: form.rms_mm * UM_PER_MM,

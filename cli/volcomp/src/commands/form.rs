@@ -144,7 +144,7 @@ fn text(document: &Document, feature: FeatureKind) -> String {
     if let Some(angle) = document.half_angle_deg {
         let _ = writeln!(text, "half angle {} deg", fixed(angle, 6));
     }
-    let form = &document.form_um;
+    let form = &document.deviation_um;
     let name = deviation(document, feature);
     let least = fixed(form.least_squares, 2);
     let _ = writeln!(text, "{name} {least} µm (rms {} µm)", fixed(form.rms, 2));

@@ -315,9 +315,9 @@ fn form_of_points_in_a_file() {
         close(&answer["position_mm"][k], expected, 1e-12);
     }
     close(&answer["radius_mm"], 9.99, 1e-12);
-    close(&answer["form_um"]["least_squares"], 20.0, 1e-9);
-    close(&answer["form_um"]["minimum_zone"], 20.0, 1e-9);
-    close(&answer["form_um"]["rms"], 10.0, 1e-9);
+    close(&answer["deviation_um"]["least_squares"], 20.0, 1e-9);
+    close(&answer["deviation_um"]["minimum_zone"], 20.0, 1e-9);
+    close(&answer["deviation_um"]["rms"], 10.0, 1e-9);
     close(&answer["coaxiality_um"], 1000.0, 1e-9);
     let lines = &answer["minimum_zone"]["contact_lines"];
     assert_eq!(lines.to_string(), "[2,3,4,6]");

@@ -111,7 +111,9 @@ fn short_ways_are_within_the_tolerance() {
             let count = machine.axes().len();
             let mut shares: Vec<f64> = (0..count).map(|_| rng.random_range(0.0..1.0)).collect();
             let all: f64 = shares.iter().sum();
-            shares.iter_mut().for_each(|share| *share /= all);
+            for share in &mut shares {
+                *share /= all;
+            }
             for i in 0..count {
                 let way = shares[i] * ways[i].min(1e3);
                 to.q[i] = from.q[i] + if rng.random() { way } else { -way };
