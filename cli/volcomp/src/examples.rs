@@ -34,7 +34,7 @@ Examples:
 pub(crate) const NC: &str = "\
 Examples:
   volcomp nc part.ngc -o part-compensated.ngc -m mill.toml
-  volcomp nc part.nc -o out.nc -m mill.toml --setup setup.toml --tolerance 0.5";
+  volcomp nc part.ngc -o out.ngc -m mill.toml --setup setup.toml --tolerance 0.5";
 
 pub(crate) const DH: &str = "\
 Examples:
