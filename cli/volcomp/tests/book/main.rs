@@ -32,7 +32,7 @@ travel = [0.0, 360.0]
 "#;
 
 /// What every block marked `toml` must begin with.
-const KINDS: [&str; 10] = [
+const KINDS: [&str; 11] = [
     "machine file",
     "part of a machine file",
     "calibration file",
@@ -41,6 +41,7 @@ const KINDS: [&str; 10] = [
     "part of a shop file",
     "observations file",
     "part of an observations file",
+    "set-up file",
     // Read in the tests of volcomp-gateway.
     "gateway file",
     "part of a gateway file",
@@ -96,6 +97,11 @@ fn decoder(block: &Block) -> Option<(String, Decode)> {
             joined("machine = \"truth.toml\"\nformat = \"csv\"", text),
             shop,
         )
+    } else if block.is("set-up file") {
+        (text.clone(), |text| {
+            let setup = volcomp_nc::SetUp::parse(text, "of-the-book.toml");
+            setup.map(drop).map_err(|e| e.to_string())
+        })
     } else {
         return None;
     })

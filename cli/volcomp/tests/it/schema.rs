@@ -45,6 +45,7 @@ fn live_documents_follow_their_schemas() {
     let fit = format!("{demo}/exx.rtl");
     let angular = format!("{demo}/eay.rta");
     let (found, lasers) = (path("found.toml"), path("lasers"));
+    let program = path("part-out.ngc");
     json(&["demo", "-o", &demo]);
     let calls: &[&[&str]] = &[
         &["check", GANTRY],
@@ -109,6 +110,16 @@ fn live_documents_follow_their_schemas() {
             "cylinder",
             "--datum",
             "0,0,0,0,0,1",
+        ],
+        &[
+            "nc",
+            "examples/part.ngc",
+            "-o",
+            &program,
+            "-m",
+            "examples/mill.toml",
+            "--setup",
+            "examples/setup.toml",
         ],
         &["iso230", &angular],
         &["iso230", POSITIONING],
