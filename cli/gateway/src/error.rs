@@ -24,6 +24,14 @@ pub enum GatewayError {
     /// A machine file that does not make a machine.
     #[error(transparent)]
     Model(ModelError),
+    /// The configuration that says where the gateway is to be asked for its state cannot be read.
+    #[error(
+        "{source}; a running gateway tells its state without this file, too: volcomp-gateway status --listen ADDRESS, its address and port"
+    )]
+    NoAddress {
+        /// What is wrong with the file.
+        source: Box<GatewayError>,
+    },
     /// The configuration cannot be read as text.
     #[error(transparent)]
     Unreadable(#[from] ReadError),
@@ -403,6 +411,12 @@ impl GatewayError {
         }
     }
 
+    /// A configuration that does not say where a running gateway is to be asked.
+    pub fn status_without(source: Self) -> Self {
+        let source = Box::new(source);
+        Self::NoAddress { source }
+    }
+
     /// The exit status of the program: 2 when the call or a file is wrong, 1 when the work failed.
     pub fn status(&self) -> u8 {
         match self {
@@ -416,6 +430,7 @@ impl GatewayError {
             Self::Place(_)
             | Self::Model(_)
             | Self::Unreadable(_)
+            | Self::NoAddress { .. }
             | Self::Plan { .. }
             | Self::DeviceConfig { .. }
             | Self::DeviceTwice { .. }

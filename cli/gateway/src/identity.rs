@@ -102,7 +102,8 @@ impl Judge {
         Some(Question {
             model: hash,
             worst_corner_um: finite(worst_um),
-            worst_corner_urad: finite(worst_urad),
+            // Without limits for rotary axes none is corrected, so that none moves.
+            worst_corner_urad: self.confirm_urad.and(finite(worst_urad)),
             confirm_um: self.confirm_um,
             confirm_urad: self.confirm_urad,
             limits,

@@ -236,7 +236,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             json,
         }) => {
             let mut dashboard = match config {
-                Some(path) => DashboardConfig::read(&path)?,
+                Some(path) => DashboardConfig::read(&path).map_err(GatewayError::status_without)?,
                 None => DashboardConfig::default(),
             };
             if let Some(listen) = listen {

@@ -215,7 +215,7 @@ function showMap() {
 }
 
 function showButtons(state) {
-  for (const part of document.querySelectorAll("#operate > button, #token-form")) part.hidden = !state.operable;
+  for (const part of document.querySelectorAll("#at-hand, #operate > button, #token-form")) part.hidden = !state.operable;
   element("not-operable").hidden = state.operable;
   const may = mayOperate;
   const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
@@ -227,6 +227,12 @@ function showButtons(state) {
   element("reload").disabled = !may;
 }
 
+/** The first is what caused it or what is to be done, and stands by itself. */
+function showReasons([cause, ...further]) {
+  text("cause", cause || "");
+  text("further", further.join(" · "));
+}
+
 function show(state) {
   current = state;
   lastHeard = Date.now();
@@ -236,8 +242,8 @@ function show(state) {
   text("state", state.state.replace("-", " "));
   // That there is no barrier stands in a line of its own.
   const reasons = state.reasons.filter((reason) => reason !== "no barrier");
-  if (gone) reasons.push(`look at the cable and the control: what it applies is unknown, last confirmed ${gone.confirmed_ms === null ? "never" : `${ago(gone.confirmed_ms)} ago`}`);
-  text("reasons", reasons.join(" · "));
+  if (gone) reasons.unshift(`look at the cable and the control: what it applies is unknown, last confirmed ${gone.confirmed_ms === null ? "never" : `${ago(gone.confirmed_ms)} ago`}`);
+  showReasons(reasons);
   text("machine-name", state.machine.name);
   text("controller", state.controller && !state.simulated ? `${state.controller.device}` : "");
   element("simulated").hidden = !state.simulated;
@@ -257,7 +263,7 @@ function lost(why) {
   element("banner").dataset.state = "lost";
   element("banner").classList.remove("gone");
   text("state", "no connection");
-  text("reasons", why);
+  showReasons([why]);
   for (const cell of document.querySelectorAll("#axes .position, #axes .correction")) put(cell, null);
   for (const shown of document.querySelectorAll("#axes .shown")) shown.textContent = "";
   for (const row of document.querySelectorAll("#paths li :not(.device)")) row.textContent = "";
@@ -267,7 +273,7 @@ function lost(why) {
   }
   for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
   for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
-  for (const button of document.querySelectorAll("#operate > button")) button.disabled = true;
+  for (const button of document.querySelectorAll("button[id]")) button.disabled = true;
   showMap();
 }
 
@@ -371,7 +377,8 @@ async function operate(what, body) {
 /** What a change does, in lines: how far it moves the correction, and the limits that change. */
 function changesOf(answer) {
   const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
-  const unknown = moved.every(([worst]) => worst === null);
+  // Rotary axes tell nothing where none is corrected.
+  const unknown = answer.worst_corner_um === null;
   const lines = unknown ? ["The machine has other axes than before: how far the correction moves is unknown."] : moved
     .filter(([worst]) => worst !== null)
     .map(([worst, least, unit]) => `At the worst place of the work space the correction moves by ${fixed(worst, 1)} ${unit}` + (least === null ? "." : ` (allowed without asking: ${least} ${unit}).`));

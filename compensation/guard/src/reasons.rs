@@ -25,7 +25,8 @@ macro_rules! effect {
     };
 }
 
-/// Each reason takes the bit of its place in the list, so no two share one; a 65th would not compile.
+/// Each reason takes the bit of its place in the list, so no two share one; a 65th would not compile. In this order they
+/// are told: what caused the stop and what a person must do comes first, what follows from it later.
 macro_rules! reasons {
     ($($(#[$doc:meta])* $name:ident = $effect:ident, $text:literal;)*) => {
         /// The places in the list.
@@ -44,62 +45,85 @@ macro_rules! reasons {
 }
 
 reasons! {
+    // What stops it: the machine itself.
+    /// The emergency stop is pressed.
+    EMERGENCY_STOP = forbids, "emergency stop";
+    /// The controller has an alarm.
+    CONTROLLER_ALARM = forbids, "controller alarm";
+    /// Axes are not referenced.
+    NOT_REFERENCED = forbids, "axes not referenced";
+    /// An interlock was seen on a path that says nothing any more.
+    INTERLOCK_UNSEEN = forbids, "interlock not seen to clear";
+    // Faults, which a person must look at and acknowledge.
+    /// The control applies a correction beyond the limit, and nothing here has asked for it.
+    BEYOND_LIMIT = forbids, "a correction beyond the limit was found";
+    /// A correction that was written is not found when it is read back, several times in a row.
+    DOES_NOT_STICK = forbids, "correction does not stick";
+    /// Positions do not contain the correction as configured.
+    CONTRADICTION = forbids, "positions contradict includes_correction";
+    /// The gateway was faulted when it ended, and nobody has acknowledged it since.
+    FAULTED_BEFORE = forbids, "faulted before the restart: acknowledge it";
+    /// What a control that cannot be asked was left with is not known.
+    LEFT_UNKNOWN = forbids, "what the control was left with is unknown";
+    // Other causes.
+    /// The program is stopping.
+    STOPPING = forbids, "stopping";
+    /// The controller does not answer.
+    NO_CONTROLLER = forbids, "controller does not answer";
+    /// An axis of the machine has a position from no controller.
+    AXIS_UNKNOWN = forbids, "a machine axis has no position";
+    /// What the control tells is no report of a barrier of this machine and these axes, in this order.
+    BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
+    /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
+    BARRIER_UNFIT = forbids, "the control's barrier does not fit the limits";
+    /// Another gateway corrects this controller.
+    OTHER_GATEWAY = forbids, "another gateway";
+    /// A position or a correction is no finite number.
+    NOT_A_NUMBER = forbids, "not a number";
+    /// The audit log cannot be written.
+    AUDIT = forbids, "audit log cannot be written";
+    /// The limits are not configured.
+    NO_LIMITS = forbids, "limits are not configured";
+    /// No other path may take over, since nobody knows what the silent one still applies.
+    OTHER_CHANNEL_UNKNOWN = informs, "another path may still hold a correction";
+    /// Another path shows a correction that it should not have.
+    STANDBY_HOLDS = informs, "a standby path holds a correction";
+    // What a person has decided, or has to.
+    /// A person disarmed it: it does not arm by itself, also after a restart.
+    DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
+    /// The machine file or the limits are not those that were confirmed last.
+    MUST_CONFIRM = informs, "machine file or limits must be confirmed";
+    /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
+    NOT_RELOADED = informs, "files on disk not taken over";
+    // What follows from the causes above.
+    /// Positions are so old that the correction goes to zero.
+    POSITIONS_LOST = forbids, "positions lost";
+    /// Positions are older than allowed.
+    POSITIONS_STALE = forbids, "positions stale";
+    /// The correction that the control applies has not been confirmed for too long.
+    UNCONFIRMED = forbids, "applied correction not confirmed";
+    /// The correction that the controller has applied is not the one that was written: ramping from there.
+    READ_BACK = informs, "controller's correction changed";
+    /// A correction is applied while disarmed.
+    CORRECTION_LEFT = informs, "a correction is applied";
+    // What ends by itself.
+    /// Whether another gateway writes, or how fast the control scans, is being looked at before the first write.
+    WATCHING = forbids, "watching the control";
+    /// Arming waits until the axes stand still.
+    WAITING_FOR_STANDSTILL = informs, "waiting for standstill";
+    // What else is to be known.
+    /// A temperature that the model uses is missing.
+    DEGRADED = informs, "degraded";
+    /// A temperature, or the rate at which it changes, is beyond what the thermal terms were found from: they hold and fade.
+    BEYOND_SEEN = informs, "outside what the thermal terms have seen";
+    /// A position is outside the range that was measured.
+    OUTSIDE_RANGE = informs, "outside the measured range";
     /// The wanted correction is beyond the limit.
     LIMITED = informs, "correction limited";
     /// The wanted correction is beyond the warning.
     WARN = informs, "correction above the warning";
     /// Slew or acceleration holds the output back.
     SLEWING = informs, "rate limited";
-    /// Positions are older than allowed.
-    POSITIONS_STALE = forbids, "positions stale";
-    /// Positions are so old that the correction goes to zero.
-    POSITIONS_LOST = forbids, "positions lost";
-    /// The controller does not answer.
-    NO_CONTROLLER = forbids, "controller does not answer";
-    /// Axes are not referenced.
-    NOT_REFERENCED = forbids, "axes not referenced";
-    /// The controller has an alarm.
-    CONTROLLER_ALARM = forbids, "controller alarm";
-    /// The emergency stop is pressed.
-    EMERGENCY_STOP = forbids, "emergency stop";
-    /// A position or a correction is no finite number.
-    NOT_A_NUMBER = forbids, "not a number";
-    /// The correction that the controller has applied is not the one that was written: ramping from there.
-    READ_BACK = informs, "controller's correction changed";
-    /// A correction that was written is not found when it is read back, several times in a row.
-    DOES_NOT_STICK = forbids, "correction does not stick";
-    /// Positions do not contain the correction as configured.
-    CONTRADICTION = forbids, "positions contradict includes_correction";
-    /// Arming waits until the axes stand still.
-    WAITING_FOR_STANDSTILL = informs, "waiting for standstill";
-    /// Whether positions contain the correction is not proven for every axis.
-    NOT_PROVEN = informs, "not proven what positions contain";
-    /// A correction is applied while disarmed.
-    CORRECTION_LEFT = informs, "a correction is applied";
-    /// A temperature that the model uses is missing.
-    DEGRADED = informs, "degraded";
-    /// A position is outside the range that was measured.
-    OUTSIDE_RANGE = informs, "outside the measured range";
-    /// Nobody ramps the correction out when the gateway stops.
-    UNWATCHED = informs, "unwatched";
-    /// The audit log cannot be written.
-    AUDIT = forbids, "audit log cannot be written";
-    /// An axis of the machine has a position from no controller.
-    AXIS_UNKNOWN = forbids, "a machine axis has no position";
-    /// Another gateway corrects this controller.
-    OTHER_GATEWAY = forbids, "another gateway";
-    /// The limits are not configured.
-    NO_LIMITS = forbids, "limits are not configured";
-    /// Cycles take longer than their time.
-    OVERRUNS = informs, "cycle overruns";
-    /// Another controller path stands in.
-    FALLBACK = informs, "fallback controller";
-    /// No other path may take over, since nobody knows what the silent one still applies.
-    OTHER_CHANNEL_UNKNOWN = informs, "another path may still hold a correction";
-    /// Whether a second gateway is there cannot be seen.
-    CANNOT_SEE_OTHERS = informs, "cannot see other gateways";
-    /// The program is stopping.
-    STOPPING = forbids, "stopping";
     /// The pose is within about 1° of one in which the tool axis cannot be corrected in one direction: that direction
     /// is left as it is.
     SINGULAR = informs, "singular pose";
@@ -111,36 +135,20 @@ reasons! {
     LINEAR_NEAR_SINGULAR = informs, "linear axes nearly in one direction";
     /// Positions are so old for the speed of the axes that only a part of the correction, or none, is better than nothing.
     LET_GO = informs, "positions too old for the speed: a part of the correction let go";
-    /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
-    NOT_RELOADED = informs, "files on disk not taken over";
-    /// The gateway was faulted when it ended, and nobody has acknowledged it since.
-    FAULTED_BEFORE = forbids, "faulted before the restart: acknowledge it";
-    /// A person disarmed it: it does not arm by itself, also after a restart.
-    DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
-    /// The machine file or the limits are not those that were confirmed last.
-    MUST_CONFIRM = informs, "machine file or limits must be confirmed";
-    /// Nothing in the control tells a late or foreign write from one that is meant now.
-    NO_BARRIER = informs, "no barrier";
-    /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
-    BARRIER_UNFIT = forbids, "the control's barrier does not fit the limits";
-    /// What the control tells is no report of a barrier of this machine and these axes, in this order.
-    BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
-    /// Whether another gateway writes, or how fast the control scans, is being looked at before the first write.
-    WATCHING = forbids, "watching the control";
-    /// The correction that the control applies has not been confirmed for too long.
-    UNCONFIRMED = forbids, "applied correction not confirmed";
-    /// The control applies a correction beyond the limit, and nothing here has asked for it.
-    BEYOND_LIMIT = forbids, "a correction beyond the limit was found";
-    /// An interlock was seen on a path that says nothing any more.
-    INTERLOCK_UNSEEN = forbids, "interlock not seen to clear";
-    /// What a control that cannot be asked was left with is not known.
-    LEFT_UNKNOWN = forbids, "what the control was left with is unknown";
-    /// Another path shows a correction that it should not have.
-    STANDBY_HOLDS = informs, "a standby path holds a correction";
+    /// Whether positions contain the correction is not proven for every axis.
+    NOT_PROVEN = informs, "not proven what positions contain";
+    /// Another controller path stands in.
+    FALLBACK = informs, "fallback controller";
     /// Another path does not answer.
     STANDBY_SILENT = informs, "a standby path does not answer";
-    /// A temperature, or the rate at which it changes, is beyond what the thermal terms were found from: they hold and fade.
-    BEYOND_SEEN = informs, "outside what the thermal terms have seen";
+    /// Cycles take longer than their time.
+    OVERRUNS = informs, "cycle overruns";
+    /// Whether a second gateway is there cannot be seen.
+    CANNOT_SEE_OTHERS = informs, "cannot see other gateways";
+    /// Nobody ramps the correction out when the gateway stops.
+    UNWATCHED = informs, "unwatched";
+    /// Nothing in the control tells a late or foreign write from one that is meant now.
+    NO_BARRIER = informs, "no barrier";
 }
 
 impl Reasons {
@@ -192,7 +200,14 @@ impl Reasons {
         Self(bits)
     }
 
-    /// Each reason of the set in words.
+    /// The reason with a text; `None` where there is none.
+    pub fn with_text(text: &str) -> Option<Self> {
+        let mut all = Self::ALL.iter();
+        all.find(|(.., own)| *own == text)
+            .map(|(reason, ..)| *reason)
+    }
+
+    /// Each reason of the set in words, causes first.
     pub fn texts(self) -> impl Iterator<Item = &'static str> {
         Self::ALL
             .iter()
@@ -219,5 +234,66 @@ impl BitOr for Reasons {
 impl BitOrAssign for Reasons {
     fn bitor_assign(&mut self, other: Self) {
         self.0 |= other.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Reasons;
+
+    /// Who looks at the first words only sees what caused the stop, not what follows from it.
+    #[test]
+    fn causes_stand_before_what_follows_from_them() {
+        let causes = [
+            Reasons::EMERGENCY_STOP,
+            Reasons::CONTROLLER_ALARM,
+            Reasons::NOT_REFERENCED,
+            Reasons::BEYOND_LIMIT,
+            Reasons::DOES_NOT_STICK,
+            Reasons::CONTRADICTION,
+            Reasons::FAULTED_BEFORE,
+            Reasons::NO_CONTROLLER,
+            Reasons::OTHER_GATEWAY,
+            Reasons::NOT_RELOADED,
+            Reasons::MUST_CONFIRM,
+        ];
+        let consequences = [
+            (Reasons::POSITIONS_STALE, "positions stale"),
+            (Reasons::POSITIONS_LOST, "positions lost"),
+            (Reasons::UNCONFIRMED, "applied correction not confirmed"),
+            (Reasons::WAITING_FOR_STANDSTILL, "waiting for standstill"),
+            (Reasons::OVERRUNS, "cycle overruns"),
+            (Reasons::NO_BARRIER, "no barrier"),
+        ];
+        for cause in causes {
+            for (consequence, text) in consequences {
+                let mut texts = (consequence | cause).texts();
+                assert!(texts.next().is_some_and(|first| first != text));
+                assert_eq!(texts.next(), Some(text), "after {cause:?}");
+            }
+        }
+        let all = [
+            Reasons::UNCONFIRMED,
+            Reasons::NOT_RELOADED,
+            Reasons::INTERLOCK_UNSEEN,
+            Reasons::NO_CONTROLLER,
+            Reasons::POSITIONS_STALE,
+            Reasons::EMERGENCY_STOP,
+        ];
+        let all = all.into_iter().fold(Reasons::NONE, |all, one| all | one);
+        let expected = [
+            "emergency stop",
+            "interlock not seen to clear",
+            "controller does not answer",
+            "files on disk not taken over",
+            "positions stale",
+            "applied correction not confirmed",
+        ];
+        assert!(all.texts().eq(expected), "{all:?}");
+        assert_eq!(
+            Reasons::with_text("emergency stop"),
+            Some(Reasons::EMERGENCY_STOP)
+        );
+        assert_eq!(Reasons::with_text("no reason"), None);
     }
 }

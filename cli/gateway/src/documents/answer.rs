@@ -37,7 +37,8 @@ pub struct Question {
     /// How far the correction of a linear axis moves at the worst point of the work space, µm; null for a machine
     /// with other axes.
     pub worst_corner_um: Option<f64>,
-    /// How far the correction of a rotary axis moves at the worst point, µrad; null for a machine with other axes.
+    /// How far the correction of a rotary axis moves at the worst point, µrad; null for a machine with other axes, and
+    /// where no rotary axis is corrected.
     pub worst_corner_urad: Option<f64>,
     /// Moves up to this need no confirmation, µm.
     pub confirm_um: f64,

@@ -333,8 +333,7 @@ impl Service {
             tracing::error!("{refusal}");
         }
         for change in self.parts.handle.changes() {
-            let mut reasons: Vec<&str> = change.reasons.texts().collect();
-            reasons.sort_unstable();
+            let reasons: Vec<&str> = change.reasons.texts().collect();
             tracing::info!(
                 state = change.state.name(),
                 controller = change.active,
@@ -393,6 +392,9 @@ impl Service {
                     status.reasons.push(reason.clone());
                 }
             }
+            // Those of an older version that have another text now come last.
+            (status.reasons)
+                .sort_by_key(|text| Reasons::with_text(text).map_or(u64::MAX, Reasons::bits));
         }
         status
     }

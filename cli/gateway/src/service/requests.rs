@@ -353,11 +353,14 @@ fn in_words(answer: &Answer) -> String {
             } else {
                 format!("; {} changed", limits.join(", "))
             };
+            // Without limits for rotary axes none is corrected.
+            let rotary = question.confirm_urad.map_or(String::new(), |_| {
+                format!(" and {} µrad", size(question.worst_corner_urad))
+            });
             format!(
-                "{} must be confirmed: it moves a point of the work space by {} µm and {} µrad{limits}",
+                "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}",
                 question.model,
-                size(question.worst_corner_um),
-                size(question.worst_corner_urad)
+                size(question.worst_corner_um)
             )
         }
         Answer::Settled(settled) => {

@@ -60,6 +60,32 @@ with sync_playwright() as playwright:
     assert token not in page.url and token not in page.content()
     page.wait_for_timeout(4000)
     page.screenshot(path=screenshot, full_page=True)
+    # Stopping is in view at every size, wherever the page is scrolled to, also with every reason at once.
+    for size in ({"width": 1280, "height": 800}, {"width": 400, "height": 750}, {"width": 375, "height": 667}, {"width": 360, "height": 740}, {"width": 750, "height": 400}):
+        page.set_viewport_size(size)
+        at_first = {}
+        for reasons in (None, ["emergency stop", *["a reason that is as long as most of them"] * 12]):
+            for to in (0, 1e6):
+                page.evaluate("([to, reasons]) => { window.scrollTo(0, to); if (reasons) showReasons(reasons); }", [to, reasons])
+                for button in ("#disarm", "#acknowledge", "#state"):
+                    box = page.locator(button).bounding_box()
+                    seen = 0 <= box["x"] and box["x"] + box["width"] <= size["width"] and 0 <= box["y"] and box["y"] + box["height"] <= size["height"]
+                    assert seen, f"{button} at {box} of {size}"
+                    assert box == at_first.setdefault(button, box), f"{button} jumps at {size}"
+                assert page.locator("#banner").bounding_box()["height"] <= 0.7 * size["height"], f"the banner covers {size}"
+                # Nothing lies over it.
+                assert page.evaluate("""() => {
+                    const { x, y, width, height } = document.getElementById("disarm").getBoundingClientRect();
+                    return document.elementFromPoint(x + width / 2, y + height / 2).id;
+                }""") == "disarm", size
+        page.screenshot(path=screenshot.replace(".png", f"-at-hand-{size['width']}.png"))
+    page.set_viewport_size({"width": 1024, "height": 768})
+    # A question about a machine without corrected rotary axes says nothing of them.
+    asked = {"worst_corner_um": 7.5, "worst_corner_urad": None, "confirm_um": 5, "confirm_urad": None, "limits": {"limit_um": [20, 40]}}
+    assert page.evaluate("changesOf", asked) == [
+        "At the worst place of the work space the correction moves by 7.5 µm (allowed without asking: 5 µm).",
+        "limit_um: 20 → 40",
+    ]
     # Stopping is one touch; starting is a second of holding.
     page.click("#disarm")
     state(page, "disarmed")
@@ -83,7 +109,7 @@ with sync_playwright() as playwright:
             assert box["x"] + box["width"] <= panel["x"] + panel["width"], f"{size}: {key.inner_text()}"
         wide = page.evaluate("() => document.documentElement.scrollWidth")
         assert wide <= size["width"], f"{wide} px do not fit {size['width']}"
-        for button in page.locator("#operate button").all():
+        for button in page.locator("button:visible").all():
             assert button.bounding_box()["height"] >= 48
     # A wrong token is said at once, and nothing can be pressed with it.
     errors.clear()

@@ -24,7 +24,7 @@ with sync_playwright() as playwright:
     for axis in "XY":
         assert page.inner_text(f".axis[data-axis={axis}] .shown").startswith("not proven"), axis
     # Without a token there is nothing to press, and it is said why.
-    assert page.locator("#operate button:visible").count() == 0
+    assert page.locator("button:visible").count() == 0
     assert page.is_visible("#not-operable")
     print("ready", flush=True)
     # The control is gone now: what it applies is not known.
@@ -32,7 +32,9 @@ with sync_playwright() as playwright:
     page.wait_for_selector(".axis[data-axis=Y] .correction.unknown", timeout=10000)
     page.wait_for_selector(".axis[data-axis=Y] .position.unknown", timeout=10000)
     assert page.inner_text(".axis[data-axis=Y] .correction .value") == "unknown"
-    page.wait_for_selector("#reasons:has-text('look at the cable and the control')", timeout=10000)
+    # What is to be done stands first, what follows from it after.
+    page.wait_for_selector("#cause:has-text('look at the cable and the control')", timeout=10000)
+    assert page.inner_text("#further").startswith("controller does not answer"), page.inner_text("#further")
     assert "what it applies is unknown, last confirmed" in page.inner_text("#paths li:first-child")
     # Nothing jumps: the map keeps its place.
     assert page.is_visible("#map-panel")

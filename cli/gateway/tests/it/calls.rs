@@ -173,6 +173,13 @@ fn elsewhere_only_with_tls_and_a_token() {
         path(&viewer(dir.path())),
     ]);
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
+    // A file that is no TOML says no address: the message says how to ask all the same.
+    change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");
+    let broken = call(&["status", "--config", path(&config)]);
+    assert_eq!(broken.status.code(), Some(2), "{broken:?}");
+    let message = String::from_utf8_lossy(&broken.stderr).into_owned();
+    assert!(message.contains(path(&config)), "{message}");
+    assert!(message.contains("status --listen ADDRESS"), "{message}");
 }
 
 fn viewer(dir: &Path) -> std::path::PathBuf {

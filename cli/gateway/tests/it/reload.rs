@@ -86,6 +86,9 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
         serde_json::json!([150.0, 50.0])
     );
     assert_eq!(asked["worst_corner_um"], 0.0);
+    // No rotary axis is corrected, and none is spoken of.
+    assert!(asked["worst_corner_urad"].is_null(), "{asked}");
+    assert!(!program.log().contains("µrad"), "{}", program.log());
     program
         .wait(|state| says(state, "must be confirmed"))
         .expect("it says so");
@@ -97,6 +100,11 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(
         audit.contains("\"limits\":{\"limit_um\":[150.0,50.0]}"),
+        "{audit}"
+    );
+    // The log tells the reasons in the order of the state, not by the alphabet.
+    assert!(
+        audit.contains("\"reasons\":[\"not proven what positions contain\",\"no barrier\"]"),
         "{audit}"
     );
     program
