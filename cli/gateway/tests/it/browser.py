@@ -80,6 +80,7 @@ with sync_playwright() as playwright:
                 }""") == "disarm", size
         page.screenshot(path=screenshot.replace(".png", f"-at-hand-{size['width']}.png"))
     page.set_viewport_size({"width": 1024, "height": 768})
+    page.evaluate("window.scrollTo(0, 0)")
     # A question about a machine without corrected rotary axes says nothing of them.
     asked = {"worst_corner_um": 7.5, "worst_corner_urad": None, "confirm_um": 5, "confirm_urad": None, "limits": {"limit_um": [20, 40]}}
     assert page.evaluate("changesOf", asked) == [
