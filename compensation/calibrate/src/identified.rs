@@ -64,7 +64,7 @@ pub(crate) fn settled(
         }
         before = Some(found.parameters);
     }
-    if rounds > 1 {
+    if (2..ROUNDS).contains(&rounds) {
         notes.push(format!(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
         ));

@@ -12,7 +12,7 @@ use crate::{
     values::Values,
 };
 
-/// Steps until the ideal tip is on the centre of a sphere; the linear axes are straight, so that two are enough.
+/// Steps until the ideal tip is on the centre of a sphere; the linear axes are straight, so that two would do, and a third takes the rounding.
 const STEPS: usize = 3;
 
 /// The equations of the ideal experiment.

@@ -34,8 +34,9 @@ pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
     }
 }
 
-/// The part of each row: rows of one pose are in the same part, poses are dealt out in an order drawn with a fixed seed.
-fn parts(rows: &Rows, count: usize) -> Vec<usize> {
+/// The part of each row: rows of one pose are in the same part, poses are dealt out in an order drawn with a fixed seed. `None` where
+/// there are fewer poses than parts: a part without a pose would judge nothing.
+fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     let mut poses: Vec<&Row> = Vec::new();
     let mut pose_of = Vec::new();
     for row in rows.iter() {
@@ -49,6 +50,9 @@ fn parts(rows: &Rows, count: usize) -> Vec<usize> {
             poses.push(row);
         }
     }
+    if count == 0 || poses.len() < count {
+        return None;
+    }
     let mut order: Vec<usize> = (0..poses.len()).collect();
     let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
     for last in (1..order.len()).rev() {
@@ -60,7 +64,7 @@ fn parts(rows: &Rows, count: usize) -> Vec<usize> {
     for (place, pose) in order.into_iter().enumerate() {
         part[pose] = place % count;
     }
-    pose_of.into_iter().map(|pose| part[pose]).collect()
+    Some(pose_of.into_iter().map(|pose| part[pose]).collect())
 }
 
 /// What is left of rows that were left out of the fit, in so many parts by pose; everything, penalties included, is
@@ -73,11 +77,12 @@ pub(crate) fn left_out(
     mut done: impl FnMut(usize),
 ) -> Result<Option<(Figures, usize)>, IdentifyError> {
     let folds = observations.folds;
-    let parts = parts(rows, folds.max(1));
-    let poses = rows.len();
-    if folds < 2 || poses < 2 * folds {
+    if folds < 2 {
         return Ok(None);
     }
+    let Some(parts) = parts(rows, folds) else {
+        return Ok(None);
+    };
     let mut residuals = Vec::new();
     for fold in 0..folds {
         let others = rows.only(|row| parts[row] != fold);

@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
     identify::Fitted,
-    observations::{Observations, Row, Seen, Stand},
+    observations::{Observations, Row, Stand},
     prepared::Rows,
     system::System,
 };
@@ -127,24 +127,11 @@ fn candidate(system: &System, like: &Row, k: usize) -> Row {
         state.q[place] =
             Displacement::from_coordinate(axis.name.kind(), at.clamp(low, high)).mm_or_rad();
     }
-    let seen = match &like.seen {
-        Seen::Pair {
-            from,
-            dead,
-            length_mm,
-        } => Seen::Pair {
-            from: *from,
-            dead: *dead,
-            length_mm: *length_mm,
-        },
-        other => other.clone(),
-    };
     Row {
         stand: Stand {
             state,
             tip_mm: like.stand.tip_mm,
         },
-        seen,
         ..like.clone()
     }
 }

@@ -120,7 +120,7 @@ impl NumberKind {
 pub struct Observation {
     /// The name of the row file, as the file of observations states it.
     pub file: String,
-    /// Whether distances count in three directions.
+    /// What was observed.
     pub kind: Kind,
     /// Whether the rows are only predicted.
     pub judge: bool,

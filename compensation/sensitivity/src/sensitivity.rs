@@ -23,7 +23,7 @@ const MOST_POSES: usize = 1 << 28;
 /// Errors whose effects are proportional at every pose: one motion of the tool.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DistinctMotion {
-    /// The motion by its frame or line: `translation along Y of the frame of A`.
+    /// The motion by its frame or line: `translation along Y, frame of A`.
     pub name: String,
     /// The errors that make this motion, in the order in which they were given.
     pub terms: Vec<ErrorTerm>,
