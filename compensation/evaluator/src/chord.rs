@@ -104,6 +104,27 @@ impl CompiledMachine {
         })
     }
 
+    /// The most by which the position error changes for each mm that the linear axes move, mm for each mm: a bound over all
+    /// travels and both directions of travel.
+    pub fn steepness(&self) -> f64 {
+        let reach_mm = self.reach_mm();
+        let (mut steepness, mut tilts) = (0.0, 0.0);
+        for (index, axis) in self.axes.iter().enumerate() {
+            let [_, angular] = self.sizes(index, axis);
+            tilts += angular;
+            if axis.joint.kind == AxisKind::Linear {
+                let mut largest = 0.0_f64;
+                for approach in [Some(Direction::Positive), Some(Direction::Negative), None] {
+                    let slopes = self.slopes(axis, approach, [0.0; 2], f64::INFINITY);
+                    let [linear, angular] = slopes.largest;
+                    largest = largest.max(linear + angular * reach_mm);
+                }
+                steepness += largest;
+            }
+        }
+        steepness + tilts
+    }
+
     fn of_kind(&self, kind: AxisKind) -> impl Iterator<Item = &CompiledAxis> {
         self.axes.iter().filter(move |axis| axis.joint.kind == kind)
     }

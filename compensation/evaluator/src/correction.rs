@@ -258,8 +258,8 @@ impl CompiledMachine {
         bound + (tilts + turned) * (tilts + turned) * reach_mm
     }
 
-    /// The longest lever over the travels, mm.
-    pub(crate) fn reach_mm(&self) -> f64 {
+    /// The longest lever from a joint to the tip over the travels, mm: a bound.
+    pub fn reach_mm(&self) -> f64 {
         let tip = self.chain.tool_tip_mm();
         let mut reach = 0.0_f64;
         let mut travelled = 0.0;

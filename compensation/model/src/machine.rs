@@ -142,6 +142,15 @@ impl Machine {
                 known: self.tools.keys().cloned().collect::<Vec<_>>().join(", "),
             });
         };
+        let tool = tool.clone();
+        self.set_tool(&tool)
+    }
+
+    /// Puts a tool into the spindle; what it does not state is taken from `[tool]`.
+    ///
+    /// # Errors
+    /// A tool whose tip or axis is no place or direction.
+    pub fn set_tool(&mut self, tool: &Tool) -> Result<(), ModelError> {
         let (tip, axis) = tool.over(&self.tool).tip_and_axis();
         Ok(self.chain.set_tool(tip, axis)?)
     }

@@ -22,7 +22,7 @@ const GROUPS: [(&str, &[Code]); 13] = [
     ("feed", &[930, 940, 950]),
     ("units", &[200, 210]),
     ("radius", &[400, 410, 411, 420, 421]),
-    ("tool length", &[430, 431, 432, 490]),
+    ("tool length", &[430, 431, 432, 434, 490]),
     (
         "work offset",
         &[540, 550, 560, 570, 580, 590, 591, 592, 593],
@@ -42,8 +42,8 @@ pub(crate) struct Codes {
     /// The program ends here (M2, M30), or is told to go on elsewhere (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
-    /// M6: the tool is changed.
-    pub(crate) changes_tool: bool,
+    /// M428, M429: coordinates are those of the centre point of the tool from now on, or of the axes.
+    pub(crate) centre_point: Option<bool>,
 }
 
 /// A code that is not known: what it does nobody can say.
@@ -72,8 +72,9 @@ impl Codes {
             if word.letter == b'M' {
                 match code {
                     20 | 300 => codes.ends = true,
-                    60 => codes.changes_tool = true,
                     980 | 990 => codes.calls = Some(code),
+                    4280 => codes.centre_point = Some(true),
+                    4290 => codes.centre_point = Some(false),
                     _ => {}
                 }
                 continue;

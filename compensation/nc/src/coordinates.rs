@@ -1,6 +1,15 @@
-//! Coordinates of a program and of the machine, mm and deg: work offsets, tool offsets and a rotation lie between them.
+//! Coordinates of a program and of the axes of the machine, mm and deg: work offsets, tool offsets, a rotation, and the
+//! kinematics of the control lie between them.
 
-use volcomp_model::vocabulary::{AxisName, MAX_AXES};
+use std::sync::Arc;
+
+use volcomp_model::{
+    Machine,
+    kinematics::State,
+    vocabulary::{AxisName, MAX_AXES, PerAxis},
+};
+
+use crate::tip::Tip;
 
 /// A value for each axis a program can name: X Y Z A B C U V W.
 pub(crate) type Axes<T = f64> = [T; MAX_AXES];
@@ -24,8 +33,49 @@ pub(crate) fn is_rotary(axis: usize) -> bool {
     (3..6).contains(&axis)
 }
 
-/// What lies between the coordinates of a program and those of the machine.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Where each axis that a program can name stands in the chain of a machine.
+#[derive(Clone, Debug)]
+pub(crate) struct AxisPlaces(Axes<Option<usize>>);
+
+impl AxisPlaces {
+    pub(crate) fn of(machine: &Machine) -> Self {
+        Self(std::array::from_fn(|axis| {
+            machine.index_of(name_of(axis)?).ok()
+        }))
+    }
+
+    /// `None` for an axis that the machine lacks.
+    pub(crate) fn of_axis(&self, axis: usize) -> Option<usize> {
+        self.0[axis]
+    }
+
+    /// Coordinates in mm and deg as the model takes them.
+    pub(crate) fn state(&self, axes: &Axes) -> State {
+        let mut state = State::default();
+        for (axis, place) in self.0.iter().enumerate() {
+            if let Some(place) = place {
+                state.q[*place] = if is_rotary(axis) {
+                    axes[axis].to_radians()
+                } else {
+                    axes[axis]
+                };
+            }
+        }
+        state
+    }
+
+    /// What the model gives for each axis (mm, rad) in mm and deg; zero for axes that the machine lacks.
+    pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
+        std::array::from_fn(|axis| match self.0[axis] {
+            Some(place) if is_rotary(axis) => of_chain[place].to_degrees(),
+            Some(place) => of_chain[place],
+            None => 0.0,
+        })
+    }
+}
+
+/// What lies between the coordinates of a program and those of the axes of the machine.
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Frame {
     /// The work offset.
     pub(crate) work: Axes,
@@ -36,10 +86,12 @@ pub(crate) struct Frame {
     /// The rotation about Z, deg, and the place about which it turns, X and Y.
     pub(crate) rotation_deg: f64,
     pub(crate) centre: [f64; 2],
+    /// Where the coordinates are those of the tool's centre point: the kinematics with which the control makes axes of them.
+    pub(crate) tip: Option<Arc<Tip>>,
 }
 
 impl Frame {
-    /// A program's coordinates in those of the machine.
+    /// A program's coordinates as those of the axes of the machine.
     pub(crate) fn to_machine(&self, program: &Axes) -> Axes {
         let mut at: Axes = std::array::from_fn(|i| program[i] + self.shift[i]);
         for (i, centre) in self.centre.into_iter().enumerate() {
@@ -49,12 +101,15 @@ impl Frame {
         for (i, centre) in self.centre.into_iter().enumerate() {
             at[i] += centre;
         }
-        std::array::from_fn(|i| at[i] + self.work[i] + self.tool[i])
+        let at = std::array::from_fn(|i| at[i] + self.work[i] + self.tool[i]);
+        self.tip.as_ref().map_or(at, |tip| tip.to_axes(&at))
     }
 
-    /// Coordinates of the machine in those of the program.
+    /// Coordinates of the axes of the machine as those of the program.
     pub(crate) fn to_program(&self, machine: &Axes) -> Axes {
-        let mut at: Axes = std::array::from_fn(|i| machine[i] - self.work[i] - self.tool[i]);
+        let control = self.tip.as_ref().map(|tip| tip.of_axes(machine));
+        let control = control.as_ref().unwrap_or(machine);
+        let mut at: Axes = std::array::from_fn(|i| control[i] - self.work[i] - self.tool[i]);
         for (i, centre) in self.centre.into_iter().enumerate() {
             at[i] -= centre;
         }
@@ -65,13 +120,28 @@ impl Frame {
         std::array::from_fn(|i| at[i] - self.shift[i])
     }
 
-    /// A way in the machine as a way in the program.
-    pub(crate) fn way_to_program(&self, way: &Axes) -> Axes {
-        turned(way, -self.rotation_deg)
+    /// What the axes move by from a place of theirs, as it is in the coordinates of the program.
+    pub(crate) fn moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
+        if self.tip.is_none() {
+            return turned(by, -self.rotation_deg);
+        }
+        let moved = self.to_program(&std::array::from_fn(|i| machine[i] + by[i]));
+        let at = self.to_program(machine);
+        std::array::from_fn(|i| moved[i] - at[i])
     }
 
-    /// A way in the program as a way in the machine.
-    pub(crate) fn way_to_machine(&self, way: &Axes) -> Axes {
+    /// What the coordinates of the program change by from a place of theirs, as it is in the axes.
+    pub(crate) fn moved_in_machine(&self, program: &Axes, by: &Axes) -> Axes {
+        if self.tip.is_none() {
+            return turned(by, self.rotation_deg);
+        }
+        let moved = self.to_machine(&std::array::from_fn(|i| program[i] + by[i]));
+        let at = self.to_machine(program);
+        std::array::from_fn(|i| moved[i] - at[i])
+    }
+
+    /// A way in the coordinates of the program as a way in those that work offsets are stated in.
+    pub(crate) fn way_of_offset(&self, way: &Axes) -> Axes {
         turned(way, self.rotation_deg)
     }
 }
@@ -100,6 +170,7 @@ mod tests {
             tool: [0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
             rotation_deg: 90.0,
             centre: [5.0, 0.0],
+            tip: None,
         };
         let at = [1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let machine = frame.to_machine(&at);

@@ -1,16 +1,19 @@
 //! The correction of a machine at a place, and how far a straight way may go before it must be split.
 
+use std::sync::Arc;
+
 use volcomp_model::{
     Machine, Temperatures, Tolerance,
     curve::ErrorCurve,
     evaluator::CompiledMachine,
-    kinematics::State,
+    kinematics::{Form, State},
     vocabulary::{AxisKind, Direction, MAX_AXES},
 };
 
 use crate::{
     NcError,
-    coordinates::{Axes, name_of},
+    coordinates::{Axes, AxisPlaces, is_rotary, name_of},
+    tip::with_tool,
 };
 
 /// Curves are compiled to 1 nm.
@@ -19,15 +22,61 @@ const COMPILED_TO_NM: f64 = 1.0;
 const NEGLECTED_MM: f64 = 2e-5;
 /// Travel after which a direction counts as another, mm and deg.
 const TURNS_AFTER: [f64; 2] = [0.005, 5e-4];
+/// Tools whose machines are kept.
+const MOST_TOOLS: usize = 64;
 
-/// The correction of a machine. State: from which side each axis comes.
+/// The machine with a tool in its spindle.
+#[derive(Clone, Debug)]
+struct Tooled {
+    /// What the control adds to the coordinates for the tool.
+    offset: Axes,
+    machine: Machine,
+    compiled: CompiledMachine,
+    /// Ways of each axis, mm and deg, with which no straight line has to be split, where the axis moves alone.
+    unsplit: Axes,
+}
+
+/// What is to be added to the axes at a place so that the tool is where it belongs, mm and deg.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Correction {
+    pub(crate) delta: Axes,
+    /// How the linear axes follow each of A, B and C, mm for each deg, so that the tip stays where it is. `None`: no
+    /// rotary axis corrects.
+    follow: Option<[Axes; 3]>,
+}
+
+impl Correction {
+    /// The same where the rotary axes take other shares than theirs: rounded ones.
+    pub(crate) fn with_rotary(&self, rotary: &Axes) -> Axes {
+        let mut delta = self.delta;
+        let Some(follow) = &self.follow else {
+            return delta;
+        };
+        for (axis, row) in (3..6).zip(follow) {
+            let more = rotary[axis] - self.delta[axis];
+            delta[axis] = rotary[axis];
+            for (delta, follow) in delta.iter_mut().zip(row) {
+                *delta += follow * more;
+            }
+        }
+        delta
+    }
+
+    /// Whether rotary axes have a part in it.
+    pub(crate) fn is_coupled(&self) -> bool {
+        self.follow.is_some()
+    }
+}
+
+/// The correction of a machine. State: the tool in the spindle, and from which side each axis comes.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    machine: Machine,
+    machine: Arc<Machine>,
     temperatures: Temperatures,
-    compiled: CompiledMachine,
-    /// The place in the chain of each axis a program can name.
-    places: Axes<Option<usize>>,
+    /// With each tool that was in the spindle, and which of them is.
+    tools: Vec<Arc<Tooled>>,
+    tool: Arc<Tooled>,
+    places: AxisPlaces,
     corrects: Axes<bool>,
     travels: Axes<[f64; 2]>,
     only_linear: bool,
@@ -35,8 +84,6 @@ pub struct Corrector {
     approach: Axes<Option<Direction>>,
     /// The furthest place of each axis in its direction.
     furthest: Axes<f64>,
-    /// Ways of each axis, mm and deg, with which no straight line has to be split, where the axis moves alone.
-    unsplit: Axes<f64>,
     split_beyond_mm: f64,
 }
 
@@ -51,47 +98,72 @@ impl Corrector {
         temperatures: &Temperatures,
         tolerance_mm: f64,
     ) -> Result<Self, NcError> {
-        let compiled = machine.compile_at(Tolerance::from_nm(COMPILED_TO_NM), temperatures)?;
-        let mut places = [None; MAX_AXES];
+        let places = AxisPlaces::of(machine);
+        let tool = tooled(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
+        let correctors = tool.compiled.correctors();
         let mut corrects = [false; MAX_AXES];
         let mut travels = [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES];
-        let correctors = compiled.correctors();
         for axis in 0..MAX_AXES {
-            let Some(name) = name_of(axis) else { continue };
-            let Ok(place) = machine.index_of(name) else {
-                continue;
-            };
-            places[axis] = Some(place);
-            corrects[axis] =
-                correctors.linear().contains(&place) || correctors.rotary().contains(&place);
-            if let Some(axis_of_machine) = machine.axis(name) {
+            if let Some(place) = places.of_axis(axis) {
+                corrects[axis] =
+                    correctors.linear().contains(&place) || correctors.rotary().contains(&place);
+            }
+            if let Some(axis_of_machine) = name_of(axis).and_then(|name| machine.axis(name)) {
                 travels[axis] = axis_of_machine.travel;
             }
         }
         let joints = machine.chain().joints();
-        let mut corrector = Self {
-            machine: machine.clone(),
+        let tool = Arc::new(tool);
+        Ok(Self {
+            machine: Arc::new(machine.clone()),
             temperatures: temperatures.clone(),
+            tools: vec![Arc::clone(&tool)],
+            tool,
             only_linear: joints.iter().all(|joint| joint.kind == AxisKind::Linear),
             bidirectional: machine
                 .errors()
                 .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_))),
-            compiled,
             places,
             corrects,
             travels,
             approach: [None; MAX_AXES],
             furthest: [0.0; MAX_AXES],
-            unsplit: [0.0; MAX_AXES],
             split_beyond_mm: tolerance_mm,
-        };
-        corrector.unsplit = corrector.unsplit_ways();
-        Ok(corrector)
+        })
+    }
+
+    /// The machine with the tool of its file.
+    pub(crate) fn machine(&self) -> &Arc<Machine> {
+        &self.machine
+    }
+
+    /// From now on the tool is in the spindle for which the control adds this offset.
+    pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<(), NcError> {
+        if self.tool.offset == *offset {
+            return Ok(());
+        }
+        if let Some(tool) = self.tools.iter().find(|tool| tool.offset == *offset) {
+            self.tool = Arc::clone(tool);
+            return Ok(());
+        }
+        let (machine, temperatures) = (&self.machine, &self.temperatures);
+        let tolerance_mm = self.split_beyond_mm;
+        self.tool = Arc::new(tooled(
+            machine,
+            offset,
+            temperatures,
+            tolerance_mm,
+            &self.places,
+        )?);
+        if self.tools.len() < MOST_TOOLS {
+            self.tools.push(Arc::clone(&self.tool));
+        }
+        Ok(())
     }
 
     /// Whether the machine has the axis at a place, and corrects by it.
     pub(crate) fn has(&self, axis: usize) -> bool {
-        self.places[axis].is_some()
+        self.places.of_axis(axis).is_some()
     }
 
     pub(crate) fn corrects(&self, axis: usize) -> bool {
@@ -114,15 +186,10 @@ impl Corrector {
     }
 
     fn state(&self, at: &Axes) -> State {
-        let mut state = State::default();
-        for (axis, place) in self.places.iter().enumerate() {
-            if let Some(place) = place {
-                state.q[*place] = if (3..6).contains(&axis) {
-                    at[axis].to_radians()
-                } else {
-                    at[axis]
-                };
-                state.approach[*place] = self.approach[axis];
+        let mut state = self.places.state(at);
+        for (axis, approach) in self.approach.iter().enumerate() {
+            if let Some(place) = self.places.of_axis(axis) {
+                state.approach[place] = *approach;
             }
         }
         state
@@ -143,7 +210,7 @@ impl Corrector {
             return;
         }
         for axis in 0..MAX_AXES {
-            let after = TURNS_AFTER[usize::from((3..6).contains(&axis))];
+            let after = TURNS_AFTER[usize::from(is_rotary(axis))];
             let way = to[axis] - self.furthest[axis];
             let on = match self.approach[axis] {
                 Some(Direction::Positive) => way > 0.0 || way < -after,
@@ -161,67 +228,135 @@ impl Corrector {
         }
     }
 
-    /// What is to be added to these coordinates of the machine (mm, deg) so that the tool is where it belongs.
-    pub(crate) fn delta(&self, at: &Axes) -> Axes {
+    /// Whether the correction at `from` changes by more than the tolerance when the axes set out for `to`: since one of them
+    /// turns, and comes from the other side then.
+    pub(crate) fn jumps(&mut self, from: &Axes, to: &Axes) -> bool {
+        if !self.bidirectional {
+            return false;
+        }
+        let sides = self.sides();
+        self.goes(to);
+        if self.approach == sides.0 {
+            self.put_back(sides);
+            return false;
+        }
+        let after = self.at(from).delta;
+        self.put_back(sides);
+        let before = self.at(from).delta;
+        let changes = (0..MAX_AXES).filter(|axis| !is_rotary(*axis));
+        let squared: f64 = changes
+            .map(|axis| (after[axis] - before[axis]).powi(2))
+            .sum();
+        squared.sqrt() > self.split_beyond_mm
+    }
+
+    /// The correction at these coordinates of the axes (mm, deg).
+    pub(crate) fn at(&self, at: &Axes) -> Correction {
         let state = self.state(at);
-        let first = self.compiled.first_order(&state).delta;
-        let mut delta = first;
+        let Tooled {
+            machine, compiled, ..
+        } = &*self.tool;
         if self.only_linear {
             // The errors are those where the axes go to.
             let mut there = state;
-            for (q, delta) in there.q.iter_mut().zip(&first) {
+            for (q, delta) in there.q.iter_mut().zip(&compiled.first_order(&state).delta) {
                 *q += delta;
             }
-            delta = self.compiled.first_order(&there).delta;
-        } else if self.compiled.neglected_mm(&first) > NEGLECTED_MM {
-            let options = self.machine.correction_options();
-            let exact = self
-                .machine
-                .correction_at(&state, &self.temperatures, &options);
+            let delta = compiled.first_order(&there).delta;
+            return Correction {
+                delta: self.places.axes(&delta),
+                follow: None,
+            };
+        }
+        let parts = compiled.parts_of(&state, compiled.correctors());
+        let mut delta = parts.delta();
+        if compiled.neglected_mm(&delta) > NEGLECTED_MM {
+            let options = machine.correction_options();
+            let exact = machine.correction_at(&state, &self.temperatures, &options);
             if exact.converged {
                 delta = exact.delta;
             }
         }
-        std::array::from_fn(|axis| match self.places[axis] {
-            Some(place) if self.corrects[axis] => {
-                if (3..6).contains(&axis) {
-                    delta[place].to_degrees()
-                } else {
-                    delta[place]
-                }
-            }
-            _ => 0.0,
-        })
+        let follow = std::array::from_fn(|rotary| match self.places.of_axis(3 + rotary) {
+            // For each rad as the model has it, for each deg here; only linear axes follow.
+            Some(place) => self
+                .places
+                .axes(&parts.follow[place])
+                .map(|mm| mm * 1.0_f64.to_radians()),
+            None => [0.0; 9],
+        });
+        Correction {
+            delta: self.places.axes(&delta),
+            follow: (!compiled.correctors().rotary().is_empty()).then_some(follow),
+        }
     }
 
-    /// Whether the correction on the straight way between two places is nowhere further than the tolerance from the straight line
-    /// between those at its ends: by the derivatives of the curves.
-    pub(crate) fn is_straight(&self, from: &Axes, to: &Axes) -> bool {
+    /// Where the tip of the ideal machine is, mm from the workpiece origin in workpiece axes.
+    pub(crate) fn ideal_tip_mm(&self, at: &Axes) -> [f64; 3] {
+        let chain = self.tool.machine.chain();
+        chain.ideal_tip_mm(&self.places.state(at)).into()
+    }
+
+    /// How far from there it is with the errors, by the exact model, mm.
+    pub(crate) fn error_mm(&self, at: &Axes) -> [f64; 3] {
+        let (machine, temperatures) = (&self.tool.machine, &self.temperatures);
+        let error = machine.error_at(&self.state(at), Form::Exact, temperatures);
+        error.position_mm.into()
+    }
+
+    /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
+    /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
+    /// way.
+    pub(crate) fn is_straight(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> bool {
         let mut share = 0.0;
         for axis in 0..MAX_AXES {
             let way = (to[axis] - from[axis]).abs();
-            if way > 0.0 && self.places[axis].is_some() {
-                share += way / self.unsplit[axis];
+            if way > 0.0 && self.has(axis) {
+                share += way / self.tool.unsplit[axis];
             }
         }
-        share <= 1.0 || self.bound_mm(from, to) <= self.split_beyond_mm
+        bulge_mm == 0.0 && share <= 1.0 || self.bound_mm(from, to, bulge_mm) <= self.split_beyond_mm
     }
 
-    /// A bound (mm) of the distance between the correction on the straight way and the straight line between those at its ends.
-    pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes) -> f64 {
+    /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
+    pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> f64 {
+        let compiled = &self.tool.compiled;
         let [from, to] = [from, to].map(|at| self.state(at));
-        self.compiled.chord_bound_mm(&from, &to)
+        let bound = compiled.chord_bound_mm(&from, &to);
+        if bulge_mm == 0.0 {
+            return bound;
+        }
+        bound + bulge_mm * compiled.steepness()
     }
 
-    fn unsplit_ways(&self) -> Axes {
-        let ways = self.compiled.short_ways(self.split_beyond_mm);
-        std::array::from_fn(|axis| {
-            let way = self.places[axis].map_or(f64::INFINITY, |place| ways[place]);
-            if (3..6).contains(&axis) {
-                way.to_degrees()
-            } else {
-                way
-            }
-        })
+    /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the
+    /// rotary axes turn by `turned` rad: by the second derivative of a turning lever.
+    pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
+        let reach_mm = self.tool.compiled.reach_mm();
+        0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
     }
+}
+
+/// The machine with a tool, compiled.
+fn tooled(
+    machine: &Machine,
+    offset: &Axes,
+    temperatures: &Temperatures,
+    tolerance_mm: f64,
+    places: &AxisPlaces,
+) -> Result<Tooled, NcError> {
+    let machine = with_tool(machine, offset)?;
+    let compiled = machine.compile_at(Tolerance::from_nm(COMPILED_TO_NM), temperatures)?;
+    let ways = compiled.short_ways(tolerance_mm);
+    let unsplit = std::array::from_fn(|axis| match places.of_axis(axis) {
+        Some(place) if is_rotary(axis) => ways[place].to_degrees(),
+        Some(place) => ways[place],
+        None => f64::INFINITY,
+    });
+    Ok(Tooled {
+        offset: *offset,
+        machine,
+        compiled,
+        unsplit,
+    })
 }

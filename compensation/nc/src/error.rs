@@ -42,6 +42,11 @@ pub enum NcError {
         /// The letter of the word.
         word: char,
     },
+    /// A program in coordinates of the tool's centre point for a machine that cannot do that.
+    #[error(
+        "coordinates of the tool's centre point need a machine with X, Y and Z, with rotary axes, and with none of these between X, Y and Z"
+    )]
+    NoCentrePoint,
     /// A line longer than [`LONGEST_LINE`](crate::LONGEST_LINE).
     #[error("line {line}: longer than {most} bytes; this is no NC program")]
     LongLine {

@@ -1,6 +1,11 @@
 //! What a program has switched on and set: everything that gives a later word its meaning.
 
-use crate::coordinates::{Axes, Frame};
+use std::sync::Arc;
+
+use crate::{
+    coordinates::{Axes, Frame},
+    tip::Tip,
+};
 
 /// The work offsets of G54 to G59.3.
 pub(crate) const SYSTEMS: usize = 9;
@@ -85,6 +90,8 @@ pub(crate) struct Modal {
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
     pub(crate) tool_offset: Axes,
+    /// Coordinates are those of the centre point of the tool, whatever the rotary axes do (G43.4, M428).
+    pub(crate) centre_point: bool,
     /// The rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
     /// The radius of the tool is compensated: 410 or 420.
@@ -113,6 +120,7 @@ impl Default for Modal {
             shift: [0.0; 9],
             shifted: false,
             tool_offset: [0.0; 9],
+            centre_point: false,
             rotation: None,
             radius: None,
             comes_back: true,
@@ -124,8 +132,8 @@ impl Default for Modal {
 }
 
 impl Modal {
-    /// What lies between program and machine now.
-    pub(crate) fn frame(&self) -> Frame {
+    /// What lies between program and machine now; `tip` are the kinematics for the centre point of the tool.
+    pub(crate) fn frame(&self, tip: Option<&Arc<Tip>>) -> Frame {
         let work = &self.offsets[self.system.min(SYSTEMS - 1)];
         let (rotation_deg, centre) = self.rotation.unwrap_or((work.rotation_deg, [0.0; 2]));
         Frame {
@@ -134,6 +142,7 @@ impl Modal {
             tool: self.tool_offset,
             rotation_deg,
             centre,
+            tip: tip.filter(|_| self.centre_point).cloned(),
         }
     }
 

@@ -13,6 +13,8 @@ pub(crate) enum Path {
     Hole {
         bottom: f64,
         clearance: f64,
+        /// The axis normal to the plane.
+        depth: usize,
     },
     /// Something that is passed on as it is: a probing move, a thread, a spline.
     Other,
@@ -34,13 +36,13 @@ pub(crate) struct Arc {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {
     pub(crate) path: Path,
-    /// The coordinates of the machine before and after, mm and deg.
+    /// The coordinates of the axes of the machine before and after, mm and deg.
     pub(crate) from: Axes,
     pub(crate) to: Axes,
     /// The place of the word of each axis in the block.
     pub(crate) words: Axes<Option<usize>>,
-    /// Its words are ways, not places.
-    pub(crate) incremental: bool,
+    /// Whose words are ways, not places.
+    pub(crate) incremental: Axes<bool>,
     /// Its words are the coordinates of the machine (G53, G28).
     pub(crate) in_machine: bool,
 }

@@ -6,7 +6,6 @@ use crate::{
     Counts, Decimals, NcError, Notes,
     correction::Corrector,
     flow::{OLine, o_line},
-    interpret::Interpreter,
     rewrite::Rewriter,
     run::{Lines, run},
     setup::SetUp,
@@ -27,11 +26,43 @@ pub struct Summary {
     pub notes: Notes,
     /// Whether the program ended by itself, by M2, M30 or a percent sign.
     pub ended: bool,
+    /// In which parts each motion was written: where each part ends, from 0 to 1 of the motion, one motion after the other;
+    /// only where [`Job::keep_shares`] asks for it.
+    pub shares: Vec<f64>,
+}
+
+/// What a program is compensated with.
+#[derive(Clone, Copy, Debug)]
+pub struct Job<'a> {
+    /// The correction of the machine.
+    pub corrector: &'a Corrector,
+    /// What the program relies on and does not say itself.
+    pub setup: &'a SetUp,
+    /// How coordinates are written.
+    pub decimals: Decimals,
+    /// A program with O-words is executed: so many of its lines at the most.
+    pub most_blocks: u64,
+    /// Keep [`Summary::shares`]: 8 bytes for each motion.
+    pub keep_shares: bool,
+}
+
+impl<'a> Job<'a> {
+    /// With the usual decimals, and ten million blocks at the most.
+    #[must_use]
+    pub fn new(corrector: &'a Corrector, setup: &'a SetUp) -> Self {
+        Self {
+            corrector,
+            setup,
+            decimals: Decimals::default(),
+            most_blocks: 10_000_000,
+            keep_shares: false,
+        }
+    }
 }
 
 /// Reads a program and writes it with the correction in its coordinates. Every byte that is no changed coordinate comes out
 /// as it went in. `seen` is called now and then with the bytes that were read so far; what it returns as an error ends
-/// the work. A program with O-words is executed, `most_blocks` of its lines at the most; the others are streamed.
+/// the work. A program with O-words is executed; the others are streamed.
 ///
 /// # Errors
 /// Lines that cannot be read or compensated, each with its number, and what reading and writing say. What was written
@@ -39,16 +70,22 @@ pub struct Summary {
 pub fn compensate(
     input: &mut impl BufRead,
     output: &mut impl Write,
-    corrector: &Corrector,
-    setup: &SetUp,
-    decimals: Decimals,
+    job: Job<'_>,
+    seen: impl FnMut(u64) -> Result<(), NcError>,
+) -> Result<Summary, NcError> {
+    let mut rewriter = Rewriter::new(job.setup, job.corrector.clone(), job.decimals)?;
+    rewriter.shares = job.keep_shares.then(Vec::new);
+    execute(input, output, rewriter, job.most_blocks, seen)
+}
+
+/// Reads a program and writes what is made of it.
+pub(crate) fn execute(
+    input: &mut impl BufRead,
+    output: &mut impl Write,
+    mut rewriter: Rewriter,
     most_blocks: u64,
     mut seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
-    let (position, known) = setup.start();
-    let mut interpreter = Interpreter::new(setup.modal(), position, known);
-    interpreter.tools = setup.tools();
-    let mut rewriter = Rewriter::new(interpreter, corrector.clone(), decimals);
     let (mut text, mut out) = (Vec::new(), Vec::new());
     let (mut number, mut bytes) = (0, 0_u64);
     let mut ended = false;
@@ -86,27 +123,28 @@ pub fn compensate(
                 };
                 let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
                 seen(bytes + rest.len() as u64)?;
-                return Ok(Summary {
-                    counts: after.counts,
-                    notes: after.interpreter.notes,
-                    ended: ends,
-                });
+                return Ok(summary(after, ends));
             }
             None => {}
         }
         out.clear();
-        let went = rewriter.line(line, end, number, &mut out)?;
+        let ends = rewriter.line(line, end, number, &mut out)?;
         output.write_all(&out)?;
         output.write_all(end)?;
         percents += usize::from(rewriter.is_percent());
-        ended = went.ends || percents == 2;
+        ended = ends || percents == 2;
     }
     seen(bytes)?;
-    Ok(Summary {
+    Ok(summary(rewriter, ended))
+}
+
+fn summary(rewriter: Rewriter, ended: bool) -> Summary {
+    Summary {
         counts: rewriter.counts,
         notes: rewriter.interpreter.notes,
         ended,
-    })
+        shares: rewriter.shares.unwrap_or_default(),
+    }
 }
 
 /// All that is left, behind what was read already.

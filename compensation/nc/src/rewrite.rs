@@ -1,23 +1,28 @@
 //! A line in, the lines with its correction out.
 
-use std::ops::Range;
+use std::{
+    io,
+    sync::{Arc, mpsc::SyncSender},
+};
 
 use crate::{
     NcError,
-    block::{Begins, Block, Parameter, Word},
+    block::{Begins, Block, Parameter},
     coordinates::{Axes, LETTERS},
     correction::Corrector,
+    edits::Edits,
     expression::Expressions,
     interpret::{Interpreter, Outcome},
+    line::Line,
+    modal::FeedMode,
     motion::{Move, Path},
     notes::Note,
     number::of_steps,
     parameters::Parameters,
-    words::{Decimals, Number, OnItsWay, Written, each},
+    setup::SetUp,
+    verify::Made,
+    words::{Decimals, Number, OnItsWay, Written},
 };
-
-/// A motion is split into so many parts at the most.
-const MOST_PARTS: usize = 4096;
 
 /// What was done to a program so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,106 +37,49 @@ pub struct Counts {
     pub added: u64,
 }
 
-/// What is done to the words of a line.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Edits {
-    /// The value of the word at a place of the block.
-    pub(crate) replaced: Vec<(usize, Number)>,
-    /// Words that go.
-    pub(crate) removed: Vec<usize>,
-    /// Words behind the last one.
-    pub(crate) added: Vec<(u8, Number)>,
-    /// Other text, and the number instead of it, or nothing.
-    pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
-}
-
-impl Edits {
-    fn clear(&mut self) {
-        self.replaced.clear();
-        self.removed.clear();
-        self.added.clear();
-        self.ranges.clear();
-    }
-
-    pub(crate) fn is_empty(&self) -> bool {
-        self.replaced.is_empty()
-            && self.removed.is_empty()
-            && self.added.is_empty()
-            && self.ranges.is_empty()
-    }
-
-    /// Writes the line with its edits.
-    fn write(&self, line: &[u8], block: &Block, out: &mut Vec<u8>) {
-        let mut edits: Vec<(Range<usize>, Option<Number>)> = self.ranges.clone();
-        for (place, Word { at, text, .. }) in block.words.iter().enumerate() {
-            if self.removed.contains(&place) {
-                edits.push((*at..text.end, None));
-            } else if let Some((_, number)) =
-                self.replaced.iter().rev().find(|(of, _)| *of == place)
-            {
-                edits.push((text.clone(), Some(*number)));
-            }
-        }
-        edits.sort_by_key(|(range, _)| range.start);
-        let mut at = 0;
-        for (range, number) in edits {
-            out.extend_from_slice(&line[at..range.start]);
-            if let Some(number) = number {
-                number.write(out);
-            }
-            at = range.end;
-        }
-        out.extend_from_slice(&line[at..block.end]);
-        for (letter, number) in &self.added {
-            if !out.is_empty() {
-                out.push(b' ');
-            }
-            out.push(*letter);
-            number.write(out);
-        }
-        out.extend_from_slice(&line[block.end..]);
-    }
-}
-
 /// State: a program that is read, and the correction that its axes carry.
 #[derive(Clone, Debug)]
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,
     pub(crate) corrector: Corrector,
     pub(crate) decimals: Decimals,
-    /// The correction that the axes have, in the coordinates of the machine, mm and deg.
+    /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
     /// What of it stands in the depth of the cycle that is kept from hole to hole, mm.
     pub(crate) carried_by_cycle: f64,
     /// Values that are computed are written as numbers: the lines that compute them are not executed in this order.
     pub(crate) writes_values: bool,
     pub(crate) counts: Counts,
+    /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
+    pub(crate) shares: Option<Vec<f64>>,
+    /// The same for the motion that is being written, without the end of its last part.
+    parts: Vec<f64>,
+    /// Who is told of each motion.
+    pub(crate) tells: Option<SyncSender<Made>>,
     pub(crate) block: Block,
     pub(crate) edits: Edits,
 }
 
-/// How a line went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Went {
-    /// Nothing of it was changed.
-    pub(crate) same: bool,
-    /// The program ends here.
-    pub(crate) ends: bool,
-}
-
 impl Rewriter {
-    pub(crate) fn new(interpreter: Interpreter, corrector: Corrector, decimals: Decimals) -> Self {
-        Self {
-            interpreter,
+    pub(crate) fn new(
+        setup: &SetUp,
+        corrector: Corrector,
+        decimals: Decimals,
+    ) -> Result<Self, NcError> {
+        Ok(Self {
+            interpreter: Interpreter::new(setup, Arc::clone(corrector.machine()))?,
             corrector,
             decimals,
             carried: [0.0; 9],
             carried_by_cycle: 0.0,
             writes_values: false,
             counts: Counts::default(),
+            shares: None,
+            parts: Vec::new(),
+            tells: None,
             block: Block::default(),
             edits: Edits::default(),
-        }
+        })
     }
 
     /// Whether the line that was read last is a percent sign.
@@ -140,14 +88,14 @@ impl Rewriter {
     }
 
     /// Reads a line without its end (`number` counts from 1), and appends what is to be written instead, whose lines are separated by
-    /// `end`, and the last of which has none.
+    /// `end`, and the last of which has none. Whether the program ends here.
     pub(crate) fn line(
         &mut self,
-        line: &[u8],
+        text: &[u8],
         end: &[u8],
         number: usize,
         out: &mut Vec<u8>,
-    ) -> Result<Went, NcError> {
+    ) -> Result<bool, NcError> {
         self.counts.lines += 1;
         let mut block = std::mem::take(&mut self.block);
         let interpreter = &self.interpreter;
@@ -156,61 +104,66 @@ impl Rewriter {
             provided: &|name| interpreter.provided(name),
             numbered: &|number| interpreter.numbered(number),
         };
-        let read = block.read(line, &expressions);
-        let went = match read {
-            Ok(()) => self.block(&block, line, end, number, out),
+        let read = block.read(text, &expressions);
+        let ends = match read {
+            Ok(()) => {
+                let block = &block;
+                let line = Line {
+                    block,
+                    text,
+                    end,
+                    number,
+                };
+                self.block(line, out)
+            }
             Err(fault) => Err(NcError::Block {
                 line: number,
                 fault,
             }),
         };
         self.block = block;
-        went
+        ends
     }
 
-    fn block(
-        &mut self,
-        block: &Block,
-        line: &[u8],
-        end: &[u8],
-        number: usize,
-        out: &mut Vec<u8>,
-    ) -> Result<Went, NcError> {
+    fn block(&mut self, line: Line<'_>, out: &mut Vec<u8>) -> Result<bool, NcError> {
         let before = self.interpreter.modal.sticky;
-        let outcome = self.interpreter.execute(block, number)?;
+        let outcome = self.interpreter.execute(line.block, line.number)?;
         if outcome.calls.is_some() {
             return Err(NcError::NotCompensated {
-                line: number,
+                line: line.number,
                 what: "M98 and M99: subroutines by number are not followed yet".to_owned(),
             });
         }
+        self.corrector
+            .take_tool(&self.interpreter.modal.tool_offset)?;
         if self.interpreter.modal.sticky != before {
             self.carried_by_cycle = 0.0;
         }
         self.edits.clear();
         if self.writes_values {
-            self.write_values(block);
+            self.write_values(line.block);
         }
-        let mut same = self.edits.is_empty();
+        let length = out.len();
         if let Some(motion) = &outcome.motion {
             self.counts.motions += 1;
-            same = self.motion(motion, &outcome, block, line, end, number, out)?;
-        } else if let Some(words) = &outcome.presets {
-            self.presets(words, block);
-            same = self.edits.is_empty();
-        }
-        if same {
-            out.extend_from_slice(line);
-        } else {
-            if out.is_empty() {
-                self.edits.write(line, block, out);
+            self.tell(motion, line.number)?;
+            self.motion(motion, &outcome, line, out)?;
+            if let Some(shares) = &mut self.shares {
+                shares.append(&mut self.parts);
+                shares.push(1.0);
             }
+            self.parts.clear();
+        } else if let Some(words) = &outcome.presets {
+            self.presets(words, line);
+        }
+        // A motion that is corrected has written its lines.
+        if out.len() == length {
+            self.edits.write(line, out);
+        }
+        if !self.edits.is_empty() {
             self.counts.changed += 1;
         }
-        Ok(Went {
-            same,
-            ends: outcome.ends,
-        })
+        Ok(outcome.ends)
     }
 
     /// Every computed value as the number that it is here.
@@ -243,147 +196,213 @@ impl Rewriter {
     }
 
     /// Words that say where the axes stand: there is a correction in the axes.
-    fn presets(&mut self, words: &Axes<Option<usize>>, block: &Block) {
-        let carried = self.interpreter.frame.way_to_program(&self.carried);
+    fn presets(&mut self, words: &Axes<Option<usize>>, line: Line<'_>) {
+        let interpreter = &self.interpreter;
+        let carried = interpreter
+            .frame
+            .moved_in_program(&interpreter.position, &self.carried);
+        let modal = &interpreter.modal;
         for axis in 0..9 {
-            let word = words[axis].and_then(|place| Some((place, block.words.get(place)?)));
-            let Some((place, word)) = word else { continue };
-            let decimals = self.decimals.of(axis, self.interpreter.modal.unit_mm);
-            let (Some(value), true) = (
-                word.value,
-                carried[axis].abs() >= 0.5 * of_steps(1, decimals),
-            ) else {
+            let Some(word) = line.word(words[axis]) else {
                 continue;
             };
-            let value = value + carried[axis] / self.interpreter.modal.scale(axis);
+            let decimals = self.decimals.of(axis, modal.unit_mm);
+            let is_carried = carried[axis].abs() >= 0.5 * of_steps(1, decimals);
+            let Some(value) = word.value.filter(|_| is_carried) else {
+                continue;
+            };
             let decimals = decimals.max(word.decimals.unwrap_or(0));
+            let value = value + carried[axis] / modal.scale(axis);
             if let Some(number) = Number::nearest(value, decimals) {
-                self.edits.replaced.push((place, number));
+                self.edits.set(LETTERS[axis], words[axis], number);
             }
         }
     }
 
-    /// A motion; whether its line stays as it is.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the line and all that is known of it"
-    )]
+    /// Tells whoever wants to know what the program does.
+    fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
+        let Some(tells) = &self.tells else {
+            return Ok(());
+        };
+        let made = Made {
+            line: number,
+            motion: motion.clone(),
+            frame: self.interpreter.frame.clone(),
+            tool: self.interpreter.modal.tool_offset,
+        };
+        let told = tells.send(made);
+        told.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
+    }
+
     fn motion(
         &mut self,
         motion: &Move,
         outcome: &Outcome,
-        block: &Block,
-        line: &[u8],
-        end: &[u8],
-        number: usize,
+        line: Line<'_>,
         out: &mut Vec<u8>,
-    ) -> Result<bool, NcError> {
+    ) -> Result<(), NcError> {
+        self.note_axes(motion, line.number);
+        match motion.path {
+            _ if motion.in_machine => self.is_uncorrected(motion),
+            Path::Other => self.is_uncorrected(motion),
+            Path::Rapid => self.straight(motion, &[1.0], line, out),
+            Path::Line => {
+                let parts = self.parts(motion);
+                self.straight(motion, &parts, line, out);
+            }
+            Path::Arc(arc) => self.arc(motion, &arc, line, out),
+            Path::Hole {
+                bottom,
+                clearance,
+                depth,
+            } => {
+                let places = [bottom, clearance];
+                self.hole(motion, depth, places, outcome.repeats, line, out)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes axes that the machine lacks or that leave their travel.
+    fn note_axes(&mut self, motion: &Move, number: usize) {
+        let has_tip = self.interpreter.frame.tip.is_some();
         for axis in 0..9 {
-            if motion.words[axis].is_none() {
+            let letter = char::from(LETTERS[axis]);
+            if !self.corrector.has(axis) {
+                if motion.words[axis].is_some() {
+                    self.interpreter.notes.add(Note::NoAxis(letter), number);
+                }
                 continue;
             }
-            if !self.corrector.has(axis) {
-                let note = Note::NoAxis(char::from(LETTERS[axis]));
-                self.interpreter.notes.add(note, number);
-            } else if self.interpreter.known[axis]
-                && !self.corrector.is_within_travel(axis, motion.to[axis])
-            {
-                let note = Note::OutsideTravel(char::from(LETTERS[axis]));
+            let moves = motion.words[axis].is_some() || axis < 3 && has_tip;
+            let is_outside = !self.corrector.is_within_travel(axis, motion.to[axis]);
+            if moves && self.interpreter.known[axis] && is_outside {
+                let note = Note::OutsideTravel(letter);
                 self.interpreter.notes.add(note, number);
             }
         }
         if self.interpreter.modal.radius.is_some() {
             self.interpreter.notes.add(Note::RadiusCompensated, number);
         }
-        match motion.path {
-            _ if motion.in_machine => {
-                self.is_uncorrected(motion);
-                Ok(self.edits.is_empty())
-            }
-            Path::Other => {
-                self.is_uncorrected(motion);
-                Ok(self.edits.is_empty())
-            }
-            Path::Rapid => Ok(self.straight(motion, &[1.0], block, line, end, number, out)),
-            Path::Line => {
-                let parts = self.parts(motion);
-                Ok(self.straight(motion, &parts, block, line, end, number, out))
-            }
-            Path::Arc(arc) => Ok(self.arc(motion, &arc, block, line, end, number, out)),
-            Path::Hole { bottom, clearance } => self.hole(
-                motion,
-                [bottom, clearance],
-                outcome,
-                block,
-                line,
-                number,
-                out,
-            ),
-        }
     }
 
     /// A motion that passes on as it is: its axes carry no correction afterwards, but those whose words are ways.
-    fn is_uncorrected(&mut self, motion: &Move) {
+    pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
         self.corrector.goes(&motion.to);
-        if motion.incremental {
-            return;
-        }
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {
             self.carried
         } else {
-            frame.way_to_program(&self.carried)
+            frame.moved_in_program(&motion.from, &self.carried)
         };
-        for (carried, word) in carried.iter_mut().zip(&motion.words) {
-            if word.is_some() {
-                *carried = 0.0;
+        for axis in 0..9 {
+            if motion.words[axis].is_some() && !motion.incremental[axis] {
+                carried[axis] = 0.0;
             }
         }
         self.carried = if motion.in_machine {
             carried
         } else {
-            frame.way_to_machine(&carried)
+            frame.moved_in_machine(&frame.to_program(&motion.to), &carried)
         };
     }
 
-    /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1.
-    fn parts(&mut self, motion: &Move) -> Vec<f64> {
-        let mut parts = Vec::new();
-        let is_known = (0..9).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis));
-        self.corrector.goes(&motion.to);
-        if !is_known || self.corrector.is_straight(&motion.from, &motion.to) {
-            parts.push(1.0);
-            return parts;
-        }
-        let at = |share: f64| {
-            each(|axis| motion.from[axis] + share * (motion.to[axis] - motion.from[axis]))
-        };
-        // Halves of halves, from the beginning on.
-        let mut open = vec![[0.0, 1.0]];
-        while let Some([from, to]) = open.pop() {
-            let is_end = parts.len() + open.len() >= MOST_PARTS || to - from < 1e-6;
-            if is_end || self.corrector.is_straight(&at(from), &at(to)) {
-                parts.push(to);
-            } else {
-                let middle = 0.5 * (from + to);
-                open.push([middle, to]);
-                open.push([from, middle]);
-            }
-        }
-        parts
+    /// The correction at a place, both in the coordinates of the program.
+    pub(crate) fn delta_in_program(&self, at: &Axes) -> Axes {
+        let frame = &self.interpreter.frame;
+        let machine = frame.to_machine(at);
+        frame.moved_in_program(&machine, &self.corrector.at(&machine).delta)
     }
 
-    /// One axis on its way to a place.
+    /// How far the axes are from their straight way where the centre point of the tool goes straight between two places of the
+    /// program, mm.
+    pub(crate) fn bulge_mm(&self, from: &Axes, to: &Axes) -> f64 {
+        let Some(tip) = &self.interpreter.frame.tip else {
+            return 0.0;
+        };
+        let turned = tip.turned(from, to);
+        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
+        self.corrector.bulge_mm(turned, way.sqrt())
+    }
+
+    /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
+    /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
+    /// ones follow, so that the tip is where it belongs.
+    pub(crate) fn words_to(
+        &mut self,
+        motion: &Move,
+        line: Line<'_>,
+        leg: &Leg,
+        writes: &Axes<Writes>,
+        carried: &mut Axes,
+    ) -> Words {
+        let correction = self.corrector.at(&leg.at);
+        let mut words = Words {
+            numbers: [None; 9],
+            delta: [0.0; 9],
+        };
+        let in_program =
+            |this: &Self, delta: &Axes| this.interpreter.frame.moved_in_program(&leg.at, delta);
+        words.delta = in_program(self, &correction.delta);
+        if correction.is_coupled() {
+            self.numbers(motion, line, leg, writes, 3..6, &mut words, carried);
+            words.delta = in_program(self, &correction.with_rotary(carried));
+            self.numbers(motion, line, leg, writes, 0..3, &mut words, carried);
+            self.numbers(motion, line, leg, writes, 6..9, &mut words, carried);
+        } else {
+            self.numbers(motion, line, leg, writes, 0..9, &mut words, carried);
+        }
+        words
+    }
+
     #[expect(
         clippy::too_many_arguments,
-        reason = "everything that a word depends on"
+        reason = "the axes of words_to, some at a time"
     )]
-    pub(crate) fn on_its_way(
+    fn numbers(
+        &mut self,
+        motion: &Move,
+        line: Line<'_>,
+        leg: &Leg,
+        writes: &Axes<Writes>,
+        axes: std::ops::Range<usize>,
+        words: &mut Words,
+        carried: &mut Axes,
+    ) {
+        for axis in axes {
+            let word = line.word(motion.words[axis]);
+            if writes[axis] == Writes::Never || word.is_none() && !self.corrector.has(axis) {
+                continue;
+            }
+            let written = match word {
+                Some(word) => Some(Written {
+                    decimals: word.decimals.unwrap_or(0),
+                    anew: writes[axis] != Writes::IfChanged,
+                }),
+                None => (writes[axis] == Writes::Always).then_some(Written {
+                    decimals: 0,
+                    anew: true,
+                }),
+            };
+            let incremental = motion.incremental[axis];
+            let way = self.on_its_way(
+                axis,
+                leg,
+                [words.delta[axis], carried[axis]],
+                incremental,
+                written,
+                line.number,
+            );
+            (words.numbers[axis], carried[axis]) = way.word();
+        }
+    }
+
+    /// One axis on its way to a place, with the correction that belongs there and the one that it has before.
+    fn on_its_way(
         &mut self,
         axis: usize,
-        [from, to]: [&Axes; 2],
-        delta: &Axes,
-        carried: &Axes,
+        leg: &Leg,
+        [delta, carried]: [f64; 2],
         incremental: bool,
         written: Option<Written>,
         number: usize,
@@ -391,266 +410,120 @@ impl Rewriter {
         let modal = &self.interpreter.modal;
         let decimals = self.decimals.of(axis, modal.unit_mm);
         let known = self.interpreter.known[axis];
-        let mut delta = if self.corrector.corrects(axis) {
-            delta[axis]
-        } else {
-            0.0
-        };
+        let corrects = self.corrects(axis);
+        let mut delta = if corrects { delta } else { 0.0 };
         if !known || !self.corrector.has(axis) {
             if self.corrector.has(axis) && delta.abs() >= 0.5 * of_steps(1, decimals) {
                 let note = Note::LeftOut(char::from(LETTERS[axis]));
                 self.interpreter.notes.add(note, number);
             }
             delta = if incremental || written.is_none() {
-                carried[axis]
+                carried
             } else {
                 0.0
             };
         }
         OnItsWay {
-            from: from[axis],
-            to: to[axis],
+            from: leg.from[axis],
+            to: leg.to[axis],
             delta,
-            carried: carried[axis],
+            carried,
             scale: modal.scale(axis),
             decimals,
             incremental,
             written,
-            may_be_added: known && self.corrector.corrects(axis),
+            may_be_added: known && corrects,
         }
     }
 
-    /// A straight motion in parts.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the line and all that is known of it"
-    )]
-    fn straight(
-        &mut self,
-        motion: &Move,
-        parts: &[f64],
-        block: &Block,
-        line: &[u8],
-        end: &[u8],
-        number: usize,
-        out: &mut Vec<u8>,
-    ) -> bool {
-        let frame = self.interpreter.frame.clone();
-        let splits = parts.len() > 1;
-        let mut carried = frame.way_to_program(&self.carried);
-        let mut before = frame.to_program(&motion.from);
-        let mut passed = 0.0;
-        self.corrector.goes(&motion.to);
-        for (place, share) in parts.iter().enumerate() {
-            let at = each(|axis| motion.from[axis] + share * (motion.to[axis] - motion.from[axis]));
-            let at = if *share == 1.0 { motion.to } else { at };
-            let delta = frame.way_to_program(&self.corrector.delta(&at));
-            let to = frame.to_program(&at);
-            let mut numbers = [None; 9];
-            for axis in 0..9 {
-                let word = motion.words[axis].and_then(|place| block.words.get(place));
-                if word.is_none() && !self.corrector.has(axis) {
-                    continue;
-                }
-                let anew = splits && (to[axis] != before[axis] || place == 0 || motion.incremental);
-                let written = word.map(|word| Written {
-                    decimals: word.decimals.unwrap_or(0),
-                    anew,
-                });
-                let way = self.on_its_way(
-                    axis,
-                    [&before, &to],
-                    &delta,
-                    &carried,
-                    motion.incremental,
-                    written,
-                    number,
-                );
-                (numbers[axis], carried[axis]) = way.word();
-            }
-            let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
-            self.write_part(place, &numbers, &motion.words, feed, block, line, end, out);
-            (before, passed) = (to, *share);
+    /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
+    fn corrects(&self, axis: usize) -> bool {
+        if axis < 3 && self.interpreter.frame.tip.is_some() {
+            return (0..3).any(|axis| self.corrector.corrects(axis));
         }
-        self.carried = frame.way_to_machine(&carried);
-        !splits && self.edits.is_empty()
+        self.corrector.corrects(axis)
     }
 
     /// Where F is one over the time of a motion, the F of a part of it.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
-        use crate::modal::FeedMode;
         let modal = &self.interpreter.modal;
         let feed = modal
             .feed
             .filter(|_| modal.feed_mode == FeedMode::InverseTime)?;
-        Number::nearest(feed / share, 4)
+        // Taking up the play of an axis takes a little time, too.
+        Number::nearest(feed / share.max(1e-3), 4)
     }
 
     /// The first part goes into the line itself, each other one into a line of its own.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the line and all that is written of it"
-    )]
-    pub(crate) fn write_part(
-        &mut self,
-        place: usize,
-        numbers: &Axes<Option<Number>>,
-        words: &Axes<Option<usize>>,
-        feed: Option<Number>,
-        block: &Block,
-        line: &[u8],
-        end: &[u8],
-        out: &mut Vec<u8>,
-    ) {
-        if place == 0 {
-            for (axis, number) in numbers.iter().enumerate() {
-                match (number, words[axis]) {
-                    (Some(number), Some(word)) => self.edits.replaced.push((word, *number)),
-                    (Some(number), None) => self.edits.added.push((LETTERS[axis], *number)),
-                    (None, _) => {}
+    pub(crate) fn write_part(&mut self, part: &Part<'_>, line: Line<'_>, out: &mut Vec<u8>) {
+        if self.shares.is_some() && part.share < 1.0 {
+            self.parts.push(part.share);
+        }
+        if part.place == 0 {
+            for (axis, number) in part.numbers.iter().enumerate() {
+                if let Some(number) = number {
+                    self.edits.set(LETTERS[axis], part.words[axis], *number);
                 }
             }
-            if let Some(feed) = feed {
-                match block.words.iter().position(|word| word.letter == b'F') {
-                    Some(word) => self.edits.replaced.push((word, feed)),
-                    None => self.edits.added.push((b'F', feed)),
-                }
+            if let Some(feed) = part.feed {
+                self.edits.set(b'F', line.place_of(b'F'), feed);
             }
-            if !self.edits.is_empty() {
-                self.edits.write(line, block, out);
-            }
+            self.edits.write(line, out);
             return;
         }
-        self.begin_line(block, end, out);
-        let mut is_first = true;
-        let feed = feed.map(|feed| (b'F', feed));
-        let numbers = numbers.iter().zip(LETTERS);
+        out.extend_from_slice(if line.end.is_empty() { b"\n" } else { line.end });
+        if line.block.begins == Begins::Slash {
+            out.push(b'/');
+        }
+        self.counts.added += 1;
+        let feed = part.feed.map(|feed| (b'F', feed));
+        let numbers = part.numbers.iter().zip(LETTERS);
         let numbers = numbers.filter_map(|(number, letter)| Some((letter, (*number)?)));
-        for (letter, number) in numbers.chain(feed) {
-            if !is_first {
+        for (place, (letter, number)) in numbers.chain(feed).enumerate() {
+            if place > 0 {
                 out.push(b' ');
             }
-            is_first = false;
             out.push(letter);
             number.write(out);
         }
     }
+}
 
-    /// A further line begins.
-    pub(crate) fn begin_line(&mut self, block: &Block, end: &[u8], out: &mut Vec<u8>) {
-        out.extend_from_slice(if end.is_empty() { b"\n" } else { end });
-        if block.begins == Begins::Slash {
-            out.push(b'/');
-        }
-        self.counts.added += 1;
-    }
+/// A motion or a part of it: where it begins and ends in the coordinates of the program, and its end in those of the axes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leg {
+    pub(crate) from: Axes,
+    pub(crate) to: Axes,
+    pub(crate) at: Axes,
+}
 
-    /// A canned cycle: its hole is corrected, its depth and its plane R go along.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the line and all that is known of it"
-    )]
-    fn hole(
-        &mut self,
-        motion: &Move,
-        [bottom, clearance]: [f64; 2],
-        outcome: &Outcome,
-        block: &Block,
-        line: &[u8],
-        number: usize,
-        out: &mut Vec<u8>,
-    ) -> Result<bool, NcError> {
-        let frame = self.interpreter.frame.clone();
-        let [_, _, depth] = self.interpreter.modal.plane.axes();
-        let mut carried = frame.way_to_program(&self.carried);
-        let before = frame.to_program(&motion.from);
-        let end = frame.to_program(&motion.to);
-        let place = |depth_at: f64| {
-            let mut at = end;
-            at[depth] = depth_at;
-            at
-        };
-        let middle = frame.to_machine(&place(0.5 * (bottom + clearance)));
-        self.corrector.goes(&middle);
-        let delta = frame.way_to_program(&self.corrector.delta(&middle));
-        if outcome.repeats > 1 && motion.incremental {
-            // The first of the holes in a row.
-            let first =
-                each(|axis| before[axis] + (end[axis] - before[axis]) / f64::from(outcome.repeats));
-            let mut at = first;
-            at[depth] = 0.5 * (bottom + clearance);
-            let other = frame.way_to_program(&self.corrector.delta(&frame.to_machine(&at)));
-            let differs = |axis: usize| {
-                let decimals = self.decimals.of(axis, self.interpreter.modal.unit_mm);
-                (other[axis] - delta[axis]).abs() >= 0.5 * of_steps(1, decimals)
-            };
-            if (0..9).any(differs) {
-                return Err(NcError::NotCompensated {
-                    line: number,
-                    what: "a row of holes by L in G91 whose corrections differ: write each hole in a line of its own".to_owned(),
-                });
-            }
-        }
-        let mut numbers = [None; 9];
-        for axis in (0..9).filter(|axis| *axis != depth) {
-            let word = motion.words[axis].and_then(|place| block.words.get(place));
-            if word.is_none() && !self.corrector.has(axis) {
-                continue;
-            }
-            let written = word.map(|word| Written {
-                decimals: word.decimals.unwrap_or(0),
-                anew: false,
-            });
-            let ways = [&before, &end];
-            let way = self.on_its_way(
-                axis,
-                ways,
-                &delta,
-                &carried,
-                motion.incremental,
-                written,
-                number,
-            );
-            (numbers[axis], carried[axis]) = way.word();
-        }
-        let is_known = self.interpreter.known[depth] && self.corrector.corrects(depth);
-        if is_known && !motion.incremental {
-            let scale = self.interpreter.modal.scale(depth);
-            let decimals = self.decimals.of(depth, self.interpreter.modal.unit_mm);
-            let half = 0.5 * of_steps(1, decimals);
-            let named = [
-                motion.words[depth],
-                block.words.iter().position(|word| word.letter == b'R'),
-            ];
-            let is_named = named.iter().any(Option::is_some);
-            let changes = ((delta[depth] - self.carried_by_cycle) / scale).abs() >= half
-                || is_named && (delta[depth] / scale).abs() >= half;
-            if changes {
-                let letters = [LETTERS[depth], b'R'];
-                for ((at, word), letter) in [bottom, clearance].into_iter().zip(named).zip(letters)
-                {
-                    let decimals_of = word.and_then(|place| block.words.get(place)?.decimals);
-                    let Some(number) = Number::nearest(
-                        (at + delta[depth]) / scale,
-                        decimals.max(decimals_of.unwrap_or(0)),
-                    ) else {
-                        continue;
-                    };
-                    self.carried_by_cycle = number.value() * scale - at;
-                    match word {
-                        Some(word) => self.edits.replaced.push((word, number)),
-                        None => self.edits.added.push((letter, number)),
-                    }
-                }
-            } else if is_named {
-                self.carried_by_cycle = 0.0;
-            }
-            if !self.interpreter.modal.comes_back || clearance > before[depth] {
-                carried[depth] = self.carried_by_cycle;
-            }
-        }
-        self.write_part(0, &numbers, &motion.words, None, block, line, &[], out);
-        self.carried = frame.way_to_machine(&carried);
-        Ok(self.edits.is_empty())
-    }
+/// When the word of an axis is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Writes {
+    /// It is no coordinate of the end: the depth of a cycle.
+    Never,
+    /// Where its number changes.
+    IfChanged,
+    /// Whatever its number is, if the block has it: the motion is in parts.
+    Anew,
+    /// Also if the block does not have it.
+    Always,
+}
+
+/// The numbers of words, and the correction that belongs to them, in the coordinates of the program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Words {
+    pub(crate) numbers: Axes<Option<Number>>,
+    pub(crate) delta: Axes,
+}
+
+/// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Part<'a> {
+    pub(crate) place: usize,
+    pub(crate) share: f64,
+    pub(crate) numbers: &'a Axes<Option<Number>>,
+    /// The words that the block has.
+    pub(crate) words: &'a Axes<Option<usize>>,
+    pub(crate) feed: Option<Number>,
 }

@@ -26,7 +26,7 @@ pub(crate) struct Lines<'t> {
 /// What is done with lines as they are executed.
 trait Sink {
     /// A line is executed, and this is written instead of it.
-    fn executed(&mut self, place: usize, text: &[u8], same: bool) -> Result<(), NcError>;
+    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
     /// The main program is at this line.
     fn at(&mut self, place: usize) -> Result<(), NcError>;
 }
@@ -56,14 +56,14 @@ pub(crate) fn run(
         conflicts: vec![false; plain.len()],
     };
     let before = rewriter.clone();
-    let (after, end) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
+    let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
     if !recorded.conflicts.contains(&true) {
         for (place, (line, end)) in lines.lines.iter().enumerate() {
             let text = recorded.texts[place].as_deref();
             output.write_all(text.unwrap_or(line))?;
             output.write_all(end)?;
         }
-        return Ok((after, end.is_some()));
+        return Ok((after, ends));
     }
     // A second time: what executes a line with a conflict is written out.
     let mut unrolled = Run::new(before, lines, &flow, most);
@@ -78,9 +78,9 @@ pub(crate) fn run(
         pending: Vec::new(),
         conflicts: false,
     };
-    let (after, end) = unrolled.go(&mut written)?;
-    written.finish(end)?;
-    Ok((after, end.is_some()))
+    let (after, ends) = unrolled.go(&mut written)?;
+    written.finish()?;
+    Ok((after, ends))
 }
 
 impl<'r, 't> Run<'r, 't> {
@@ -95,8 +95,8 @@ impl<'r, 't> Run<'r, 't> {
         }
     }
 
-    /// Executes all; the state at the end, and the line that ended the program.
-    fn go(mut self, sink: &mut impl Sink) -> Result<(Rewriter, Option<usize>), NcError> {
+    /// Executes all; the state at the end, and whether the program ended there.
+    fn go(mut self, sink: &mut impl Sink) -> Result<(Rewriter, bool), NcError> {
         let (mut at, mut executed) = (0, 0_u64);
         let mut text = Vec::new();
         while let Some((line, end)) = self.lines.lines.get(at) {
@@ -117,16 +117,15 @@ impl<'r, 't> Run<'r, 't> {
                 continue;
             }
             text.clear();
-            let went = self
-                .rewriter
-                .line(line, end, self.lines.first + at, &mut text)?;
-            sink.executed(at, &text, went.same)?;
-            if went.ends {
-                return Ok((self.rewriter, Some(at)));
+            let number = self.lines.first + at;
+            let ends = self.rewriter.line(line, end, number, &mut text)?;
+            sink.executed(at, &text)?;
+            if ends {
+                return Ok((self.rewriter, true));
             }
             at += 1;
         }
-        Ok((self.rewriter, None))
+        Ok((self.rewriter, false))
     }
 
     fn wrong(&self, at: usize, what: String) -> NcError {
@@ -313,7 +312,7 @@ struct Recorded {
 }
 
 impl Sink for Recorded {
-    fn executed(&mut self, place: usize, text: &[u8], _: bool) -> Result<(), NcError> {
+    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
         match &self.texts[place] {
             Some(before) if before != text => self.conflicts[place] = true,
             Some(_) => {}
@@ -384,7 +383,7 @@ impl<W: Write> Unrolled<'_, W> {
         Ok(())
     }
 
-    fn finish(&mut self, _: Option<usize>) -> Result<(), NcError> {
+    fn finish(&mut self) -> Result<(), NcError> {
         self.close()?;
         self.write_to(self.lines.lines.len())
     }
@@ -412,7 +411,7 @@ impl<W: Write> Sink for Unrolled<'_, W> {
         Ok(())
     }
 
-    fn executed(&mut self, place: usize, text: &[u8], _: bool) -> Result<(), NcError> {
+    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
         if self.open.is_some() {
             let end = self.lines.lines[place].1;
             self.pending.extend_from_slice(text);

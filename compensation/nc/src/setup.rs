@@ -22,6 +22,7 @@ pub struct SetUp {
     homes: [Axes; 2],
     start: Option<(Axes, Axes<bool>)>,
     inch: bool,
+    centre_point: bool,
 }
 
 impl SetUp {
@@ -31,10 +32,20 @@ impl SetUp {
     /// Keys that are not known, values of another kind; with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
-            root.allow(&["units", "work_offset", "tool", "home", "start"])?;
+            root.allow(&[
+                "units",
+                "tool_centre_point",
+                "work_offset",
+                "tool",
+                "home",
+                "start",
+            ])?;
             let mut setup = Self::default();
             if let Some(units) = root.get("units") {
                 setup.inch = units.one_of(&[("mm", false), ("inch", true)])?;
+            }
+            if let Some(on) = root.get("tool_centre_point") {
+                setup.centre_point = on.truth()?;
             }
             if let Some(offsets) = root.section("work_offset")? {
                 offsets.allow(&NAMES)?;
@@ -80,6 +91,7 @@ impl SetUp {
             unit_mm: if self.inch { 25.4 } else { 1.0 },
             offsets: self.offsets,
             homes: self.homes,
+            centre_point: self.centre_point,
             ..Modal::default()
         }
     }

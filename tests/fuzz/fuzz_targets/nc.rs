@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Decimals, SetUp, compensate};
+use volcomp_nc::{Corrector, Job, SetUp, compensate};
 
 const TRAVELS: &str = "structure = \"w X' b Y Z t\"
 axes.X.travel = [-500.0, 500.0]
@@ -27,8 +27,9 @@ fuzz_target!(|program: &[u8]| {
     CORRECTORS.with(|[plain, worn]| {
         let run = |corrector: &Corrector| {
             let mut out = Vec::new();
-            let (setup, decimals) = (SetUp::default(), Decimals::default());
-            compensate(&mut &program[..], &mut out, corrector, &setup, decimals, 20_000, |_| Ok(())).map(|_| out)
+            let setup = SetUp::default();
+            let job = Job { most_blocks: 20_000, ..Job::new(corrector, &setup) };
+            compensate(&mut &program[..], &mut out, job, |_| Ok(())).map(|_| out)
         };
         if let Ok(same) = run(plain) {
             assert_eq!(same, program);

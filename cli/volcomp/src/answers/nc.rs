@@ -18,6 +18,9 @@ pub(crate) struct Nc {
     pub(crate) added: u64,
     /// Whether the program says where it ends (M2, M30 or a second percent sign).
     pub(crate) ended: bool,
+    /// How far the tool is from where the program wants it; only with --verify.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) verified: Option<Verified>,
     /// What a user should know of the program, each once.
     pub(crate) notes: Vec<NcNote>,
 }
@@ -29,4 +32,30 @@ pub(crate) struct NcNote {
     pub(crate) line: usize,
     /// What it says.
     pub(crate) text: String,
+}
+
+/// The program and its result on a virtual machine.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Verified {
+    /// Motions that were looked at; those that pass on without a correction are not among them.
+    pub(crate) motions: u64,
+    /// Places on them that were looked at.
+    pub(crate) places: u64,
+    /// With the original program.
+    pub(crate) before: NcDeviation,
+    /// With the compensated program.
+    pub(crate) after: NcDeviation,
+}
+
+/// How far the tool is from where the program wants it.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct NcDeviation {
+    /// The largest distance, µm.
+    pub(crate) max_um: f64,
+    /// The root of the mean square over all places, µm.
+    pub(crate) rms_um: f64,
+    /// The line of the original program where it is largest, counted from 1.
+    pub(crate) line: usize,
+    /// The tip of the tool there, mm from the workpiece origin.
+    pub(crate) tip_mm: [f64; 3],
 }

@@ -7,11 +7,15 @@ use std::{
 };
 
 use volcomp_document::read_text;
-use volcomp_nc::{Corrector, Decimals, NcError, SetUp, Summary, compensate};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{
+    Corrector, Decimals, Deviation, Job, NcError, SetUp, Summary, Verification, Virtual,
+    compensate, picture, verify,
+};
 
 use super::{Answer, machine_notes};
 use crate::{
-    answers::nc::{Nc, NcNote},
+    answers::nc::{Nc, NcDeviation, NcNote, Verified},
     failure::Failure,
     output::OutputFile,
     points::MachineArguments,
@@ -44,6 +48,15 @@ pub(crate) struct Arguments {
     /// Blocks that are executed at the most where the program has O-words
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_blocks: u64,
+    /// Run the program and its result through the virtual machine, and print how far the tool is from where it belongs
+    #[arg(long)]
+    verify: bool,
+    /// The machine file with the errors that are taken for the real ones by --verify; without it the model is judged by itself
+    #[arg(long, value_name = "FILE", requires = "verify")]
+    truth: Option<PathBuf>,
+    /// A picture of the path and of the deviations, a thousandfold (SVG)
+    #[arg(long, value_name = "FILE", requires = "verify")]
+    picture: Option<PathBuf>,
 }
 
 /// `3,4,3`.
@@ -84,34 +97,77 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         (arguments.machine.machine.as_path(), "--machine"),
     ];
     inputs.extend(arguments.setup.as_deref().map(|path| (path, "--setup")));
+    inputs.extend(arguments.truth.as_deref().map(|path| (path, "--truth")));
     let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
     let corrector = Corrector::new(&machine, &temperatures, 1e-3 * tolerance_um)
         .map_err(|error| failure(program, error))?;
     let bar = byte_bar(length);
     let mut input = BufReader::with_capacity(1 << 18, file);
-    let summary = compensate(
-        &mut input,
-        &mut output,
-        &corrector,
-        &setup,
-        arguments.decimals,
-        arguments.max_blocks,
-        |bytes| {
-            bar.set_position(bytes);
-            Ok(())
-        },
-    );
+    let job = Job {
+        corrector: &corrector,
+        setup: &setup,
+        decimals: arguments.decimals,
+        most_blocks: arguments.max_blocks,
+        keep_shares: arguments.verify,
+    };
+    let summary = compensate(&mut input, &mut output, job, |bytes| {
+        bar.set_position(bytes);
+        Ok(())
+    });
     bar.finish_and_clear();
     let summary = summary.map_err(|error| failure(program, error))?;
     output
         .flush()
         .map_err(|e| Failure::in_file(&arguments.output, e))?;
     output.finish()?;
-    answer(
-        &arguments.output,
-        &summary,
-        machine_notes(&machine, &temperatures),
-    )
+    let mut notes = machine_notes(&machine, &temperatures);
+    let mut verification = None;
+    if arguments.verify {
+        if arguments.truth.is_none() {
+            notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
+        }
+        let found = verified(arguments, (&machine, &temperatures), &setup, &summary)?;
+        verification = Some(found);
+    }
+    if let (Some(path), Some(found)) = (&arguments.picture, &verification) {
+        let inputs = [(arguments.output.as_path(), "--output")];
+        let mut file = OutputFile::open_beside(path, &inputs)?;
+        file.write_all(picture(found).as_bytes())
+            .map_err(|e| Failure::in_file(path, e))?;
+        file.finish()?;
+    }
+    answer(&arguments.output, &summary, verification.as_ref(), notes)
+}
+
+/// The program and its result on the virtual machine.
+fn verified(
+    arguments: &Arguments,
+    model: (&Machine, &Temperatures),
+    setup: &SetUp,
+    summary: &Summary,
+) -> Result<Verification, Failure> {
+    let read;
+    let (truth, temperatures) = match &arguments.truth {
+        Some(path) => {
+            read = arguments.machine.spindle.read(path)?;
+            (&read.0, &read.1)
+        }
+        None => model,
+    };
+    let of = Virtual {
+        truth,
+        temperatures,
+        setup,
+        decimals: arguments.decimals,
+        most_blocks: arguments.max_blocks,
+    };
+    let open = |path: &Path| {
+        let file = File::open(path).map_err(|e| Failure::in_file(path, e))?;
+        Ok::<_, Failure>(BufReader::new(file))
+    };
+    let (mut original, mut result) = (open(&arguments.program)?, open(&arguments.output)?);
+    verify(&mut original, &mut result, &summary.shares, of)
+        .map_err(|error| failure(&arguments.program, error))
 }
 
 fn failure(program: &Path, error: NcError) -> Failure {
@@ -122,7 +178,12 @@ fn failure(program: &Path, error: NcError) -> Failure {
     }
 }
 
-fn answer(output: &Path, summary: &Summary, thermal: Vec<String>) -> Result<Answer, Failure> {
+fn answer(
+    output: &Path,
+    summary: &Summary,
+    verification: Option<&Verification>,
+    more: Vec<String>,
+) -> Result<Answer, Failure> {
     let counts = &summary.counts;
     let document = Nc {
         file: output.display().to_string(),
@@ -131,6 +192,12 @@ fn answer(output: &Path, summary: &Summary, thermal: Vec<String>) -> Result<Answ
         changed: counts.changed,
         added: counts.added,
         ended: summary.ended,
+        verified: verification.map(|found| Verified {
+            motions: found.motions,
+            places: found.places,
+            before: deviation(&found.before),
+            after: deviation(&found.after),
+        }),
         notes: (summary.notes.by_line().into_iter())
             .map(|(line, note)| NcNote {
                 line,
@@ -138,13 +205,43 @@ fn answer(output: &Path, summary: &Summary, thermal: Vec<String>) -> Result<Answ
             })
             .collect(),
     };
-    let text = format!(
+    let mut text = format!(
         "{}: {} lines with {} motions read, {} lines changed, {} added\n",
         document.file, document.lines, document.motions, document.changed, document.added
     );
+    if let Some(verified) = &document.verified {
+        text.push_str(&table(verified));
+    }
     let mut notes: Vec<String> = (document.notes.iter())
         .map(|note| format!("line {}: {}", note.line, note.text))
         .collect();
-    notes.extend(thermal);
+    notes.extend(more);
     Answer::new(&document, text, notes)
+}
+
+fn deviation(of: &Deviation) -> NcDeviation {
+    NcDeviation {
+        max_um: of.max_um,
+        rms_um: of.rms_um,
+        line: of.line,
+        tip_mm: of.tip_mm,
+    }
+}
+
+/// How far the tool is from where the program wants it.
+fn table(verified: &Verified) -> String {
+    let row = |name: &str, of: &NcDeviation| {
+        let [x, y, z] = of.tip_mm;
+        format!(
+            "{name:<10}{:>9.2}{:>9.2}   line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
+            of.max_um, of.rms_um, of.line
+        )
+    };
+    let mut text = format!(
+        "\nDeviation of the tool from the programmed path, {} motions looked at:\n{:<10}{:>9}{:>9}   largest in\n",
+        verified.motions, "", "max µm", "RMS µm"
+    );
+    text.push_str(&row("before", &verified.before));
+    text.push_str(&row("after", &verified.after));
+    text
 }

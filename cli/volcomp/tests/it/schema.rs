@@ -120,6 +120,7 @@ fn live_documents_follow_their_schemas() {
             "examples/mill.toml",
             "--setup",
             "examples/setup.toml",
+            "--verify",
         ],
         &["iso230", &angular],
         &["iso230", POSITIONING],

@@ -76,3 +76,15 @@ fn an_ellipse_is_made_of_arcs() {
     }
     assert!((2..40).contains(&arcs), "{out}");
 }
+
+/// An arc whose beginning is not known passes on as it is: the axes that it does not name keep the correction that they have.
+#[test]
+fn an_arc_from_an_unknown_place_leaves_other_axes_alone() {
+    let scale = "[errors]\nEZZ = { poly = [0.0, 0.1] }\n";
+    let program = b"G90 G0 Z100\nG91 G2 X10 Y0 I5 J0\nG1 Z-50\n";
+    let (out, _) = crate::identity::compensated(scale, program).expect("compensated");
+    assert_eq!(
+        String::from_utf8(out).expect("text"),
+        "G90 G0 Z99.990\nG91 G2 X10 Y0 I5 J0\nG1 Z-49.995\n"
+    );
+}

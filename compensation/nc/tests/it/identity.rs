@@ -1,7 +1,7 @@
 //! A machine without errors changes no byte, whatever the program.
 
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Decimals, NcError, SetUp, Summary, compensate};
+use volcomp_nc::{Corrector, Job, NcError, SetUp, Summary, compensate};
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
@@ -11,15 +11,11 @@ pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summ
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005)?;
     let setup = SetUp::parse("", "setup.toml").expect("an empty set-up");
     let mut out = Vec::new();
-    let summary = compensate(
-        &mut &program[..],
-        &mut out,
-        &corrector,
-        &setup,
-        Decimals::default(),
-        1_000_000,
-        |_| Ok(()),
-    )?;
+    let job = Job {
+        most_blocks: 1_000_000,
+        ..Job::new(&corrector, &setup)
+    };
+    let summary = compensate(&mut &program[..], &mut out, job, |_| Ok(()))?;
     Ok((out, summary))
 }
 

@@ -1,6 +1,8 @@
 //! Tests of this crate from outside.
 
 mod arcs;
+mod five_axes;
 mod flow;
 mod identity;
 mod straight;
+mod verify;

@@ -109,3 +109,24 @@ fn offsets_are_set_with_the_correction_in_the_axes() {
         ]
     );
 }
+
+/// The axis that turns has its play taken up before it goes on (4 µm: 2 µm too far on its way up, 2 µm short on its way down); it costs a line only where the play is beyond the tolerance.
+#[test]
+fn play_is_taken_up_before_an_axis_goes_back() {
+    let play =
+        |um: f64| format!("[errors]\nEXX = {{ mean = {{ poly = [0.0] }}, reversal = {um} }}\n");
+    let program = "G90 G0 X0 Y0 Z0\nG1 F100 X100\nX40\nG93 G1 X90 F2\n";
+    assert_eq!(
+        lines(&play(4.0), program),
+        [
+            "G90 G0 X0 Y0 Z0",
+            "G1 F100 X-0.002",
+            "X99.998",
+            "X100.002",
+            "X40.002",
+            "G93 G1 X39.998 F2000.0000",
+            "X89.998 F2.0000"
+        ]
+    );
+    assert_eq!(lines(&play(0.4), program).len(), 4);
+}

@@ -1,0 +1,91 @@
+//! Parameters that the control provides: where the axes are, which offsets hold, what is switched on.
+
+use crate::{
+    coordinates::{Axes, axis_of, is_rotary},
+    interpret::Interpreter,
+    parameters::Value,
+};
+
+impl Interpreter {
+    /// A named parameter that the control provides.
+    pub(crate) fn provided(&self, name: &str) -> Option<Value> {
+        let truth = |truth: bool| Some(Some(f64::from(u8::from(truth))));
+        let modal = &self.modal;
+        if let [b'_', letter] = name.as_bytes()
+            && let Some(axis) = axis_of(letter.to_ascii_uppercase())
+        {
+            let at = self.program_position()[axis] / modal.scale(axis);
+            return Some(self.known[axis].then_some(at));
+        }
+        match name {
+            "_metric" => truth(modal.unit_mm == 1.0),
+            "_imperial" => truth(modal.unit_mm != 1.0),
+            "_absolute" => truth(modal.absolute),
+            "_incremental" => truth(!modal.absolute),
+            "_feed" => Some(modal.feed),
+            "_coord_system" => Some(Some(
+                [
+                    540.0, 550.0, 560.0, 570.0, 580.0, 590.0, 591.0, 592.0, 593.0,
+                ][modal.system.min(8)],
+            )),
+            "_current_tool" | "_selected_tool" => Some(modal.tool.map(f64::from)),
+            "_motion_mode" => Some(modal.motion.map(f64::from)),
+            // Of the machine, and set by it.
+            _ if name.starts_with("_ini[")
+                || name.starts_with("_hal[")
+                || matches!(
+                    name,
+                    "_vmajor"
+                        | "_vminor"
+                        | "_line"
+                        | "_rpm"
+                        | "_task"
+                        | "_value"
+                        | "_value_returned"
+                        | "_remote_call"
+                ) =>
+            {
+                Some(None)
+            }
+            _ => None,
+        }
+    }
+
+    /// A numbered parameter that the control provides.
+    pub(crate) fn numbered(&self, number: u32) -> Option<Value> {
+        let place = |first: u32| Some((number - first) as usize);
+        let (list, axis): (&Axes, _) = match number {
+            5161..=5169 => (&self.modal.homes[0], place(5161)?),
+            5181..=5189 => (&self.modal.homes[1], place(5181)?),
+            5211..=5219 => (&self.modal.shift, place(5211)?),
+            5220 => return Some(Some(self.modal.system as f64 + 1.0)),
+            5221..=5390 => {
+                let (system, axis) = (place(5221)? / 20, place(5221)? % 20);
+                let offset = self.modal.offsets.get(system)?;
+                if axis == 9 {
+                    return Some(Some(offset.rotation_deg));
+                }
+                let at = *offset.offset.get(axis)?;
+                return Some(Some(at / self.length_unit(axis)));
+            }
+            5400 => return Some(self.modal.tool.map(f64::from)),
+            5401..=5409 => (&self.modal.tool_offset, place(5401)?),
+            5420..=5428 => {
+                let axis = place(5420)?;
+                let at = self.program_position()[axis] / self.modal.scale(axis);
+                return Some(self.known[axis].then_some(at));
+            }
+            _ => return None,
+        };
+        let at = *list.get(axis)?;
+        Some(Some(at / self.length_unit(axis)))
+    }
+
+    fn length_unit(&self, axis: usize) -> f64 {
+        if is_rotary(axis) {
+            1.0
+        } else {
+            self.modal.unit_mm
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! What is done to the words of a line; all the rest of it comes out as it is.
+
+use std::ops::Range;
+
+use crate::{block::Word, line::Line, words::Number};
+
+/// Changes of a line.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Edits {
+    /// The value of the word at a place of the block.
+    pub(crate) replaced: Vec<(usize, Number)>,
+    /// Words that go.
+    pub(crate) removed: Vec<usize>,
+    /// Words behind the last one.
+    pub(crate) added: Vec<(u8, Number)>,
+    /// Other text, and the number instead of it, or nothing.
+    pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
+}
+
+impl Edits {
+    pub(crate) fn clear(&mut self) {
+        self.replaced.clear();
+        self.removed.clear();
+        self.added.clear();
+        self.ranges.clear();
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.replaced.is_empty()
+            && self.removed.is_empty()
+            && self.added.is_empty()
+            && self.ranges.is_empty()
+    }
+
+    /// A word of this letter with this value: in the place of the word that the line has, or behind the last one.
+    pub(crate) fn set(&mut self, letter: u8, place: Option<usize>, number: Number) {
+        match place {
+            Some(place) => self.replaced.push((place, number)),
+            None => self.added.push((letter, number)),
+        }
+    }
+
+    /// Writes the line with its edits.
+    pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
+        let (text, block) = (line.text, line.block);
+        let mut edits: Vec<(Range<usize>, Option<Number>)> = self.ranges.clone();
+        for (place, Word { at, text, .. }) in block.words.iter().enumerate() {
+            if self.removed.contains(&place) {
+                edits.push((*at..text.end, None));
+            } else if let Some((_, number)) =
+                self.replaced.iter().rev().find(|(of, _)| *of == place)
+            {
+                edits.push((text.clone(), Some(*number)));
+            }
+        }
+        edits.sort_by_key(|(range, _)| range.start);
+        let mut at = 0;
+        for (range, number) in edits {
+            out.extend_from_slice(&text[at..range.start]);
+            if let Some(number) = number {
+                number.write(out);
+            }
+            at = range.end;
+        }
+        out.extend_from_slice(&text[at..block.end]);
+        for (letter, number) in &self.added {
+            if !out.is_empty() {
+                out.push(b' ');
+            }
+            out.push(*letter);
+            number.write(out);
+        }
+        out.extend_from_slice(&text[block.end..]);
+    }
+}

@@ -1,0 +1,115 @@
+//! What the words of a block say, each letter once.
+
+use crate::{
+    NcError,
+    block::{Block, Word},
+    coordinates::{Axes, axis_of},
+    fault::Fault,
+};
+
+/// The words of a block that is executed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Given<'a> {
+    pub(crate) block: &'a Block,
+    /// The place of the word of each axis in the block.
+    pub(crate) places: Axes<Option<usize>>,
+    /// The number of the line, counted from 1.
+    pub(crate) line: usize,
+}
+
+impl<'a> Given<'a> {
+    /// # Errors
+    /// A letter that stands twice.
+    pub(crate) fn new(block: &'a Block, line: usize) -> Result<Self, NcError> {
+        let mut places = [None; 9];
+        let mut seen = 0_u32;
+        for (place, word) in block.words.iter().enumerate() {
+            if let Some(axis) = axis_of(word.letter) {
+                places[axis] = Some(place);
+            }
+            let letter = word.letter;
+            if letter.is_ascii_uppercase() && letter != b'G' && letter != b'M' {
+                let bit = 1 << (letter - b'A');
+                if seen & bit != 0 {
+                    let name = char::from(letter).to_string();
+                    return Err(NcError::Block {
+                        line,
+                        fault: Fault::Twice {
+                            found: name.clone(),
+                            other: name,
+                        },
+                    });
+                }
+                seen |= bit;
+            }
+        }
+        Ok(Self {
+            block,
+            places,
+            line,
+        })
+    }
+
+    /// Whether the block names any axis.
+    pub(crate) fn names_axes(&self) -> bool {
+        self.places.iter().any(Option::is_some)
+    }
+
+    /// Whether the block has a word with this letter.
+    pub(crate) fn has(&self, letter: u8) -> bool {
+        self.block.word(letter).is_some()
+    }
+
+    /// The value of an axis, in the unit of its word.
+    pub(crate) fn axis(&self, axis: usize) -> Result<Option<f64>, NcError> {
+        let word = self.places[axis].and_then(|place| self.block.words.get(place));
+        word.map(|word| self.value_of(word)).transpose()
+    }
+
+    /// The axes that the block names, and their values in the units of their words.
+    pub(crate) fn axes(&self) -> Result<impl Iterator<Item = (usize, f64)> + use<>, NcError> {
+        let mut values = [None; 9];
+        for (axis, value) in values.iter_mut().enumerate() {
+            *value = self.axis(axis)?;
+        }
+        Ok((0..9).filter_map(move |axis| Some((axis, values[axis]?))))
+    }
+
+    /// The value of the word with a letter.
+    pub(crate) fn letter(&self, letter: u8) -> Result<Option<f64>, NcError> {
+        let word = self.block.word(letter);
+        word.map(|word| self.value_of(word)).transpose()
+    }
+
+    /// The value of the word with a letter where it is a whole number up to 99999.
+    pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, NcError> {
+        Ok(self.letter(letter)?.and_then(|value| whole(value, 99_999)))
+    }
+
+    fn value_of(&self, word: &Word) -> Result<f64, NcError> {
+        word.value.ok_or(NcError::OnlyAtMachine {
+            line: self.line,
+            word: char::from(word.letter),
+        })
+    }
+
+    /// The error that this block asks for what cannot be compensated.
+    pub(crate) fn refused(&self, what: &str) -> NcError {
+        NcError::NotCompensated {
+            line: self.line,
+            what: what.to_owned(),
+        }
+    }
+}
+
+/// A whole number up to the largest.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the range was looked at before"
+)]
+pub(crate) fn whole(value: f64, most: u32) -> Option<u32> {
+    let rounded = value.round();
+    let is_whole = (value - rounded).abs() < 1e-3 && (0.0..=f64::from(most)).contains(&rounded);
+    is_whole.then_some(rounded as u32)
+}

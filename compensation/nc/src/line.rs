@@ -1,0 +1,27 @@
+//! A line of a program: its text, and the block that was read from it.
+
+use crate::block::{Block, Word};
+
+/// A line that is compensated.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Line<'a> {
+    pub(crate) block: &'a Block,
+    /// Its bytes without the end of line, and that end.
+    pub(crate) text: &'a [u8],
+    pub(crate) end: &'a [u8],
+    /// Counted from 1.
+    pub(crate) number: usize,
+}
+
+impl<'a> Line<'a> {
+    /// The word at a place of the block.
+    pub(crate) fn word(self, place: Option<usize>) -> Option<&'a Word> {
+        self.block.words.get(place?)
+    }
+
+    /// The place of the first word with this letter.
+    pub(crate) fn place_of(self, letter: u8) -> Option<usize> {
+        let words = &self.block.words;
+        words.iter().position(|word| word.letter == letter)
+    }
+}

@@ -1,0 +1,271 @@
+//! The motion of a block: where it leads, along which arc, or as which hole of a cycle.
+
+use crate::{
+    NcError,
+    codes::{Codes, text},
+    coordinates::Axes,
+    given::{Given, whole},
+    interpret::{Interpreter, Outcome},
+    modal::{Code, Sticky},
+    motion::{Arc, Move, Path},
+    notes::Note,
+};
+
+impl Interpreter {
+    pub(crate) fn set_motion(&mut self, code: Code) {
+        let is_cycle = |code: Code| (730..900).contains(&code);
+        if self.modal.motion.is_none_or(|before| !is_cycle(before)) || !is_cycle(code) {
+            self.modal.sticky = Sticky::default();
+        }
+        self.modal.motion = (code != 800).then_some(code);
+    }
+
+    pub(crate) fn motion(
+        &mut self,
+        codes: &Codes,
+        given: &Given<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<(), NcError> {
+        if given.has(b'@') || given.has(b'^') {
+            return Err(given.refused("polar coordinates (@ and ^)"));
+        }
+        if let Some(code) = codes.motion() {
+            self.set_motion(code);
+        }
+        let has_words = given.names_axes();
+        let Some(code) = self.modal.motion else {
+            if has_words {
+                return Err(given.refused("axis words without a motion that takes them"));
+            }
+            return Ok(());
+        };
+        let has_centre = || {
+            [b'I', b'J', b'K']
+                .into_iter()
+                .any(|letter| given.has(letter))
+        };
+        let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
+        if !(has_words || is_whole_circle || code == 50) {
+            return Ok(());
+        }
+        let path = match code {
+            // Arcs and cycles are made below, once their ends are known.
+            0 | 730..=890 => Path::Rapid,
+            10 | 20 | 30 => Path::Line,
+            _ => {
+                self.notes.add(Note::PassedOn(text(code)), given.line);
+                Path::Other
+            }
+        };
+        let incremental = !self.modal.absolute && !codes.in_machine;
+        let mut motion = Move {
+            path,
+            from: self.position,
+            to: self.end(given, codes.in_machine, incremental)?,
+            words: given.places,
+            incremental: [incremental; 9],
+            in_machine: codes.in_machine,
+        };
+        if matches!(code, 20 | 30) {
+            motion.path = Path::Arc(self.arc(code, given, &motion.to)?);
+        } else if (730..=890).contains(&code) {
+            self.hole(given, &mut motion, outcome)?;
+        }
+        // Where a probing move ends is only known at the machine.
+        let is_probe = (380..=389).contains(&code);
+        for (axis, place) in given.places.iter().enumerate() {
+            if place.is_some() {
+                self.known[axis] = !is_probe && (self.known[axis] || !motion.incremental[axis]);
+            }
+        }
+        if code != 331 {
+            self.position = motion.to;
+        }
+        outcome.motion = Some(motion);
+        Ok(())
+    }
+
+    /// Where the words of a motion lead, in the coordinates of the machine.
+    fn end(&self, given: &Given<'_>, in_machine: bool, incremental: bool) -> Result<Axes, NcError> {
+        if in_machine {
+            let mut end = self.position;
+            for (axis, value) in given.axes()? {
+                end[axis] = value * self.modal.scale(axis);
+            }
+            return Ok(end);
+        }
+        let before = self.program_position();
+        let mut end = before;
+        for (axis, value) in given.axes()? {
+            let value = value * self.modal.scale(axis);
+            end[axis] = if incremental {
+                before[axis] + value
+            } else {
+                value
+            };
+        }
+        let to = self.frame.to_machine(&end);
+        // What is not named stays where it is, to the last digit, unless another axis takes it along.
+        let words = &given.places;
+        let turns = self.frame.rotation_deg != 0.0 && (words[0].is_some() || words[1].is_some());
+        Ok(std::array::from_fn(|axis| {
+            let goes_along = axis < 2 && turns || axis < 3 && self.frame.tip.is_some();
+            if words[axis].is_some() || goes_along {
+                to[axis]
+            } else {
+                self.position[axis]
+            }
+        }))
+    }
+
+    /// The arc of a block that ends at `end`.
+    fn arc(&self, code: Code, given: &Given<'_>, end: &Axes) -> Result<Arc, NcError> {
+        let axes = self.modal.plane.axes();
+        let [first, second, _] = axes;
+        let (from, to) = (self.program_position(), self.frame.to_program(end));
+        let (start, end) = ([from[first], from[second]], [to[first], to[second]]);
+        let letters = self.modal.plane.centre_letters();
+        let unit = self.modal.unit_mm;
+        let mut ways = [None; 2];
+        for (way, letter) in ways.iter_mut().zip(letters) {
+            *way = given.letter(letter)?.map(|value| value * unit);
+        }
+        let clockwise = code == 20;
+        let radius = given.letter(b'R')?.map(|radius| radius * unit);
+        let (centre, by_radius) = match (radius, ways) {
+            (Some(_), [Some(_), _] | [_, Some(_)]) => {
+                return Err(given.refused("an arc with a radius R and a centre"));
+            }
+            (Some(radius), _) => (
+                centre_of(start, end, radius, clockwise).map_err(|what| given.refused(what))?,
+                true,
+            ),
+            (None, [None, None]) => {
+                return Err(given.refused("an arc without a centre and without a radius R"));
+            }
+            (None, ways) => {
+                let centre = std::array::from_fn(|i| {
+                    let base = if self.modal.centre_absolute {
+                        0.0
+                    } else {
+                        start[i]
+                    };
+                    base + ways[i].unwrap_or(0.0)
+                });
+                (centre, false)
+            }
+        };
+        let angle = |at: [f64; 2]| (at[1] - centre[1]).atan2(at[0] - centre[0]);
+        let mut turns_by = angle(end) - angle(start);
+        let whole_turn = 2.0 * std::f64::consts::PI;
+        // An end that is the beginning is a full turn.
+        if clockwise {
+            while turns_by > -1e-12 {
+                turns_by -= whole_turn;
+            }
+        } else {
+            while turns_by < 1e-12 {
+                turns_by += whole_turn;
+            }
+        }
+        if let Some(turns) = given.letter(b'P')? {
+            let turns = whole(turns, 100_000).filter(|turns| *turns > 0);
+            let more = turns
+                .ok_or_else(|| given.refused("an arc with a P that is no number of turns"))?
+                - 1;
+            turns_by += f64::from(more) * whole_turn.copysign(turns_by);
+        }
+        Ok(Arc {
+            axes,
+            centre,
+            turns_by,
+            by_radius,
+        })
+    }
+
+    /// A canned cycle.
+    fn hole(
+        &mut self,
+        given: &Given<'_>,
+        motion: &mut Move,
+        outcome: &mut Outcome,
+    ) -> Result<(), NcError> {
+        let [_, _, depth] = self.modal.plane.axes();
+        let before = self.program_position();
+        let unit = self.modal.unit_mm;
+        let incremental = motion.incremental[depth];
+        let clearance = match given.letter(b'R')? {
+            Some(value) if incremental => Some(before[depth] + value * unit),
+            Some(value) => Some(value * unit),
+            None => self.modal.sticky.clearance,
+        };
+        let bottom = match (given.axis(depth)?, clearance) {
+            (Some(value), Some(clearance)) if incremental => Some(clearance + value * unit),
+            (Some(value), _) if !incremental => Some(value * unit),
+            _ => self.modal.sticky.bottom,
+        };
+        let (Some(bottom), Some(clearance)) = (bottom, clearance) else {
+            return Err(given.refused("a cycle without its depth or its plane R"));
+        };
+        self.modal.sticky.bottom = Some(bottom);
+        self.modal.sticky.clearance = Some(clearance);
+        let repeats = match given.letter(b'L')? {
+            Some(repeats) => whole(repeats, 100_000)
+                .filter(|repeats| *repeats > 0)
+                .ok_or_else(|| given.refused("a cycle with an L that is no number of holes"))?,
+            None => 1,
+        };
+        outcome.repeats = repeats;
+        motion.path = Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        };
+        let mut end = self.frame.to_program(&motion.to);
+        if incremental {
+            for axis in 0..9 {
+                if axis != depth && given.places[axis].is_some() {
+                    let way = end[axis] - before[axis];
+                    end[axis] = before[axis] + f64::from(repeats) * way;
+                }
+            }
+        }
+        end[depth] = if self.modal.comes_back {
+            before[depth].max(clearance)
+        } else {
+            clearance
+        };
+        motion.to = self.frame.to_machine(&end);
+        Ok(())
+    }
+}
+
+/// The centre of an arc by its radius: a negative one means the longer way.
+fn centre_of(
+    start: [f64; 2],
+    end: [f64; 2],
+    radius: f64,
+    clockwise: bool,
+) -> Result<[f64; 2], &'static str> {
+    let way = [end[0] - start[0], end[1] - start[1]];
+    let chord = way[0].hypot(way[1]);
+    if chord == 0.0 || radius == 0.0 {
+        return Err("an arc with a radius R whose end is its beginning");
+    }
+    let rest = radius * radius - 0.25 * chord * chord;
+    // A half circle whose numbers are rounded.
+    if rest < 0.0 && radius.abs() * (1.0 + 1e-4) < 0.5 * chord {
+        return Err("an arc whose radius R is too small for its end");
+    }
+    let height = rest.max(0.0).sqrt();
+    // To the left of the way for the shorter one counterclockwise.
+    let side = if (radius > 0.0) == clockwise {
+        -1.0
+    } else {
+        1.0
+    };
+    let normal = [-way[1] / chord, way[0] / chord];
+    Ok(std::array::from_fn(|i| {
+        0.5 * (start[i] + end[i]) + side * height * normal[i]
+    }))
+}

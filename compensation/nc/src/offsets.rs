@@ -1,0 +1,187 @@
+//! What a block sets without moving: tool lengths, work offsets, a rotation, the zero of the coordinates, the places of G28
+//! and G30.
+
+use crate::{
+    NcError,
+    codes::Codes,
+    given::Given,
+    interpret::{Interpreter, Outcome},
+    modal::{Code, Plane, SYSTEMS},
+    motion::{Move, Path},
+    notes::Note,
+};
+
+impl Interpreter {
+    /// G43, G43.1, G43.2, G43.4 and G49.
+    pub(crate) fn tool_length(&mut self, code: Code, given: &Given<'_>) -> Result<(), NcError> {
+        if code == 490 {
+            self.modal.tool_offset = [0.0; 9];
+            return Ok(());
+        }
+        if code == 431 {
+            for (axis, value) in given.axes()? {
+                self.modal.tool_offset[axis] = value * self.modal.scale(axis);
+            }
+            return Ok(());
+        }
+        let number = given.whole(b'H')?.or(self.modal.tool).unwrap_or(0);
+        let offset = self.tools.get(&number).copied();
+        if offset.is_none() && number != 0 {
+            self.notes.add(Note::NoToolLength(number), given.line);
+        }
+        if code != 432 {
+            self.modal.tool_offset = [0.0; 9];
+        }
+        let offset = offset.unwrap_or([0.0; 9]);
+        for (sum, offset) in self.modal.tool_offset.iter_mut().zip(offset) {
+            *sum += offset;
+        }
+        Ok(())
+    }
+
+    /// G68.
+    pub(crate) fn rotation(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+        let angle = given.letter(b'R')?;
+        let angle = angle.ok_or_else(|| given.refused("G68 without an angle R"))?;
+        if self.modal.plane != Plane::Xy {
+            return Err(given.refused("a rotation in another plane than X Y (G17)"));
+        }
+        let mut centre = [0.0; 2];
+        for (axis, centre) in centre.iter_mut().enumerate() {
+            *centre = given.axis(axis)?.unwrap_or(0.0) * self.modal.scale(axis);
+        }
+        self.modal.rotation = Some((angle, centre));
+        Ok(())
+    }
+
+    /// Codes that hold for their block only. Whether the axis words are theirs.
+    pub(crate) fn not_modal(
+        &mut self,
+        codes: &Codes,
+        given: &Given<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<bool, NcError> {
+        match codes.not_modal() {
+            Some(100) => self.set_table(given, outcome)?,
+            Some(code @ (280 | 300)) => {
+                self.go_home(usize::from(code == 300), given, outcome)?;
+            }
+            Some(code @ (281 | 301)) => {
+                if self.known != [true; 9] {
+                    self.notes.add(Note::HomeUnknown, given.line);
+                }
+                self.modal.homes[usize::from(code == 301)] = self.position;
+            }
+            Some(920) => {
+                self.modal.shifted = true;
+                self.update_frame();
+                for (axis, value) in given.axes()? {
+                    // Where the axis is, the program reads this value from now on.
+                    let at = self.program_position()[axis] - value * self.modal.scale(axis);
+                    self.modal.shift[axis] += at;
+                    self.update_frame();
+                }
+                outcome.presets = Some(given.places);
+            }
+            Some(520) => {
+                for (axis, value) in given.axes()? {
+                    self.modal.shift[axis] = value * self.modal.scale(axis);
+                }
+                self.modal.shifted = true;
+            }
+            Some(921) => (self.modal.shift, self.modal.shifted) = ([0.0; 9], false),
+            Some(922) => self.modal.shifted = false,
+            Some(923) => self.modal.shifted = true,
+            _ => {
+                let are_taken = codes.tool_length() == Some(431) || codes.rotation().is_some();
+                return Ok(are_taken);
+            }
+        }
+        self.update_frame();
+        Ok(codes.not_modal() != Some(40))
+    }
+
+    /// G10.
+    fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
+        let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
+        match kind {
+            Some(2 | 20) => {
+                let system = match place {
+                    Some(0) | None => self.modal.system,
+                    Some(system) if system as usize <= SYSTEMS => system as usize - 1,
+                    Some(_) => {
+                        return Err(given.refused("G10 with a P that is no work offset, 1 to 9"));
+                    }
+                };
+                if let Some(angle) = given.letter(b'R')? {
+                    self.modal.offsets[system].rotation_deg = angle;
+                }
+                for (axis, value) in given.axes()? {
+                    let value = value * self.modal.scale(axis);
+                    if kind == Some(2) {
+                        self.modal.offsets[system].offset[axis] = value;
+                        continue;
+                    }
+                    // The offset with which the axis is where it is at this value.
+                    let mut before = self.modal.clone();
+                    before.system = system;
+                    let frame = self.frame_of(&before);
+                    let mut way = [0.0; 9];
+                    way[axis] = frame.to_program(&self.position)[axis] - value;
+                    let offset = &mut self.modal.offsets[system].offset;
+                    for (offset, way) in offset.iter_mut().zip(frame.way_of_offset(&way)) {
+                        *offset += way;
+                    }
+                }
+                if kind == Some(20) {
+                    outcome.presets = Some(given.places);
+                }
+            }
+            Some(1) => {
+                let tool =
+                    place.ok_or_else(|| given.refused("G10 L1 without the number of a tool P"))?;
+                let mut offset = self.tools.get(&tool).copied().unwrap_or([0.0; 9]);
+                for (axis, value) in given.axes()? {
+                    offset[axis] = value * self.modal.scale(axis);
+                }
+                self.tools.insert(tool, offset);
+            }
+            _ => return Err(given.refused("G10 with another L than 1, 2 or 20")),
+        }
+        Ok(())
+    }
+
+    /// G28 and G30: over the place that the words name to the place of the machine that is set.
+    fn go_home(
+        &mut self,
+        which: usize,
+        given: &Given<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<(), NcError> {
+        // The place between is passed without a correction, but it must be known.
+        for axis in 0..9 {
+            given.axis(axis)?;
+        }
+        let all = !given.names_axes();
+        let from = self.position;
+        for (axis, place) in given.places.iter().enumerate() {
+            if all || place.is_some() {
+                self.position[axis] = self.modal.homes[which][axis];
+                self.known[axis] = true;
+            }
+        }
+        outcome.motion = Some(Move {
+            path: Path::Other,
+            from,
+            to: self.position,
+            words: if all {
+                [Some(usize::MAX); 9]
+            } else {
+                given.places
+            },
+            incremental: [false; 9],
+            in_machine: true,
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,163 @@
+//! The ideal machine between the coordinates of its axes and those of the centre point of its tool, and its tool.
+
+use volcomp_model::{
+    Machine, Tool,
+    kinematics::{
+        Chain,
+        nalgebra::{Matrix3, Vector3},
+    },
+    vocabulary::AxisKind,
+};
+
+use crate::{
+    NcError,
+    coordinates::{Axes, AxisPlaces},
+};
+
+/// The centre point of the tool on the ideal machine. Its coordinates are those of the tip as the workpiece sees it, from where
+/// it is with all axes at zero: while the rotary axes stand at zero they are the coordinates of X, Y and Z.
+#[derive(Clone, Debug)]
+pub(crate) struct Tip {
+    chain: Chain,
+    places: AxisPlaces,
+    at_zero_mm: Vector3<f64>,
+}
+
+impl Tip {
+    /// `None` for a machine without rotary axes, without X, Y and Z, or with a rotary axis between these: no control
+    /// moves the centre point of its tool.
+    pub(crate) fn new(machine: &Machine) -> Option<Self> {
+        let chain = machine.chain().clone();
+        let places = AxisPlaces::of(machine);
+        let [Some(x), Some(y), Some(z)] = [0, 1, 2].map(|axis| places.of_axis(axis)) else {
+            return None;
+        };
+        let (first, last) = (x.min(y).min(z), x.max(y).max(z));
+        let is_rotary = |place: usize| chain.joints()[place].kind == AxisKind::Rotary;
+        let any = (0..chain.joints().len()).any(is_rotary);
+        if !any || (first..=last).any(is_rotary) {
+            return None;
+        }
+        let at_zero_mm = chain.ideal_tip_mm(&places.state(&[0.0; 9]));
+        Some(Self {
+            chain,
+            places,
+            at_zero_mm,
+        })
+    }
+
+    /// Coordinates of the axes as those of the centre point, mm and deg. Those of rotary axes stay.
+    pub(crate) fn of_axes(&self, axes: &Axes) -> Axes {
+        let at = self.chain.ideal_tip_mm(&self.places.state(axes)) - self.at_zero_mm;
+        let mut tip = *axes;
+        tip[..3].copy_from_slice(at.as_slice());
+        tip
+    }
+
+    /// Coordinates of the centre point as those of the axes, mm and deg.
+    pub(crate) fn to_axes(&self, tip: &Axes) -> Axes {
+        let mut axes = *tip;
+        axes[..3].fill(0.0);
+        let base = self.of_axes(&axes);
+        // The tip goes as the linear axes go, whose directions turn with the rotary ones.
+        let columns: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
+            let mut moved = axes;
+            moved[axis] = 1.0;
+            let at = self.of_axes(&moved);
+            Vector3::from_fn(|i, _| at[i] - base[i])
+        });
+        // Independent wherever the rotary axes stand, since none of them is between the linear ones.
+        let Some(inverse) = Matrix3::from_columns(&columns).try_inverse() else {
+            return [f64::NAN; 9];
+        };
+        let missing = Vector3::from_fn(|i, _| tip[i] - base[i]);
+        axes[..3].copy_from_slice((inverse * missing).as_slice());
+        // What the first step lost to rounding.
+        let reached = self.of_axes(&axes);
+        let missing = inverse * Vector3::from_fn(|i, _| tip[i] - reached[i]);
+        for (axis, missing) in axes.iter_mut().zip(missing.iter()) {
+            *axis += missing;
+        }
+        axes
+    }
+
+    /// The angle (rad) by which the rotary axes turn between two places, all together.
+    pub(crate) fn turned(&self, from: &Axes, to: &Axes) -> f64 {
+        let turns = (3..6).filter(|axis| self.places.of_axis(*axis).is_some());
+        turns
+            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
+            .sum()
+    }
+}
+
+/// The machine with a tool of the program's tool table in its spindle: `offset` is what the control adds to the coordinates for it,
+/// so that the tip is that far below the gauge point. Where the machine file states no gauge point, or the offset is zero, the
+/// tool is that of the machine file.
+pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcError> {
+    let mut machine = machine.clone();
+    if offset[..3] != [0.0; 3] {
+        let tool = Tool {
+            length_mm: Some(0.0),
+            offset_mm: Some([-offset[0], -offset[1], -offset[2]]),
+            ..Tool::default()
+        };
+        machine.set_tool(&tool)?;
+    }
+    Ok(machine)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MACHINE: &str = "name = \"m\"\nstructure = \"w C' A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-120, 120]\npoint = [10, 20, -30]\n[axes.C]\ntravel = [-360, 360]\npoint = [10, 20, 0]\n[tool]\ngauge = [0, 0, 0]\nlength = 100\n";
+
+    fn tip(offset: f64) -> Tip {
+        let machine = Machine::parse(MACHINE, "m.toml").expect("a good machine");
+        let mut of_tool = [0.0; 9];
+        of_tool[2] = offset;
+        Tip::new(&with_tool(&machine, &of_tool).expect("a tool")).expect("five axes")
+    }
+
+    /// A' and C' turn the table by the negative angles about lines through points that are given: written out.
+    #[test]
+    fn a_table_that_tilts_and_turns() {
+        for offset in [0.0, 60.0] {
+            let tip = tip(offset);
+            let length = if offset == 0.0 { 100.0 } else { offset };
+            let axes = [31.0, -42.0, 53.0, 30.0, 0.0, -70.0, 0.0, 0.0, 0.0];
+            let (a, c) = (30.0_f64.to_radians(), (-70.0_f64).to_radians());
+            // Seen from the table, the tool turns by +A about X through (.., 20, -30), then by +C about Z through (10, 20).
+            let at = [31.0, -42.0, 53.0 - length];
+            let [y, z] = [at[1] - 20.0, at[2] + 30.0];
+            let at = [
+                at[0],
+                20.0 + a.cos() * y - a.sin() * z,
+                -30.0 + a.sin() * y + a.cos() * z,
+            ];
+            let [x, y] = [at[0] - 10.0, at[1] - 20.0];
+            let at = [
+                10.0 + c.cos() * x - c.sin() * y,
+                20.0 + c.sin() * x + c.cos() * y,
+                at[2] + length,
+            ];
+            let found = tip.of_axes(&axes);
+            for i in 0..3 {
+                assert!((found[i] - at[i]).abs() < 1e-10, "{found:?} {at:?}");
+            }
+            let back = tip.to_axes(&found);
+            assert!(
+                (0..9).all(|i| (back[i] - axes[i]).abs() < 1e-10),
+                "{back:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn with_rotary_axes_at_zero_it_is_the_axes() {
+        let tip = tip(0.0);
+        let axes = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let found = tip.of_axes(&axes);
+        assert!((0..9).all(|i| (found[i] - axes[i]).abs() < 1e-12));
+    }
+}

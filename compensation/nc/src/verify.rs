@@ -1,0 +1,304 @@
+//! How far the tool of a virtual machine is from where a program wants it, with the program as it is and with its result.
+
+use std::{
+    io::{self, BufRead},
+    sync::mpsc::{Receiver, SyncSender, sync_channel},
+    thread,
+};
+
+use volcomp_model::{Machine, Temperatures, Thermal};
+
+use crate::{
+    Decimals, NcError,
+    coordinates::{Axes, Frame},
+    correction::Corrector,
+    motion::{Move, Path},
+    program::execute,
+    rewrite::Rewriter,
+    setup::SetUp,
+    words::each,
+};
+
+/// Motions that wait between two threads.
+const WAITING: usize = 1024;
+/// Places of a path that are kept at the most.
+const MOST_PLACES: usize = 20_000;
+/// Within each part of a motion so many places are looked at, the last one at its end.
+const PLACES_OF_PART: u32 = 8;
+
+/// A motion that a program makes.
+#[derive(Clone, Debug)]
+pub(crate) struct Made {
+    /// The number of its line.
+    pub(crate) line: usize,
+    pub(crate) motion: Move,
+    /// What its coordinates mean.
+    pub(crate) frame: Frame,
+    /// What the control adds for the tool.
+    pub(crate) tool: Axes,
+}
+
+/// A place of the path, in workpiece axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Place {
+    /// The line of the original program.
+    pub line: usize,
+    /// Where the program wants the tip of the tool, mm from the workpiece origin.
+    pub tip_mm: [f64; 3],
+    /// How far from there the tip is with the original program, µm.
+    pub before_um: [f64; 3],
+    /// How far from there the tip is with the compensated program, µm.
+    pub after_um: [f64; 3],
+    /// It is the end of a rapid motion or the beginning of another path: not joined to the place before.
+    pub begins: bool,
+}
+
+/// The deviation of a whole program.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Deviation {
+    /// The largest distance of the tip from where it belongs, µm.
+    pub max_um: f64,
+    /// The root of the mean of its squares over all places that were looked at, µm.
+    pub rms_um: f64,
+    /// Where it is largest: the line of the original program, and the tip, mm from the workpiece origin.
+    pub line: usize,
+    /// The tip there.
+    pub tip_mm: [f64; 3],
+}
+
+impl Deviation {
+    fn take(&mut self, place: &Place, deviation_um: &[f64; 3]) {
+        let squared: f64 = deviation_um.iter().map(|x| x * x).sum();
+        // The sum, until all is there.
+        self.rms_um += squared;
+        if squared.sqrt() > self.max_um || self.line == 0 {
+            (self.max_um, self.line, self.tip_mm) = (squared.sqrt(), place.line, place.tip_mm);
+        }
+    }
+}
+
+/// A program and its result on a virtual machine.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Verification {
+    /// With the original program.
+    pub before: Deviation,
+    /// With the compensated program.
+    pub after: Deviation,
+    /// Motions that were looked at; those that pass on without a correction are not among them.
+    pub motions: u64,
+    /// Places on them that were looked at.
+    pub places: u64,
+    /// Some of these places, evenly spread, in the order of the program.
+    pub path: Vec<Place>,
+}
+
+/// What a verification needs to know besides the two programs.
+#[derive(Clone, Copy, Debug)]
+pub struct Virtual<'a> {
+    /// The machine whose errors are the real ones.
+    pub truth: &'a Machine,
+    /// The temperatures of the machine.
+    pub temperatures: &'a Temperatures,
+    /// What the programs rely on.
+    pub setup: &'a SetUp,
+    /// How coordinates are written.
+    pub decimals: Decimals,
+    /// Blocks that are executed at the most.
+    pub most_blocks: u64,
+}
+
+/// Runs a program and its result through a virtual machine. `shares` are those of
+/// [`Summary`](crate::Summary): in which parts each motion was written.
+///
+/// # Errors
+/// What executing the programs says; a result whose motions are others than those of the program.
+pub fn verify(
+    original: &mut (impl BufRead + Send),
+    result: &mut (impl BufRead + Send),
+    shares: &[f64],
+    of: Virtual<'_>,
+) -> Result<Verification, NcError> {
+    // Executed on a machine without errors: no line is changed.
+    let mut ideal = of.truth.clone();
+    ideal.clear_errors();
+    ideal.set_thermal(Thermal::default())?;
+    let ideal = Corrector::new(&ideal, of.temperatures, 1.0)?;
+    let truth = Corrector::new(of.truth, of.temperatures, 1.0)?;
+    thread::scope(|scope| {
+        let (to_original, originals) = sync_channel(WAITING);
+        let (to_result, results) = sync_channel(WAITING);
+        let ideal = &ideal;
+        let runs = [
+            scope.spawn(move || motions(original, ideal, of, to_original)),
+            scope.spawn(move || motions(result, ideal, of, to_result)),
+        ];
+        let compared = Comparison::new(truth).all(&originals, &results, shares);
+        // Whoever still sends is told that nobody listens.
+        drop((originals, results));
+        for run in runs {
+            match run.join() {
+                Ok(Err(error)) if !is_end(&error) => return Err(error),
+                Ok(_) => {}
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        compared
+    })
+}
+
+/// A run that was stopped since nobody listens any more.
+fn is_end(error: &NcError) -> bool {
+    matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// Sends the motions of a program, one after the other.
+fn motions(
+    program: &mut impl BufRead,
+    ideal: &Corrector,
+    of: Virtual<'_>,
+    to: SyncSender<Made>,
+) -> Result<(), NcError> {
+    let mut rewriter = Rewriter::new(of.setup, ideal.clone(), of.decimals)?;
+    rewriter.tells = Some(to);
+    execute(program, &mut io::sink(), rewriter, of.most_blocks, |_| {
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// State: the virtual machine, and what was found.
+struct Comparison {
+    truth: Corrector,
+    found: Verification,
+    /// Of so many places one is kept.
+    stride: u64,
+}
+
+impl Comparison {
+    fn new(truth: Corrector) -> Self {
+        Self {
+            truth,
+            found: Verification::default(),
+            stride: 1,
+        }
+    }
+
+    fn all(
+        mut self,
+        originals: &Receiver<Made>,
+        results: &Receiver<Made>,
+        shares: &[f64],
+    ) -> Result<Verification, NcError> {
+        let mut shares = shares.iter().copied();
+        while let Ok(original) = originals.recv() {
+            self.truth.take_tool(&original.tool)?;
+            let mut passed = 0.0;
+            while passed < 1.0 {
+                let (Ok(result), Some(share)) = (results.recv(), shares.next()) else {
+                    return Err(other_motions(original.line));
+                };
+                self.part(&original, &result, [passed, share]);
+                passed = share;
+            }
+        }
+        if results.recv().is_ok() {
+            return Err(other_motions(0));
+        }
+        let places = (self.found.places as f64).max(1.0);
+        for deviation in [&mut self.found.before, &mut self.found.after] {
+            deviation.rms_um = (deviation.rms_um / places).sqrt();
+        }
+        Ok(self.found)
+    }
+
+    /// A part of a motion from one share of it to another, which is a motion of its own in the result.
+    fn part(&mut self, original: &Made, result: &Made, [from, to]: [f64; 2]) {
+        let path = original.motion.path;
+        if original.motion.in_machine || path == Path::Other {
+            self.truth.goes(&original.motion.to);
+            return;
+        }
+        self.found.motions += u64::from(to == 1.0);
+        let only_end = matches!(path, Path::Rapid | Path::Hole { .. });
+        if to == from {
+            // The play of an axis is taken up.
+            return;
+        }
+        let first = if only_end { PLACES_OF_PART } else { 1 };
+        for place in first..=PLACES_OF_PART {
+            let of_part = f64::from(place) / f64::from(PLACES_OF_PART);
+            let share = if place == PLACES_OF_PART {
+                to
+            } else {
+                from + of_part * (to - from)
+            };
+            let wanted = place_of(original, share);
+            let commanded = place_of(result, of_part);
+            // The side from which an axis comes is that of the programmed motion: a correction of some µm against it is
+            // taken up by the play of the axis.
+            self.truth.goes(&wanted);
+            let tip = self.truth.ideal_tip_mm(&wanted);
+            let um = |at: &Axes| -> [f64; 3] {
+                let (ideal, error) = (self.truth.ideal_tip_mm(at), self.truth.error_mm(at));
+                std::array::from_fn(|i| 1e3 * (ideal[i] + error[i] - tip[i]))
+            };
+            let found = Place {
+                line: original.line,
+                tip_mm: tip,
+                before_um: um(&wanted),
+                after_um: um(&commanded),
+                begins: only_end,
+            };
+            self.keep(found);
+        }
+    }
+
+    fn keep(&mut self, place: Place) {
+        let found = &mut self.found;
+        found.before.take(&place, &place.before_um);
+        found.after.take(&place, &place.after_um);
+        if found.places.is_multiple_of(self.stride) || place.begins {
+            found.path.push(place);
+        }
+        found.places += 1;
+        if found.path.len() >= MOST_PLACES {
+            self.stride *= 2;
+            let mut keeps = false;
+            found.path.retain(|_| {
+                keeps = !keeps;
+                keeps
+            });
+        }
+    }
+}
+
+/// The axes at a share of a motion.
+fn place_of(made: &Made, share: f64) -> Axes {
+    let Made { motion, frame, .. } = made;
+    let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+    match motion.path {
+        Path::Arc(arc) => frame.to_machine(&arc.place(&from, &to, share)),
+        Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        } => {
+            // A hole is where it is half as deep as it gets.
+            let mut at = to;
+            at[depth] = 0.5 * (bottom + clearance);
+            frame.to_machine(&at)
+        }
+        _ if share == 1.0 => motion.to,
+        _ => frame.to_machine(&each(|axis| from[axis] + share * (to[axis] - from[axis]))),
+    }
+}
+
+fn other_motions(line: usize) -> NcError {
+    NcError::Flow {
+        line,
+        what: "the result does not make the motions of the program: this is a defect of the program that made it, please report it".to_owned(),
+    }
+}
