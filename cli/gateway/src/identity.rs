@@ -1,6 +1,9 @@
 //! What a person confirms: a machine file together with the limits within which it corrects.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Duration,
+};
 
 use sha2::{Digest, Sha256};
 use volcomp_port::Description;
@@ -12,13 +15,16 @@ use crate::documents::{ConfirmedLimits, LimitChanges, Question};
 /// The key of the largest step of the tool tip with which a rotary axis is corrected: which axes correct depends on it.
 const ROTARY_STEP: &str = "rotary_step_um";
 
-/// The limits, rates and accelerations of a configuration by their keys. An acceleration that is not limited has none.
+/// What a configuration allows, by its keys: limits, rates, accelerations, the times of holds and ramps, and what needs no
+/// confirmation. An acceleration that is not limited has none.
 pub(crate) fn limits(guard: &GuardSettings) -> ConfirmedLimits {
     let of = |unit: &str, settings: AxisSettings<f64>| {
         [
             (format!("limit_{unit}"), settings.limit),
             (format!("slew_{unit}_per_s"), settings.slew_per_s),
             (format!("accel_{unit}_per_s2"), settings.accel_per_s2),
+            (format!("confirm_{unit}"), settings.confirm),
+            (format!("test_shift_{unit}"), settings.test_shift),
         ]
     };
     let rotary = guard.rotary.map(|rotary| of("urad", rotary.map(|x| x.0)));
@@ -31,8 +37,17 @@ pub(crate) fn limits(guard: &GuardSettings) -> ConfirmedLimits {
         .chain([
             ("limit_without_barrier_um".to_owned(), without.linear.0),
             ("limit_without_barrier_urad".to_owned(), without.rotary.0),
+            ("hold_ms".to_owned(), ms(guard.hold)),
+            ("zero_after_ms".to_owned(), ms(guard.zero_after)),
+            ("ramp_s".to_owned(), guard.ramp.as_secs_f64()),
+            ("stop_s".to_owned(), guard.stop.as_secs_f64()),
         ]);
     all.filter(|(_, value)| value.is_finite()).collect()
+}
+
+/// Milliseconds to the nanosecond, as somebody writes them.
+fn ms(time: Duration) -> f64 {
+    (time.as_secs_f64() * 1e9).round() / 1e6
 }
 
 /// The limits that differ, with the old and the new value.
@@ -125,8 +140,6 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use volcomp_model::{Fading, Machine};
     use volcomp_port::{Axis, Heartbeat, ShownStates};
     use volcomp_vocabulary::{AxisName, Displacement, Urad};

@@ -16,6 +16,7 @@ pub mod machines;
 pub mod man_pages;
 pub mod options;
 pub mod peers;
+mod ports;
 mod running;
 #[cfg(feature = "structures")]
 pub mod structures;
@@ -25,6 +26,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+pub use ports::free_port;
 pub use running::Running;
 
 /// The repository's root folder.

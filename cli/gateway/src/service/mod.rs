@@ -231,6 +231,7 @@ impl Service {
         let state = before.state.into();
         let _ = self.log("signal", "stop", Event::Request { state });
         while Instant::now() < end && !hurry() {
+            self.answer_last();
             self.look();
             let report = self.parts.handle.report();
             // Two cycles: the order may have come in the middle of one.
@@ -249,6 +250,7 @@ impl Service {
         if !self.parts.handle.stop_within(END) {
             tracing::error!("the control thread hangs: what is applied now is not known");
         }
+        self.answer_last();
         let report = *self.parts.handle.report();
         self.write_output(&report, true);
         self.write_standing();

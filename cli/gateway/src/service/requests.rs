@@ -80,12 +80,31 @@ impl Service {
             Ask::Arm(_) | Ask::Reload(_) => self.waiting.push_back(asked),
             Ask::Disarm => {
                 let effect = self.ordered(Request::Disarm);
-                self.write_down(&asked.who, "disarm");
-                let who = asked.who.clone();
-                self.stand(|standing| standing.disarmed_by = Some(who));
+                self.write_disarming(&asked);
                 self.begin(asked, Step::Effect(effect));
             }
             Ask::Acknowledge => self.acknowledge(asked),
+        }
+    }
+
+    /// Who disarmed is written down, and outlives a restart.
+    fn write_disarming(&mut self, asked: &Asked) {
+        self.write_down(&asked.who, "disarm");
+        let who = asked.who.clone();
+        self.stand(|standing| standing.disarmed_by = Some(who));
+    }
+
+    /// Requests that come while the gateway stops: disarming is written down, all else is refused.
+    pub(super) fn answer_last(&mut self) {
+        while let Ok(asked) = self.asked.recv_timeout(Duration::ZERO) {
+            let reply = if asked.ask == Ask::Disarm {
+                self.write_disarming(&asked);
+                let report = *self.parts.handle.report();
+                settled(200, report.state, self.all_reasons(&report), None)
+            } else {
+                refused(503, "the gateway is stopping")
+            };
+            finish(&asked.who, asked.answer, reply);
         }
     }
 
@@ -108,12 +127,8 @@ impl Service {
             return finish(&asked.who, asked.answer, reply);
         }
         let effect = self.ordered(Request::Acknowledge);
-        let sent = self.send(Request::Acknowledge, effect.until, asked.disarms);
-        self.write_down(&asked.who, "acknowledge");
-        if from_before && sent {
-            self.stand(|standing| standing.faulted = None);
-        }
-        if sent {
+        if self.send(Request::Acknowledge, effect.until, asked.disarms) {
+            self.write_down(&asked.who, "acknowledge");
             self.begin(asked, Step::Effect(effect));
         } else {
             finish(&asked.who, asked.answer, no_orders());
@@ -217,6 +232,10 @@ impl Service {
             let since = self.switch.count() != disarms;
             if effect.request == Request::Arm && who != AUTO_ARM && !since {
                 self.stand(|standing| standing.disarmed_by = None);
+            }
+            if effect.request == Request::Acknowledge {
+                // The guards know nothing of a fault from before the start: it ends here.
+                self.stand(|standing| standing.faulted = None);
             }
             let reasons = self.all_reasons(&report);
             return Progress::Done(settled(200, report.state, reasons, None));

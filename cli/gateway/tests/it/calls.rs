@@ -7,7 +7,7 @@ use std::{
 };
 
 use serde_json::Value;
-use volcomp_test_support::Running;
+use volcomp_test_support::{Running, free_port};
 
 use crate::{
     controlled::{configuration, control},
@@ -125,21 +125,19 @@ fn elsewhere_only_with_tls_and_a_token() {
     );
     let control = control();
     let config = configuration(dir.path(), &control, "");
-    let free = std::net::TcpListener::bind("127.0.0.1:0")
-        .and_then(|l| l.local_addr())
-        .expect("loopback")
-        .port();
+    let free = free_port();
     let tls = "tls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"";
     let dashboard = format!("[dashboard]\nlisten = \"0.0.0.0:{free}\"\n{tls}");
     change(&config, "[dashboard]", &dashboard);
-    let log = std::fs::File::create(dir.path().join("log")).expect("writable");
+    let log_path = dir.path().join("log");
+    let log = std::fs::File::create(&log_path).expect("writable");
     let _gateway = Running::start(
         Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
             .args(["--config", path(&config)])
             .stdout(std::process::Stdio::null())
             .stderr(log),
     );
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + Duration::from_secs(60);
     let without = loop {
         let output = call(&["status", "--config", path(&config)]);
         let message = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -148,7 +146,8 @@ fn elsewhere_only_with_tls_and_a_token() {
         }
         std::thread::sleep(Duration::from_millis(50));
     };
-    assert!(without.contains("answers 401"), "{without}");
+    let log = std::fs::read_to_string(&log_path).expect("readable");
+    assert!(without.contains("answers 401"), "{without}\n{log}");
     let with = call(&[
         "status",
         "--config",

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use volcomp_focas::{PmcAddress, PmcArea, simulator::Simulator};
 use volcomp_gateway::{config::Config, plan::Plan};
+use volcomp_test_support::free_port;
 
 use crate::{
     controlled::{configuration, control},
@@ -28,8 +29,7 @@ pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
 
 /// An address at which nobody listens.
 pub(crate) fn nobody() -> String {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
-    listener.local_addr().expect("bound").to_string()
+    format!("127.0.0.1:{}", free_port())
 }
 
 fn started(config: &Path) -> Program {

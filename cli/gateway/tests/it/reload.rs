@@ -193,3 +193,33 @@ fn another_machines_file_is_not_armed_unasked() {
     let message = String::from_utf8_lossy(&refused.stderr);
     assert!(message.contains("axis C"), "{message}");
 }
+
+/// Times and confirmations decide how long a stale correction stays and how far a model may move it unasked: before, a
+/// reload took them without a question.
+#[test]
+fn times_and_confirmations_are_asked_about() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait_for("compensating");
+    let text = std::fs::read_to_string(&config).expect("readable");
+    for key in ["hold_ms", "confirm_um", "zero_after_ms"] {
+        let line = text.lines().find(|line| line.starts_with(key));
+        let line = line.unwrap_or_else(|| panic!("{key} is in {text}"));
+        let before: f64 = line
+            .split('=')
+            .nth(1)
+            .and_then(|x| x.trim().parse().ok())
+            .expect(key);
+        change(&config, line, &format!("{key} = {}", before - 1.0));
+        let asked = program.post("/api/reload", "");
+        assert_eq!(asked.status, 409, "{key}: {}", asked.body);
+        let asked = asked.json();
+        assert_eq!(
+            asked["limits"][key],
+            serde_json::json!([before, before - 1.0])
+        );
+        confirm(&program, &asked);
+    }
+}

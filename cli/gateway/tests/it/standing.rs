@@ -82,6 +82,29 @@ fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
     assert_eq!(program.state()["state"], "disarmed");
 }
 
+/// A person who disarms while the gateway already stops (it still ramps out, and still listens) has disarmed: before, the
+/// request waited for nobody, and the next start armed by itself.
+#[test]
+fn disarming_while_it_stops_outlives_a_restart() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    change(&config, "hold_ms = 200", "hold_ms = 200\nramp_s = 2.0");
+    let mut program = started(&config);
+    program.wait_for("compensating");
+    program.signal("TERM");
+    program.wait_for("ramping-out");
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    assert_eq!(program.post("/api/acknowledge", "").status, 503);
+    assert_eq!(program.end(), Some(0));
+    drop(program);
+    let program = started(&config);
+    std::thread::sleep(Duration::from_millis(2500));
+    let state = program.state();
+    assert_eq!(state["state"], "disarmed", "{state}");
+    assert!(says(&state, "disarmed by a person"), "{state}");
+}
+
 /// Before, killing a gateway was a way to acknowledge its fault.
 #[test]
 fn a_fault_outlives_a_restart_until_it_is_acknowledged() {

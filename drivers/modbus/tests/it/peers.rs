@@ -1,7 +1,6 @@
 //! Servers of other libraries: pymodbus and libmodbus, TCP and RTU.
 
 use std::{
-    net::TcpListener,
     path::{Path, PathBuf},
     process::{Command, Stdio},
     time::{Duration, Instant},
@@ -10,7 +9,7 @@ use std::{
 use volcomp_modbus::{Bus, DigitalModule, ModbusDigital, ModbusThermometer, Profile};
 use volcomp_port::{Backoff, DigitalIo, Quality, Reason, Thermometer, contract};
 use volcomp_test_support::{
-    Running,
+    Running, free_port,
     peers::{not_run, python},
 };
 
@@ -45,14 +44,6 @@ fn libmodbus(folder: &Path, kind: &str, place: &str) -> Option<Running> {
     Some(Running::start_ready(
         Command::new(program).args([kind, place]),
     ))
-}
-
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
 }
 
 fn tcp(port: u16) -> Bus {
