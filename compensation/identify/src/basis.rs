@@ -45,20 +45,25 @@ impl Basis {
 pub(crate) struct Modes {
     basis: Basis,
     domain: [f64; 2],
-    /// For a B-spline: the knots, and the spline's coefficients of each mode, a column each.
+    /// For a B-spline: the knots, the spline's coefficients of each mode, a column each, and the spline of each.
     knots: Vec<f64>,
     columns: DMatrix<f64>,
+    splines: Vec<BSpline>,
     weights: Vec<f64>,
 }
 
 impl Modes {
     /// The modes of a basis over the range of the observations.
-    pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Self {
+    ///
+    /// # Errors
+    /// A spline that cannot be built over this range.
+    pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Result<Self, CurveError> {
         let mut modes = Self {
             basis,
             domain,
             knots: Vec::new(),
             columns: DMatrix::zeros(0, 0),
+            splines: Vec::new(),
             weights: vec![0.0],
         };
         match basis {
@@ -73,14 +78,14 @@ impl Modes {
                     modes.weights.extend([(k as f64).powi(3); 2]);
                 }
             }
-            Basis::BSpline { coefficients } => modes.spline(coefficients.max(DEGREE + 1)),
+            Basis::BSpline { coefficients } => modes.spline(coefficients.max(DEGREE + 1))?,
         }
-        modes
+        Ok(modes)
     }
 
     /// The space of the spline in the eigenvectors of its second-difference penalty: constant, line, and the rest by
     /// rising penalty.
-    fn spline(&mut self, count: usize) {
+    fn spline(&mut self, count: usize) -> Result<(), CurveError> {
         let [lower, upper] = self.domain;
         let segments = count - DEGREE;
         let step = (upper - lower) / segments as f64;
@@ -116,6 +121,11 @@ impl Modes {
             // Against the slope's weight of 1 that of order 2.
             self.weights.push(8.0 * eigen.eigenvalues[source] / least);
         }
+        let columns = self.columns.column_iter();
+        let spline = |column: Vec<f64>| BSpline::new(self.knots.clone(), column, DEGREE);
+        let splines = columns.map(|column| spline(column.iter().copied().collect()));
+        self.splines = splines.collect::<Result<_, _>>()?;
+        Ok(())
     }
 
     /// The range of the modes, mm or deg.
@@ -170,15 +180,9 @@ impl Modes {
                 }
                 values
             }
-            Basis::BSpline { .. } => {
-                let value = |column: Vec<f64>| {
-                    BSpline::new(self.knots.clone(), column, DEGREE).map_or(0.0, |s| s.value(held))
-                };
-                let columns = self.columns.column_iter();
-                columns
-                    .map(|c| value(c.iter().copied().collect()))
-                    .collect()
-            }
+            Basis::BSpline { .. } => (self.splines.iter())
+                .map(|spline| spline.value(held))
+                .collect(),
         }
     }
 
@@ -253,7 +257,7 @@ mod tests {
             Basis::BSpline { coefficients: 4 },
             Basis::BSpline { coefficients: 9 },
         ] {
-            let modes = Modes::new(basis, [-120.0, 75.0]);
+            let modes = Modes::new(basis, [-120.0, 75.0]).expect("a range");
             let c: Vec<f64> = (0..modes.len()).map(|m| 3.0 - 1.7 * m as f64).collect();
             let curve = modes.curve(&c, [-360.0, 360.0]).expect("a curve");
             for at in [-120.0, -60.5, 0.0, 33.3, 75.0] {
@@ -280,7 +284,7 @@ mod tests {
 
     #[test]
     fn constant_and_line_of_a_spline_are_not_bent() {
-        let modes = Modes::new(Basis::BSpline { coefficients: 7 }, [0.0, 10.0]);
+        let modes = Modes::new(Basis::BSpline { coefficients: 7 }, [0.0, 10.0]).expect("a range");
         for at in [0.0, 2.5, 5.0, 9.0, 10.0] {
             let values = modes.values(at);
             assert!((values[0] - 1.0).abs() < 1e-14);
@@ -288,6 +292,17 @@ mod tests {
                 (values[1] - (at / 5.0 - 1.0)).abs() < 1e-13,
                 "{at}: {}",
                 values[1]
+            );
+        }
+    }
+
+    /// A spline over no range at all: before, each of its modes counted as 0, and the error was not found without a word.
+    #[test]
+    fn a_spline_over_no_range_is_refused() {
+        for range in [[3.0, 3.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
+            assert!(
+                Modes::new(Basis::BSpline { coefficients: 6 }, range).is_err(),
+                "{range:?}"
             );
         }
     }

@@ -75,9 +75,11 @@ impl Unknowns {
                 group,
                 rank,
             };
+            let not_built = |source| IdentifyError::Curve { error, source };
             let modes = match item.basis {
                 Some(basis) if !error.location => {
-                    Some(Modes::new(basis, observations.range_of(axis, basis)))
+                    let range = observations.range_of(axis, basis);
+                    Some(Modes::new(basis, range).map_err(not_built)?)
                 }
                 _ => None,
             };
@@ -111,7 +113,7 @@ impl Unknowns {
                 (Some(own), Some(second)) => {
                     let other = machine.index_of(second.axis)?;
                     let range = observations.range_of(other, second.basis);
-                    Some(Products::new(own, other, second, range))
+                    Some(Products::new(own, other, second, range).map_err(not_built)?)
                 }
                 _ => None,
             };

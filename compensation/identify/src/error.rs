@@ -25,6 +25,22 @@ pub enum IdentifyError {
         /// Why the curve cannot be built.
         source: CurveError,
     },
+    /// A row speaks of a part of the set-up that is not there; a file that was read has none of these.
+    #[error(
+        "{file}: line {line}: found number {found} of the set-up's {what}, expected less than {count}"
+    )]
+    NoSuchPlace {
+        /// The row file.
+        file: String,
+        /// The line in it, from 1.
+        line: usize,
+        /// `frames`, `points` or `numbers` of the set-up.
+        what: &'static str,
+        /// The place that the row states, from 0.
+        found: usize,
+        /// How many there are.
+        count: usize,
+    },
     /// There are fewer numbers than unknowns.
     #[error(
         "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine {rank} at the most: expected more poses, or fewer unknowns"

@@ -156,7 +156,7 @@ pub(crate) fn fit(
         || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
     {
         return Err(IdentifyError::TooFew {
-            poses: rows.len(),
+            poses: rows.poses(),
             numbers: design.jacobian.nrows(),
             unknowns: system.params.len(),
             rank: rank.kept.len(),

@@ -47,6 +47,17 @@ impl Rows {
         self.0.iter().map(|row| &row.row)
     }
 
+    /// At how many different poses the machine stood.
+    pub(crate) fn poses(&self) -> usize {
+        let mut poses: Vec<&Stand> = Vec::new();
+        for row in self.iter() {
+            if !poses.iter().any(|pose| pose.state.q == row.stand.state.q) {
+                poses.push(&row.stand);
+            }
+        }
+        poses.len()
+    }
+
     /// Only these rows.
     pub(crate) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
         let kept = self.0.iter().enumerate().filter(|(place, _)| keep(*place));

@@ -26,19 +26,27 @@ pub(crate) struct Products {
 impl Products {
     /// The products of the modes of an error's own curve, as far as their order is not above that of the second axis's
     /// curve, and of that curve over this range of the axis with this index.
-    pub(crate) fn new(own: &Modes, axis: usize, second: SecondAxis, range: [f64; 2]) -> Self {
-        let modes = Modes::new(second.basis, range);
+    ///
+    /// # Errors
+    /// A spline that cannot be built over this range.
+    pub(crate) fn new(
+        own: &Modes,
+        axis: usize,
+        second: SecondAxis,
+        range: [f64; 2],
+    ) -> Result<Self, CurveError> {
+        let modes = Modes::new(second.basis, range)?;
         let highest = second.basis.highest_order();
         let mut pairs = Vec::new();
         for mode in (0..own.len()).filter(|&mode| own.order(mode) <= highest) {
             pairs.extend((1..modes.len()).map(|other| (mode, other)));
         }
-        Self {
+        Ok(Self {
             axis,
             name: second.axis,
             modes,
             pairs,
-        }
+        })
     }
 
     /// The index of the second axis.

@@ -72,22 +72,21 @@ pub(crate) fn solve(
         Exactness::Full if robust => (CONVERGED_ROBUST, MOST_STEPS_ROBUST),
         Exactness::Full => (CONVERGED, MOST_STEPS),
     };
+    let search = Search {
+        system,
+        rows,
+        kept,
+        robust,
+        penalised,
+    };
     let mut values = start;
     let mut penalty = Penalty::none(system, kept);
     let mut last = f64::INFINITY;
     let mut equations = system.equations(rows, &values, false);
-    for turn in 0..most {
+    for count in 0..most {
         // The equations are nearly straight: after a few steps the weights change no more, and the search can end.
-        penalty.held = turn >= PENALTY_STEPS;
-        let step = Step::of(
-            system,
-            &equations,
-            &values,
-            kept,
-            robust,
-            penalised,
-            &mut penalty,
-        )?;
+        penalty.held = count >= PENALTY_STEPS;
+        let step = search.step(&equations, &values, &mut penalty)?;
         last = step.largest();
         if last < wanted {
             return Ok(Solution::at(values, &equations, step));
@@ -111,15 +110,7 @@ pub(crate) fn solve(
     }
     // With more digits than the numbers have the last steps are rounding.
     if last < 1e-5 || exactness == Exactness::Rough {
-        let step = Step::of(
-            system,
-            &equations,
-            &values,
-            kept,
-            robust,
-            penalised,
-            &mut penalty,
-        )?;
+        let step = search.step(&equations, &values, &mut penalty)?;
         return Ok(Solution::at(values, &equations, step));
     }
     Err(IdentifyError::NotConverged {
@@ -166,16 +157,31 @@ struct Step {
     degrees: f64,
 }
 
-impl Step {
-    fn of(
-        system: &System,
+/// What stays the same from step to step.
+#[derive(Clone, Copy)]
+struct Search<'a> {
+    system: &'a System,
+    rows: &'a Rows,
+    kept: &'a [usize],
+    robust: bool,
+    penalised: bool,
+}
+
+impl Search<'_> {
+    /// The step from these values, where the equations are those.
+    fn step(
+        self,
         equations: &Equations,
         values: &Values,
-        kept: &[usize],
-        robust: bool,
-        penalised: bool,
         penalty: &mut Penalty,
-    ) -> Result<Self, IdentifyError> {
+    ) -> Result<Step, IdentifyError> {
+        let Self {
+            system,
+            rows,
+            kept,
+            robust,
+            penalised,
+        } = self;
         let mut jacobian = equations.jacobian.select_columns(kept);
         let mut residuals = equations.residuals.clone();
         let square = cost(equations, robust);
@@ -195,7 +201,7 @@ impl Step {
             }
         }
         let failed = || IdentifyError::TooFew {
-            poses: equations.places.len(),
+            poses: rows.poses(),
             numbers: equations.residuals.len(),
             unknowns: system.params.len(),
             rank: kept.len(),
@@ -223,14 +229,16 @@ impl Step {
             covariance.row_mut(place).scale_mut(*factor);
             covariance.column_mut(place).scale_mut(*factor);
         }
-        Ok(Self {
+        Ok(Step {
             by: step.component_mul(&scale),
             covariance,
             square,
             degrees,
         })
     }
+}
 
+impl Step {
     /// The largest step in standard uncertainties.
     fn largest(&self) -> f64 {
         let variances = self.covariance.diagonal();

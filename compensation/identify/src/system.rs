@@ -6,7 +6,7 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Coefficient, Role, Unknowns, micro},
     error::IdentifyError,
-    observations::{Observations, SetUp},
+    observations::{Observations, Seen, SetUp},
     params::{self, Param, Params, Part},
     prepared::Rows,
     values::Values,
@@ -36,9 +36,51 @@ pub(crate) struct Equations {
     pub(crate) places: Vec<(usize, usize)>,
 }
 
+/// Whether every row speaks of frames, points and numbers that the set-up has.
+fn check_places(observations: &Observations) -> Result<(), IdentifyError> {
+    let setup = &observations.setup;
+    let counts = [setup.frames.len(), setup.points.len(), setup.numbers.len()];
+    let kinds = ["frames", "points", "numbers"];
+    for observation in &observations.observations {
+        for row in &observation.rows {
+            // The kinds of places in their order, as above.
+            let places: Vec<(usize, usize)> = match row.seen {
+                Seen::Point { frame, target, .. } => {
+                    let target = target.map(|point| (1, point));
+                    std::iter::once((0, frame)).chain(target).collect()
+                }
+                Seen::Sphere { centre, .. } => vec![(1, centre)],
+                Seen::Distance { point, dead, .. } => vec![(1, point), (2, dead)],
+                Seen::Pair { dead, .. } => vec![(2, dead)],
+                Seen::Line { offset, slope, .. } => vec![(2, offset), (2, slope)],
+                Seen::Ball {
+                    origin,
+                    tilts: [first, second],
+                    distance,
+                    ..
+                } => vec![(1, origin), (2, first), (2, second), (2, distance)],
+            };
+            let wrong = places
+                .into_iter()
+                .find(|(kind, place)| *place >= counts[*kind]);
+            if let Some((kind, found)) = wrong {
+                return Err(IdentifyError::NoSuchPlace {
+                    file: observation.file.clone(),
+                    line: row.line,
+                    what: kinds[kind],
+                    found,
+                    count: counts[kind],
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
 impl System {
     /// The equations of some observations.
     pub(crate) fn new(observations: &Observations) -> Result<Self, IdentifyError> {
+        check_places(observations)?;
         let mut machine = observations.machine.clone();
         let unknowns = Unknowns::new(observations, &mut machine)?;
         // Where curves have penalties, a set-up drifts as much as the observations say, too.

@@ -7,6 +7,13 @@ use volcomp_kinematics::State;
 pub enum Poses {
     /// Every combination of the nodes of each axis.
     Grid(Vec<Vec<f64>>),
+    /// Every combination of `count` evenly spaced nodes over the travel of each axis, both ends included; one node is the middle.
+    Even {
+        /// The travel of each axis.
+        travels: Vec<[f64; 2]>,
+        /// The nodes of each axis.
+        count: usize,
+    },
     /// One pose after another.
     List(Vec<State>),
 }
@@ -15,14 +22,10 @@ impl Poses {
     /// A grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; one node is the
     /// middle.
     pub fn over(travels: &[[f64; 2]], count: usize) -> Self {
-        let nodes = |&[low, high]: &[f64; 2]| {
-            let node = |place: usize| match count {
-                1 => 0.5 * (low + high),
-                _ => low + (high - low) * place as f64 / (count - 1) as f64,
-            };
-            (0..count).map(node).collect()
-        };
-        Self::Grid(travels.iter().map(nodes).collect())
+        Self::Even {
+            travels: travels.to_vec(),
+            count,
+        }
     }
 
     /// How many poses there are; `None` where they are more than can be counted.
@@ -31,6 +34,9 @@ impl Poses {
             Self::Grid(nodes) => nodes
                 .iter()
                 .try_fold(1_usize, |product, nodes| product.checked_mul(nodes.len())),
+            Self::Even { travels, count } => travels
+                .iter()
+                .try_fold(1_usize, |product, _| product.checked_mul(*count)),
             Self::List(states) => Some(states.len()),
         }
     }
@@ -46,6 +52,19 @@ impl Poses {
                 for (q, nodes) in state.q.iter_mut().zip(nodes).rev() {
                     let count = nodes.len().max(1);
                     *q = nodes.get(rest % count).copied().unwrap_or_default();
+                    rest /= count;
+                }
+                state
+            }
+            Self::Even { travels, count } => {
+                let count = (*count).max(1);
+                let mut state = State::default();
+                let mut rest = place;
+                for (q, &[low, high]) in state.q.iter_mut().zip(travels).rev() {
+                    *q = match count {
+                        1 => 0.5 * (low + high),
+                        _ => low + (high - low) * (rest % count) as f64 / (count - 1) as f64,
+                    };
                     rest /= count;
                 }
                 state

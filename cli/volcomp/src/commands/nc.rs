@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     /// Run the program and its result through the virtual machine, and print how far the tool is from where it belongs
     #[arg(long)]
     verify: bool,
-    /// The machine file with the errors that are taken for the real ones by --verify; without it the model is judged by itself
+    /// The machine file with the errors that are taken for the real ones in the verification, without which the model is judged by itself
     #[arg(long, value_name = "FILE", requires = "verify")]
     truth: Option<PathBuf>,
     /// A picture of the path and of the deviations, a thousandfold (SVG)

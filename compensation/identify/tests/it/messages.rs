@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use volcomp_identify::{Seen, identify};
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{X, Y};
 
@@ -408,4 +409,22 @@ fn observations_that_contradict_each_other_are_named() {
             || words.contains("(short.csv 5.5 times, long.csv 5.5 times, y.csv 0.0 times)"),
         "{words}"
     );
+}
+
+/// Observations that are made by hand may speak of parts of the set-up that are not there: that was a panic.
+#[test]
+fn places_that_the_set_up_does_not_have_are_refused() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &rows(&SQUARE, 1.0));
+    let mut observations = lab.read(&points("")).expect("read");
+    if let Seen::Point { frame, .. } = &mut observations.observations[0].rows[1].seen {
+        *frame = 7;
+    }
+    let error = identify(&observations, |_, _| {}).expect_err("there is one frame");
+    assert_eq!(
+        error.to_string(),
+        "t.csv: line 3: found number 7 of the set-up's frames, expected less than 1"
+    );
+    observations.setup.frames.clear();
+    assert!(identify(&observations, |_, _| {}).is_err());
 }

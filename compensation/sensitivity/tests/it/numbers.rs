@@ -269,6 +269,11 @@ fn what_cannot_be_judged_is_named() {
         sensitivity(&chain, &[], &many),
         Err(SensitivityError::NoErrors)
     );
+    // Nodes that no memory holds are counted, not made.
+    let endless = Poses::over(&[[0.0, 1.0]; 9], usize::MAX);
+    assert_eq!(endless.count(), None);
+    let uncounted = sensitivity(&chain, &errors, &endless).unwrap_err();
+    assert!(uncounted.to_string().contains("found too many poses"));
     let few = Poses::over(&[[0.0, 1.0]], 1);
     let foreign = ErrorTerm::Named("EXY".parse().unwrap());
     let refused = sensitivity(&chain, &[foreign], &few).unwrap_err();
