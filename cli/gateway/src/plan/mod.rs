@@ -43,6 +43,8 @@ pub struct Plan {
     pub sensors: Vec<String>,
     structure: String,
     thermal: Thermal,
+    /// What is odd about the machine file, though it may be meant.
+    machine_notes: Vec<String>,
     guard: GuardSettings,
     paths: Vec<PathPlan>,
     readers: Vec<ReaderPlan>,
@@ -118,6 +120,7 @@ impl Plan {
         Ok(Self {
             structure: machine.chain().structure().to_string(),
             thermal: machine.thermal().clone(),
+            machine_notes: machine.notes(),
             config,
             model,
             tokens,

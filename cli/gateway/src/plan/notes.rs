@@ -13,7 +13,7 @@ pub(super) fn notes(
     controllers: &[ControllerPlan],
     sensors: &[SensorPlan],
 ) -> Vec<String> {
-    let mut notes = Vec::new();
+    let mut notes = plan.machine_notes.clone();
     match guard {
         None => notes.push("[guard] is missing: it will not arm".to_owned()),
         Some(guard) => {

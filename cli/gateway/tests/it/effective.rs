@@ -114,6 +114,14 @@ fn axes_that_do_not_correct_are_told_as_held() {
     assert!(shifts[2] > 0.0 && shifts[3] == 0.0 && shifts[4] == 0.0);
     let line = "  axes B C            held, not corrected";
     assert!(plan.text().contains(line), "{}", plan.text());
+    // Whoever writes radians into a machine file is asked here, too, not by `volcomp` alone.
+    let radians = machine.replace("travel = [-110.0, 110.0]", "travel = [-1.571, 1.571]");
+    let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{radians}"));
+    let notes = plan.unwrap_or_else(|e| panic!("{e}")).document().notes;
+    let asks = notes
+        .iter()
+        .any(|note| note.contains("is it stated in radians?"));
+    assert!(asks, "{notes:?}");
 }
 
 /// What arms itself and has no token cannot be disarmed over HTTP either.
