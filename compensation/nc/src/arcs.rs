@@ -2,7 +2,8 @@
 
 use crate::{
     arc::centre_through,
-    coordinates::Axes,
+    block::{Begins, Word},
+    coordinates::{Axes, LETTERS},
     line::Line,
     motion::{Arc, Move},
     number::of_steps,
@@ -61,6 +62,7 @@ impl Rewriter {
         }
         let stretches = self.stretches(arc, [&from, &to]);
         let splits = stretches.len() > 1;
+        self.take_up(motion, arc, &stretches, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
         for (place, stretch) in stretches.iter().enumerate() {
@@ -97,7 +99,7 @@ impl Rewriter {
                 let corrected = centre_through(start, shifted(&delta_middle, &middle), end);
                 let plain = centre_through(in_plane(&before), in_plane(&middle), in_plane(&at));
                 corrected.zip(plain).map(|(corrected, plain)| {
-                    std::array::from_fn(|i| arc.centre[i] + corrected[i] - plain[i])
+                    std::array::from_fn(|i| arc.centre[i] + (corrected[i] - plain[i]))
                 })
             };
             let [x, y] = in_plane(&before);
@@ -129,6 +131,78 @@ impl Rewriter {
             before = at;
         }
         self.carried = frame.moved_in_machine(&to, &carried);
+        self.is_settled = true;
+    }
+
+    /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up: only where nothing else that the
+    /// line of the arc says comes too late for it.
+    fn take_up(
+        &mut self,
+        motion: &Move,
+        arc: &Arc,
+        stretches: &[Stretch],
+        line: Line<'_>,
+        out: &mut Vec<u8>,
+    ) {
+        let is_arc = |word: &Word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0));
+        let words = &line.block.words;
+        let says_more = |word: &Word| matches!(word.letter, b'G' | b'M' | b'T') && !is_arc(word);
+        if words.iter().any(says_more) || !line.block.assignments.is_empty() {
+            return;
+        }
+        let frame = self.interpreter.frame.clone();
+        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+        let Some(first) = stretches.first() else {
+            return;
+        };
+        let sets_out = frame.to_machine(&arc.place(&from, &to, first.to));
+        let may_lack = !self.is_settled || self.corrector.turns(&sets_out);
+        let sides = self.corrector.sides();
+        self.corrector.goes(&sets_out);
+        if !(may_lack && self.lacks_correction(motion)) {
+            self.corrector.put_back(sides);
+            return;
+        }
+        let leg = Leg {
+            from,
+            to: from,
+            at: motion.from,
+        };
+        let stays = Move {
+            words: [None; 9],
+            to: motion.from,
+            ..motion.clone()
+        };
+        let mut carried = frame.moved_in_program(&motion.from, &self.carried);
+        let words = self.words_to(&stays, line, &leg, &[Writes::IfChanged; 9], &mut carried);
+        self.carried = frame.moved_in_machine(&from, &carried);
+        let numbers = words.numbers.iter().zip(LETTERS);
+        let numbers = numbers.filter_map(|(number, letter)| Some((letter, (*number)?)));
+        let feed = self.feed_of_part(0.0).map(|feed| (b'F', feed));
+        if line.block.begins == Begins::Slash {
+            out.push(b'/');
+        }
+        out.extend_from_slice(b"G1");
+        for (letter, number) in numbers.chain(feed) {
+            out.extend_from_slice(&[b' ', letter]);
+            number.write(out);
+        }
+        out.extend_from_slice(if line.end.is_empty() { b"\n" } else { line.end });
+        self.counts.added += 1;
+        if self.shares.is_some() {
+            self.parts.push(0.0);
+        }
+        // From now on G1 is what coordinates alone stand for.
+        if !line.block.words.iter().any(is_arc) {
+            let code = if arc.turns_by < 0.0 { 2.0 } else { 3.0 };
+            let number = Number::nearest(code, 0);
+            self.edits.added.extend(number.map(|number| (b'G', number)));
+        }
+        // The time that F stands for is that of the arc alone.
+        if let (Some((_, _)), None) = (feed, line.place_of(b'F')) {
+            let whole = self.feed_of_part(1.0);
+            self.edits.added.extend(whole.map(|feed| (b'F', feed)));
+        }
     }
 
     /// The parts in which an arc is written.

@@ -137,14 +137,14 @@ impl Corrector {
         &self.machine
     }
 
-    /// From now on the tool is in the spindle for which the control adds this offset.
-    pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<(), NcError> {
+    /// From now on the tool is in the spindle for which the control adds this offset. Whether it is another one than before.
+    pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
         if self.tool.offset == *offset {
-            return Ok(());
+            return Ok(false);
         }
         if let Some(tool) = self.tools.iter().find(|tool| tool.offset == *offset) {
             self.tool = Arc::clone(tool);
-            return Ok(());
+            return Ok(true);
         }
         let (machine, temperatures) = (&self.machine, &self.temperatures);
         let tolerance_mm = self.split_beyond_mm;
@@ -158,7 +158,7 @@ impl Corrector {
         if self.tools.len() < MOST_TOOLS {
             self.tools.push(Arc::clone(&self.tool));
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Whether the machine has the axis at a place, and corrects by it.
@@ -228,26 +228,16 @@ impl Corrector {
         }
     }
 
-    /// Whether the correction at `from` changes by more than the tolerance when the axes set out for `to`: since one of them
-    /// turns, and comes from the other side then.
-    pub(crate) fn jumps(&mut self, from: &Axes, to: &Axes) -> bool {
+    /// Whether an axis turns where the axes set out for this place: from then on it comes from the other side.
+    pub(crate) fn turns(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
             return false;
         }
         let sides = self.sides();
         self.goes(to);
-        if self.approach == sides.0 {
-            self.put_back(sides);
-            return false;
-        }
-        let after = self.at(from).delta;
+        let turns = self.approach != sides.0;
         self.put_back(sides);
-        let before = self.at(from).delta;
-        let changes = (0..MAX_AXES).filter(|axis| !is_rotary(*axis));
-        let squared: f64 = changes
-            .map(|axis| (after[axis] - before[axis]).powi(2))
-            .sum();
-        squared.sqrt() > self.split_beyond_mm
+        turns
     }
 
     /// The correction at these coordinates of the axes (mm, deg).
@@ -306,8 +296,14 @@ impl Corrector {
 
     /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
     /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
-    /// way.
-    pub(crate) fn is_straight(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> bool {
+    /// way, `coupled_mm` what rotary corrections add ([`coupled_mm`](Self::coupled_mm)).
+    pub(crate) fn is_straight(
+        &self,
+        from: &Axes,
+        to: &Axes,
+        bulge_mm: f64,
+        coupled_mm: f64,
+    ) -> bool {
         let mut share = 0.0;
         for axis in 0..MAX_AXES {
             let way = (to[axis] - from[axis]).abs();
@@ -315,7 +311,8 @@ impl Corrector {
                 share += way / self.tool.unsplit[axis];
             }
         }
-        bulge_mm == 0.0 && share <= 1.0 || self.bound_mm(from, to, bulge_mm) <= self.split_beyond_mm
+        bulge_mm == 0.0 && coupled_mm == 0.0 && share <= 1.0
+            || self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
     }
 
     /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
@@ -327,6 +324,34 @@ impl Corrector {
             return bound;
         }
         bound + bulge_mm * compiled.steepness()
+    }
+
+    /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
+    /// follow them as they have to at its two ends: the product of two changes, and the bend of the levers. Near a singular
+    /// pose the corrections of rotary axes are many times the errors.
+    pub(crate) fn coupled_mm(&self, from: &Axes, to: &Axes) -> f64 {
+        if self.tool.compiled.correctors().rotary().is_empty() {
+            return 0.0;
+        }
+        let reach_mm = self.tool.compiled.reach_mm();
+        let way_mm: f64 = (0..9)
+            .filter(|axis| !is_rotary(*axis) && self.has(*axis))
+            .map(|axis| (to[axis] - from[axis]).abs())
+            .sum();
+        let rotary = (3..6).filter(|axis| self.has(*axis));
+        let turned: f64 = rotary
+            .clone()
+            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
+            .sum();
+        let [before, after] = [from, to].map(|at| self.at(at).delta);
+        let (mut change, mut largest) = (0.0, 0.0);
+        for axis in rotary {
+            change += (after[axis] - before[axis]).abs().to_radians();
+            largest += before[axis].abs().max(after[axis].abs()).to_radians();
+        }
+        let lever_change = way_mm + turned * reach_mm;
+        let lever_bend = turned * (2.0 * way_mm + turned * reach_mm);
+        0.25 * lever_change * change + 0.125 * lever_bend * largest
     }
 
     /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the

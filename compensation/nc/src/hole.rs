@@ -70,6 +70,8 @@ impl Rewriter {
         };
         self.write_part(&part, line, out);
         self.carried = frame.moved_in_machine(&end, &carried);
+        // The tool may be above the hole, with the correction of its middle.
+        self.is_settled = false;
         Ok(())
     }
 

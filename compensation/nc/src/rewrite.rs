@@ -45,6 +45,8 @@ pub(crate) struct Rewriter {
     pub(crate) decimals: Decimals,
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
+    /// That is the correction that belongs to where they are.
+    pub(crate) is_settled: bool,
     /// What of it stands in the depth of the cycle that is kept from hole to hole, mm.
     pub(crate) carried_by_cycle: f64,
     /// Values that are computed are written as numbers: the lines that compute them are not executed in this order.
@@ -53,7 +55,7 @@ pub(crate) struct Rewriter {
     /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
     pub(crate) shares: Option<Vec<f64>>,
     /// The same for the motion that is being written, without the end of its last part.
-    parts: Vec<f64>,
+    pub(crate) parts: Vec<f64>,
     /// Who is told of each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
     pub(crate) block: Block,
@@ -71,6 +73,7 @@ impl Rewriter {
             corrector,
             decimals,
             carried: [0.0; 9],
+            is_settled: false,
             carried_by_cycle: 0.0,
             writes_values: false,
             counts: Counts::default(),
@@ -134,8 +137,8 @@ impl Rewriter {
                 what: "M98 and M99: subroutines by number are not followed yet".to_owned(),
             });
         }
-        self.corrector
-            .take_tool(&self.interpreter.modal.tool_offset)?;
+        let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;
+        self.is_settled &= !other_tool;
         if self.interpreter.modal.sticky != before {
             self.carried_by_cycle = 0.0;
         }
@@ -289,6 +292,7 @@ impl Rewriter {
     /// A motion that passes on as it is: its axes carry no correction afterwards, but those whose words are ways.
     pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
         self.corrector.goes(&motion.to);
+        self.is_settled = false;
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {
             self.carried

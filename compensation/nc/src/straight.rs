@@ -1,9 +1,10 @@
 //! Straight motions with their correction, in as many parts as it needs.
 
 use crate::{
-    coordinates::Axes,
+    coordinates::{Axes, is_rotary},
     line::Line,
     motion::Move,
+    number::of_steps,
     rewrite::{Leg, Part, Rewriter, Writes},
     words::each,
 };
@@ -13,18 +14,18 @@ const MOST_PARTS: usize = 4096;
 
 impl Rewriter {
     /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1. A first part that
-    /// ends at 0 takes up the play of an axis that turns.
+    /// ends at 0 takes up what the axes lack of the correction where the line begins.
     pub(crate) fn parts(&mut self, motion: &Move) -> Vec<f64> {
         let mut parts = Vec::new();
         let is_known = (0..9).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis));
-        if self.corrector.jumps(&motion.from, &motion.to) && is_known {
-            // An axis turns: its play is taken up before it goes on.
-            parts.push(0.0);
-        }
+        let may_lack = !self.is_settled || self.corrector.turns(&motion.to);
         self.corrector.goes(&motion.to);
         if !is_known {
             parts.push(1.0);
             return parts;
+        }
+        if may_lack && self.lacks_correction(motion) {
+            parts.push(0.0);
         }
         let frame = &self.interpreter.frame;
         let (from, to) = (frame.to_program(&motion.from), frame.to_program(&motion.to));
@@ -32,7 +33,14 @@ impl Rewriter {
             let ends = [first, last].map(|share| between(&from, &to, share));
             let [start, end] = [&ends[0], &ends[1]].map(|at| frame.to_machine(at));
             let bulge_mm = self.bulge_mm(&ends[0], &ends[1]);
-            self.corrector.is_straight(&start, &end, bulge_mm)
+            // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
+            let coupled_mm = if frame.tip.is_some() {
+                0.0
+            } else {
+                self.corrector.coupled_mm(&start, &end)
+            };
+            self.corrector
+                .is_straight(&start, &end, bulge_mm, coupled_mm)
         };
         // Halves of halves, from the beginning on.
         let mut open = vec![[0.0, 1.0]];
@@ -47,6 +55,19 @@ impl Rewriter {
             }
         }
         parts
+    }
+
+    /// Whether the axes stand further from where a motion is to begin than the tolerance and the rounding of words let them: an
+    /// axis turns, and its play is to be taken up; another tool is in the spindle; or the axes came here without a correction.
+    pub(crate) fn lacks_correction(&self, motion: &Move) -> bool {
+        let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
+        let modal = &self.interpreter.modal;
+        let step = of_steps(1, self.decimals.of(0, modal.unit_mm)) * modal.unit_mm;
+        let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects(*axis));
+        let squared: f64 = linear
+            .map(|axis| (delta[axis] - self.carried[axis]).powi(2))
+            .sum();
+        squared.sqrt() > self.corrector.split_beyond_mm() + step
     }
 
     /// A straight motion in parts.
@@ -101,6 +122,7 @@ impl Rewriter {
             (before, passed) = (to, share);
         }
         self.carried = frame.moved_in_machine(&end, &carried);
+        self.is_settled = true;
     }
 }
 

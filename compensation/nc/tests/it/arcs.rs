@@ -88,3 +88,31 @@ fn an_arc_from_an_unknown_place_leaves_other_axes_alone() {
         "G90 G0 Z99.990\nG91 G2 X10 Y0 I5 J0\nG1 Z-49.995\n"
     );
 }
+
+/// An arc that begins without the correction that belongs there gets a line before it that takes it up; not where its line says
+/// something else that would come too late for that line.
+#[test]
+fn a_correction_is_taken_up_before_an_arc() {
+    let shift = "[errors]\nEXX = { poly = [20.0] }\n";
+    let arc = |line: &str| {
+        let program = format!("G90 G0 X0 Y0 Z0\nG53 G0 X0\n{line}\n");
+        let (out, _) =
+            crate::identity::compensated(shift, program.as_bytes()).expect("compensated");
+        String::from_utf8(out)
+            .expect("text")
+            .lines()
+            .skip(2)
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(
+        arc("G2 X20 Y0 I10 J0 (half)\nX40 I10 J0"),
+        [
+            "G1 X-0.020",
+            "G2 X19.980 Y0 I10 J0 (half)",
+            "X39.980 I10 J0"
+        ]
+    );
+    assert_eq!(arc("/G3 X20 I10")[..2], ["/G1 X-0.020", "/G3 X19.980 I10"]);
+    assert_eq!(arc("G91 G2 X20 I10").len(), 1);
+}
