@@ -2,12 +2,14 @@
 
 use crate::{
     arc::centre_through,
-    block::{Begins, Word},
-    coordinates::{Axes, LETTERS},
-    line::Line,
+    block::Word,
+    coordinates::Axes,
+    edits::write_word,
+    legs::{Leg, Writes},
+    line::{Line, end_of_more},
     motion::{Arc, Move},
     number::of_steps,
-    rewrite::{Leg, Part, Rewriter, Writes},
+    rewrite::{Part, Rewriter, words_of},
     words::{Number, each},
 };
 
@@ -62,7 +64,10 @@ impl Rewriter {
         }
         let stretches = self.stretches(arc, [&from, &to]);
         let splits = stretches.len() > 1;
-        self.take_up(motion, arc, &stretches, line, out);
+        if let Some(first) = stretches.first() {
+            let sets_out = frame.to_machine(&arc.place(&from, &to, first.to));
+            self.take_up(motion, arc, &sets_out, line, out);
+        }
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
         for (place, stretch) in stretches.iter().enumerate() {
@@ -75,18 +80,21 @@ impl Rewriter {
             let shifted =
                 |delta: &Axes, at: &Axes| [at[first] + delta[first], at[second] + delta[second]];
             let start = shifted(&carried, &before);
-            let leg = Leg {
-                from: before,
-                to: at,
-                at: machine,
-            };
             let writes = each(|axis| match splits {
                 // Each part needs its end.
                 true if axis == first || axis == second => Writes::Always,
                 true => Writes::Anew,
                 false => Writes::IfChanged,
             });
-            let words = self.words_to(motion, line, &leg, &writes, &mut carried);
+            let leg = Leg {
+                motion,
+                line,
+                from: before,
+                to: at,
+                at: machine,
+                writes,
+            };
+            let words = self.words_to(&leg, &mut carried);
             let end = shifted(&carried, &at);
             // The circle through what is commanded, and the middle as it is to be.
             let centre = if is_whole(stretch.turns(arc)) {
@@ -123,10 +131,8 @@ impl Rewriter {
                 feed,
             };
             self.write_part(&part, line, out);
-            for (letter, number) in others {
-                out.push(b' ');
-                out.push(letter);
-                number.write(out);
+            for word in others {
+                write_word(word, out);
             }
             before = at;
         }
@@ -134,13 +140,13 @@ impl Rewriter {
         self.is_settled = true;
     }
 
-    /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up: only where nothing else that the
-    /// line of the arc says comes too late for it.
+    /// Where the axes lack a correction at the beginning of an arc that sets out for this place of theirs, a line before it takes
+    /// that up: only where nothing else that the line of the arc says comes too late for it.
     fn take_up(
         &mut self,
         motion: &Move,
         arc: &Arc,
-        stretches: &[Stretch],
+        sets_out: &Axes,
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
@@ -150,48 +156,36 @@ impl Rewriter {
         if words.iter().any(says_more) || !line.block.assignments.is_empty() {
             return;
         }
-        let frame = self.interpreter.frame.clone();
-        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        let Some(first) = stretches.first() else {
-            return;
-        };
-        let sets_out = frame.to_machine(&arc.place(&from, &to, first.to));
-        let may_lack = !self.is_settled || self.corrector.turns(&sets_out);
-        let sides = self.corrector.sides();
-        self.corrector.goes(&sets_out);
-        if !(may_lack && self.lacks_correction(motion)) {
-            self.corrector.put_back(sides);
+        let turns = self.corrector.goes(sets_out);
+        if !self.lacks_correction(motion, turns) {
             return;
         }
-        let leg = Leg {
-            from,
-            to: from,
-            at: motion.from,
-        };
+        let frame = self.interpreter.frame.clone();
+        let from = frame.to_program(&motion.from);
         let stays = Move {
             words: [None; 9],
             to: motion.from,
             ..motion.clone()
         };
+        let leg = Leg {
+            motion: &stays,
+            line,
+            from,
+            to: from,
+            at: motion.from,
+            writes: [Writes::IfChanged; 9],
+        };
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
-        let words = self.words_to(&stays, line, &leg, &[Writes::IfChanged; 9], &mut carried);
+        let words = self.words_to(&leg, &mut carried);
         self.carried = frame.moved_in_machine(&from, &carried);
-        let numbers = words.numbers.iter().zip(LETTERS);
-        let numbers = numbers.filter_map(|(number, letter)| Some((letter, (*number)?)));
-        let feed = self.feed_of_part(0.0).map(|feed| (b'F', feed));
-        if line.block.begins == Begins::Slash {
-            out.push(b'/');
-        }
+        let feed = self.feed_of_part(0.0);
+        self.begin_line(line, out);
         out.extend_from_slice(b"G1");
-        for (letter, number) in numbers.chain(feed) {
-            out.extend_from_slice(&[b' ', letter]);
-            number.write(out);
+        for word in words_of(&words.numbers, feed) {
+            write_word(word, out);
         }
-        out.extend_from_slice(if line.end.is_empty() { b"\n" } else { line.end });
-        self.counts.added += 1;
-        if self.shares.is_some() {
-            self.parts.push(0.0);
-        }
+        out.extend_from_slice(end_of_more(line.end));
+        self.ends_part(0.0);
         // From now on G1 is what coordinates alone stand for.
         if !line.block.words.iter().any(is_arc) {
             let code = if arc.turns_by < 0.0 { 2.0 } else { 3.0 };
@@ -199,7 +193,7 @@ impl Rewriter {
             self.edits.added.extend(number.map(|number| (b'G', number)));
         }
         // The time that F stands for is that of the arc alone.
-        if let (Some((_, _)), None) = (feed, line.place_of(b'F')) {
+        if feed.is_some() && line.place_of(b'F').is_none() {
             let whole = self.feed_of_part(1.0);
             self.edits.added.extend(whole.map(|feed| (b'F', feed)));
         }

@@ -34,6 +34,9 @@ struct Tooled {
     compiled: CompiledMachine,
     /// Ways of each axis, mm and deg, with which no straight line has to be split, where the axis moves alone.
     unsplit: Axes,
+    /// The longest lever, mm, and the most by which the error changes for each mm of the linear axes.
+    reach_mm: f64,
+    steepness: f64,
 }
 
 /// What is to be added to the axes at a place so that the tool is where it belongs, mm and deg.
@@ -204,11 +207,12 @@ impl Corrector {
         (self.approach, self.furthest) = (approach, furthest);
     }
 
-    /// The axes go to this place: from now on they come from that side.
-    pub(crate) fn goes(&mut self, to: &Axes) {
+    /// The axes go to this place: from now on they come from that side. Whether one of them turns.
+    pub(crate) fn goes(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
-            return;
+            return false;
         }
+        let before = self.approach;
         for axis in 0..MAX_AXES {
             let after = TURNS_AFTER[usize::from(is_rotary(axis))];
             let way = to[axis] - self.furthest[axis];
@@ -226,18 +230,7 @@ impl Corrector {
                 });
             }
         }
-    }
-
-    /// Whether an axis turns where the axes set out for this place: from then on it comes from the other side.
-    pub(crate) fn turns(&mut self, to: &Axes) -> bool {
-        if !self.bidirectional {
-            return false;
-        }
-        let sides = self.sides();
-        self.goes(to);
-        let turns = self.approach != sides.0;
-        self.put_back(sides);
-        turns
+        self.approach != before
     }
 
     /// The correction at these coordinates of the axes (mm, deg).
@@ -317,13 +310,8 @@ impl Corrector {
 
     /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
     pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> f64 {
-        let compiled = &self.tool.compiled;
         let [from, to] = [from, to].map(|at| self.state(at));
-        let bound = compiled.chord_bound_mm(&from, &to);
-        if bulge_mm == 0.0 {
-            return bound;
-        }
-        bound + bulge_mm * compiled.steepness()
+        self.tool.compiled.chord_bound_mm(&from, &to) + bulge_mm * self.tool.steepness
     }
 
     /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
@@ -333,7 +321,7 @@ impl Corrector {
         if self.tool.compiled.correctors().rotary().is_empty() {
             return 0.0;
         }
-        let reach_mm = self.tool.compiled.reach_mm();
+        let reach_mm = self.tool.reach_mm;
         let way_mm: f64 = (0..9)
             .filter(|axis| !is_rotary(*axis) && self.has(*axis))
             .map(|axis| (to[axis] - from[axis]).abs())
@@ -357,7 +345,7 @@ impl Corrector {
     /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the
     /// rotary axes turn by `turned` rad: by the second derivative of a turning lever.
     pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
-        let reach_mm = self.tool.compiled.reach_mm();
+        let reach_mm = self.tool.reach_mm;
         0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
     }
 }
@@ -380,6 +368,8 @@ fn tooled(
     });
     Ok(Tooled {
         offset: *offset,
+        reach_mm: compiled.reach_mm(),
+        steepness: compiled.steepness(),
         machine,
         compiled,
         unsplit,

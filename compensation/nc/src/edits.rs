@@ -63,13 +63,18 @@ impl Edits {
             at = range.end;
         }
         out.extend_from_slice(&text[at..block.end]);
-        for (letter, number) in &self.added {
-            if !out.is_empty() {
-                out.push(b' ');
-            }
-            out.push(*letter);
-            number.write(out);
+        for word in &self.added {
+            write_word(*word, out);
         }
         out.extend_from_slice(&text[block.end..]);
     }
+}
+
+/// Writes a word behind what is there: with a blank, unless it begins a line.
+pub(crate) fn write_word((letter, number): (u8, Number), out: &mut Vec<u8>) {
+    if !matches!(out.last(), None | Some(b'\n' | b'/')) {
+        out.push(b' ');
+    }
+    out.push(letter);
+    number.write(out);
 }

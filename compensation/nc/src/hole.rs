@@ -2,11 +2,12 @@
 
 use crate::{
     NcError,
-    coordinates::{Axes, LETTERS},
+    coordinates::LETTERS,
+    legs::{Leg, Writes},
     line::Line,
-    motion::Move,
+    motion::{Move, half_deep},
     number::of_steps,
-    rewrite::{Leg, Part, Rewriter, Writes},
+    rewrite::{Part, Rewriter},
     words::{Number, each},
 };
 
@@ -16,7 +17,7 @@ impl Rewriter {
         &mut self,
         motion: &Move,
         depth: usize,
-        [bottom, clearance]: [f64; 2],
+        places: [f64; 2],
         repeats: u32,
         line: Line<'_>,
         out: &mut Vec<u8>,
@@ -24,17 +25,12 @@ impl Rewriter {
         let frame = self.interpreter.frame.clone();
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        // Where the hole is half as deep as it gets.
-        let half_way = |at: &Axes| {
-            let mut at = *at;
-            at[depth] = 0.5 * (bottom + clearance);
-            at
-        };
-        let middle = frame.to_machine(&half_way(&end));
+        let middle = frame.to_machine(&half_deep(&end, depth, places));
         self.corrector.goes(&middle);
         if repeats > 1 && motion.incremental.contains(&true) {
             let first = each(|axis| before[axis] + (end[axis] - before[axis]) / f64::from(repeats));
-            let [first, last] = [&first, &end].map(|at| self.delta_in_program(&half_way(at)));
+            let [first, last] =
+                [&first, &end].map(|at| self.delta_in_program(&half_deep(at, depth, places)));
             let differs = |axis: usize| {
                 let decimals = self.decimals.of(axis, self.interpreter.modal.unit_mm);
                 (last[axis] - first[axis]).abs() >= 0.5 * of_steps(1, decimals)
@@ -46,18 +42,21 @@ impl Rewriter {
                 });
             }
         }
+        let mut writes = [Writes::IfChanged; 9];
+        writes[depth] = Writes::Never;
         let leg = Leg {
+            motion,
+            line,
             from: before,
             to: end,
             at: middle,
+            writes,
         };
-        let mut writes = [Writes::IfChanged; 9];
-        writes[depth] = Writes::Never;
-        let words = self.words_to(motion, line, &leg, &writes, &mut carried);
+        let words = self.words_to(&leg, &mut carried);
         let is_known = self.interpreter.known[depth] && self.corrector.corrects(depth);
         if is_known && !motion.incremental[depth] {
-            self.depth(words.delta[depth], depth, [bottom, clearance], line);
-            if !self.interpreter.modal.comes_back || clearance > before[depth] {
+            self.depth(words.delta[depth], depth, places, line);
+            if !self.interpreter.modal.comes_back || places[1] > before[depth] {
                 carried[depth] = self.carried_by_cycle;
             }
         }

@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, sync::Arc};
 
-use volcomp_model::Machine;
+use volcomp_model::{Machine, vocabulary::AxisKind};
 
 use crate::{
     NcError,
@@ -101,10 +101,8 @@ impl Interpreter {
         on: bool,
         given: &Given<'_>,
     ) -> Result<(), NcError> {
-        let has_rotary = (3..6).any(|axis| {
-            let name = crate::coordinates::name_of(axis);
-            name.is_some_and(|name| self.machine.axis(name).is_some())
-        });
+        let mut joints = self.machine.chain().joints().iter();
+        let has_rotary = joints.any(|joint| joint.kind == AxisKind::Rotary);
         if on && has_rotary && self.tip.is_none() {
             return Err(given.refused(&NcError::NoCentrePoint.to_string()));
         }

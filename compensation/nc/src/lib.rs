@@ -19,6 +19,7 @@ mod flow;
 mod given;
 mod hole;
 mod interpret;
+mod legs;
 mod line;
 mod modal;
 mod motion;

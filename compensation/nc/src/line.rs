@@ -25,3 +25,8 @@ impl<'a> Line<'a> {
         words.iter().position(|word| word.letter == letter)
     }
 }
+
+/// The end of a line that is added beside one with this end, which the last line of a program may lack.
+pub(crate) fn end_of_more(end: &[u8]) -> &[u8] {
+    if end.is_empty() { b"\n" } else { end }
+}

@@ -32,6 +32,13 @@ pub(crate) struct Arc {
     pub(crate) by_radius: bool,
 }
 
+/// Where a hole is half as deep as it gets: its correction is that of this place.
+pub(crate) fn half_deep(hole: &Axes, depth: usize, [bottom, clearance]: [f64; 2]) -> Axes {
+    let mut at = *hole;
+    at[depth] = 0.5 * (bottom + clearance);
+    at
+}
+
 /// A motion of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {

@@ -10,10 +10,10 @@ use crate::{
     block::{Begins, Block, Parameter},
     coordinates::{Axes, LETTERS},
     correction::Corrector,
-    edits::Edits,
+    edits::{Edits, write_word},
     expression::Expressions,
     interpret::{Interpreter, Outcome},
-    line::Line,
+    line::{Line, end_of_more},
     modal::FeedMode,
     motion::{Move, Path},
     notes::Note,
@@ -21,7 +21,7 @@ use crate::{
     parameters::Parameters,
     setup::SetUp,
     verify::Made,
-    words::{Decimals, Number, OnItsWay, Written},
+    words::{Decimals, Number},
 };
 
 /// What was done to a program so far.
@@ -54,8 +54,6 @@ pub(crate) struct Rewriter {
     pub(crate) counts: Counts,
     /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
     pub(crate) shares: Option<Vec<f64>>,
-    /// The same for the motion that is being written, without the end of its last part.
-    pub(crate) parts: Vec<f64>,
     /// Who is told of each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
     pub(crate) block: Block,
@@ -78,7 +76,6 @@ impl Rewriter {
             writes_values: false,
             counts: Counts::default(),
             shares: None,
-            parts: Vec::new(),
             tells: None,
             block: Block::default(),
             edits: Edits::default(),
@@ -151,11 +148,7 @@ impl Rewriter {
             self.counts.motions += 1;
             self.tell(motion, line.number)?;
             self.motion(motion, &outcome, line, out)?;
-            if let Some(shares) = &mut self.shares {
-                shares.append(&mut self.parts);
-                shares.push(1.0);
-            }
-            self.parts.clear();
+            self.ends_part(1.0);
         } else if let Some(words) = &outcome.presets {
             self.presets(words, line);
         }
@@ -329,125 +322,6 @@ impl Rewriter {
         self.corrector.bulge_mm(turned, way.sqrt())
     }
 
-    /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
-    /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
-    /// ones follow, so that the tip is where it belongs.
-    pub(crate) fn words_to(
-        &mut self,
-        motion: &Move,
-        line: Line<'_>,
-        leg: &Leg,
-        writes: &Axes<Writes>,
-        carried: &mut Axes,
-    ) -> Words {
-        let correction = self.corrector.at(&leg.at);
-        let mut words = Words {
-            numbers: [None; 9],
-            delta: [0.0; 9],
-        };
-        let in_program =
-            |this: &Self, delta: &Axes| this.interpreter.frame.moved_in_program(&leg.at, delta);
-        words.delta = in_program(self, &correction.delta);
-        if correction.is_coupled() {
-            self.numbers(motion, line, leg, writes, 3..6, &mut words, carried);
-            words.delta = in_program(self, &correction.with_rotary(carried));
-            self.numbers(motion, line, leg, writes, 0..3, &mut words, carried);
-            self.numbers(motion, line, leg, writes, 6..9, &mut words, carried);
-        } else {
-            self.numbers(motion, line, leg, writes, 0..9, &mut words, carried);
-        }
-        words
-    }
-
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the axes of words_to, some at a time"
-    )]
-    fn numbers(
-        &mut self,
-        motion: &Move,
-        line: Line<'_>,
-        leg: &Leg,
-        writes: &Axes<Writes>,
-        axes: std::ops::Range<usize>,
-        words: &mut Words,
-        carried: &mut Axes,
-    ) {
-        for axis in axes {
-            let word = line.word(motion.words[axis]);
-            if writes[axis] == Writes::Never || word.is_none() && !self.corrector.has(axis) {
-                continue;
-            }
-            let written = match word {
-                Some(word) => Some(Written {
-                    decimals: word.decimals.unwrap_or(0),
-                    anew: writes[axis] != Writes::IfChanged,
-                }),
-                None => (writes[axis] == Writes::Always).then_some(Written {
-                    decimals: 0,
-                    anew: true,
-                }),
-            };
-            let incremental = motion.incremental[axis];
-            let way = self.on_its_way(
-                axis,
-                leg,
-                [words.delta[axis], carried[axis]],
-                incremental,
-                written,
-                line.number,
-            );
-            (words.numbers[axis], carried[axis]) = way.word();
-        }
-    }
-
-    /// One axis on its way to a place, with the correction that belongs there and the one that it has before.
-    fn on_its_way(
-        &mut self,
-        axis: usize,
-        leg: &Leg,
-        [delta, carried]: [f64; 2],
-        incremental: bool,
-        written: Option<Written>,
-        number: usize,
-    ) -> OnItsWay {
-        let modal = &self.interpreter.modal;
-        let decimals = self.decimals.of(axis, modal.unit_mm);
-        let known = self.interpreter.known[axis];
-        let corrects = self.corrects(axis);
-        let mut delta = if corrects { delta } else { 0.0 };
-        if !known || !self.corrector.has(axis) {
-            if self.corrector.has(axis) && delta.abs() >= 0.5 * of_steps(1, decimals) {
-                let note = Note::LeftOut(char::from(LETTERS[axis]));
-                self.interpreter.notes.add(note, number);
-            }
-            delta = if incremental || written.is_none() {
-                carried
-            } else {
-                0.0
-            };
-        }
-        OnItsWay {
-            from: leg.from[axis],
-            to: leg.to[axis],
-            delta,
-            carried,
-            scale: modal.scale(axis),
-            decimals,
-            incremental,
-            written,
-            may_be_added: known && corrects,
-        }
-    }
-
-    /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
-    fn corrects(&self, axis: usize) -> bool {
-        if axis < 3 && self.interpreter.frame.tip.is_some() {
-            return (0..3).any(|axis| self.corrector.corrects(axis));
-        }
-        self.corrector.corrects(axis)
-    }
-
     /// Where F is one over the time of a motion, the F of a part of it.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
         let modal = &self.interpreter.modal;
@@ -460,8 +334,8 @@ impl Rewriter {
 
     /// The first part goes into the line itself, each other one into a line of its own.
     pub(crate) fn write_part(&mut self, part: &Part<'_>, line: Line<'_>, out: &mut Vec<u8>) {
-        if self.shares.is_some() && part.share < 1.0 {
-            self.parts.push(part.share);
+        if part.share < 1.0 {
+            self.ends_part(part.share);
         }
         if part.place == 0 {
             for (axis, number) in part.numbers.iter().enumerate() {
@@ -475,50 +349,37 @@ impl Rewriter {
             self.edits.write(line, out);
             return;
         }
-        out.extend_from_slice(if line.end.is_empty() { b"\n" } else { line.end });
+        out.extend_from_slice(end_of_more(line.end));
+        self.begin_line(line, out);
+        for word in words_of(part.numbers, part.feed) {
+            write_word(word, out);
+        }
+    }
+
+    /// A line is added.
+    pub(crate) fn begin_line(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
         if line.block.begins == Begins::Slash {
             out.push(b'/');
         }
         self.counts.added += 1;
-        let feed = part.feed.map(|feed| (b'F', feed));
-        let numbers = part.numbers.iter().zip(LETTERS);
-        let numbers = numbers.filter_map(|(number, letter)| Some((letter, (*number)?)));
-        for (place, (letter, number)) in numbers.chain(feed).enumerate() {
-            if place > 0 {
-                out.push(b' ');
-            }
-            out.push(letter);
-            number.write(out);
+    }
+
+    /// A part of a motion, or all of it, ends at this share.
+    pub(crate) fn ends_part(&mut self, share: f64) {
+        if let Some(shares) = &mut self.shares {
+            shares.push(share);
         }
     }
 }
 
-/// A motion or a part of it: where it begins and ends in the coordinates of the program, and its end in those of the axes.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Leg {
-    pub(crate) from: Axes,
-    pub(crate) to: Axes,
-    pub(crate) at: Axes,
-}
-
-/// When the word of an axis is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Writes {
-    /// It is no coordinate of the end: the depth of a cycle.
-    Never,
-    /// Where its number changes.
-    IfChanged,
-    /// Whatever its number is, if the block has it: the motion is in parts.
-    Anew,
-    /// Also if the block does not have it.
-    Always,
-}
-
-/// The numbers of words, and the correction that belongs to them, in the coordinates of the program.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Words {
-    pub(crate) numbers: Axes<Option<Number>>,
-    pub(crate) delta: Axes,
+/// The words of axes, and F behind them.
+pub(crate) fn words_of(
+    numbers: &Axes<Option<Number>>,
+    feed: Option<Number>,
+) -> impl Iterator<Item = (u8, Number)> {
+    let numbers = LETTERS.into_iter().zip(*numbers);
+    let numbers = numbers.filter_map(|(letter, number)| Some((letter, number?)));
+    numbers.chain(feed.map(|feed| (b'F', feed)))
 }
 
 /// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.

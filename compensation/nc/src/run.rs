@@ -7,6 +7,7 @@ use crate::{
     NcError,
     expression::Expressions,
     flow::{Flow, Keyword, Statement},
+    line::end_of_more,
     parameters::Value,
     rewrite::Rewriter,
     scan::Scanner,
@@ -367,11 +368,7 @@ impl<W: Write> Unrolled<'_, W> {
             {
                 self.output.write_all(b";")?;
                 self.output.write_all(line)?;
-                self.output.write_all(if end_of_line.is_empty() {
-                    b"\n"
-                } else {
-                    end_of_line
-                })?;
+                self.output.write_all(end_of_more(end_of_line))?;
             }
             self.output.write_all(&self.pending)?;
             self.next = end + 1;
@@ -415,8 +412,7 @@ impl<W: Write> Sink for Unrolled<'_, W> {
         if self.open.is_some() {
             let end = self.lines.lines[place].1;
             self.pending.extend_from_slice(text);
-            self.pending
-                .extend_from_slice(if end.is_empty() { b"\n" } else { end });
+            self.pending.extend_from_slice(end_of_more(end));
             self.conflicts |= self.recorded.conflicts[place];
         }
         Ok(())

@@ -1,12 +1,13 @@
 //! Straight motions with their correction, in as many parts as it needs.
 
 use crate::{
-    coordinates::{Axes, is_rotary},
+    coordinates::is_rotary,
+    legs::{Leg, Writes},
     line::Line,
     motion::Move,
     number::of_steps,
-    rewrite::{Leg, Part, Rewriter, Writes},
-    words::each,
+    rewrite::{Part, Rewriter},
+    words::{between, each},
 };
 
 /// A motion is split into so many parts at the most.
@@ -18,13 +19,12 @@ impl Rewriter {
     pub(crate) fn parts(&mut self, motion: &Move) -> Vec<f64> {
         let mut parts = Vec::new();
         let is_known = (0..9).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis));
-        let may_lack = !self.is_settled || self.corrector.turns(&motion.to);
-        self.corrector.goes(&motion.to);
+        let turns = self.corrector.goes(&motion.to);
         if !is_known {
             parts.push(1.0);
             return parts;
         }
-        if may_lack && self.lacks_correction(motion) {
+        if self.lacks_correction(motion, turns) {
             parts.push(0.0);
         }
         let frame = &self.interpreter.frame;
@@ -58,8 +58,11 @@ impl Rewriter {
     }
 
     /// Whether the axes stand further from where a motion is to begin than the tolerance and the rounding of words let them: an
-    /// axis turns, and its play is to be taken up; another tool is in the spindle; or the axes came here without a correction.
-    pub(crate) fn lacks_correction(&self, motion: &Move) -> bool {
+    /// axis `turns`, and its play is to be taken up; another tool is in the spindle; or the axes came here without a correction.
+    pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
+        if self.is_settled && !turns {
+            return false;
+        }
         let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
         let modal = &self.interpreter.modal;
         let step = of_steps(1, self.decimals.of(0, modal.unit_mm)) * modal.unit_mm;
@@ -96,11 +99,6 @@ impl Rewriter {
             } else {
                 frame.to_machine(&to)
             };
-            let leg = Leg {
-                from: before,
-                to,
-                at,
-            };
             let writes = each(|axis| {
                 let is_new = place == 0 || motion.incremental[axis] || to[axis] != before[axis];
                 if splits && is_new {
@@ -109,7 +107,15 @@ impl Rewriter {
                     Writes::IfChanged
                 }
             });
-            let words = self.words_to(motion, line, &leg, &writes, &mut carried);
+            let leg = Leg {
+                motion,
+                line,
+                from: before,
+                to,
+                at,
+                writes,
+            };
+            let words = self.words_to(&leg, &mut carried);
             let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
             let part = Part {
                 place,
@@ -124,9 +130,4 @@ impl Rewriter {
         self.carried = frame.moved_in_machine(&end, &carried);
         self.is_settled = true;
     }
-}
-
-/// The place at a share of a straight way.
-fn between(from: &Axes, to: &Axes, share: f64) -> Axes {
-    each(|axis| from[axis] + share * (to[axis] - from[axis]))
 }

@@ -12,11 +12,11 @@ use crate::{
     Decimals, NcError,
     coordinates::{Axes, Frame},
     correction::Corrector,
-    motion::{Move, Path},
+    motion::{Move, Path, half_deep},
     program::execute,
     rewrite::Rewriter,
     setup::SetUp,
-    words::each,
+    words::between,
 };
 
 /// Motions that wait between two threads.
@@ -50,7 +50,7 @@ pub struct Place {
     pub before_um: [f64; 3],
     /// How far from there the tip is with the compensated program, µm.
     pub after_um: [f64; 3],
-    /// It is the end of a rapid motion or the beginning of another path: not joined to the place before.
+    /// It is the end of a rapid motion, or a hole: no path leads to it from the place before.
     pub begins: bool,
 }
 
@@ -62,9 +62,9 @@ pub struct Deviation {
     pub max_um: f64,
     /// The root of the mean of its squares over all places that were looked at, µm.
     pub rms_um: f64,
-    /// Where it is largest: the line of the original program, and the tip, mm from the workpiece origin.
+    /// Where it is largest: the line of the original program.
     pub line: usize,
-    /// The tip there.
+    /// Where the tip is to be there, mm from the workpiece origin in workpiece axes.
     pub tip_mm: [f64; 3],
 }
 
@@ -104,8 +104,6 @@ pub struct Virtual<'a> {
     pub temperatures: &'a Temperatures,
     /// What the programs rely on.
     pub setup: &'a SetUp,
-    /// How coordinates are written.
-    pub decimals: Decimals,
     /// Blocks that are executed at the most.
     pub most_blocks: u64,
 }
@@ -161,7 +159,7 @@ fn motions(
     of: Virtual<'_>,
     to: SyncSender<Made>,
 ) -> Result<(), NcError> {
-    let mut rewriter = Rewriter::new(of.setup, ideal.clone(), of.decimals)?;
+    let mut rewriter = Rewriter::new(of.setup, ideal.clone(), Decimals::default())?;
     rewriter.tells = Some(to);
     execute(program, &mut io::sink(), rewriter, of.most_blocks, |_| {
         Ok(())
@@ -286,13 +284,11 @@ fn place_of(made: &Made, share: f64) -> Axes {
             clearance,
             depth,
         } => {
-            // A hole is where it is half as deep as it gets.
-            let mut at = to;
-            at[depth] = 0.5 * (bottom + clearance);
-            frame.to_machine(&at)
+            let places = [bottom, clearance];
+            frame.to_machine(&half_deep(&to, depth, places))
         }
         _ if share == 1.0 => motion.to,
-        _ => frame.to_machine(&each(|axis| from[axis] + share * (to[axis] - from[axis]))),
+        _ => frame.to_machine(&between(&from, &to, share)),
     }
 }
 

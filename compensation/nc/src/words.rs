@@ -138,6 +138,11 @@ impl OnItsWay {
     }
 }
 
+/// The place at a share of a straight way.
+pub(crate) fn between(from: &Axes, to: &Axes, share: f64) -> Axes {
+    each(|axis| from[axis] + share * (to[axis] - from[axis]))
+}
+
 /// A value for each axis, made one by one.
 pub(crate) fn each<T>(value: impl FnMut(usize) -> T) -> Axes<T> {
     std::array::from_fn(value)

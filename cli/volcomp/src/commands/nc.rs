@@ -121,14 +121,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .map_err(|e| Failure::in_file(&arguments.output, e))?;
     output.finish()?;
     let mut notes = machine_notes(&machine, &temperatures);
-    let mut verification = None;
-    if arguments.verify {
+    let verification = if arguments.verify {
         if arguments.truth.is_none() {
             notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
         }
-        let found = verified(arguments, (&machine, &temperatures), &setup, &summary)?;
-        verification = Some(found);
-    }
+        let model = (&machine, &temperatures);
+        Some(verified(arguments, model, &setup, &summary)?)
+    } else {
+        None
+    };
     if let (Some(path), Some(found)) = (&arguments.picture, &verification) {
         let inputs = [(arguments.output.as_path(), "--output")];
         let mut file = OutputFile::open_beside(path, &inputs)?;
@@ -158,7 +159,6 @@ fn verified(
         truth,
         temperatures,
         setup,
-        decimals: arguments.decimals,
         most_blocks: arguments.max_blocks,
     };
     let open = |path: &Path| {

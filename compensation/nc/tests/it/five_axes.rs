@@ -69,15 +69,16 @@ fn places(program: &str) -> Vec<[f64; 5]> {
     program.lines().map(line).collect()
 }
 
-/// How far the tip is from where it belongs (µm) where the axes are commanded to be at `commanded`.
-fn miss_um(machine: &Machine, wanted: [f64; 5], commanded: [f64; 5]) -> f64 {
+/// How far the tip of a tool of this length is from where it belongs (µm) where the axes are commanded to be at `commanded`.
+fn miss_um(length: f64, wanted: [f64; 5], commanded: [f64; 5]) -> f64 {
     const NAMES: [AxisName; 5] = [X, Y, Z, A, C];
+    let machine = machine(length);
     let state = |at: [f64; 5]| {
         let named: Vec<_> = NAMES.into_iter().zip(at).collect();
         machine.state(&named).expect("five axes")
     };
     let error = machine.error_at(&state(commanded), Form::Exact, &Temperatures::new());
-    let tip = |[x, y, z, a, c]: [f64; 5]| seen_from_table([x, y, z - LENGTH], a, c);
+    let tip = |[x, y, z, a, c]: [f64; 5]| seen_from_table([x, y, z - length], a, c);
     let (wanted, reached) = (tip(wanted), tip(commanded));
     let off: f64 = (0..3)
         .map(|i| (reached[i] + error.position_mm[i] - wanted[i]).powi(2))
@@ -108,11 +109,8 @@ fn coordinates_of_the_axes() {
     let text = program("G90 G54", PLACES.into_iter());
     let (out, _) = run(&machine, "", &text, Decimals::default());
     for (wanted, commanded) in PLACES.into_iter().zip(places(&out).into_iter().skip(1)) {
-        assert!(
-            miss_um(&machine, wanted, wanted) > 5.0,
-            "nothing to correct"
-        );
-        let miss = miss_um(&machine, wanted, commanded);
+        assert!(miss_um(LENGTH, wanted, wanted) > 5.0, "nothing to correct");
+        let miss = miss_um(LENGTH, wanted, commanded);
         assert!(miss < 0.9, "{wanted:?}: {miss} µm, rounding is 0.87");
     }
 }
@@ -141,31 +139,9 @@ fn coordinates_of_the_centre_point() {
             ..Decimals::default()
         };
         let (out, _) = run(&own, setup, &text, decimals);
-        let tooled = machine(length);
         let commanded = places(&out).into_iter().skip(1).map(to_axes);
         for (wanted, commanded) in PLACES.into_iter().zip(commanded) {
-            // Written out again with the tool of this run.
-            let shifted = |mut at: [f64; 5]| {
-                at[2] += LENGTH - length;
-                at
-            };
-            let error = |at: [f64; 5]| {
-                let named: Vec<_> = [X, Y, Z, A, C].into_iter().zip(at).collect();
-                let state = tooled.state(&named).expect("five axes");
-                tooled
-                    .error_at(&state, Form::Exact, &Temperatures::new())
-                    .position_mm
-            };
-            let error = error(commanded);
-            let tip = |at: [f64; 5]| {
-                let [x, y, z, a, c] = shifted(at);
-                seen_from_table([x, y, z - LENGTH], a, c)
-            };
-            let (wanted_at, reached) = (tip(wanted), tip(commanded));
-            let off: f64 = (0..3)
-                .map(|i| (reached[i] + error[i] - wanted_at[i]).powi(2))
-                .sum();
-            let miss = 1e3 * off.sqrt();
+            let miss = miss_um(length, wanted, commanded);
             assert!(miss < 0.1, "{first}, {wanted:?}: {miss} µm");
         }
     }
@@ -187,7 +163,6 @@ fn ways_of_the_centre_point_are_within_the_tolerance() {
         truth: &machine,
         temperatures: &Temperatures::new(),
         setup: &setup,
-        decimals: Decimals::default(),
         most_blocks: 1000,
     };
     let (mut program, mut result) = (program.as_bytes(), out.as_bytes());

@@ -2,7 +2,7 @@
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Corrector, Decimals, Job, NcError, SetUp, Verification, Virtual, compensate, picture, verify,
+    Corrector, Job, NcError, SetUp, Verification, Virtual, compensate, picture, verify,
 };
 
 use crate::identity::TRAVELS;
@@ -23,7 +23,6 @@ fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcE
         truth: &machine(truth),
         temperatures: &none,
         setup: &setup,
-        decimals: Decimals::default(),
         most_blocks: 10_000,
     };
     verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of)
@@ -71,7 +70,6 @@ fn a_result_of_another_program_is_told() {
         truth: &truth,
         temperatures: &none,
         setup: &setup,
-        decimals: Decimals::default(),
         most_blocks: 10_000,
     };
     let mut original = "G0 X1\nG0 X2\n".as_bytes();

@@ -1,0 +1,147 @@
+//! The words that lead a motion, or a part of it, to its end.
+
+use std::ops::Range;
+
+use crate::{
+    coordinates::{Axes, LETTERS},
+    line::Line,
+    motion::Move,
+    notes::Note,
+    number::of_steps,
+    rewrite::Rewriter,
+    words::{Number, OnItsWay, Written},
+};
+
+/// A motion or a part of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leg<'a> {
+    pub(crate) motion: &'a Move,
+    pub(crate) line: Line<'a>,
+    /// Where it begins and ends, in the coordinates of the program.
+    pub(crate) from: Axes,
+    pub(crate) to: Axes,
+    /// The axes of the machine where its correction belongs: at its end, or half-way down a hole.
+    pub(crate) at: Axes,
+    pub(crate) writes: Axes<Writes>,
+}
+
+/// When the word of an axis is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Writes {
+    /// It is no coordinate of the end: the depth of a cycle.
+    Never,
+    /// Where its number changes.
+    IfChanged,
+    /// Whatever its number is, if the block has it: the motion is in parts.
+    Anew,
+    /// Also if the block does not have it.
+    Always,
+}
+
+/// The numbers of words, and the correction that belongs to them, in the coordinates of the program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Words {
+    pub(crate) numbers: Axes<Option<Number>>,
+    pub(crate) delta: Axes,
+}
+
+impl Rewriter {
+    /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
+    /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
+    /// ones follow, so that the tip is where it belongs.
+    pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Words {
+        let correction = self.corrector.at(&leg.at);
+        let mut words = Words {
+            numbers: [None; 9],
+            delta: [0.0; 9],
+        };
+        let in_program =
+            |this: &Self, delta: &Axes| this.interpreter.frame.moved_in_program(&leg.at, delta);
+        words.delta = in_program(self, &correction.delta);
+        if correction.is_coupled() {
+            self.numbers(leg, 3..6, &mut words, carried);
+            words.delta = in_program(self, &correction.with_rotary(carried));
+            self.numbers(leg, 0..3, &mut words, carried);
+            self.numbers(leg, 6..9, &mut words, carried);
+        } else {
+            self.numbers(leg, 0..9, &mut words, carried);
+        }
+        words
+    }
+
+    /// The numbers of some axes, for the correction that `words` has.
+    fn numbers(
+        &mut self,
+        leg: &Leg<'_>,
+        axes: Range<usize>,
+        words: &mut Words,
+        carried: &mut Axes,
+    ) {
+        for axis in axes {
+            let word = leg.line.word(leg.motion.words[axis]);
+            let writes = leg.writes[axis];
+            if writes == Writes::Never || word.is_none() && !self.corrector.has(axis) {
+                continue;
+            }
+            let written = match word {
+                Some(word) => Some(Written {
+                    decimals: word.decimals.unwrap_or(0),
+                    anew: writes != Writes::IfChanged,
+                }),
+                None => (writes == Writes::Always).then_some(Written {
+                    decimals: 0,
+                    anew: true,
+                }),
+            };
+            let way = self.on_its_way(axis, leg, words.delta[axis], carried[axis], written);
+            (words.numbers[axis], carried[axis]) = way.word();
+        }
+    }
+
+    /// One axis on its way, with the correction that belongs to its end and the one that it has before.
+    fn on_its_way(
+        &mut self,
+        axis: usize,
+        leg: &Leg<'_>,
+        delta: f64,
+        carried: f64,
+        written: Option<Written>,
+    ) -> OnItsWay {
+        let modal = &self.interpreter.modal;
+        let decimals = self.decimals.of(axis, modal.unit_mm);
+        let incremental = leg.motion.incremental[axis];
+        let known = self.interpreter.known[axis];
+        let corrects = self.corrects(axis);
+        let mut delta = if corrects { delta } else { 0.0 };
+        if !known || !self.corrector.has(axis) {
+            if self.corrector.has(axis) && delta.abs() >= 0.5 * of_steps(1, decimals) {
+                let note = Note::LeftOut(char::from(LETTERS[axis]));
+                self.interpreter.notes.add(note, leg.line.number);
+            }
+            delta = if incremental || written.is_none() {
+                carried
+            } else {
+                0.0
+            };
+        }
+        OnItsWay {
+            from: leg.from[axis],
+            to: leg.to[axis],
+            delta,
+            carried,
+            scale: modal.scale(axis),
+            decimals,
+            incremental,
+            written,
+            may_be_added: known && corrects,
+        }
+    }
+
+    /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
+    fn corrects(&self, axis: usize) -> bool {
+        if axis < 3 && self.interpreter.frame.tip.is_some() {
+            return (0..3).any(|axis| self.corrector.corrects(axis));
+        }
+        self.corrector.corrects(axis)
+    }
+}
