@@ -156,7 +156,7 @@ pub(crate) fn fit(
         || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
     {
         return Err(IdentifyError::TooFew {
-            poses: rows.poses(),
+            poses: rows.poses().1,
             numbers: design.jacobian.nrows(),
             unknowns: system.params.len(),
             rank: rank.kept.len(),

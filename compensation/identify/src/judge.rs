@@ -7,7 +7,7 @@ use volcomp_kinematics::nalgebra::Vector3;
 use crate::{
     error::IdentifyError,
     identify::fit,
-    observations::{Observations, Row, Seen},
+    observations::{Observations, Seen},
     prepared::Rows,
     system::System,
     values::Values,
@@ -37,30 +37,21 @@ pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
 /// The part of each row: rows of one pose are in the same part, poses are dealt out in an order drawn with a fixed seed. `None` where
 /// there are fewer poses than parts: a part without a pose would judge nothing.
 fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
-    let mut poses: Vec<&Row> = Vec::new();
-    let mut pose_of = Vec::new();
-    for row in rows.iter() {
-        let same = |other: &&Row| {
-            let near = other.stand.state.q.iter().zip(&row.stand.state.q);
-            near.into_iter().all(|(a, b)| (a - b).abs() < 1e-6)
-        };
-        let place = poses.iter().position(same);
-        pose_of.push(place.unwrap_or(poses.len()));
-        if place.is_none() {
-            poses.push(row);
-        }
-    }
-    if count == 0 || poses.len() < count {
+    if count == 0 {
         return None;
     }
-    let mut order: Vec<usize> = (0..poses.len()).collect();
+    let (pose_of, poses) = rows.poses();
+    if poses < count {
+        return None;
+    }
+    let mut order: Vec<usize> = (0..poses).collect();
     let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
     for last in (1..order.len()).rev() {
         let drawn = random.next_u64() % (last as u64 + 1);
         // At most `last`, which is a place of the list.
         order.swap(last, usize::try_from(drawn).unwrap_or(last));
     }
-    let mut part = vec![0; poses.len()];
+    let mut part = vec![0; poses];
     for (place, pose) in order.into_iter().enumerate() {
         part[pose] = place % count;
     }

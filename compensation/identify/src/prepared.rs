@@ -47,15 +47,23 @@ impl Rows {
         self.0.iter().map(|row| &row.row)
     }
 
-    /// At how many different poses the machine stood.
-    pub(crate) fn poses(&self) -> usize {
+    /// At which pose the machine stood in each row, counted from 0, and how many poses there are. Rows whose axes stand
+    /// within 1e-6 mm or rad are of one pose.
+    pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
         let mut poses: Vec<&Stand> = Vec::new();
+        let mut pose_of = Vec::with_capacity(self.len());
         for row in self.iter() {
-            if !poses.iter().any(|pose| pose.state.q == row.stand.state.q) {
+            let same = |other: &&Stand| {
+                let near = other.state.q.iter().zip(&row.stand.state.q);
+                near.into_iter().all(|(a, b)| (a - b).abs() < 1e-6)
+            };
+            let place = poses.iter().position(same);
+            pose_of.push(place.unwrap_or(poses.len()));
+            if place.is_none() {
                 poses.push(&row.stand);
             }
         }
-        poses.len()
+        (pose_of, poses.len())
     }
 
     /// Only these rows.

@@ -201,7 +201,7 @@ impl Search<'_> {
             }
         }
         let failed = || IdentifyError::TooFew {
-            poses: rows.poses(),
+            poses: rows.poses().1,
             numbers: equations.residuals.len(),
             unknowns: system.params.len(),
             rank: kept.len(),

@@ -39,37 +39,44 @@ pub(crate) struct Equations {
 /// Whether every row speaks of frames, points and numbers that the set-up has.
 fn check_places(observations: &Observations) -> Result<(), IdentifyError> {
     let setup = &observations.setup;
-    let counts = [setup.frames.len(), setup.points.len(), setup.numbers.len()];
-    let kinds = ["frames", "points", "numbers"];
+    let frame = |place: usize| ("frames", setup.frames.len(), place);
+    let point = |place: usize| ("points", setup.points.len(), place);
+    let number = |place: usize| ("numbers", setup.numbers.len(), place);
     for observation in &observations.observations {
         for row in &observation.rows {
-            // The kinds of places in their order, as above.
-            let places: Vec<(usize, usize)> = match row.seen {
-                Seen::Point { frame, target, .. } => {
-                    let target = target.map(|point| (1, point));
-                    std::iter::once((0, frame)).chain(target).collect()
+            let places = match row.seen {
+                Seen::Point {
+                    frame: of, target, ..
+                } => {
+                    let target = target.map(point);
+                    std::iter::once(frame(of)).chain(target).collect()
                 }
-                Seen::Sphere { centre, .. } => vec![(1, centre)],
-                Seen::Distance { point, dead, .. } => vec![(1, point), (2, dead)],
-                Seen::Pair { dead, .. } => vec![(2, dead)],
-                Seen::Line { offset, slope, .. } => vec![(2, offset), (2, slope)],
+                Seen::Sphere { centre, .. } => vec![point(centre)],
+                Seen::Distance {
+                    point: of, dead, ..
+                } => vec![point(of), number(dead)],
+                Seen::Pair { dead, .. } => vec![number(dead)],
+                Seen::Line { offset, slope, .. } => vec![number(offset), number(slope)],
                 Seen::Ball {
                     origin,
                     tilts: [first, second],
                     distance,
                     ..
-                } => vec![(1, origin), (2, first), (2, second), (2, distance)],
+                } => vec![
+                    point(origin),
+                    number(first),
+                    number(second),
+                    number(distance),
+                ],
             };
-            let wrong = places
-                .into_iter()
-                .find(|(kind, place)| *place >= counts[*kind]);
-            if let Some((kind, found)) = wrong {
+            let wrong = places.into_iter().find(|(_, count, place)| place >= count);
+            if let Some((what, count, found)) = wrong {
                 return Err(IdentifyError::NoSuchPlace {
                     file: observation.file.clone(),
                     line: row.line,
-                    what: kinds[kind],
+                    what,
                     found,
-                    count: counts[kind],
+                    count,
                 });
             }
         }

@@ -44,31 +44,42 @@ impl Poses {
     /// The pose at a place: of a grid the last axis runs fastest. Beyond the end the grid begins again, and a list gives
     /// machine zero.
     pub fn state(&self, place: usize) -> State {
+        let axes = match self {
+            Self::List(states) => return states.get(place).copied().unwrap_or_default(),
+            Self::Grid(nodes) => nodes.len(),
+            Self::Even { travels, .. } => travels.len(),
+        };
+        let mut state = State::default();
+        let mut rest = place;
+        for (axis, q) in state.q.iter_mut().enumerate().take(axes).rev() {
+            let count = self.nodes(axis).max(1);
+            *q = self.node(axis, rest % count);
+            rest /= count;
+        }
+        state
+    }
+
+    /// How many nodes a grid has along an axis.
+    fn nodes(&self, axis: usize) -> usize {
         match self {
-            Self::List(states) => states.get(place).copied().unwrap_or_default(),
-            Self::Grid(nodes) => {
-                let mut state = State::default();
-                let mut rest = place;
-                for (q, nodes) in state.q.iter_mut().zip(nodes).rev() {
-                    let count = nodes.len().max(1);
-                    *q = nodes.get(rest % count).copied().unwrap_or_default();
-                    rest /= count;
-                }
-                state
-            }
+            Self::Grid(nodes) => nodes[axis].len(),
+            Self::Even { count, .. } => *count,
+            Self::List(_) => 0,
+        }
+    }
+
+    /// The coordinate of a node of a grid, mm or rad.
+    fn node(&self, axis: usize, place: usize) -> f64 {
+        match self {
+            Self::Grid(nodes) => nodes[axis].get(place).copied().unwrap_or_default(),
             Self::Even { travels, count } => {
-                let count = (*count).max(1);
-                let mut state = State::default();
-                let mut rest = place;
-                for (q, &[low, high]) in state.q.iter_mut().zip(travels).rev() {
-                    *q = match count {
-                        1 => 0.5 * (low + high),
-                        _ => low + (high - low) * (rest % count) as f64 / (count - 1) as f64,
-                    };
-                    rest /= count;
+                let [low, high] = travels[axis];
+                match count {
+                    0 | 1 => 0.5 * (low + high),
+                    _ => low + (high - low) * place as f64 / (count - 1) as f64,
                 }
-                state
             }
+            Self::List(_) => 0.0,
         }
     }
 }
