@@ -2,14 +2,9 @@
 
 use core::time::Duration;
 
-use volcomp_vocabulary::{AxisKind, Direction};
+use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY};
 
 use crate::{AxisLimits, turn::shortest_way};
-
-/// The least travel after which a linear axis counts as turned: 5 µm.
-const REVERSAL_MM: f64 = 0.005;
-/// The least travel after which a rotary axis counts as turned: 5e-4 deg.
-const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
 
 /// The travel (mm or rad) after which an axis counts as turned: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps
 /// of its position plus the lag of its position at standstill.
@@ -21,8 +16,8 @@ const REVERSAL_RAD: f64 = 8.726_646_259_971_648e-6;
 #[must_use]
 pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
     let least = match limits.kind {
-        AxisKind::Linear => REVERSAL_MM,
-        AxisKind::Rotary => REVERSAL_RAD,
+        AxisKind::Linear => TURNED_AFTER.0,
+        AxisKind::Rotary => TURNED_AFTER_ROTARY.to_rad().0,
     };
     let lag = if limits.includes_correction {
         limits.slew_per_s * delay.as_secs_f64() + limits.resolution

@@ -2,12 +2,9 @@
 
 use volcomp_kinematics::State;
 use volcomp_model::Machine;
-use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, Direction, MAX_AXES, TURNED_AFTER, TURNED_AFTER_ROTARY};
 
 use crate::observations::{Observation, Row, Seen};
-
-/// A change of direction counts after travel over this from the last turning point, mm (linear) or deg (rotary).
-const THRESHOLD: [f64; 2] = [5e-3, 5e-4];
 
 /// An observation with the order of its rows.
 pub(crate) struct Timed {
@@ -106,7 +103,7 @@ pub(crate) fn set_times(
 }
 
 /// From which side each axis of a machine came, over the poses in their order. A change of direction counts after travel
-/// over 5 µm or 0.0005° from the last turning point.
+/// over [`TURNED_AFTER`] or [`TURNED_AFTER_ROTARY`] from the last turning point.
 #[derive(Clone, Debug, Default)]
 pub struct Approach {
     /// The last turning point of each axis, mm or rad.
@@ -119,9 +116,10 @@ impl Approach {
     pub fn to(&mut self, state: &mut State, machine: &Machine) {
         let extreme = self.extreme.get_or_insert(state.q.0);
         for (axis, (described, &q)) in machine.axes().iter().zip(&state.q).enumerate() {
-            let kind = described.name.kind();
-            let threshold = THRESHOLD[usize::from(described.name.is_rotary())];
-            let threshold = Displacement::from_coordinate(kind, threshold).mm_or_rad();
+            let threshold = match described.name.kind() {
+                AxisKind::Linear => TURNED_AFTER.0,
+                AxisKind::Rotary => TURNED_AFTER_ROTARY.to_rad().0,
+            };
             let travelled = q - extreme[axis];
             let now = Direction::of(travelled);
             if travelled.abs() > threshold {

@@ -7,7 +7,7 @@ use volcomp_model::{
     curve::ErrorCurve,
     evaluator::CompiledMachine,
     kinematics::{Form, State},
-    vocabulary::{AxisKind, Direction, MAX_AXES},
+    vocabulary::{AxisKind, Direction, MAX_AXES, TURNED_AFTER, TURNED_AFTER_ROTARY},
 };
 
 use crate::{
@@ -20,8 +20,6 @@ use crate::{
 const COMPILED_TO_NM: f64 = 1.0;
 /// What a correction of one step may neglect, mm; beyond it the exact one is taken.
 const NEGLECTED_MM: f64 = 2e-5;
-/// Travel after which a direction counts as another, mm and deg.
-const TURNS_AFTER: [f64; 2] = [0.005, 5e-4];
 /// Tools whose machines are kept.
 const MOST_TOOLS: usize = 64;
 
@@ -214,7 +212,11 @@ impl Corrector {
         }
         let before = self.approach;
         for axis in 0..MAX_AXES {
-            let after = TURNS_AFTER[usize::from(is_rotary(axis))];
+            let after = if is_rotary(axis) {
+                TURNED_AFTER_ROTARY.0
+            } else {
+                TURNED_AFTER.0
+            };
             let way = to[axis] - self.furthest[axis];
             let on = match self.approach[axis] {
                 Some(Direction::Positive) => way > 0.0 || way < -after,

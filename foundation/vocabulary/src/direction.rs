@@ -2,6 +2,13 @@
 
 use core::{fmt, ops::Neg, str::FromStr};
 
+use crate::units::{Deg, Mm};
+
+/// Travel against its direction after which a linear axis counts as turned, where nothing else is stated.
+pub const TURNED_AFTER: Mm = Mm(0.005);
+/// Travel against its direction after which a rotary axis counts as turned, where nothing else is stated.
+pub const TURNED_AFTER_ROTARY: Deg = Deg(5e-4);
+
 /// The direction in which an axis travels or last travelled. It selects the branch of a bidirectional curve and
 /// names the approach to a target (ISO 230-2: ↑ and ↓). Where the direction is not known, an `Option<Direction>` is
 /// `None`, and the mean of both branches holds.

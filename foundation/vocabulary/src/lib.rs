@@ -11,7 +11,7 @@ mod serialised;
 mod units;
 
 pub use axis::{AxisKind, AxisName, MAX_AXES, UnknownAxis};
-pub use direction::{Direction, UnknownDirection};
+pub use direction::{Direction, TURNED_AFTER, TURNED_AFTER_ROTARY, UnknownDirection};
 pub use error_name::{Component, ErrorName, UnknownErrorName};
 pub use per_axis::{PerAxis, PerChannel};
 pub use range::{COORDINATE_ROUNDING, brought_into, is_within};
