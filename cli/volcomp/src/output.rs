@@ -150,6 +150,12 @@ impl OutputFile {
         }
     }
 
+    /// Where what was written so far can be read.
+    pub(crate) fn so_far(&mut self) -> Result<&Path, Failure> {
+        self.flush().map_err(|e| Failure::work_on(&self.path, &e))?;
+        Ok(&self.temporary)
+    }
+
     /// Everything is written: the file takes its name.
     pub(crate) fn finish(mut self) -> Result<(), Failure> {
         let Some(writer) = self.writer.take() else {

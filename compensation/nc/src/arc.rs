@@ -1,4 +1,4 @@
-//! Arcs: places on them, and the arc through three places.
+//! Arcs: places on them.
 
 use crate::{coordinates::Axes, motion::Arc};
 
@@ -26,19 +26,4 @@ impl Arc {
         }
         place
     }
-}
-
-/// The centre of the circle through three places; `None` where they lie in a line.
-pub(crate) fn centre_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<[f64; 2]> {
-    let (u, v) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-    let area = 2.0 * (u[0] * v[1] - u[1] * v[0]);
-    let (uu, vv) = (u[0] * u[0] + u[1] * u[1], v[0] * v[0] + v[1] * v[1]);
-    if area.abs() <= 1e-12 * (uu + vv) {
-        return None;
-    }
-    let centre = [
-        a[0] + (v[1] * uu - u[1] * vv) / area,
-        a[1] + (u[0] * vv - v[0] * uu) / area,
-    ];
-    centre.iter().all(|x| x.is_finite()).then_some(centre)
 }

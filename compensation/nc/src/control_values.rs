@@ -6,14 +6,26 @@ use crate::{
     parameters::Value,
 };
 
+/// The axis whose place the named parameter is: `_x`.
+pub(crate) fn axis_of_name(name: &str) -> Option<usize> {
+    match name.as_bytes() {
+        [b'_', letter] => axis_of(letter.to_ascii_uppercase()),
+        _ => None,
+    }
+}
+
+/// The axis whose place the numbered parameter is.
+pub(crate) fn axis_of_place(number: u32) -> Option<usize> {
+    let axis = number.checked_sub(5420)? as usize;
+    (axis < 9).then_some(axis)
+}
+
 impl Interpreter {
     /// A named parameter that the control provides.
     pub(crate) fn provided(&self, name: &str) -> Option<Value> {
         let truth = |truth: bool| Some(Some(f64::from(u8::from(truth))));
         let modal = &self.modal;
-        if let [b'_', letter] = name.as_bytes()
-            && let Some(axis) = axis_of(letter.to_ascii_uppercase())
-        {
+        if let Some(axis) = axis_of_name(name) {
             let at = self.program_position()[axis] / modal.scale(axis);
             return Some(self.known[axis].then_some(at));
         }
@@ -71,7 +83,7 @@ impl Interpreter {
             5400 => return Some(self.modal.tool.map(f64::from)),
             5401..=5409 => (&self.modal.tool_offset, place(5401)?),
             5420..=5428 => {
-                let axis = place(5420)?;
+                let axis = axis_of_place(number)?;
                 let at = self.program_position()[axis] / self.modal.scale(axis);
                 return Some(self.known[axis].then_some(at));
             }

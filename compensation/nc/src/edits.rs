@@ -46,7 +46,11 @@ impl Edits {
         let mut edits: Vec<(Range<usize>, Option<Number>)> = self.ranges.clone();
         for (place, Word { at, text, .. }) in block.words.iter().enumerate() {
             if self.removed.contains(&place) {
-                edits.push((*at..text.end, None));
+                // With the blanks before it, unless it begins the line.
+                let before = &line.text[..*at];
+                let kept = before.trim_ascii_end().len();
+                let from = if kept == 0 { *at } else { kept };
+                edits.push((from..text.end, None));
             } else if let Some((_, number)) =
                 self.replaced.iter().rev().find(|(of, _)| *of == place)
             {

@@ -1,8 +1,13 @@
 //! Numbers, parameters and expressions after a letter, as RS-274 has them; angles are in degrees.
 
+use std::cell::Cell;
+
 use crate::{
+    control_values::{axis_of_name, axis_of_place},
+    coordinates::Axes,
     fault::Fault,
-    parameters::{MOST, Parameters, Value},
+    interpret::Interpreter,
+    parameters::{HAS_RETURNED, MOST, RETURNED, Value},
     scan::Scanner,
 };
 
@@ -62,14 +67,39 @@ enum Operator {
 
 /// Reads values of a block; parameters have the values that they had before it.
 pub(crate) struct Expressions<'p> {
-    pub(crate) parameters: &'p Parameters,
-    /// The named parameters that the control provides, such as `_x`.
-    pub(crate) provided: &'p dyn Fn(&str) -> Option<Value>,
-    /// The numbered ones.
-    pub(crate) numbered: &'p dyn Fn(u32) -> Option<Value>,
+    interpreter: &'p Interpreter,
+    /// The axes whose places were read.
+    reads: Cell<Axes<bool>>,
+    /// What a subroutine returned was read.
+    reads_returned: Cell<bool>,
 }
 
-impl Expressions<'_> {
+impl<'p> Expressions<'p> {
+    pub(crate) fn new(interpreter: &'p Interpreter) -> Self {
+        Self {
+            interpreter,
+            reads: Cell::default(),
+            reads_returned: Cell::default(),
+        }
+    }
+
+    /// The axes whose places were read: at the control these are the corrected ones.
+    pub(crate) fn axes_read(&self) -> Axes<bool> {
+        self.reads.get()
+    }
+
+    pub(crate) fn has_read_returned(&self) -> bool {
+        self.reads_returned.get()
+    }
+
+    fn reads_place(&self, axis: Option<usize>) {
+        if let Some(axis) = axis {
+            let mut reads = self.reads.get();
+            reads[axis] = true;
+            self.reads.set(reads);
+        }
+    }
+
     /// The value that begins here; `None`: there is none.
     pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<Read>, Fault> {
         if let Some((value, decimals)) = scanner.number() {
@@ -173,16 +203,24 @@ impl Expressions<'_> {
         }
         Ok(match self.parameter_number(scanner, depth)? {
             Some(number) => {
-                (self.numbered)(number).unwrap_or_else(|| self.parameters.numbered(number))
+                let interpreter = self.interpreter;
+                self.reads_place(axis_of_place(number));
+                let provided = interpreter.numbered(number);
+                provided.unwrap_or_else(|| interpreter.parameters.numbered(number))
             }
             None => None,
         })
     }
 
     fn named(&self, name: &str) -> Option<Value> {
-        self.parameters
-            .named(name)
-            .or_else(|| (self.provided)(name))
+        if name == RETURNED || name == HAS_RETURNED {
+            self.reads_returned.set(true);
+        }
+        let set = self.interpreter.parameters.named(name);
+        set.or_else(|| {
+            self.reads_place(axis_of_name(name));
+            self.interpreter.provided(name)
+        })
     }
 
     /// The number of a parameter, whose `#` is passed; `None`: only the machine knows it.

@@ -7,6 +7,9 @@ use crate::{
     fault::Fault,
 };
 
+/// Larger numbers are no coordinates of a machine tool, and lose their decimals.
+const LARGEST: f64 = 1e9;
+
 /// The words of a block that is executed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Given<'a> {
@@ -87,10 +90,16 @@ impl<'a> Given<'a> {
     }
 
     fn value_of(&self, word: &Word) -> Result<f64, NcError> {
-        word.value.ok_or(NcError::OnlyAtMachine {
+        let letter = char::from(word.letter);
+        let value = word.value.ok_or(NcError::OnlyAtMachine {
             line: self.line,
-            word: char::from(word.letter),
-        })
+            word: letter,
+        })?;
+        if value.abs() > LARGEST {
+            let what = format!("{letter} with {value:e}, expected at most {LARGEST:e}");
+            return Err(self.refused(&what));
+        }
+        Ok(value)
     }
 
     /// The error that this block asks for what cannot be compensated.

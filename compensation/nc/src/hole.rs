@@ -51,20 +51,38 @@ impl Rewriter {
             to: end,
             at: middle,
             writes,
+            keeps: [false; 9],
         };
         let words = self.words_to(&leg, &mut carried);
-        let is_known = self.interpreter.known[depth] && self.corrector.corrects(depth);
-        if is_known && !motion.incremental[depth] {
-            self.depth(words.delta[depth], depth, places, line);
-            if !self.interpreter.modal.comes_back || places[1] > before[depth] {
-                carried[depth] = self.carried_by_cycle;
-            }
+        if self.interpreter.known[depth] && self.corrector.corrects(depth) {
+            let initial = self.interpreter.modal.sticky.initial;
+            let initial = initial.unwrap_or(before[depth]);
+            let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
+            let [bottom, clearance] = places;
+            let hole = if motion.incremental[depth] {
+                // The depth counts from R, and goes along with it.
+                Hole {
+                    delta: words.delta[depth] - at_initial,
+                    places: vec![(b'R', clearance - initial)],
+                    by_initial: at_initial,
+                }
+            } else {
+                Hole {
+                    delta: words.delta[depth],
+                    places: vec![(LETTERS[depth], bottom), (b'R', clearance)],
+                    by_initial: 0.0,
+                }
+            };
+            let carried_by_cycle = self.depth(&hole, depth, line);
+            let is_up = self.interpreter.modal.comes_back && clearance <= initial;
+            carried[depth] = if is_up { at_initial } else { carried_by_cycle };
         }
         let part = Part {
             place: 0,
             share: 1.0,
             numbers: &words.numbers,
             words: &motion.words,
+            others: &[],
             feed: None,
         };
         self.write_part(&part, line, out);
@@ -74,29 +92,47 @@ impl Rewriter {
         Ok(())
     }
 
-    /// The depth of a cycle and its plane R, with a correction.
-    fn depth(&mut self, delta: f64, depth: usize, places: [f64; 2], line: Line<'_>) {
+    /// The depth of a cycle and its plane R, with a correction; what of it R stands for then.
+    fn depth(&mut self, hole: &Hole, depth: usize, line: Line<'_>) -> f64 {
+        let Hole {
+            delta, by_initial, ..
+        } = *hole;
         let scale = self.interpreter.modal.scale(depth);
         let decimals = self.decimals.of(depth, self.interpreter.modal.unit_mm);
         let half = 0.5 * of_steps(1, decimals);
-        let letters = [LETTERS[depth], b'R'];
-        let named = letters.map(|letter| line.place_of(letter));
-        let is_named = named.iter().any(Option::is_some);
-        let changes = ((delta - self.carried_by_cycle) / scale).abs() >= half
+        let is_named = hole
+            .places
+            .iter()
+            .any(|(letter, _)| line.place_of(*letter).is_some());
+        let carried = self.carried_by_cycle.unwrap_or(by_initial);
+        let changes = ((delta + by_initial - carried) / scale).abs() >= half
             || is_named && (delta / scale).abs() >= half;
         if !changes {
-            if is_named {
-                self.carried_by_cycle = 0.0;
-            }
-            return;
+            let carried = if is_named { by_initial } else { carried };
+            self.carried_by_cycle = Some(carried);
+            return carried;
         }
-        for ((at, word), letter) in places.into_iter().zip(named).zip(letters) {
+        let mut carried = by_initial + delta;
+        for (letter, at) in &hole.places {
+            let word = line.place_of(*letter);
             let of_word = line.word(word).and_then(|word| word.decimals).unwrap_or(0);
             let value = (at + delta) / scale;
             if let Some(number) = Number::nearest(value, decimals.max(of_word)) {
-                self.carried_by_cycle = number.value() * scale - at;
-                self.edits.set(letter, word, number);
+                carried = by_initial + number.value() * scale - at;
+                self.edits.set(*letter, word, number);
             }
         }
+        self.carried_by_cycle = Some(carried);
+        carried
     }
+}
+
+/// What a cycle goes down by: its words, with the correction that belongs to them.
+struct Hole {
+    /// What its words are to change by, mm.
+    delta: f64,
+    /// The letters and the numbers of its words without a correction, mm.
+    places: Vec<(u8, f64)>,
+    /// The correction that is in the place from which they count.
+    by_initial: f64,
 }

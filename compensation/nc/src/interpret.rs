@@ -8,9 +8,9 @@ use crate::{
     NcError,
     block::{Block, Parameter},
     codes::{Codes, Refusal, UnknownCode, text},
-    coordinates::{Axes, Frame},
+    coordinates::{Axes, Frame, name_of},
     given::{Given, whole},
-    modal::{Code, FeedMode, Modal, Plane},
+    modal::{CentrePoint, Code, FeedMode, Modal, Plane},
     motion::Move,
     notes::Notes,
     parameters::Parameters,
@@ -30,6 +30,10 @@ pub(crate) struct Outcome {
     pub(crate) ends: bool,
     /// M98 or M99.
     pub(crate) calls: Option<Code>,
+    /// It stores the place of G28 (0) or G30 (1).
+    pub(crate) stores_home: Option<usize>,
+    /// Compensating the radius of the tool begins or ends here (G40 to G42.1).
+    pub(crate) switches_radius: bool,
 }
 
 /// State: everything that a program has set, and where its axes are.
@@ -55,7 +59,7 @@ impl Interpreter {
         let (position, known) = setup.start();
         let modal = setup.modal();
         let tip = Tip::new(&machine).map(Arc::new);
-        if modal.centre_point && tip.is_none() {
+        if modal.centre_point != CentrePoint::Off && tip.is_none() {
             return Err(NcError::NoCentrePoint);
         }
         Ok(Self {
@@ -86,6 +90,11 @@ impl Interpreter {
         self.frame = self.frame_of(&self.modal);
     }
 
+    /// Whether the machine has the axis at a place.
+    pub(crate) fn machine_has(&self, axis: usize) -> bool {
+        name_of(axis).is_some_and(|name| self.machine.index_of(name).is_ok())
+    }
+
     /// Puts the tool of the offset that holds into the spindle.
     pub(crate) fn update_tool(&mut self) -> Result<(), NcError> {
         if self.tip.is_some() {
@@ -98,15 +107,16 @@ impl Interpreter {
     /// Coordinates are those of the centre point of the tool from now on, or of the axes.
     pub(crate) fn switch_centre_point(
         &mut self,
-        on: bool,
+        to: CentrePoint,
         given: &Given<'_>,
     ) -> Result<(), NcError> {
+        let on = to != CentrePoint::Off;
         let mut joints = self.machine.chain().joints().iter();
         let has_rotary = joints.any(|joint| joint.kind == AxisKind::Rotary);
         if on && has_rotary && self.tip.is_none() {
             return Err(given.refused(&NcError::NoCentrePoint.to_string()));
         }
-        self.modal.centre_point = on;
+        self.modal.centre_point = to;
         Ok(())
     }
 
@@ -118,6 +128,7 @@ impl Interpreter {
             repeats: 1,
             ends: codes.ends,
             calls: codes.calls,
+            switches_radius: codes.radius().is_some(),
             ..Outcome::default()
         };
         self.switch(&codes, &given)?;
@@ -191,10 +202,18 @@ impl Interpreter {
         if let Some(code) = codes.tool_length() {
             self.tool_length(code, given)?;
             self.update_tool()?;
-            self.switch_centre_point(code == 434, given)?;
+            match self.modal.centre_point {
+                _ if code == 434 => {
+                    self.switch_centre_point(CentrePoint::WithToolLength, given)?;
+                }
+                CentrePoint::WithToolLength => self.modal.centre_point = CentrePoint::Off,
+                CentrePoint::Off | CentrePoint::Switched => {}
+            }
         }
-        if let Some(on) = codes.centre_point {
-            self.switch_centre_point(on, given)?;
+        match codes.centre_point {
+            Some(true) => self.switch_centre_point(CentrePoint::Switched, given)?,
+            Some(false) => self.modal.centre_point = CentrePoint::Off,
+            None => {}
         }
         if let Some(code) = codes.work_offset() {
             let systems = [540, 550, 560, 570, 580, 590, 591, 592, 593];

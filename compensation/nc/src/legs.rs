@@ -23,6 +23,8 @@ pub(crate) struct Leg<'a> {
     /// The axes of the machine where its correction belongs: at its end, or half-way down a hole.
     pub(crate) at: Axes,
     pub(crate) writes: Axes<Writes>,
+    /// Axes that end with the correction that they have, whatever belongs to the end.
+    pub(crate) keeps: Axes<bool>,
 }
 
 /// When the word of an axis is written.
@@ -112,7 +114,11 @@ impl Rewriter {
         let incremental = leg.motion.incremental[axis];
         let known = self.interpreter.known[axis];
         let corrects = self.corrects(axis);
-        let mut delta = if corrects { delta } else { 0.0 };
+        let mut delta = match corrects {
+            true if leg.keeps[axis] => carried,
+            true => delta,
+            false => 0.0,
+        };
         if !known || !self.corrector.has(axis) {
             if self.corrector.has(axis) && delta.abs() >= 0.5 * of_steps(1, decimals) {
                 let note = Note::LeftOut(char::from(LETTERS[axis]));

@@ -7,6 +7,8 @@
 mod arc;
 mod arcs;
 mod block;
+mod bow;
+mod circle;
 mod codes;
 mod control_values;
 mod coordinates;
@@ -35,6 +37,7 @@ mod run;
 mod scan;
 mod setup;
 mod straight;
+mod stretches;
 mod tip;
 mod verify;
 mod words;

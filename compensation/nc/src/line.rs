@@ -6,9 +6,10 @@ use crate::block::{Block, Word};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Line<'a> {
     pub(crate) block: &'a Block,
-    /// Its bytes without the end of line, and that end.
+    /// Its bytes without the end of line.
     pub(crate) text: &'a [u8],
-    pub(crate) end: &'a [u8],
+    /// The end of a line that is added beside it.
+    pub(crate) more: &'static [u8],
     /// Counted from 1.
     pub(crate) number: usize,
 }

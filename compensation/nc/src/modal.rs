@@ -52,6 +52,17 @@ pub(crate) enum FeedMode {
     PerRevolution,
 }
 
+/// Whether coordinates are those of the centre point of the tool.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum CentrePoint {
+    #[default]
+    Off,
+    /// Until another tool length comes into force, or none (G43.4).
+    WithToolLength,
+    /// Until it is switched off (M428, the set-up).
+    Switched,
+}
+
 /// A work offset.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct WorkOffset {
@@ -62,8 +73,10 @@ pub(crate) struct WorkOffset {
 /// What is kept of a canned cycle from hole to hole, in the coordinates of the program, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sticky {
-    /// The bottom of the hole, and the plane to which the tool comes back.
-    pub(crate) bottom: Option<f64>,
+    /// Where the tool was along the depth before the first hole.
+    pub(crate) initial: Option<f64>,
+    /// The words of the depth and of R: places in G90, in G91 R from there and the depth from R.
+    pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
 }
 
@@ -91,7 +104,7 @@ pub(crate) struct Modal {
     pub(crate) shifted: bool,
     pub(crate) tool_offset: Axes,
     /// Coordinates are those of the centre point of the tool, whatever the rotary axes do (G43.4, M428).
-    pub(crate) centre_point: bool,
+    pub(crate) centre_point: CentrePoint,
     /// The rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
     /// The radius of the tool is compensated: 410 or 420.
@@ -120,7 +133,7 @@ impl Default for Modal {
             shift: [0.0; 9],
             shifted: false,
             tool_offset: [0.0; 9],
-            centre_point: false,
+            centre_point: CentrePoint::Off,
             rotation: None,
             radius: None,
             comes_back: true,
@@ -142,7 +155,9 @@ impl Modal {
             tool: self.tool_offset,
             rotation_deg,
             centre,
-            tip: tip.filter(|_| self.centre_point).cloned(),
+            tip: tip
+                .filter(|_| self.centre_point != CentrePoint::Off)
+                .cloned(),
         }
     }
 

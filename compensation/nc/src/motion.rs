@@ -16,6 +16,8 @@ pub(crate) enum Path {
         /// The axis normal to the plane.
         depth: usize,
     },
+    /// To the place of G28 or G30.
+    Home(usize),
     /// Something that is passed on as it is: a probing move, a thread, a spline.
     Other,
 }

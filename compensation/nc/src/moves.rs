@@ -194,21 +194,22 @@ impl Interpreter {
         let before = self.program_position();
         let unit = self.modal.unit_mm;
         let incremental = motion.incremental[depth];
-        let clearance = match given.letter(b'R')? {
-            Some(value) if incremental => Some(before[depth] + value * unit),
-            Some(value) => Some(value * unit),
-            None => self.modal.sticky.clearance,
-        };
-        let bottom = match (given.axis(depth)?, clearance) {
-            (Some(value), Some(clearance)) if incremental => Some(clearance + value * unit),
-            (Some(value), _) if !incremental => Some(value * unit),
-            _ => self.modal.sticky.bottom,
-        };
-        let (Some(bottom), Some(clearance)) = (bottom, clearance) else {
+        let sticky = &mut self.modal.sticky;
+        let initial = *sticky.initial.get_or_insert(before[depth]);
+        if let Some(value) = given.letter(b'R')? {
+            sticky.clearance = Some(value * unit);
+        }
+        if let Some(value) = given.axis(depth)? {
+            sticky.depth = Some(value * unit);
+        }
+        let (Some(way), Some(clearance)) = (sticky.depth, sticky.clearance) else {
             return Err(given.refused("a cycle without its depth or its plane R"));
         };
-        self.modal.sticky.bottom = Some(bottom);
-        self.modal.sticky.clearance = Some(clearance);
+        let [clearance, bottom] = if incremental {
+            [initial + clearance, initial + clearance + way]
+        } else {
+            [clearance, way]
+        };
         let repeats = match given.letter(b'L')? {
             Some(repeats) => whole(repeats, 100_000)
                 .filter(|repeats| *repeats > 0)
@@ -231,7 +232,7 @@ impl Interpreter {
             }
         }
         end[depth] = if self.modal.comes_back {
-            before[depth].max(clearance)
+            initial.max(clearance)
         } else {
             clearance
         };
@@ -241,7 +242,7 @@ impl Interpreter {
 }
 
 /// The centre of an arc by its radius: a negative one means the longer way.
-fn centre_of(
+pub(crate) fn centre_of(
     start: [f64; 2],
     end: [f64; 2],
     radius: f64,

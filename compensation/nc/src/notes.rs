@@ -21,6 +21,8 @@ pub enum Note {
     OutsideTravel(char),
     /// The radius of the tool is compensated: the contour is corrected.
     RadiusCompensated,
+    /// A line gets longer than some controls take.
+    LongLine,
 }
 
 impl fmt::Display for Note {
@@ -46,6 +48,10 @@ impl fmt::Display for Note {
             Self::OutsideTravel(axis) => write!(
                 f,
                 "{axis} leaves its travel; beyond its ends the errors there are taken"
+            ),
+            Self::LongLine => write!(
+                f,
+                "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a line of its own"
             ),
             Self::RadiusCompensated => write!(
                 f,

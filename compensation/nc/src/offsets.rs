@@ -67,13 +67,16 @@ impl Interpreter {
                 self.go_home(usize::from(code == 300), given, outcome)?;
             }
             Some(code @ (281 | 301)) => {
-                if self.known != [true; 9] {
+                let lacks = |axis: usize| self.machine_has(axis) && !self.known[axis];
+                if (0..9).any(lacks) {
                     self.notes.add(Note::HomeUnknown, given.line);
                 }
-                self.modal.homes[usize::from(code == 301)] = self.position;
+                let which = usize::from(code == 301);
+                self.modal.homes[which] = self.position;
+                outcome.stores_home = Some(which);
             }
             Some(920) => {
-                self.modal.shifted = true;
+                self.shift_anew();
                 self.update_frame();
                 for (axis, value) in given.axes()? {
                     // Where the axis is, the program reads this value from now on.
@@ -84,10 +87,10 @@ impl Interpreter {
                 outcome.presets = Some(given.places);
             }
             Some(520) => {
+                self.shift_anew();
                 for (axis, value) in given.axes()? {
                     self.modal.shift[axis] = value * self.modal.scale(axis);
                 }
-                self.modal.shifted = true;
             }
             Some(921) => (self.modal.shift, self.modal.shifted) = ([0.0; 9], false),
             Some(922) => self.modal.shifted = false,
@@ -99,6 +102,14 @@ impl Interpreter {
         }
         self.update_frame();
         Ok(codes.not_modal() != Some(40))
+    }
+
+    /// A shift of some axes holds from now on: those that were switched off by G92.2 do not come back.
+    fn shift_anew(&mut self) {
+        if !self.modal.shifted {
+            self.modal.shift = [0.0; 9];
+        }
+        self.modal.shifted = true;
     }
 
     /// G10.
@@ -171,7 +182,7 @@ impl Interpreter {
             }
         }
         outcome.motion = Some(Move {
-            path: Path::Other,
+            path: Path::Home(which),
             from,
             to: self.position,
             words: if all {

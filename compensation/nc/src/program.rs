@@ -117,11 +117,18 @@ pub(crate) fn execute(
             Some(_) => {
                 // From here on lines are executed in another order than they stand.
                 let rest = read_rest(input, text, number)?;
+                let mut lines = split_lines(&rest);
+                let after_end = end_by_percent(&lines, percents);
+                let not_read = lines.split_off(after_end);
                 let lines = Lines {
-                    lines: split_lines(&rest),
+                    lines,
                     first: number,
                 };
                 let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
+                for (line, end) in not_read {
+                    output.write_all(line)?;
+                    output.write_all(end)?;
+                }
                 seen(bytes + rest.len() as u64)?;
                 return Ok(summary(after, ends));
             }
@@ -165,6 +172,19 @@ fn read_rest(
         });
     }
     Ok(text)
+}
+
+/// How many lines there are up to the second percent sign, behind which nothing is read.
+fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> usize {
+    let is_percent = |(line, _): &(&[u8], &[u8])| line.trim_ascii_start().starts_with(b"%");
+    let percents = lines
+        .iter()
+        .enumerate()
+        .filter(|(_, line)| is_percent(line));
+    let last = percents
+        .map(|(place, _)| place)
+        .nth(1_usize.saturating_sub(before));
+    last.map_or(lines.len(), |place| place + 1)
 }
 
 /// Each line and its end.

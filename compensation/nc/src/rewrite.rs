@@ -7,13 +7,13 @@ use std::{
 
 use crate::{
     NcError,
-    block::{Begins, Block, Parameter},
+    block::{Begins, Block, Parameter, Word},
     coordinates::{Axes, LETTERS},
     correction::Corrector,
     edits::{Edits, write_word},
     expression::Expressions,
     interpret::{Interpreter, Outcome},
-    line::{Line, end_of_more},
+    line::Line,
     modal::FeedMode,
     motion::{Move, Path},
     notes::Note,
@@ -23,6 +23,9 @@ use crate::{
     verify::Made,
     words::{Decimals, Number},
 };
+
+/// Some controls take no longer lines: LinuxCNC with the end of the line 256 characters.
+const LONGEST: usize = 254;
 
 /// What was done to a program so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -37,6 +40,26 @@ pub struct Counts {
     pub added: u64,
 }
 
+/// Which values that the program computes are written as numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Computed {
+    Kept,
+    /// Those with what a subroutine returned: its call is written out.
+    ReturnedWritten,
+    /// All: the lines that compute them are not executed in this order.
+    Written,
+}
+
+/// Whether the control compensates the radius of the tool.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Contour {
+    None,
+    /// It begins or ends to do so with this motion, which must stay one.
+    Switches,
+    /// It does: a motion of some µm beside the contour would be taken for a part of it.
+    Follows,
+}
+
 /// State: a program that is read, and the correction that its axes carry.
 #[derive(Clone, Debug)]
 pub(crate) struct Rewriter {
@@ -47,10 +70,16 @@ pub(crate) struct Rewriter {
     pub(crate) carried: Axes,
     /// That is the correction that belongs to where they are.
     pub(crate) is_settled: bool,
-    /// What of it stands in the depth of the cycle that is kept from hole to hole, mm.
-    pub(crate) carried_by_cycle: f64,
-    /// Values that are computed are written as numbers: the lines that compute them are not executed in this order.
-    pub(crate) writes_values: bool,
+    /// What of it stands in the plane R of the cycle that is kept from hole to hole, mm.
+    pub(crate) carried_by_cycle: Option<f64>,
+    /// What of it was in the axis of its depth where the first hole of a row began, mm.
+    pub(crate) carried_at_initial: Option<f64>,
+    /// What of it is in the places of G28 and G30.
+    carried_at_home: [Axes; 2],
+    pub(crate) contour: Contour,
+    pub(crate) computed: Computed,
+    /// Lines end with a carriage return, too.
+    crlf: bool,
     pub(crate) counts: Counts,
     /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
     pub(crate) shares: Option<Vec<f64>>,
@@ -72,8 +101,12 @@ impl Rewriter {
             decimals,
             carried: [0.0; 9],
             is_settled: false,
-            carried_by_cycle: 0.0,
-            writes_values: false,
+            carried_by_cycle: None,
+            carried_at_initial: None,
+            carried_at_home: [[0.0; 9]; 2],
+            contour: Contour::None,
+            computed: Computed::Kept,
+            crlf: false,
             counts: Counts::default(),
             shares: None,
             tells: None,
@@ -98,23 +131,23 @@ impl Rewriter {
     ) -> Result<bool, NcError> {
         self.counts.lines += 1;
         let mut block = std::mem::take(&mut self.block);
-        let interpreter = &self.interpreter;
-        let expressions = Expressions {
-            parameters: &interpreter.parameters,
-            provided: &|name| interpreter.provided(name),
-            numbered: &|number| interpreter.numbered(number),
-        };
+        if !end.is_empty() {
+            self.crlf = end.len() == 2;
+        }
+        let expressions = Expressions::new(&self.interpreter);
         let read = block.read(text, &expressions);
+        let reads_correction = self.carries(&expressions.axes_read())
+            || self.computed != Computed::Kept && expressions.has_read_returned();
         let ends = match read {
             Ok(()) => {
                 let block = &block;
                 let line = Line {
                     block,
                     text,
-                    end,
+                    more: if self.crlf { b"\r\n" } else { b"\n" },
                     number,
                 };
-                self.block(line, out)
+                self.block(line, reads_correction, out)
             }
             Err(fault) => Err(NcError::Block {
                 line: number,
@@ -125,8 +158,12 @@ impl Rewriter {
         ends
     }
 
-    fn block(&mut self, line: Line<'_>, out: &mut Vec<u8>) -> Result<bool, NcError> {
-        let before = self.interpreter.modal.sticky;
+    fn block(
+        &mut self,
+        line: Line<'_>,
+        reads_correction: bool,
+        out: &mut Vec<u8>,
+    ) -> Result<bool, NcError> {
         let outcome = self.interpreter.execute(line.block, line.number)?;
         if outcome.calls.is_some() {
             return Err(NcError::NotCompensated {
@@ -136,12 +173,20 @@ impl Rewriter {
         }
         let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;
         self.is_settled &= !other_tool;
-        if self.interpreter.modal.sticky != before {
-            self.carried_by_cycle = 0.0;
+        if self.interpreter.modal.sticky.initial.is_none() {
+            (self.carried_by_cycle, self.carried_at_initial) = (None, None);
         }
+        if let Some(which) = outcome.stores_home {
+            self.carried_at_home[which] = self.carried;
+        }
+        self.contour = match self.interpreter.modal.radius {
+            _ if outcome.switches_radius => Contour::Switches,
+            Some(_) => Contour::Follows,
+            None => Contour::None,
+        };
         self.edits.clear();
-        if self.writes_values {
-            self.write_values(line.block);
+        if self.computed == Computed::Written || reads_correction {
+            self.write_values(line.block, reads_correction);
         }
         let length = out.len();
         if let Some(motion) = &outcome.motion {
@@ -156,6 +201,15 @@ impl Rewriter {
         if out.len() == length {
             self.edits.write(line, out);
         }
+        if out.len() - length > LONGEST && line.text.len() <= LONGEST {
+            let longest = out[length..]
+                .split(|byte| *byte == b'\n')
+                .map(<[u8]>::len)
+                .max();
+            if longest > Some(LONGEST) {
+                self.interpreter.notes.add(Note::LongLine, line.number);
+            }
+        }
         if !self.edits.is_empty() {
             self.counts.changed += 1;
         }
@@ -163,7 +217,7 @@ impl Rewriter {
     }
 
     /// Every computed value as the number that it is here.
-    fn write_values(&mut self, block: &Block) {
+    fn write_values(&mut self, block: &Block, also_set: bool) {
         for (place, word) in block.words.iter().enumerate() {
             let value = word.value.filter(|_| word.decimals.is_none());
             let number = value.and_then(|value| Number::shortest(value, 6));
@@ -171,7 +225,8 @@ impl Rewriter {
                 .replaced
                 .extend(number.map(|number| (place, number)));
         }
-        if !self.interpreter.parameters.in_sub() {
+        let in_sub = self.computed == Computed::Written && self.interpreter.parameters.in_sub();
+        if !in_sub && !also_set {
             return;
         }
         // What a subroutine sets for itself must not be set for the program.
@@ -183,7 +238,7 @@ impl Rewriter {
             let value = assignment
                 .value
                 .and_then(|value| Number::shortest(value, 6));
-            if is_local {
+            if is_local && in_sub {
                 self.edits.ranges.push((assignment.all.clone(), None));
             } else if value.is_some() {
                 self.edits.ranges.push((assignment.text.clone(), value));
@@ -215,6 +270,17 @@ impl Rewriter {
         }
     }
 
+    /// Whether any of these axes carries a correction, so that the control has another place for it.
+    pub(crate) fn carries(&self, axes: &Axes<bool>) -> bool {
+        if *axes == [false; 9] {
+            return false;
+        }
+        let interpreter = &self.interpreter;
+        let frame = &interpreter.frame;
+        let carried = frame.moved_in_program(&interpreter.position, &self.carried);
+        (0..9).any(|axis| axes[axis] && carried[axis].abs() > 1e-9)
+    }
+
     /// Tells whoever wants to know what the program does.
     fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
         let Some(tells) = &self.tells else {
@@ -237,16 +303,16 @@ impl Rewriter {
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), NcError> {
-        self.note_axes(motion, line.number);
+        self.note_axes(motion, line);
         match motion.path {
             _ if motion.in_machine => self.is_uncorrected(motion),
-            Path::Other => self.is_uncorrected(motion),
+            Path::Other | Path::Home(_) => self.is_uncorrected(motion),
             Path::Rapid => self.straight(motion, &[1.0], line, out),
             Path::Line => {
                 let parts = self.parts(motion);
                 self.straight(motion, &parts, line, out);
             }
-            Path::Arc(arc) => self.arc(motion, &arc, line, out),
+            Path::Arc(arc) => self.arc(motion, &arc, line, out)?,
             Path::Hole {
                 bottom,
                 clearance,
@@ -260,13 +326,14 @@ impl Rewriter {
     }
 
     /// Notes axes that the machine lacks or that leave their travel.
-    fn note_axes(&mut self, motion: &Move, number: usize) {
+    fn note_axes(&mut self, motion: &Move, line: Line<'_>) {
         let has_tip = self.interpreter.frame.tip.is_some();
         for axis in 0..9 {
             let letter = char::from(LETTERS[axis]);
             if !self.corrector.has(axis) {
-                if motion.words[axis].is_some() {
-                    self.interpreter.notes.add(Note::NoAxis(letter), number);
+                if line.word(motion.words[axis]).is_some() {
+                    let note = Note::NoAxis(letter);
+                    self.interpreter.notes.add(note, line.number);
                 }
                 continue;
             }
@@ -274,11 +341,12 @@ impl Rewriter {
             let is_outside = !self.corrector.is_within_travel(axis, motion.to[axis]);
             if moves && self.interpreter.known[axis] && is_outside {
                 let note = Note::OutsideTravel(letter);
-                self.interpreter.notes.add(note, number);
+                self.interpreter.notes.add(note, line.number);
             }
         }
         if self.interpreter.modal.radius.is_some() {
-            self.interpreter.notes.add(Note::RadiusCompensated, number);
+            let note = Note::RadiusCompensated;
+            self.interpreter.notes.add(note, line.number);
         }
     }
 
@@ -294,7 +362,10 @@ impl Rewriter {
         };
         for axis in 0..9 {
             if motion.words[axis].is_some() && !motion.incremental[axis] {
-                carried[axis] = 0.0;
+                carried[axis] = match motion.path {
+                    Path::Home(which) => self.carried_at_home[which][axis],
+                    _ => 0.0,
+                };
             }
         }
         self.carried = if motion.in_machine {
@@ -329,7 +400,8 @@ impl Rewriter {
             .feed
             .filter(|_| modal.feed_mode == FeedMode::InverseTime)?;
         // Taking up the play of an axis takes a little time, too.
-        Number::nearest(feed / share.max(1e-3), 4)
+        let share = if share == 0.0 { 1e-3 } else { share };
+        Number::nearest(feed / share, 4)
     }
 
     /// The first part goes into the line itself, each other one into a line of its own.
@@ -337,6 +409,7 @@ impl Rewriter {
         if part.share < 1.0 {
             self.ends_part(part.share);
         }
+        let stops = |word: &&Word| word.letter == b'M' && word.value.is_some_and(is_stop);
         if part.place == 0 {
             for (axis, number) in part.numbers.iter().enumerate() {
                 if let Some(number) = number {
@@ -346,13 +419,28 @@ impl Rewriter {
             if let Some(feed) = part.feed {
                 self.edits.set(b'F', line.place_of(b'F'), feed);
             }
+            if part.share < 1.0 {
+                let words = line.block.words.iter().enumerate();
+                let stops = words.filter(|(_, word)| stops(word));
+                self.edits.removed.extend(stops.map(|(place, _)| place));
+            }
             self.edits.write(line, out);
             return;
         }
-        out.extend_from_slice(end_of_more(line.end));
+        out.extend_from_slice(line.more);
         self.begin_line(line, out);
         for word in words_of(part.numbers, part.feed) {
             write_word(word, out);
+        }
+        for word in part.others {
+            write_word(*word, out);
+        }
+        if part.share == 1.0 {
+            for word in line.block.words.iter().filter(stops) {
+                if let Some(number) = word.value.and_then(|code| Number::nearest(code, 0)) {
+                    write_word((b'M', number), out);
+                }
+            }
         }
     }
 
@@ -390,5 +478,12 @@ pub(crate) struct Part<'a> {
     pub(crate) numbers: &'a Axes<Option<Number>>,
     /// The words that the block has.
     pub(crate) words: &'a Axes<Option<usize>>,
+    /// Words behind these in a line of its own: the circle of an arc.
+    pub(crate) others: &'a [(u8, Number)],
     pub(crate) feed: Option<Number>,
+}
+
+/// Whether an M code stops the program once the motion of its block has ended.
+fn is_stop(code: f64) -> bool {
+    [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
 }

@@ -8,8 +8,8 @@ use crate::{
     expression::Expressions,
     flow::{Flow, Keyword, Statement},
     line::end_of_more,
-    parameters::Value,
-    rewrite::Rewriter,
+    parameters::{HAS_RETURNED, RETURNED, Value},
+    rewrite::{Computed, Rewriter},
     scan::Scanner,
 };
 
@@ -52,13 +52,15 @@ pub(crate) fn run(
 ) -> Result<(Rewriter, bool), NcError> {
     let plain: Vec<&[u8]> = lines.lines.iter().map(|(line, _)| *line).collect();
     let flow = Flow::new(&plain, lines.first)?;
-    let mut recorded = Recorded {
-        texts: vec![None; plain.len()],
-        conflicts: vec![false; plain.len()],
-    };
-    let before = rewriter.clone();
+    let mut before = rewriter.clone();
+    let mut recorded = Recorded::new(plain.len());
     let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
-    if !recorded.conflicts.contains(&true) {
+    if recorded.conflicts.contains(&true) {
+        // A call that is written out returns nothing to the control.
+        before.computed = Computed::ReturnedWritten;
+        recorded = Recorded::new(plain.len());
+        Run::new(before.clone(), lines, &flow, most).go(&mut recorded)?;
+    } else {
         for (place, (line, end)) in lines.lines.iter().enumerate() {
             let text = recorded.texts[place].as_deref();
             output.write_all(text.unwrap_or(line))?;
@@ -68,7 +70,7 @@ pub(crate) fn run(
     }
     // A second time: what executes a line with a conflict is written out.
     let mut unrolled = Run::new(before, lines, &flow, most);
-    unrolled.rewriter.writes_values = true;
+    unrolled.rewriter.computed = Computed::Written;
     let mut written = Unrolled {
         lines,
         flow: &flow,
@@ -137,7 +139,6 @@ impl<'r, 't> Run<'r, 't> {
     }
 
     /// The line after one with an O-word.
-    #[expect(clippy::too_many_lines, reason = "one arm for each word")]
     fn follow(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let flow = self.flow;
         match statement.keyword {
@@ -151,11 +152,9 @@ impl<'r, 't> Run<'r, 't> {
                 };
                 let parameters = &mut self.rewriter.interpreter.parameters;
                 parameters.leave();
-                parameters.set_named(
-                    "_value_returned",
-                    Some(f64::from(u8::from(value.is_some()))),
-                );
-                parameters.set_named("_value", value.unwrap_or(Some(0.0)));
+                let has_returned = f64::from(u8::from(value.is_some()));
+                parameters.set_named(HAS_RETURNED, Some(has_returned));
+                parameters.set_named(RETURNED, value.unwrap_or(Some(0.0)));
                 Ok(back)
             }
             Keyword::While => Ok(if self.holds(at, statement, line)? {
@@ -269,12 +268,7 @@ impl<'r, 't> Run<'r, 't> {
 
     /// The values behind an O-word.
     fn values(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
-        let interpreter = &self.rewriter.interpreter;
-        let expressions = Expressions {
-            parameters: &interpreter.parameters,
-            provided: &|name| interpreter.provided(name),
-            numbered: &|number| interpreter.numbered(number),
-        };
+        let expressions = Expressions::new(&self.rewriter.interpreter);
         let mut scanner = Scanner::new(line);
         scanner.go_to(statement.rest);
         let mut values = Vec::new();
@@ -286,6 +280,18 @@ impl<'r, 't> Run<'r, 't> {
                     fault,
                 })?;
             values.extend(read.map(|read| read.value));
+        }
+        if self.rewriter.computed != Computed::Kept && expressions.has_read_returned() {
+            return Err(NcError::NotCompensated {
+                line: self.lines.first + at,
+                what: "#<_value> is read here, which a call returned that is corrected differently from time to time".to_owned(),
+            });
+        }
+        if self.rewriter.carries(&expressions.axes_read()) {
+            return Err(NcError::NotCompensated {
+                line: self.lines.first + at,
+                what: "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control".to_owned(),
+            });
         }
         Ok(values)
     }
@@ -310,6 +316,15 @@ impl<'r, 't> Run<'r, 't> {
 struct Recorded {
     texts: Vec<Option<Vec<u8>>>,
     conflicts: Vec<bool>,
+}
+
+impl Recorded {
+    fn new(lines: usize) -> Self {
+        Self {
+            texts: vec![None; lines],
+            conflicts: vec![false; lines],
+        }
+    }
 }
 
 impl Sink for Recorded {

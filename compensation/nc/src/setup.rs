@@ -6,7 +6,7 @@ use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
     coordinates::{Axes, axis_of},
-    modal::{Modal, SYSTEMS, WorkOffset},
+    modal::{CentrePoint, Modal, SYSTEMS, WorkOffset},
 };
 
 /// The names of the work offsets.
@@ -91,7 +91,11 @@ impl SetUp {
             unit_mm: if self.inch { 25.4 } else { 1.0 },
             offsets: self.offsets,
             homes: self.homes,
-            centre_point: self.centre_point,
+            centre_point: if self.centre_point {
+                CentrePoint::Switched
+            } else {
+                CentrePoint::Off
+            },
             ..Modal::default()
         }
     }

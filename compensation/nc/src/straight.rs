@@ -5,13 +5,12 @@ use crate::{
     legs::{Leg, Writes},
     line::Line,
     motion::Move,
-    number::of_steps,
-    rewrite::{Part, Rewriter},
+    rewrite::{Contour, Part, Rewriter},
     words::{between, each},
 };
 
 /// A motion is split into so many parts at the most.
-const MOST_PARTS: usize = 4096;
+pub(crate) const MOST_PARTS: usize = 4096;
 
 impl Rewriter {
     /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1. A first part that
@@ -20,7 +19,7 @@ impl Rewriter {
         let mut parts = Vec::new();
         let is_known = (0..9).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis));
         let turns = self.corrector.goes(&motion.to);
-        if !is_known {
+        if !is_known || self.contour == Contour::Switches {
             parts.push(1.0);
             return parts;
         }
@@ -60,17 +59,15 @@ impl Rewriter {
     /// Whether the axes stand further from where a motion is to begin than the tolerance and the rounding of words let them: an
     /// axis `turns`, and its play is to be taken up; another tool is in the spindle; or the axes came here without a correction.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
-        if self.is_settled && !turns {
+        if self.is_settled && !turns || self.contour != Contour::None {
             return false;
         }
         let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
-        let modal = &self.interpreter.modal;
-        let step = of_steps(1, self.decimals.of(0, modal.unit_mm)) * modal.unit_mm;
         let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects(*axis));
         let squared: f64 = linear
             .map(|axis| (delta[axis] - self.carried[axis]).powi(2))
             .sum();
-        squared.sqrt() > self.corrector.split_beyond_mm() + step
+        squared.sqrt() > self.corrector.split_beyond_mm() + self.step_mm()
     }
 
     /// A straight motion in parts.
@@ -114,6 +111,7 @@ impl Rewriter {
                 to,
                 at,
                 writes,
+                keeps: [false; 9],
             };
             let words = self.words_to(&leg, &mut carried);
             let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
@@ -122,6 +120,7 @@ impl Rewriter {
                 share,
                 numbers: &words.numbers,
                 words: &motion.words,
+                others: &[],
                 feed,
             };
             self.write_part(&part, line, out);

@@ -116,27 +116,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     });
     bar.finish_and_clear();
     let summary = summary.map_err(|error| failure(program, error))?;
-    output
-        .flush()
-        .map_err(|e| Failure::in_file(&arguments.output, e))?;
-    output.finish()?;
     let mut notes = machine_notes(&machine, &temperatures);
     let verification = if arguments.verify {
         if arguments.truth.is_none() {
             notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
         }
         let model = (&machine, &temperatures);
-        Some(verified(arguments, model, &setup, &summary)?)
+        let result = output.so_far()?;
+        Some(verified(arguments, model, &setup, &summary, result)?)
     } else {
         None
     };
     if let (Some(path), Some(found)) = (&arguments.picture, &verification) {
-        let inputs = [(arguments.output.as_path(), "--output")];
+        let inputs = [
+            (program.as_path(), "PROGRAM"),
+            (arguments.output.as_path(), "--output"),
+        ];
         let mut file = OutputFile::open_beside(path, &inputs)?;
         file.write_all(picture(found).as_bytes())
             .map_err(|e| Failure::in_file(path, e))?;
         file.finish()?;
     }
+    if let Some(found) = &verification {
+        is_better(found, arguments)?;
+    }
+    output.finish()?;
     answer(&arguments.output, &summary, verification.as_ref(), notes)
 }
 
@@ -146,6 +150,7 @@ fn verified(
     model: (&Machine, &Temperatures),
     setup: &SetUp,
     summary: &Summary,
+    result: &Path,
 ) -> Result<Verification, Failure> {
     let read;
     let (truth, temperatures) = match &arguments.truth {
@@ -165,9 +170,33 @@ fn verified(
         let file = File::open(path).map_err(|e| Failure::in_file(path, e))?;
         Ok::<_, Failure>(BufReader::new(file))
     };
-    let (mut original, mut result) = (open(&arguments.program)?, open(&arguments.output)?);
+    let (mut original, mut result) = (open(&arguments.program)?, open(result)?);
     verify(&mut original, &mut result, &summary.shares, of)
         .map_err(|error| failure(&arguments.program, error))
+}
+
+/// A result with which the tool is further off than without is not kept: by the root of the mean square, or in one place by
+/// more than twice as much. Less than the tolerance and two steps of the words does not count.
+fn is_better(found: &Verification, arguments: &Arguments) -> Result<(), Failure> {
+    let Decimals { mm, inch, .. } = arguments.decimals;
+    let step_um = [(1e3, mm), (25.4e3, inch)]
+        .map(|(unit_um, decimals)| unit_um / 10_f64.powi(i32::from(decimals)));
+    let no_matter_um = arguments.tolerance + 2.0 * step_um[0].max(step_um[1]);
+    let Verification { before, after, .. } = found;
+    let is_worse = after.rms_um > before.rms_um + no_matter_um
+        || after.max_um > 2.0 * before.max_um + no_matter_um;
+    if !is_worse {
+        return Ok(());
+    }
+    Err(Failure::Work(format!(
+        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm",
+        arguments.output.display(),
+        after.max_um,
+        after.line,
+        after.rms_um,
+        before.max_um,
+        before.rms_um
+    )))
 }
 
 fn failure(program: &Path, error: NcError) -> Failure {

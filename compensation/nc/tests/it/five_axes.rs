@@ -172,3 +172,33 @@ fn ways_of_the_centre_point_are_within_the_tolerance() {
     assert!(found.after.max_um < 1.9, "{:?}", found.after);
     assert!(summary.counts.added > 10, "{:?}", summary.counts);
 }
+
+/// M428 and the set-up hold until M429, G43.4 until G49: whatever tool length comes into force meanwhile.
+#[test]
+fn the_centre_point_is_moved_until_it_is_switched_off() {
+    let machine = machine(LENGTH);
+    let goes = "G0 X310 Y260 Z-250 A-60 C90\n";
+    let last = |setup: &str, first: &str| {
+        let program = format!("G0 X300 Y250 Z-100 A0 C0\n{first}\n{goes}");
+        let (out, _) = run(&machine, setup, &program, Decimals::default());
+        out.lines().last().expect("there are lines").to_owned()
+    };
+    let by_centre = last("", "G43.1 Z150\nM428");
+    let by_axes = last("", "G43.1 Z150");
+    assert_ne!(by_centre, by_axes);
+    let on = "tool_centre_point = true\n";
+    for (setup, first) in [
+        ("", "M428\nG43.1 Z150"),
+        ("", "M428\nG49\nG43.1 Z150"),
+        (on, "G43.1 Z150"),
+    ] {
+        assert_eq!(last(setup, first), by_centre, "{first}");
+    }
+    for (setup, first) in [
+        ("", "M428\nG43.1 Z150\nM429"),
+        (on, "M429\nG43.1 Z150"),
+        ("", "G43.4\nG49\nG43.1 Z150"),
+    ] {
+        assert_eq!(last(setup, first), by_axes, "{first}");
+    }
+}

@@ -5,4 +5,5 @@ mod five_axes;
 mod flow;
 mod identity;
 mod straight;
+mod traps;
 mod verify;

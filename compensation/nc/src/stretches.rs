@@ -1,0 +1,253 @@
+//! The parts in which an arc is written: each of them still an arc.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+use volcomp_model::vocabulary::TURNED_AFTER;
+
+use crate::{
+    bow::{Bow, sag_of},
+    coordinates::Axes,
+    motion::Arc,
+    number::of_steps,
+    rewrite::Rewriter,
+    straight::MOST_PARTS,
+    words::each,
+};
+
+/// Errors that are straight within a part of an arc leave a deviation from its circle that is 0 at both ends and in the
+/// middle and has one bend between each two of these: it is nowhere larger than so many times what it is at the quarters.
+const BETWEEN_QUARTERS: f64 = 1.15;
+/// An arc is looked at by so many quarters at the most.
+const MOST_QUARTERS: u32 = 4096;
+/// Parts of an arc that are shorter than so many steps of its words are not split any further.
+const SHORTEST_IN_STEPS: f64 = 20.0;
+
+/// A part of an arc that stays one arc: where it begins and ends, from 0 to 1 of the whole arc.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stretch {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+}
+
+impl Stretch {
+    /// The angle it turns by, rad, without its sign.
+    pub(crate) fn turns(self, arc: &Arc) -> f64 {
+        (self.to - self.from) * arc.turns_by.abs()
+    }
+
+    /// Whole turns before its last one, which may be whole itself.
+    pub(crate) fn more_turns(self, arc: &Arc) -> f64 {
+        (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
+    }
+
+    pub(crate) fn middle(self) -> f64 {
+        0.5 * (self.from + self.to)
+    }
+
+    /// Whether it is so near to a whole turn, or more, that no circle goes through its beginning, middle and end.
+    pub(crate) fn is_whole(self, arc: &Arc) -> bool {
+        self.turns(arc) > 1.9 * PI
+    }
+}
+
+/// A place in the plane of an arc.
+pub(crate) fn in_plane(arc: &Arc, at: &Axes) -> [f64; 2] {
+    let [first, second, _] = arc.axes;
+    [at[first], at[second]]
+}
+
+/// The same with a correction.
+pub(crate) fn shifted(arc: &Arc, at: &Axes, delta: &Axes) -> [f64; 2] {
+    let [first, second, _] = arc.axes;
+    [at[first] + delta[first], at[second] + delta[second]]
+}
+
+/// A part of less than a turn as it is programmed.
+pub(crate) fn programmed(arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> Bow {
+    let [start, end] = [part.from, part.to].map(|share| in_plane(arc, &arc.place(from, to, share)));
+    let radius = |at: [f64; 2]| (at[0] - arc.centre[0]).hypot(at[1] - arc.centre[1]);
+    Bow {
+        start,
+        end,
+        sag: sag_of(0.5 * (radius(start) + radius(end)), part.turns(arc)),
+        clockwise: arc.turns_by < 0.0,
+    }
+}
+
+impl Rewriter {
+    /// One step of the words of lengths, mm.
+    pub(crate) fn step_mm(&self) -> f64 {
+        let unit = self.interpreter.modal.unit_mm;
+        of_steps(1, self.decimals.of(0, unit)) * unit
+    }
+
+    /// A part of less than a turn through its corrected beginning, middle and end. Where the correction bends more than the arc
+    /// does, it keeps at least half of its own bend and at most twice it: it never turns over.
+    pub(crate) fn corrected(&self, arc: &Arc, ends: [&Axes; 2], part: Stretch) -> Bow {
+        let programmed = programmed(arc, ends, part);
+        let [start, middle, end] = [part.from, part.middle(), part.to].map(|share| {
+            let at = arc.place(ends[0], ends[1], share);
+            in_plane(arc, &self.delta_in_program(&at))
+        });
+        let normal = programmed.normal();
+        let bend: f64 = (0..2)
+            .map(|i| normal[i] * (middle[i] - 0.5 * (start[i] + end[i])))
+            .sum();
+        let sag = programmed.sag;
+        Bow {
+            start: std::array::from_fn(|i| programmed.start[i] + start[i]),
+            end: std::array::from_fn(|i| programmed.end[i] + end[i]),
+            sag: (sag + bend).clamp(0.5 * sag, 2.0 * sag),
+            ..programmed
+        }
+    }
+
+    /// The parts in which an arc is written.
+    pub(crate) fn stretches(&mut self, arc: &Arc, [from, to]: [&Axes; 2]) -> Vec<Stretch> {
+        let frame = self.interpreter.frame.clone();
+        let mut stretches = Vec::new();
+        let mut open = self.turn_to_turn(arc, from);
+        let sides = self.corrector.sides();
+        let (radius, _) = arc.start(from);
+        let shortest = SHORTEST_IN_STEPS * self.step_mm();
+        while let Some(stretch) = open.pop() {
+            let end = frame.to_machine(&arc.place(from, to, stretch.to));
+            self.corrector.goes(&end);
+            let is_short = stretch.turns(arc) * radius < shortest;
+            let are_many = stretches.len() + open.len() >= MOST_PARTS;
+            if is_short || are_many || self.fits(arc, [from, to], stretch) {
+                stretches.push(stretch);
+            } else {
+                let middle = stretch.middle();
+                open.push(Stretch {
+                    from: middle,
+                    ..stretch
+                });
+                open.push(Stretch {
+                    to: middle,
+                    ..stretch
+                });
+            }
+        }
+        self.corrector.put_back(sides);
+        stretches
+    }
+
+    /// The parts of an arc in which no axis changes its direction, the first one last: the whole arc where that changes nothing. An
+    /// axis that goes back by less than what counts as turning does not change it.
+    fn turn_to_turn(&self, arc: &Arc, from: &Axes) -> Vec<Stretch> {
+        let mut parts = vec![Stretch { from: 0.0, to: 1.0 }];
+        if !self.corrector.is_bidirectional() {
+            return parts;
+        }
+        let (radius, start) = arc.start(from);
+        let turned = self.interpreter.frame.rotation_deg.to_radians();
+        // The first quarter beyond the beginning, in the coordinates of the machine.
+        let begins = (start + turned) / FRAC_PI_2;
+        let sign = arc.turns_by.signum();
+        let next = if sign > 0.0 {
+            begins.floor() + 1.0
+        } else {
+            begins.ceil() - 1.0
+        };
+        // How far the axis goes that turns at a quarter, this angle away from it.
+        let goes = |angle: f64| radius * (1.0 - angle.abs().min(PI).cos()) > TURNED_AFTER.0;
+        for place in 0..MOST_QUARTERS {
+            let angle = (next + sign * f64::from(place) - begins) * FRAC_PI_2;
+            let share = angle / arc.turns_by;
+            if share >= 1.0 {
+                break;
+            }
+            if !goes(angle) || !goes(arc.turns_by - angle) {
+                continue;
+            }
+            if let Some(last) = parts.last_mut() {
+                last.to = share;
+            }
+            parts.push(Stretch {
+                from: share,
+                to: 1.0,
+            });
+        }
+        parts.reverse();
+        parts
+    }
+
+    /// Whether a part of an arc stays an arc: the one through its corrected beginning, middle and end is nowhere further from where
+    /// it belongs than the tolerance. What errors that are straight within the part leave is largest near the quarters, where it is
+    /// looked at; what curves add is bounded by their derivatives.
+    fn fits(&self, arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> bool {
+        let tolerance = self.corrector.split_beyond_mm();
+        let [first, second, _] = arc.axes;
+        let turns = part.turns(arc);
+        let is_whole = part.is_whole(arc);
+        let eighths = (turns / FRAC_PI_4).ceil().clamp(4.0, 4096.0);
+        let count = if is_whole { eighths } else { 4.0 };
+        let mut shares = (0..).map(f64::from).map(|place| place / count);
+        let place = |share: f64| {
+            let at = arc.place(from, to, part.from + share * (part.to - part.from));
+            (at, self.delta_in_program(&at))
+        };
+        let places: Vec<_> = shares
+            .by_ref()
+            .take_while(|share| *share <= 1.0)
+            .map(|share| (share, place(share)))
+            .collect();
+        let (Some((_, start)), Some((_, end))) = (places.first(), places.last()) else {
+            return false;
+        };
+        // The box of all places of the part, and how far the correction may be from a straight one within it.
+        let [mut low, mut high] = [start.0; 2];
+        for (_, (at, _)) in &places {
+            low = each(|axis| low[axis].min(at[axis]));
+            high = each(|axis| high[axis].max(at[axis]));
+        }
+        let (radius, _) = arc.start(from);
+        let bulge = radius * (1.0 - (0.5 * turns / count).cos());
+        for axis in [first, second] {
+            low[axis] -= bulge;
+            high[axis] += bulge;
+        }
+        let frame = &self.interpreter.frame;
+        let curved = self.corrector.bound_mm(
+            &frame.to_machine(&low),
+            &frame.to_machine(&high),
+            self.bulge_mm(&low, &high),
+        );
+        if 2.0 * curved > tolerance {
+            return false;
+        }
+        let off_plane = |share: f64, delta: &Axes| {
+            let away: f64 = (0..9)
+                .filter(|axis| *axis != first && *axis != second)
+                .map(|axis| {
+                    (delta[axis] - start.1[axis] - share * (end.1[axis] - start.1[axis])).powi(2)
+                })
+                .sum();
+            away.sqrt()
+        };
+        let circles = (!is_whole).then(|| {
+            // The programmed circle, too: its numbers are rounded, and that is not for a correction to mend.
+            [
+                self.corrected(arc, [from, to], part),
+                programmed(arc, [from, to], part),
+            ]
+            .map(|bow| (bow.centre(), bow.radius()))
+        });
+        let mut largest = 0.0_f64;
+        for (share, (at, delta)) in &places {
+            let off = if let Some([corrected, programmed]) = circles {
+                let off = |(centre, radius): ([f64; 2], f64), [x, y]: [f64; 2]| {
+                    (x - centre[0]).hypot(y - centre[1]) - radius
+                };
+                (off(corrected, shifted(arc, at, delta)) - off(programmed, in_plane(arc, at))).abs()
+            } else {
+                // A whole circle keeps its radius: it is shifted as its beginning is.
+                let of_start = &start.1;
+                (delta[first] - of_start[first]).hypot(delta[second] - of_start[second])
+            };
+            largest = largest.max(off).max(off_plane(*share, delta));
+        }
+        BETWEEN_QUARTERS * largest + 2.0 * curved <= tolerance
+    }
+}

@@ -1,0 +1,307 @@
+//! Programs with which small corrections could do great harm: what a control would make of the result is worked out by hand, or by
+//! LinuxCNC's interpreter.
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Corrector, Job, NcError, SetUp, Summary, Virtual, compensate, verify};
+
+const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
+const START: &str = "[start]\nX = 0\nY = 0\nZ = 0\n";
+
+fn run(errors: &str, program: &str) -> Result<(String, Summary), NcError> {
+    let machine = Machine::parse(&format!("{LINEAR}{errors}"), "m.toml").expect("a good machine");
+    let none = Temperatures::new();
+    let corrector = Corrector::new(&machine, &none, 0.001)?;
+    let setup = SetUp::parse(START, "setup.toml").expect("a good set-up");
+    let mut out = Vec::new();
+    let job = Job {
+        keep_shares: true,
+        ..Job::new(&corrector, &setup)
+    };
+    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
+    let of = Virtual {
+        truth: &machine,
+        temperatures: &none,
+        setup: &setup,
+        most_blocks: 100_000,
+    };
+    let mut original = program.as_bytes();
+    let found = verify(&mut original, &mut &out[..], &summary.shares, of)?;
+    assert!(
+        found.after.max_um < found.before.max_um + 3.0,
+        "{program}{}{found:?}",
+        String::from_utf8_lossy(&out)
+    );
+    Ok((String::from_utf8(out).expect("text"), summary))
+}
+
+fn result(errors: &str, program: &str) -> String {
+    run(errors, program).expect("compensated").0
+}
+
+/// A sag of 0.2 nm: the rounding of the ends must not turn the arc over.
+#[test]
+fn shallow_arcs_keep_their_side() {
+    let constant = "EYY = { poly = [-0.45] }\n";
+    for program in [
+        "G0 X10 Y0 Z0\nG3 X10.4 Y0 I0.2 J100\n",
+        "G0 X10 Y0 Z0\nG3 X11 Y0 I0.5 J1000\n",
+        "G0 X10 Y0 Z0\nG2 X10.001 Y0 I0.0005 J-20\n",
+    ] {
+        assert_eq!(result(constant, program), program);
+    }
+    // The correction bends by more than the arc, and the other way: it still is none of the other side.
+    let bent = "EYX = { table = [[-10, 0], [0, 4], [10, 0]], interpolation = \"linear\" }\n";
+    let out = result(bent, "G0 X-1 Y0 Z0\nG3 X1 Y0 R20000\nG2 X-1 R20000\n");
+    assert!(!out.contains("R-") && !out.contains("J-"), "{out}");
+}
+
+/// An arc that begins just before a quarter, where an axis turns: no part of it may round to nothing.
+#[test]
+fn no_part_of_an_arc_is_shorter_than_a_reversal() {
+    let play = "EXX = { mean = { poly = [0, 0] }, reversal = 3 }\n";
+    assert_eq!(
+        result(play, "G0 X20 Y20 Z0\nG0 X30 Y30\nG3 X10 Y30 I-10 J0.0003\n"),
+        "G0 X19.999 Y20 Z0\nG0 X29.999 Y30\nG1 X30.002\nG3 X20.002 Y40.000 I-10.000 J0.0000\nX10.002 Y30.000 I0.000 J-10.0000\n"
+    );
+}
+
+/// Half the chord is rounded to more than R: a centre says what R cannot.
+#[test]
+fn half_circles_by_radius_get_a_centre() {
+    let scale = "EXX = { poly = [0, -0.09] }\nEYY = { poly = [0, -0.09] }\n";
+    assert_eq!(
+        result(scale, "G0 X0 Y0 Z0\nG3 X100 Y0 R50 (half)\nG2 X0 R50\n"),
+        "G0 X0 Y0 Z0\nG3 X100.009 Y0 I50.005 J0.000 (half)\nG2 X0 I-50.005 J0.000\n"
+    );
+    // A quarter keeps its R.
+    assert_eq!(
+        result(scale, "G0 X100 Y0 Z0\nG3 X0 Y100 R100\n"),
+        "G0 X100.009 Y0 Z0\nG3 X0 Y100.009 R100.009\n"
+    );
+}
+
+/// The end of a full circle is its beginning, also where that lacks a correction of less than the tolerance.
+#[test]
+fn full_circles_stay_closed() {
+    let constant = "EXX = { poly = [0.8] }\nEYY = { poly = [0.8] }\n";
+    assert_eq!(
+        result(
+            constant,
+            "G0 X0 Y0 Z0\nG53 G0 X0 Y0\nG2 I-5\nG3 X0 Y0 J5\nG1 X10\n"
+        ),
+        "G0 X-0.001 Y-0.001 Z0\nG53 G0 X0 Y0\nG2 I-5\nG3 X0 Y0 J5\nG1 X9.999 Y-0.001\n"
+    );
+}
+
+/// Eight turns of a helix in parts are eight turns.
+#[test]
+fn the_parts_of_several_turns_make_all_of_them() {
+    let bent = "EZZ = { poly = [0, 0, 0.00005] }\n";
+    let out = result(bent, "G0 X0 Y0 Z0\nG2 X0 I-5 J0 Z-400 P8\n");
+    let turns: f64 = out
+        .lines()
+        .skip(1)
+        .map(|line| {
+            let word = |letter| {
+                let rest = line.split(letter).nth(1)?;
+                rest.split(' ').next()?.parse::<f64>().ok()
+            };
+            // Without P a part is a half or a whole turn.
+            let ends_beyond = word('X').is_some_and(|x| x < -5.0);
+            let starts_beyond = word('I').is_some_and(|i| i > 0.0);
+            let share = if ends_beyond == starts_beyond {
+                1.0
+            } else {
+                0.5
+            };
+            word('P').map_or(0.0, |turns| turns - 1.0) + share
+        })
+        .sum();
+    assert_eq!(turns, 8.0, "{out}");
+    assert!(out.contains('P'), "{out}");
+}
+
+/// What stops the program stops it behind the last part of the motion.
+#[test]
+fn stops_come_behind_the_last_part() {
+    let bent = "EXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
+    for stop in ["M0", "M1", "M2", "M30", "M60"] {
+        let out = result(bent, &format!("G0 X0 Y0 Z0\nG1 X400 {stop} (wait)\n"));
+        let lines: Vec<&str> = out.lines().collect();
+        assert!(lines.len() > 2, "{out}");
+        assert!(
+            lines[1].ends_with(" (wait)") && !lines[1].contains('M'),
+            "{out}"
+        );
+        let last = lines.last().expect("there are lines");
+        assert!(
+            last.starts_with("X399.960") && last.ends_with(stop),
+            "{out}"
+        );
+    }
+    let out = result(bent, "G0 X0 Y0 Z0\nG3 X400 Y0 R2000M2\n");
+    assert_eq!(out.matches('M').count(), 1, "{out}");
+    assert!(out.ends_with("M2\n"), "{out}");
+    // What is done before the motion stays where it is.
+    let out = result(bent, "G0 X0 Y0 Z0\nG1 M3 S100 X400 M8\n");
+    assert!(
+        out.lines()
+            .nth(1)
+            .is_some_and(|line| line.contains("M3 S100") && line.contains("M8")),
+        "{out}"
+    );
+}
+
+/// As LinuxCNC does: what G92.2 switched off does not come back with a shift of another axis.
+#[test]
+fn shifts_that_were_switched_off_stay_off() {
+    let errors = "EXX = { poly = [0, 0.1] }\nEC0Y = 100\n";
+    for shift in ["G92 Y10", "G52 Y10"] {
+        let program = |x: &str| format!("G0 X0 Y0 Z0\nG92 X1000\nG92.2\n{shift}\nG1 {x} Y0\n");
+        let out = result(errors, &program("X500"));
+        let x = if shift == "G92 Y10" {
+            "X499.949"
+        } else {
+            "X499.951"
+        };
+        assert!(
+            out.lines()
+                .last()
+                .is_some_and(|line| line.starts_with(&format!("G1 {x}"))),
+            "{out}"
+        );
+    }
+}
+
+/// The control has the corrected place of an axis; the program means the other one.
+#[test]
+fn places_that_are_read_are_written_as_numbers() {
+    let errors = "EXX = { poly = [-10, 0.1] }\n";
+    assert_eq!(
+        result(
+            errors,
+            "G0 X600 Y0 Z0\nG1 X[#5420-500]\n#2=[#5420-500]\nG1 X#2 Y#5421\nG1 X[#<_x>+500]\n"
+        ),
+        "G0 X599.950 Y0 Z0\nG1 X100\n#2=[#5420-500]\nG1 X-399.950 Y#5421\nG1 X100\n"
+    );
+    assert_eq!(
+        result(errors, "G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n"),
+        "G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n"
+    );
+    let refused = run(
+        errors,
+        "G0 X600 Y0 Z0\no1 while [#<_x> LT 700]\nG91 G1 X10\no1 endwhile\n",
+    );
+    let message = refused
+        .expect_err("the count of the loop would change")
+        .to_string();
+    assert!(
+        message.starts_with("line 2: the place of an axis is read here"),
+        "{message}"
+    );
+}
+
+/// In G91 a cycle counts R from where the tool was before the first hole, and the depth from R: as LinuxCNC does it.
+#[test]
+fn holes_in_g91_are_as_deep_as_they_are_to_be() {
+    let errors = "EZX = { poly = [0, 0.1] }\n";
+    assert_eq!(
+        result(
+            errors,
+            "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n"
+        ),
+        "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 R-1.050\nG80\nG90\nG0 Z0.950\n"
+    );
+    // A word that is named anew does not leave the other one with an old correction.
+    assert_eq!(
+        result(
+            errors,
+            "G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n"
+        ),
+        "G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3.000 Z-5.000\nX0 Z-5\nG80\n"
+    );
+}
+
+/// A call that is written out returns nothing to the control.
+#[test]
+fn what_a_call_returned_is_written_as_a_number() {
+    let errors = "EXX = { poly = [0, 0.1] }\n";
+    let program = "o<f> sub\nG0 X[#1*100]\no<f> endsub [#1*7]\nG0 X0 Y0 Z0\no<f> call [1]\no<f> call [2]\nG0 Y[#<_value>]\n#1=[#<_value>+1]\nG0 Y#1\n";
+    let out = result(errors, program);
+    assert!(out.ends_with("G0 Y14\n#1=15\nG0 Y#1\n"), "{out}");
+    let decides = "o<f> sub\nG0 X[#1*100]\no<f> endsub [#1*7]\no<f> call [1]\no<f> call [2]\no1 if [#<_value> GT 3]\nG0 Y1\no1 endif\n";
+    let message = run(errors, decides).expect_err("who decides?").to_string();
+    assert!(
+        message.starts_with("line 6: #<_value> is read here"),
+        "{message}"
+    );
+}
+
+/// With the radius of the tool compensated the motion that begins it stays one, and nothing is put before it.
+#[test]
+fn entry_moves_stay_whole() {
+    let play = "EXX = { mean = { poly = [0, 0, 0.0001] }, reversal = 10 }\nEYY = { mean = { poly = [0, 0] }, reversal = 8 }\n";
+    let program = "G0 X-20 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG1 X0 Y50\nX50\nG40 G1 X400 Y20\n";
+    let out = result(play, program);
+    assert_eq!(out.lines().count(), program.lines().count(), "{out}");
+}
+
+/// G28.1 stores the corrected place: what goes there has that correction.
+#[test]
+fn a_place_that_was_stored_is_corrected_once() {
+    let errors = "EXX = { poly = [0, 0.1] }\n";
+    let (out, summary) = run(
+        errors,
+        "G0 X500 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X500\n",
+    )
+    .expect("compensated");
+    assert_eq!(
+        out,
+        "G0 X499.950 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X499.950\n"
+    );
+    assert!(summary.notes.by_line().is_empty(), "{:?}", summary.notes);
+}
+
+#[test]
+fn lines_that_get_too_long_are_noted() {
+    let text = format!("G0 X0 Y0 Z0\nG1 Y500 ({})\n", "c".repeat(241));
+    let (out, summary) = run("EXY = { poly = [0, 0.1] }\n", &text).expect("compensated");
+    assert!(out.lines().any(|line| line.len() > 254));
+    let notes: Vec<_> = summary.notes.by_line();
+    assert!(
+        matches!(notes[..], [(2, note)] if note.to_string().contains("254 characters")),
+        "{notes:?}"
+    );
+}
+
+/// A percent sign ends a program with O-words, too; and lines that are added end as those of the program do.
+#[test]
+fn percent_signs_and_ends_of_lines() {
+    let bent = "EXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
+    let out = result(
+        bent,
+        "%\no1 repeat [2]\nG91 G1 X10\no1 endrepeat\n%\no2 while [\n",
+    );
+    assert!(out.ends_with("\n%\no2 while [\n"), "{out}");
+    let out = result(bent, "G0 X0 Y0 Z0\r\nG1 X400");
+    assert!(out.matches('\n').count() > 1, "{out:?}");
+    assert_eq!(out.matches('\n').count(), out.matches("\r\n").count());
+}
+
+#[test]
+fn what_is_no_coordinate_of_a_machine_tool_is_refused() {
+    for (word, line) in [("Y2e100", 1), ("X1e9", 1)] {
+        // There is no exponent in RS-274: so many zeros.
+        let (letter, exponent) = word.split_once('e').expect("an exponent");
+        let zeros = "0".repeat(exponent.parse().expect("a number"));
+        let program = format!("G0 X0 {letter}{zeros}1 Z0\n");
+        let message = run("", &program.replace("X0 X", "X"))
+            .expect_err("too large")
+            .to_string();
+        assert!(
+            message.starts_with(&format!("line {line}: "))
+                && message.contains("expected at most 1e9"),
+            "{message}"
+        );
+    }
+}
