@@ -9,7 +9,8 @@ use crate::{
     legs::{Leg, Writes},
     line::Line,
     motion::{Arc, Move},
-    rewrite::{Part, Rewriter, words_of},
+    parts::{Part, words_of},
+    rewrite::Rewriter,
     stretches::in_plane,
     words::{Number, each},
 };

@@ -7,7 +7,8 @@ use crate::{
     line::Line,
     motion::{Move, half_deep},
     number::of_steps,
-    rewrite::{Part, Rewriter},
+    parts::Part,
+    rewrite::Rewriter,
     words::{Number, each},
 };
 

@@ -30,6 +30,7 @@ mod notes;
 mod number;
 mod offsets;
 mod parameters;
+mod parts;
 mod picture;
 mod program;
 mod rewrite;

@@ -5,7 +5,8 @@ use crate::{
     legs::{Leg, Writes},
     line::Line,
     motion::Move,
-    rewrite::{Contour, Part, Rewriter},
+    parts::Part,
+    rewrite::{Contour, Rewriter},
     words::{between, each},
 };
 

@@ -7,7 +7,8 @@ use volcomp_nc::{Corrector, Job, NcError, SetUp, Summary, Virtual, compensate, v
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[start]\nX = 0\nY = 0\nZ = 0\n";
 
-fn run(errors: &str, program: &str) -> Result<(String, Summary), NcError> {
+/// The result, and by how much the tool is off with it (µm).
+fn verified(errors: &str, program: &str) -> Result<(String, Summary, f64), NcError> {
     let machine = Machine::parse(&format!("{LINEAR}{errors}"), "m.toml").expect("a good machine");
     let none = Temperatures::new();
     let corrector = Corrector::new(&machine, &none, 0.001)?;
@@ -31,11 +32,76 @@ fn run(errors: &str, program: &str) -> Result<(String, Summary), NcError> {
         "{program}{}{found:?}",
         String::from_utf8_lossy(&out)
     );
-    Ok((String::from_utf8(out).expect("text"), summary))
+    let text = String::from_utf8(out).expect("text");
+    Ok((text, summary, found.after.max_um))
+}
+
+fn run(errors: &str, program: &str) -> Result<(String, Summary), NcError> {
+    let (text, summary, _) = verified(errors, program)?;
+    Ok((text, summary))
 }
 
 fn result(errors: &str, program: &str) -> String {
     run(errors, program).expect("compensated").0
+}
+
+/// Arcs of all sizes, from some steps of their words to nearly straight ones, as written and executed again: tolerance and
+/// rounding are all that is left, with a centre and by R, on a machine with play and with bent errors.
+#[test]
+fn random_arcs_stay_themselves() {
+    let errors = "EXX = { mean = { poly = [3, 0.05] }, reversal = 4 }\nEYX = { poly = [0, 0, 0.0001] }\nEYY = { mean = { poly = [-2, -0.08] }, reversal = 2 }\nEZX = { poly = [1, 0.02] }\n";
+    let mut seed = 2_026_u64;
+    let mut random = |low: f64, high: f64| {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
+    };
+    for case in 0..3000 {
+        let radius = 10_f64.powf(random(-2.0, 3.5));
+        let turns = match if radius > 300.0 { 1 } else { case % 4 } {
+            0 => random(0.01, 6.2),
+            // So that the chord is some hundredths of a mm.
+            1 => (random(0.005, 0.5) / radius).min(6.0),
+            2 => std::f64::consts::PI + random(-0.01, 0.01),
+            _ => std::f64::consts::TAU - random(0.003, 0.2),
+        };
+        let clockwise = random(0.0, 1.0) < 0.5;
+        let sense = if clockwise { -1.0 } else { 1.0 };
+        let (x, y, begins) = (
+            random(-300.0, 300.0),
+            random(-300.0, 300.0),
+            random(0.0, std::f64::consts::TAU),
+        );
+        let round = |value: f64| (value * 1e4).round() / 1e4;
+        let (x, y) = (round(x), round(y));
+        let (i, j) = (round(-radius * begins.cos()), round(-radius * begins.sin()));
+        let radius = i.hypot(j);
+        let ends = (-j).atan2(-i) + sense * turns;
+        let (to_x, to_y) = (
+            round(x + i + radius * ends.cos()),
+            round(y + j + radius * ends.sin()),
+        );
+        let code = if clockwise { 2 } else { 3 };
+        let circle = if case % 3 == 0 && turns < 6.0 && (turns - std::f64::consts::PI).abs() > 0.02
+        {
+            let sign = if turns > std::f64::consts::PI {
+                -1.0
+            } else {
+                1.0
+            };
+            format!("R{:.5}", sign * radius)
+        } else {
+            format!("I{i:.4} J{j:.4}")
+        };
+        if (to_x, to_y) == (x, y) {
+            continue;
+        }
+        let program = format!("G0 X{x:.4} Y{y:.4} Z0\nG{code} X{to_x:.4} Y{to_y:.4} {circle}\n");
+        let (out, _, off_um) = verified(errors, &program).expect("compensated");
+        // The tolerance, the rounding of the centre, and play that is taken up on the way.
+        assert!(off_um < 5.5, "{program}{out}{off_um} µm");
+    }
 }
 
 /// A sag of 0.2 nm: the rounding of the ends must not turn the arc over.
