@@ -6,6 +6,7 @@ mod correct;
 mod fit_thermal;
 mod help;
 mod map;
+mod nc;
 mod points;
 mod probe;
 mod schema;

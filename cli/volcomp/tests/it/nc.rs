@@ -1,0 +1,98 @@
+//! NC programs: the example, what is not kept, what is refused.
+
+use std::{fs, path::Path};
+
+use crate::{refused, root, volcomp};
+
+fn run(output: &Path, more: &[&str]) -> std::process::Output {
+    let output = output.to_str().expect("a path in UTF-8");
+    let mut call = vec![
+        "nc",
+        "examples/part.ngc",
+        "-o",
+        output,
+        "-m",
+        "examples/mill.toml",
+    ];
+    call.extend(["--setup", "examples/setup.toml"]);
+    call.extend(more);
+    volcomp(&call)
+}
+
+#[test]
+fn the_example_is_better_afterwards() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (result, picture) = (folder.path().join("o.ngc"), folder.path().join("o.svg"));
+    let picture = picture.to_str().expect("a path in UTF-8");
+    let output = run(&result, &["--verify", "--picture", picture, "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let max = |which: &str| {
+        answer["verified"][which]["max_um"]
+            .as_f64()
+            .expect("a number")
+    };
+    assert!(max("before") > 15.0 && max("after") < 1.0, "{answer}");
+    let original = fs::read_to_string(root().join("examples/part.ngc")).expect("the example");
+    let text = fs::read_to_string(&result).expect("the result");
+    assert!(text.lines().count() >= original.lines().count());
+    assert!(fs::read_to_string(picture).is_ok_and(|svg| svg.starts_with("<svg")));
+}
+
+/// The real errors are the other way round: with the result the tool is twice as far off.
+#[test]
+fn a_worse_result_is_not_kept() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (result, truth) = (
+        folder.path().join("o.ngc"),
+        folder.path().join("truth.toml"),
+    );
+    let machine = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
+    let (head, _) = machine.split_once("[errors]").expect("errors");
+    fs::write(
+        &truth,
+        format!("{head}[errors]\nEXX = {{ poly = [0.0, -0.5] }}\n"),
+    )
+    .expect("a file");
+    let truth = truth.to_str().expect("a path in UTF-8");
+    fs::write(&result, "what was there before").expect("a file");
+    let (output, machine) = (result.to_str().expect("a path in UTF-8"), truth);
+    let program = folder.path().join("p.ngc");
+    fs::write(&program, "G0 X0 Y0 Z-100\nG1 F100 X300\n").expect("a file");
+    let program = program.to_str().expect("a path in UTF-8");
+    let reversed = fs::read_to_string(machine)
+        .expect("a file")
+        .replace("-0.5", "0.5");
+    let model = folder.path().join("model.toml");
+    fs::write(&model, reversed).expect("a file");
+    let model = model.to_str().expect("a path in UTF-8");
+    let ran = volcomp(&[
+        "nc", program, "-o", output, "-m", model, "--verify", "--truth", truth,
+    ]);
+    assert_eq!(ran.status.code(), Some(1), "{ran:?}");
+    let said = String::from_utf8_lossy(&ran.stderr);
+    assert!(
+        said.contains("not written, since the tool is further off"),
+        "{said}"
+    );
+    let kept = fs::read_to_string(&result).expect("the file");
+    assert_eq!(kept, "what was there before");
+    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
+}
+
+#[test]
+fn what_is_wrong_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let result = folder.path().join("o.ngc");
+    let ran = run(&result, &["--tolerance", "0"]);
+    assert_eq!(ran.status.code(), Some(2), "{ran:?}");
+    let said = String::from_utf8_lossy(&ran.stderr);
+    assert!(said.contains("expected µm from 0.001 to 1000"), "{said}");
+    let program = "examples/part.ngc";
+    let said = refused(&["nc", program, "-o", program, "-m", "examples/mill.toml"]);
+    assert!(said.contains("this is the file of PROGRAM"), "{said}");
+    let output = result.to_str().expect("a path in UTF-8");
+    let said = refused(&["nc", "examples", "-o", output, "-m", "examples/mill.toml"]);
+    assert!(said.contains("it is a directory"), "{said}");
+    assert!(!result.exists());
+}
