@@ -85,11 +85,8 @@ pub enum SquarenessSource {
         /// φ − π/2, φ the angle between the + directions of the two reference beams.
         reference_angle: Urad,
     },
-    /// From diagonals.
-    Diagonals {
-        /// The place in [`CalibrationFile::diagonals`].
-        set: usize,
-    },
+    /// From diagonals ([`CalibrationFile::diagonals`]).
+    Diagonals,
 }
 
 /// Standard uncertainties (k = 1) that the scatter of the readings does not show: the table

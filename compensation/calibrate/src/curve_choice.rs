@@ -7,6 +7,9 @@ use volcomp_fit::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
+/// The highest order of a polynomial, a series or harmonics that a file may ask for.
+const HIGHEST_ORDER: usize = 40;
+
 /// The kind of curve that a measurement is fitted with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
@@ -92,7 +95,11 @@ impl CurveChoice {
     }
 
     fn decode_options(kind: &str, options: &Section<'_>) -> Result<Self, InputError> {
-        let order = |default| options.get("order").map_or(Ok(default), |v| v.count(40));
+        let order = |default| {
+            options
+                .get("order")
+                .map_or(Ok(default), |v| v.count(HIGHEST_ORDER))
+        };
         let number = |key: &str, default| options.get(key).map_or(Ok(default), |v| v.number());
         Ok(match kind {
             "poly" | "chebyshev" => {

@@ -43,5 +43,5 @@ pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use identified::Identified;
 pub use not_measured::not_observed;
 pub use setup::{Method, Setup};
-pub use setup_file::{decode_error, decode_motion};
+pub use setup_file::decode_motion;
 pub use varied::LineScatter;

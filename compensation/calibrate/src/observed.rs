@@ -14,7 +14,6 @@ use crate::{
     error::CalibrateError,
     location_file::square_of,
     locations::displaced,
-    setup_file::decode_error,
 };
 
 /// An error that a location error adds to by less than this part of what it adds to others holds nothing of it.
@@ -51,7 +50,7 @@ pub(crate) fn decode_observations(
             Ok(section) => section.require("error")?,
             Err(_) => item.clone(),
         };
-        let error = decode_error(&name, machine)?;
+        let error = machine.decode_error(&name)?;
         let unknown = found.unknown.iter().find(|unknown| unknown.error == error);
         if let Some(unknown) = unknown {
             refuse_twice(&name, *unknown, direct)?;

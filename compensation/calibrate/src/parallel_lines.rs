@@ -10,10 +10,11 @@ use volcomp_vocabulary::{AxisKind, Component, Direction, ErrorName};
 
 use crate::{
     abbe::{Lever, without_abbe},
+    angular::Angular,
     calibration_file::{CalibrationFile, Line},
     contradictions::noise_of_lines,
     error::CalibrateError,
-    fitted::{Fitted, fit, joint_of, lines_of, measured},
+    fitted::{fit, joint_of, lines_of, measured},
     profile::Profile,
     setup::{Method, Setup},
     side_by_side::SideBySide,
@@ -25,21 +26,12 @@ const LEAST_PART: f64 = 0.02;
 /// Levers that differ by less are the same, mm.
 const SAME_LEVER_MM: f64 = 1.0;
 
-/// Tilts found from parallel lines, and notes on those that could not be told apart.
-pub(crate) struct FromLines {
-    pub(crate) fitted: Vec<Fitted>,
-    pub(crate) tilted: Machine,
-    /// The standard deviation of each tilt that was found at a target, µrad.
-    pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
-    pub(crate) notes: Vec<String>,
-}
-
-/// Looks at every linear error of a linear axis with several lines: positioning first, which shows the whole tilt.
+/// The tilts that several lines show, with notes on those that cannot be told apart. Looks at every linear error of a linear axis with several lines: positioning first, which shows the whole tilt.
 pub(crate) fn from_parallel_lines(
     file: &CalibrationFile,
     tilted: &Machine,
-) -> Result<FromLines, CalibrateError> {
-    let mut result = FromLines {
+) -> Result<Angular, CalibrateError> {
+    let mut result = Angular {
         fitted: Vec::new(),
         tilted: tilted.clone(),
         noise_urad: BTreeMap::new(),
@@ -61,7 +53,7 @@ fn of_error(
     file: &CalibrationFile,
     error: ErrorName,
     lines: &[&Line],
-    result: &mut FromLines,
+    result: &mut Angular,
 ) -> Result<(), CalibrateError> {
     let (acting, differences) = differing_levers(file, error, lines, &result.tilted)?;
     if acting.is_empty() {

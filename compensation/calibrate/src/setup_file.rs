@@ -3,7 +3,7 @@
 use volcomp_document::{InputError, Section, Value};
 use volcomp_metrology::{Rides, TiltReading};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{ErrorName, UnknownErrorName};
+use volcomp_vocabulary::ErrorName;
 
 use crate::setup::{Method, Setup};
 
@@ -107,25 +107,6 @@ pub(crate) fn set_coordinates(
     Ok(())
 }
 
-/// The name of an error, of an axis that the machine has.
-///
-/// # Errors
-/// A text that is no error name, an axis that the machine does not have.
-pub fn decode_error(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {
-    let name: ErrorName = value
-        .text()?
-        .parse()
-        .map_err(|e: UnknownErrorName| value.error(e.to_string()))?;
-    if machine.axis(name.axis).is_none() {
-        let structure = machine.chain().structure();
-        return Err(value.error(format!(
-            "the structure `{structure}` has no axis {}",
-            name.axis
-        )));
-    }
-    Ok(name)
-}
-
 /// The errors that a table names by `error`, or by `errors`; each is given to `check` with its value. `missing` is the
 /// error where neither key is there.
 pub(crate) fn decode_errors(
@@ -144,7 +125,7 @@ pub(crate) fn decode_errors(
     };
     let mut errors = Vec::new();
     for name in &names {
-        let error = decode_error(name, machine)?;
+        let error = machine.decode_error(name)?;
         check(name, error)?;
         if errors.contains(&error) {
             return Err(name.error(format!("{error} stands twice")));
@@ -162,7 +143,7 @@ pub(crate) fn decode_errors(
 /// # Errors
 /// A text that is no error name or names a location error, an axis that the machine does not have.
 pub fn decode_motion(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {
-    let error = decode_error(value, machine)?;
+    let error = machine.decode_error(value)?;
     if error.location {
         let message =
             format!("found {error}, expected an error motion E?N; squareness has its own table");

@@ -63,7 +63,6 @@ pub(crate) fn decode_squareness(
         let uncertainty_um = section
             .get("uncertainty_um")
             .map_or(Ok(1.0), |value| value.positive())?;
-        let set = sets.len();
         let names = errors.clone();
         let place = (machine, reference_axes);
         sets.push(decode_diagonals(
@@ -73,7 +72,7 @@ pub(crate) fn decode_squareness(
             place,
             folder,
         )?);
-        let source = SquarenessSource::Diagonals { set };
+        let source = SquarenessSource::Diagonals;
         return Ok(errors
             .into_iter()
             .map(|error| Squareness { error, source })

@@ -26,7 +26,7 @@ pub(crate) fn squares(
 fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, CalibrateError> {
     let reference_angle = match entry.source {
         SquarenessSource::Value(value) => return Ok(Some(value)),
-        SquarenessSource::Diagonals { .. } => return Ok(None),
+        SquarenessSource::Diagonals => return Ok(None),
         SquarenessSource::Slopes { reference_angle } => reference_angle,
     };
     let [first, second] = squareness_parts(entry.error)?;

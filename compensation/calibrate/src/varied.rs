@@ -33,7 +33,7 @@ impl CalibrationFile {
                     reference_angle: Urad(angle),
                 } => *angle += shift,
                 // Its rows vary.
-                SquarenessSource::Diagonals { .. } => {}
+                SquarenessSource::Diagonals => {}
             }
         }
         for location in &mut varied.locations {

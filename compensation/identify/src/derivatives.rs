@@ -47,13 +47,6 @@ fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + hat * first + hat * hat * second
 }
 
-/// The unit vector of a coordinate.
-fn unit(place: usize) -> Vector3<f64> {
-    let mut vector = Vector3::zeros();
-    vector[place] = 1.0;
-    vector
-}
-
 /// One factor of the product of an axis, with the derivatives of the point that it carries, in the frame on its left.
 struct Factor {
     pose: Pose,
@@ -90,8 +83,8 @@ pub(crate) fn tip(chain: &Chain, errors: &Errors, state: &State, tip_mm: &Vector
                 let lever = carried - joint.point_mm - error.linear_mm;
                 let columns = &mut tip.by_motion[factor.axis];
                 for place in 0..3 {
-                    columns[place] = unit(place);
-                    columns[place + 3] = (by_rotation * unit(place)).cross(&lever);
+                    columns[place] = Vector3::ith(place, 1.0);
+                    columns[place + 3] = (by_rotation * Vector3::ith(place, 1.0)).cross(&lever);
                 }
             }
             FactorKind::Motion => {
@@ -100,14 +93,15 @@ pub(crate) fn tip(chain: &Chain, errors: &Errors, state: &State, tip_mm: &Vector
                 let turn = factor.pose.rotation;
                 let columns = &mut tip.by_location[factor.axis];
                 for place in 0..3 {
-                    let tilt = by_tilt * unit(place);
+                    let tilt = by_tilt * Vector3::ith(place, 1.0);
                     match joint.kind {
                         AxisKind::Linear => {
                             columns[place + 3] = tilt.cross(&factor.pose.translation_mm);
                         }
                         AxisKind::Rotary => {
                             let line = joint.point_mm + location.linear_mm;
-                            columns[place] = unit(place) - turn * unit(place);
+                            columns[place] =
+                                Vector3::ith(place, 1.0) - turn * Vector3::ith(place, 1.0);
                             // R' = Q R Qᵀ, so dR' v = φ × R'v − R'(φ × v).
                             columns[place + 3] =
                                 tilt.cross(&(carried - line)) - turn * tilt.cross(&(point - line));
@@ -234,14 +228,6 @@ mod tests {
         actual_pose(chain, &given(errors), state).transform_point(tip)
     }
 
-    fn component(motion: &mut ErrorMotion, place: usize) -> &mut f64 {
-        if place < 3 {
-            &mut motion.linear_mm[place]
-        } else {
-            &mut motion.angular_rad[place - 3]
-        }
-    }
-
     proptest! {
         #[test]
         fn derivatives_are_the_central_differences_of_the_exact_model(
@@ -274,7 +260,7 @@ mod tests {
                         let moved = |by: f64| {
                             let mut moved = errors;
                             let list = if location { &mut moved.location } else { &mut moved.motion };
-                            *component(&mut list[axis], place) += by;
+                            *component_of(&mut list[axis], place) += by;
                             position(&chain, &moved, &state, &tool)
                         };
                         let expected = (moved(step) - moved(-step)) / (2.0 * step);

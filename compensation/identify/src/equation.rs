@@ -10,7 +10,7 @@ use crate::{
     params::{Params, Part},
     prepared::{PreparedRow, PreparedStand},
     system::{Equations, System},
-    values::{Values, unit},
+    values::Values,
 };
 
 /// The rows of the matrix that belong to one row of a file: one for each direction in which it sees.
@@ -138,7 +138,11 @@ impl System {
             weight: 1.0 / row.row.uncertainty_mm,
             polynomials,
         };
-        let axes = [unit(0), unit(1), unit(2)];
+        let axes = [
+            Vector3::ith(0, 1.0),
+            Vector3::ith(1, 1.0),
+            Vector3::ith(2, 1.0),
+        ];
         let target = match &row.row.seen {
             Seen::Point { target, .. } => *target,
             _ => None,
@@ -187,7 +191,9 @@ impl System {
                     out.residual(k, residual[k]);
                 }
                 out.coefficients(&row.stand, &tip, &axes);
-                out.part(Part::Point(*centre), &axes, |place, _| -unit(place));
+                out.part(Part::Point(*centre), &axes, |place, _| {
+                    -Vector3::ith(place, 1.0)
+                });
             }
             Seen::Distance {
                 point,
@@ -201,7 +207,9 @@ impl System {
                     reach.norm() - values.number_at(*dead, polynomials) - length_mm,
                 );
                 out.coefficients(&row.stand, &tip, &along);
-                out.part(Part::Point(*point), &along, |place, _| -unit(place));
+                out.part(Part::Point(*point), &along, |place, _| {
+                    -Vector3::ith(place, 1.0)
+                });
                 out.number(*dead, -1.0);
             }
             Seen::Pair {
@@ -246,7 +254,9 @@ impl System {
                 let ball = values.point_at(*origin, polynomials) + bar.along * distance_mm;
                 let read = out.offsets(axes, offset_mm, &(tip.position_mm - ball));
                 out.coefficients(&row.stand, &tip, &read);
-                out.part(Part::Point(*origin), &read, |place, _| -unit(place));
+                out.part(Part::Point(*origin), &read, |place, _| {
+                    -Vector3::ith(place, 1.0)
+                });
                 out.part(Part::Number(*distance), &read, |_, _| -bar.along);
                 for (tilt, by_tilt) in tilts.iter().zip(bar.by_tilt) {
                     out.part(Part::Number(*tilt), &read, |_, _| -by_tilt * distance_mm);
@@ -276,8 +286,8 @@ pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
 /// How a point at a lever moves with one unit of a displacement (0 to 2) or a rotation (3 to 5).
 fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
     if place < 3 {
-        unit(place)
+        Vector3::ith(place, 1.0)
     } else {
-        unit(place - 3).cross(lever_mm)
+        Vector3::ith(place - 3, 1.0).cross(lever_mm)
     }
 }

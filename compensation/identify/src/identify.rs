@@ -76,7 +76,6 @@ pub struct Identification {
 /// A fit to some rows.
 pub(crate) struct Fitted {
     pub(crate) solution: Solution,
-    pub(crate) kept: Vec<usize>,
     pub(crate) rank: Rank,
 }
 
@@ -114,7 +113,7 @@ pub fn identify(
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
-        rank: fitted.kept.len(),
+        rank: fitted.rank.kept.len(),
         score: fitted.rank.score(),
         score_of_determined: fitted.rank.score_of_kept(),
         redundant: redundant(&system, &fitted.rank),
@@ -182,11 +181,7 @@ pub(crate) fn fit(
         is_penalised,
         Exactness::Full,
     )?;
-    Ok(Fitted {
-        solution,
-        kept: rank.kept.clone(),
-        rank,
-    })
+    Ok(Fitted { solution, rank })
 }
 
 /// Refuses rows from which nothing can be found.
@@ -273,9 +268,9 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
 /// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search
 /// moves them about their middle.
 fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
-    let count = fitted.kept.len();
+    let count = fitted.rank.kept.len();
     let mut told = DMatrix::zeros(count, count);
-    for (row, &param) in fitted.kept.iter().enumerate() {
+    for (row, &param) in fitted.rank.kept.iter().enumerate() {
         let (_, scale) = system.unit_of(param);
         let Some((frame, place)) = of_frame(system.params.at(param)) else {
             told[(row, row)] = scale;
@@ -284,7 +279,7 @@ fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
         let frame_now = &fitted.solution.values.frames[frame];
         let arm = frame_now.pose.translation_mm - frame_now.middle_mm;
         let six = six_of(&frame_now.pose);
-        for (column, &other) in fitted.kept.iter().enumerate() {
+        for (column, &other) in fitted.rank.kept.iter().enumerate() {
             let Some((_, by)) = of_frame(system.params.at(other)).filter(|(of, _)| *of == frame)
             else {
                 continue;
@@ -339,7 +334,7 @@ fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     let parameter = |(param, what): (usize, Param)| {
         let (unit, scale) = system.unit_of(param);
         let value = values.of(what) * scale;
-        let place = fitted.kept.iter().position(|kept| *kept == param);
+        let place = fitted.rank.kept.iter().position(|kept| *kept == param);
         let mixed = |null: &&Vec<(usize, f64)>| null[1..].iter().any(|(c, _)| *c == param);
         Parameter {
             name: system.name(param),

@@ -4,7 +4,7 @@ use volcomp_kinematics::{
     State,
     nalgebra::{DMatrix, DVector},
 };
-use volcomp_vocabulary::{AxisName, Displacement};
+use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES};
 
 use crate::{
     identify::Fitted,
@@ -41,10 +41,11 @@ pub(crate) fn next(
     let now = system
         .equations(rows, values, false)
         .jacobian
-        .select_columns(&fitted.kept);
+        .select_columns(&fitted.rank.kept);
     // The effect of one unit of each coefficient; set-ups are no errors of the machine.
     let count = rows.len() as f64;
     let effect: Vec<f64> = fitted
+        .rank
         .kept
         .iter()
         .enumerate()
@@ -79,7 +80,7 @@ pub(crate) fn next(
         .collect();
     let prepared = system.prepare(candidates.iter());
     let equations = system.equations(&prepared, values, true);
-    let jacobian = equations.jacobian.select_columns(&fitted.kept);
+    let jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
     let variance = fitted.solution.variance.max(1.0);
     let mut best: Option<(f64, f64, usize)> = None;
     for (place, &(first, size)) in equations.places.iter().enumerate() {
@@ -90,7 +91,7 @@ pub(crate) fn next(
             continue;
         };
         let gain = &carried * inverse;
-        let after = DVector::from_fn(fitted.kept.len(), |k, _| {
+        let after = DVector::from_fn(fitted.rank.kept.len(), |k, _| {
             covariance[(k, k)] - gain.row(k).dot(&carried.row(k))
         });
         let (_, largest) = uncertain(&after);
@@ -111,19 +112,20 @@ pub(crate) fn next(
             })
             .collect(),
         file: model.file.clone(),
-        parameter: system.name(fitted.kept[worst]),
+        parameter: system.name(fitted.rank.kept[worst]),
         improvement: before / own.max(f64::MIN_POSITIVE),
     })
 }
 
 /// A row like another one at the pose number `k` of the sequence.
 fn candidate(system: &System, like: &Row, k: usize) -> Row {
-    const PRIMES: [usize; 9] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
+    const PRIMES: [usize; MAX_AXES] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
     let mut state = State::default();
-    for (place, axis) in system.machine.axes().iter().enumerate() {
+    let axes = system.machine.axes().iter().zip(PRIMES);
+    for (place, (axis, prime)) in axes.enumerate() {
         let [low, high] = axis.travel;
         // Rounded so that a person can type it.
-        let at = (low + (high - low) * radical_inverse(k, PRIMES[place % 9])).round();
+        let at = (low + (high - low) * radical_inverse(k, prime)).round();
         state.q[place] =
             Displacement::from_coordinate(axis.name.kind(), at.clamp(low, high)).mm_or_rad();
     }

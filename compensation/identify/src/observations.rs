@@ -176,7 +176,7 @@ impl Stand {
 /// One row: a pose and what was seen there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The line in its file, from 1.
+    /// The line in its file, from 1; 0 where it is of none.
     pub line: usize,
     /// Where the machine stood.
     pub stand: Stand,

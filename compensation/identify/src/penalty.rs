@@ -85,7 +85,7 @@ pub(crate) fn choose(
     let square = residuals.norm_squared();
     let mut before = vec![f64::INFINITY; penalty.groups];
     let most = if penalty.held { 1 } else { MOST_STEPS };
-    for turn in 0..most {
+    for attempt in 0..most {
         let lambda = |place: usize| {
             penalty.members[place]
                 .map_or(0.0, |(group, _)| log_lambda[group].exp() * weights[place])
@@ -114,9 +114,9 @@ pub(crate) fn choose(
         let variance = (left / (equations - degrees).max(1.0)).max(1e-30);
         let change = used.iter().zip(&before).map(|(a, b)| (a - b).abs());
         let change = change.fold(0.0, f64::max);
-        if change < CONVERGED || turn + 1 == most {
+        if change < CONVERGED || attempt + 1 == most {
             tracing::debug!(
-                "penalties chosen in {turn} steps, {degrees:.1} of {count} coefficients, variance {variance:.3}"
+                "penalties chosen in {attempt} steps, {degrees:.1} of {count} coefficients, variance {variance:.3}"
             );
             penalty.log_lambda = Some(log_lambda);
             return Some(Chosen {

@@ -1,13 +1,12 @@
 //! What can be told apart: which columns are independent, and in what combination the others are not.
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector};
+use volcomp_kinematics::nalgebra::DMatrix;
+use volcomp_sensitivity::Dependence;
 
 /// A column whose part normal to those before it is smaller, for columns of unit length, is a combination of them.
 const INDEPENDENT_ABOVE: f64 = 1e-7;
 /// A column so much shorter than the longest is rounding.
 const NOTHING_BELOW: f64 = 1e-12;
-/// A part of a combination that is smaller than this of its largest is rounding.
-const PART_ABOVE: f64 = 1e-6;
 
 /// Which columns of a matrix are independent.
 #[derive(Clone, Debug, Default)]
@@ -37,73 +36,35 @@ impl Rank {
     }
 }
 
-/// Goes through the columns in order and keeps each that is independent of those kept before it (Gram–Schmidt, twice).
+/// Goes through the columns in order and keeps each that is independent of those kept before it.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
-    let mut rank = Rank::default();
-    let rows = matrix.nrows();
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    // The triangle of the kept columns: column = Σ triangle[k]·basis[k].
-    let mut triangle: Vec<Vec<f64>> = Vec::new();
-    let mut scaled = DMatrix::zeros(rows, matrix.ncols());
-    let longest = matrix
-        .column_iter()
-        .map(|column| column.norm())
-        .fold(0.0, f64::max);
-    for (place, column) in matrix.column_iter().enumerate() {
+    let mut scaled = matrix.clone();
+    let longest = (matrix.column_iter().map(|column| column.norm())).fold(0.0, f64::max);
+    for mut column in scaled.column_iter_mut() {
         let length = column.norm();
-        if !(length > NOTHING_BELOW * longest && length.is_finite()) {
-            rank.null.push(vec![(place, 1.0)]);
-            continue;
-        }
-        let unit: DVector<f64> = column / length;
-        scaled.set_column(place, &unit);
-        let mut rest = unit;
-        let mut parts = vec![0.0; basis.len()];
-        for _ in 0..2 {
-            for (part, direction) in parts.iter_mut().zip(&basis) {
-                let along = direction.dot(&rest);
-                *part += along;
-                rest.axpy(-along, direction, 1.0);
-            }
-        }
-        let left = rest.norm();
-        if left > INDEPENDENT_ABOVE {
-            parts.push(left);
-            triangle.push(parts);
-            basis.push(rest / left);
-            rank.kept.push(place);
+        if length > NOTHING_BELOW * longest && length.is_finite() {
+            column /= length;
         } else {
-            rank.null
-                .push(combination(place, &rank.kept, &triangle, parts));
+            column.fill(0.0);
+        }
+    }
+    let dependence = Dependence::within(&scaled, INDEPENDENT_ABOVE);
+    let mut rank = Rank {
+        kept: dependence.kept,
+        null: dependence.null,
+        singular: [0.0; 2],
+    };
+    for combination in &mut rank.null {
+        // The column itself, which comes last, is to come first and to count positive.
+        let (place, own) = combination.pop().unwrap_or((0, 1.0));
+        combination.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        combination.insert(0, (place, own));
+        for (_, weight) in combination {
+            *weight *= own.signum();
         }
     }
     rank.singular = ends(&scaled.select_columns(&rank.kept));
     rank
-}
-
-/// The column minus the combination of kept ones that it is.
-fn combination(
-    place: usize,
-    kept: &[usize],
-    triangle: &[Vec<f64>],
-    mut parts: Vec<f64>,
-) -> Vec<(usize, f64)> {
-    let mut combination = vec![(place, 1.0)];
-    for k in (0..kept.len()).rev() {
-        let weight = parts[k] / triangle[k][k];
-        for (part, along) in parts.iter_mut().zip(&triangle[k][..k]) {
-            *part -= weight * along;
-        }
-        combination.push((kept[k], -weight));
-    }
-    let largest = combination.iter().fold(0.0_f64, |m, (_, w)| m.max(w.abs()));
-    combination.retain(|(_, weight)| weight.abs() > PART_ABOVE * largest);
-    let length = combination.iter().map(|(_, w)| w * w).sum::<f64>().sqrt();
-    for (_, weight) in &mut combination {
-        *weight /= length;
-    }
-    combination[1..].sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-    combination
 }
 
 /// The smallest and the largest singular value.
@@ -123,6 +84,8 @@ fn ends(matrix: &DMatrix<f64>) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
+    use volcomp_kinematics::nalgebra::DVector;
+
     use super::*;
 
     #[test]

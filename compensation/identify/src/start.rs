@@ -97,9 +97,8 @@ fn setup_only(
 /// The nominal tip of a row in workpiece axes, its rotation, without the offset of a target.
 fn nominal(system: &System, row: &Row) -> (Vector3<f64>, Matrix3<f64>) {
     let chain = system.machine.chain();
-    let pose = chain.ideal_pose(&row.stand.state);
-    let tip = pose.transform_point(&row.stand.tip_mm) - chain.workpiece_origin_mm();
-    (tip, pose.rotation)
+    let rotation = chain.ideal_pose(&row.stand.state).rotation;
+    (row.stand.ideal_tip_mm(chain), rotation)
 }
 
 /// Frames that have no start: the rigid transform that fits best (Kabsch), or with the targets' offsets from a linear

@@ -3,7 +3,7 @@
 use volcomp_curve::ErrorCurve;
 use volcomp_document::{InputError, Section, Value};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, ErrorName, UnknownErrorName};
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     basis::Basis,
@@ -236,18 +236,12 @@ fn decode_second(
 }
 
 fn decode_name(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {
-    let name: ErrorName = value
-        .text()?
-        .parse()
-        .map_err(|error: UnknownErrorName| value.error(error.to_string()))?;
-    let structure = machine.chain().structure();
-    let Some(index) = structure.index_of(name.axis) else {
-        return Err(value.error(format!(
-            "the structure `{structure}` has no axis {}",
-            name.axis
-        )));
-    };
-    let no_effect = machine.chain().joints()[index].no_effect(name.component);
+    let name = machine.decode_error(value)?;
+    let joint = machine
+        .index_of(name.axis)
+        .ok()
+        .and_then(|index| machine.chain().joints().get(index));
+    let no_effect = joint.and_then(|joint| joint.no_effect(name.component));
     match no_effect.filter(|_| name.location) {
         Some(reason) => Err(value.error(format!("{name} {reason}"))),
         None => Ok(name),

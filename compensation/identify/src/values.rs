@@ -122,13 +122,6 @@ impl Frame {
     }
 }
 
-/// A unit vector along an axis.
-pub(crate) fn unit(place: usize) -> Vector3<f64> {
-    let mut vector = Vector3::zeros();
-    vector[place] = 1.0;
-    vector
-}
-
 /// A frame as a file states it, its angles in rad instead of deg.
 fn in_rad([x, y, z, a, b, c]: [f64; 6]) -> [f64; 6] {
     [x, y, z, a.to_radians(), b.to_radians(), c.to_radians()]
@@ -137,7 +130,8 @@ fn in_rad([x, y, z, a, b, c]: [f64; 6]) -> [f64; 6] {
 /// A frame from x, y, z (mm) and a, b, c (rad): turned about X by a, then about the fixed Y by b, then about the
 /// fixed Z by c.
 fn pose_of(&[x, y, z, a, b, c]: &[f64; 6]) -> Pose {
-    let about = |place: usize, angle: f64| rotation_from_vector(&(unit(place) * angle));
+    let about =
+        |place: usize, angle: f64| rotation_from_vector(&(Vector3::ith(place, 1.0) * angle));
     Pose {
         rotation: about(2, c) * about(1, b) * about(0, a),
         translation_mm: Vector3::new(x, y, z),

@@ -8,6 +8,7 @@ mod ensemble;
 mod error;
 mod error_rules;
 mod evaluation;
+mod file_names;
 mod inverse;
 mod machine;
 mod machine_file;

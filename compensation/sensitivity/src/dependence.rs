@@ -11,17 +11,27 @@ const ROUNDING: f64 = 1e-7;
 /// The rank of a matrix and the combinations of its columns that vanish.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependence {
-    /// How many columns no other columns make up.
-    pub rank: usize,
+    /// The columns that those before them do not make up, rising.
+    pub kept: Vec<usize>,
     /// For each column that is a combination of those before it, the combination that vanishes: places and weights of
     /// unit length, the first of them positive, the column itself last.
     pub null: Vec<Vec<(usize, f64)>>,
 }
 
 impl Dependence {
+    /// How many columns no other columns make up.
+    pub fn rank(&self) -> usize {
+        self.kept.len()
+    }
+
     /// Of the columns of `matrix` (any scale each), taken in their order: each is held against those before it by
     /// orthogonalisation done twice. A column of zeros is a combination of none.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
+        Self::within(matrix, DEPENDENT_BELOW)
+    }
+
+    /// The same where a column counts as a combination of others if less than `dependent_below` of it is left beside them.
+    pub fn within(matrix: &DMatrix<f64>, dependent_below: f64) -> Self {
         let mut basis: Vec<DVector<f64>> = Vec::new();
         // For each column of the basis its place, and itself in terms of the basis, both scaled to unit length.
         let mut places: Vec<usize> = Vec::new();
@@ -43,7 +53,7 @@ impl Dependence {
                 }
             }
             let left = rest.norm();
-            if left < DEPENDENT_BELOW {
+            if left <= dependent_below {
                 let weights = weights(&triangle, &shares);
                 let scaled = places.iter().zip(weights);
                 let scaled = scaled
@@ -57,10 +67,7 @@ impl Dependence {
                 places.push(place);
             }
         }
-        Self {
-            rank: basis.len(),
-            null,
-        }
+        Self { kept: places, null }
     }
 }
 
@@ -69,7 +76,7 @@ fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     let mut left = shares.to_vec();
     let mut weights = vec![0.0; shares.len()];
     for (place, column) in triangle.iter().enumerate().rev() {
-        // The diagonal is at least DEPENDENT_BELOW.
+        // The diagonal is above what counts as dependent.
         let weight = left[place] / column[place];
         weights[place] = weight;
         for (left, share) in left.iter_mut().zip(column) {

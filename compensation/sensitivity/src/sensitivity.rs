@@ -142,7 +142,7 @@ pub fn sensitivity(
         poses: count,
         errors: effects(terms, &sums.effects, count, in_micro_units)?,
         motions: motions(chain, terms, &made_of, &columns),
-        rank: dependence.rank,
+        rank: dependence.rank(),
         indistinguishable: dependence.null.into_iter().map(named).collect(),
     })
 }

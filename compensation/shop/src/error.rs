@@ -78,6 +78,24 @@ pub enum ObservationError {
         /// The point, mm in workpiece axes.
         at: [f64; 3],
     },
+    /// Too few or too many poses, marks or diagonals (only possible when built in code).
+    #[error("found {found} {what}, expected {least} to {most}")]
+    Count {
+        /// What is counted.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many there must be.
+        least: usize,
+        /// How many there may be.
+        most: usize,
+    },
+    /// A diagonal that a working space does not have (only possible when built in code).
+    #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
+    NoDiagonal {
+        /// Its name.
+        name: String,
+    },
     /// A direction of no length.
     #[error("found a direction of no length, expected one that points somewhere")]
     NoDirection,
@@ -111,7 +129,7 @@ pub enum InstrumentError {
     /// A number that is not finite, or negative where that has no meaning.
     #[error("{what}: found {found}, expected {expected}")]
     Number {
-        /// The quantity, as the key of a shop file without its unit.
+        /// The quantity, as the key of a shop file with its unit.
         what: &'static str,
         /// The number that was found.
         found: f64,

@@ -78,11 +78,11 @@ impl Instrument {
         self.check_count(targets)?;
         let (length, angle) = (&self.length, &self.angle);
         for (what, found) in [
-            ("noise", length.noise.0),
-            ("noise", angle.noise.0),
-            ("resolution", length.resolution.0),
-            ("resolution", angle.resolution.0),
-            ("alignment", self.alignment.0),
+            ("noise_um", length.noise.0),
+            ("noise_urad", angle.noise.0),
+            ("resolution_um", length.resolution.0),
+            ("resolution_urad", angle.resolution.0),
+            ("alignment_urad", self.alignment.0),
         ] {
             let expected = "0 or more";
             if !(found.is_finite() && found >= 0.0) {
@@ -94,10 +94,10 @@ impl Instrument {
             }
         }
         for (what, found) in [
-            ("drift", length.drift.0),
-            ("drift", angle.drift.0),
-            ("reversal", length.reversal.0),
-            ("reversal", angle.reversal.0),
+            ("drift_um", length.drift.0),
+            ("drift_urad", angle.drift.0),
+            ("reversal_um", length.reversal.0),
+            ("reversal_urad", angle.reversal.0),
         ] {
             let expected = "a finite number";
             if !found.is_finite() {
@@ -125,7 +125,7 @@ impl Instrument {
     }
 
     /// The targets over a travel, both ends included.
-    pub fn targets_over(&self, [low, high]: [f64; 2]) -> Vec<f64> {
+    pub(crate) fn targets_over(&self, [low, high]: [f64; 2]) -> Vec<f64> {
         let last = self.targets.saturating_sub(1).max(1) as f64;
         (0..self.targets)
             .map(|index| low + (high - low) * index as f64 / last)

@@ -1,8 +1,9 @@
 //! A volumetric observation to be made: which instrument, how it stands, how many poses. Plain data.
 
+use volcomp_model::BODY_DIAGONALS;
 use volcomp_vocabulary::{AxisName, Um, Urad};
 
-use crate::instrument::Instrument;
+use crate::{error::ObservationError, instrument::Instrument};
 
 /// An observation to be made on the truth machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,6 +105,34 @@ impl Setting {
 }
 
 impl ShopObservation {
+    /// Whether it can be made: as many poses and marks as are allowed, diagonals that there are.
+    pub(crate) fn check(&self) -> Result<(), ObservationError> {
+        let (what, found, [least, most]) = match &self.setting {
+            Setting::Points { poses, .. }
+            | Setting::Sphere { poses, .. }
+            | Setting::Distance { poses, .. } => ("poses", *poses, [1, MOST_POSES]),
+            Setting::StepGauge(bar) | Setting::BallRow { bar, .. } => {
+                ("distances", bar.distances.len(), [2, MOST_MARKS])
+            }
+            Setting::Diagonals { names } => {
+                let is_one = |name: &&String| !BODY_DIAGONALS.contains(&name.as_str());
+                if let Some(name) = names.iter().find(is_one) {
+                    return Err(ObservationError::NoDiagonal { name: name.clone() });
+                }
+                ("diagonals", names.len(), [1, BODY_DIAGONALS.len()])
+            }
+        };
+        if !(least..=most).contains(&found) {
+            return Err(ObservationError::Count {
+                what,
+                found,
+                least,
+                most,
+            });
+        }
+        Ok(())
+    }
+
     /// The standard uncertainty of a reading as the file of observations states it, µm: noise and rounding.
     pub(crate) fn uncertainty_um(&self) -> f64 {
         let length = &self.instrument.length;
@@ -129,6 +158,11 @@ impl ShopObservation {
         self.instrument.length.drift != Um(0.0) || self.instrument.angle.drift != Urad(0.0)
     }
 }
+
+/// Poses of one observation at the most.
+pub(crate) const MOST_POSES: usize = 100_000;
+/// Marks of a bar at the most.
+pub(crate) const MOST_MARKS: usize = 10_000;
 
 /// The uncertainty that is stated for an instrument without noise, µm.
 const LEAST_UNCERTAINTY_UM: f64 = 1e-3;

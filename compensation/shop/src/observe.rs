@@ -110,6 +110,7 @@ impl<'a> Observer<'a> {
         random: ChaCha8Rng,
     ) -> Result<Self, ObservationError> {
         what.instrument.check()?;
+        what.check()?;
         let mut machines = Vec::new();
         for tool in &what.tools {
             let mut machine = truth.clone();

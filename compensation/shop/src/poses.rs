@@ -72,10 +72,10 @@ impl FreeAxes {
         let mut states = Vec::with_capacity(poses);
         for pose in 0..poses {
             let mut found = None;
-            for turn in 0..TRIES {
+            for attempt in 0..TRIES {
                 let mut state = self.held;
                 for ((place, [low, high]), angles) in rotary.iter().zip(&angles) {
-                    let angle = if turn == 0 {
+                    let angle = if attempt == 0 {
                         angles[pose]
                     } else {
                         command(low + (high - low) * random.random::<f64>(), [*low, *high])

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_calibrate::{CurveChoice, Method, Setup, decode_error, decode_motion};
+use volcomp_calibrate::{CurveChoice, Method, Setup, decode_motion};
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_metrology::{TiltReading, squareness_parts, tilt_sign};
 use volcomp_model::Machine;
@@ -85,7 +85,7 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         let section = item.section()?;
         section.allow(&["error", "reference_angle_urad"])?;
         let value = section.require("error")?;
-        let error = decode_error(&value, &truth)?;
+        let error = truth.decode_error(&value)?;
         squareness_parts(error).map_err(|e| value.error(e.to_string()))?;
         if squareness.iter().any(|(other, _)| *other == error) {
             return Err(value.error(format!("{error} stands twice")));

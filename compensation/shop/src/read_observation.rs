@@ -7,15 +7,11 @@ use volcomp_vocabulary::{AxisName, Um};
 
 use crate::{
     instrument::Instrument,
-    observation::{Bar, Reads, Setting, ShopObservation},
+    observation::{Bar, MOST_MARKS, MOST_POSES, Reads, Setting, ShopObservation},
     read::{TAKEN, decode_file_name, decode_instrument},
     shop::ShopLine,
 };
 
-/// Poses of one observation at the most.
-const MOST_POSES: usize = 100_000;
-/// Marks of a bar at the most.
-const MOST_MARKS: usize = 10_000;
 /// Poses of an observation unless it says otherwise.
 const POSES: usize = 30;
 
@@ -258,7 +254,8 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
         names.push(name.to_owned());
     }
     if names.is_empty() {
-        return Err(value.error("found no diagonal, expected some of PPP, NPP, PNP, PPN"));
+        let all = BODY_DIAGONALS.join(", ");
+        return Err(value.error(format!("found no diagonal, expected some of {all}")));
     }
     Ok(names)
 }

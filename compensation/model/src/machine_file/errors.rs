@@ -29,13 +29,9 @@ pub(super) fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result
                 .error(format!("{key} is the same error as {other}"))
                 .into());
         }
-        let axis = machine.axis(name.axis).ok_or_else(|| {
-            let structure = machine.chain().structure();
-            value.error(format!(
-                "the structure `{structure}` has no axis {}",
-                name.axis
-            ))
-        })?;
+        let axis = machine
+            .axis(name.axis)
+            .ok_or_else(|| value.error(machine.lacks(name.axis)))?;
         let set = if name.location {
             if value.section().is_ok() {
                 let message = "a location error is one number, never a curve";

@@ -293,7 +293,7 @@ fn columns_of_a_known_matrix() {
         &[1.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0],
     );
     let found = Dependence::of(&matrix);
-    assert_eq!(found.rank, 2);
+    assert_eq!(found.rank(), 2);
     let five = 5.0_f64.sqrt();
     let [twice, nothing] = &found.null[..] else {
         panic!("{found:?}")

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
-use volcomp_shop::{InstrumentError, Shop, ShopError};
+use volcomp_shop::{Bar, Instrument, InstrumentError, Setting, Shop, ShopError, ShopObservation};
 use volcomp_vocabulary::{Um, Urad};
 
 const TRUTH: &str =
@@ -54,7 +54,6 @@ proptest! {
         }
         shop.squareness[0].1 = Urad(angle);
         let _ = shop.files(|_, _| {});
-        let _ = shop.lines[0].instrument.targets_over([noise, step]);
     }
 }
 
@@ -71,4 +70,47 @@ fn what_is_wrong_with_an_instrument_built_in_code_is_named() {
         error.to_string(),
         "the line of EXX: found 1 targets, expected 2 to 100000"
     );
+}
+
+/// What a shop file refuses is refused in a shop that is built in code, too.
+#[test]
+fn what_is_wrong_with_an_observation_built_in_code_is_named() {
+    let bar = |marks: usize| Bar {
+        origin: [0.0; 3],
+        direction: [1.0, 0.0, 0.0],
+        distances: (0..marks).map(|mark| mark as f64).collect(),
+        calibration: Um(0.0),
+    };
+    let points = |poses| Setting::Points {
+        poses,
+        frame: [0.0; 6],
+        target: None,
+    };
+    let diagonals = |names: &[&str]| Setting::Diagonals {
+        names: names.iter().map(|name| (*name).to_owned()).collect(),
+    };
+    for (setting, expected) in [
+        (points(0), "found 0 poses, expected 1 to 100000"),
+        (points(usize::MAX), "poses, expected 1 to 100000"),
+        (
+            Setting::StepGauge(bar(1)),
+            "found 1 distances, expected 2 to 10000",
+        ),
+        (diagonals(&[]), "found 0 diagonals, expected 1 to 4"),
+        (
+            diagonals(&["../x"]),
+            "found the diagonal \"../x\", expected one of PPP, NPP, PNP, PPN",
+        ),
+    ] {
+        let mut wrong = shop(SHOP).expect("a valid shop");
+        wrong.observations.push(ShopObservation {
+            name: "observed".to_owned(),
+            instrument: Instrument::default(),
+            at: Vec::new(),
+            tools: Vec::new(),
+            setting,
+        });
+        let error = wrong.files(|_, _| {}).expect_err("it cannot be made");
+        assert!(error.to_string().contains(expected), "{error}");
+    }
 }
