@@ -258,6 +258,22 @@ impl CompiledMachine {
         bound + (tilts + turned) * (tilts + turned) * reach_mm
     }
 
+    /// The same bound where a correction `first` was made anew with the errors of the place to which it leads, which gave
+    /// `second`: the errors change by what lies between the two, and the first itself counts by its second order only.
+    pub fn neglected_there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
+        let mut between = *second;
+        let (mut turned, mut moved_mm) = (0.0, 0.0);
+        for (index, axis) in self.axes.iter().enumerate() {
+            between[index] -= first[index];
+            let size = libm::fabs(second[index]);
+            match axis.joint.kind {
+                AxisKind::Rotary => turned += size,
+                AxisKind::Linear => moved_mm += size,
+            }
+        }
+        self.neglected_mm(&between) + turned * (turned * self.reach_mm() + moved_mm)
+    }
+
     /// The longest lever from a joint to the tip over the travels, mm: a bound.
     pub fn reach_mm(&self) -> f64 {
         let tip = self.chain.tool_tip_mm();

@@ -1,15 +1,13 @@
 //! Coordinates of a program and of the axes of the machine, mm and deg: work offsets, tool offsets, a rotation, and the
 //! kinematics of the control lie between them.
 
-use std::sync::Arc;
-
 use volcomp_model::{
     Machine,
     kinematics::State,
     vocabulary::{AxisName, MAX_AXES, PerAxis},
 };
 
-use crate::tip::Tip;
+use crate::tip::TipFrame;
 
 /// A value for each axis a program can name: X Y Z A B C U V W.
 pub(crate) type Axes<T = f64> = [T; MAX_AXES];
@@ -87,7 +85,7 @@ pub(crate) struct Frame {
     pub(crate) rotation_deg: f64,
     pub(crate) centre: [f64; 2],
     /// Where the coordinates are those of the tool's centre point: the kinematics with which the control makes axes of them.
-    pub(crate) tip: Option<Arc<Tip>>,
+    pub(crate) tip: Option<TipFrame>,
 }
 
 impl Frame {

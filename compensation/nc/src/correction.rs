@@ -18,8 +18,8 @@ use crate::{
 
 /// Curves are compiled to 1 nm.
 const COMPILED_TO_NM: f64 = 1.0;
-/// What a correction of one step may neglect, mm; beyond it the exact one is taken.
-const NEGLECTED_MM: f64 = 2e-5;
+/// What a correction of one step or two may neglect, as a part of the tolerance; beyond it the exact one is taken.
+const NEGLECTED: f64 = 0.05;
 /// Tools whose machines are kept.
 const MOST_TOOLS: usize = 64;
 
@@ -86,6 +86,30 @@ pub struct Corrector {
     /// The furthest place of each axis in its direction.
     furthest: Axes<f64>,
     split_beyond_mm: f64,
+    /// Changes with all that the correction of a place depends on besides the place.
+    version: u64,
+}
+
+/// The corrections of the last two places. State.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seen([Option<(Axes, u64, Correction)>; 2]);
+
+impl Seen {
+    /// The correction at these coordinates.
+    pub(crate) fn at(&mut self, corrector: &Corrector, at: &Axes) -> &Correction {
+        let is_it = |seen: &Option<(Axes, u64, Correction)>| {
+            (seen.as_ref())
+                .is_some_and(|(place, version, _)| place == at && *version == corrector.version)
+        };
+        if !is_it(&self.0[0]) {
+            self.0.swap(0, 1);
+        }
+        if !is_it(&self.0[0]) {
+            self.0[0] = None;
+        }
+        let anew = || (*at, corrector.version, corrector.at(at));
+        &self.0[0].get_or_insert_with(anew).2
+    }
 }
 
 impl Corrector {
@@ -130,6 +154,7 @@ impl Corrector {
             approach: [None; MAX_AXES],
             furthest: [0.0; MAX_AXES],
             split_beyond_mm: tolerance_mm,
+            version: 0,
         })
     }
 
@@ -143,6 +168,7 @@ impl Corrector {
         if self.tool.offset == *offset {
             return Ok(false);
         }
+        self.version += 1;
         if let Some(tool) = self.tools.iter().find(|tool| tool.offset == *offset) {
             self.tool = Arc::clone(tool);
             return Ok(true);
@@ -202,6 +228,7 @@ impl Corrector {
     }
 
     pub(crate) fn put_back(&mut self, (approach, furthest): (Axes<Option<Direction>>, Axes)) {
+        self.version += u64::from(self.approach != approach);
         (self.approach, self.furthest) = (approach, furthest);
     }
 
@@ -232,7 +259,9 @@ impl Corrector {
                 });
             }
         }
-        self.approach != before
+        let turns = self.approach != before;
+        self.version += u64::from(turns);
+        turns
     }
 
     /// The correction at these coordinates of the axes (mm, deg).
@@ -253,9 +282,22 @@ impl Corrector {
                 follow: None,
             };
         }
-        let parts = compiled.parts_of(&state, compiled.correctors());
+        let mut parts = compiled.parts_of(&state, compiled.correctors());
         let mut delta = parts.delta();
-        if compiled.neglected_mm(&delta) > NEGLECTED_MM {
+        let most_mm = NEGLECTED * self.split_beyond_mm;
+        let mut neglected_mm = compiled.neglected_mm(&delta);
+        if neglected_mm > most_mm {
+            // The errors are those where the axes go to.
+            let first = delta;
+            let mut there = state;
+            for (q, delta) in there.q.iter_mut().zip(&first) {
+                *q += delta;
+            }
+            parts = compiled.parts_of(&there, compiled.correctors());
+            delta = parts.delta();
+            neglected_mm = compiled.neglected_there_mm(&first, &delta);
+        }
+        if neglected_mm > most_mm {
             let options = machine.correction_options();
             let exact = machine.correction_at(&state, &self.temperatures, &options);
             if exact.converged {
@@ -319,7 +361,7 @@ impl Corrector {
     /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
     /// follow them as they have to at its two ends: the product of two changes, and the bend of the levers. Near a singular
     /// pose the corrections of rotary axes are many times the errors.
-    pub(crate) fn coupled_mm(&self, from: &Axes, to: &Axes) -> f64 {
+    pub(crate) fn coupled_mm(&self, seen: &mut Seen, from: &Axes, to: &Axes) -> f64 {
         if self.tool.compiled.correctors().rotary().is_empty() {
             return 0.0;
         }
@@ -333,7 +375,7 @@ impl Corrector {
             .clone()
             .map(|axis| (to[axis] - from[axis]).abs().to_radians())
             .sum();
-        let [before, after] = [from, to].map(|at| self.at(at).delta);
+        let [before, after] = [from, to].map(|at| seen.at(self, at).delta);
         let (mut change, mut largest) = (0.0, 0.0);
         for axis in rotary {
             change += (after[axis] - before[axis]).abs().to_radians();

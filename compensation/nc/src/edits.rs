@@ -43,34 +43,47 @@ impl Edits {
     /// Writes the line with its edits.
     pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
         let (text, block) = (line.text, line.block);
-        let mut edits: Vec<(Range<usize>, Option<Number>)> = self.ranges.clone();
-        for (place, Word { at, text, .. }) in block.words.iter().enumerate() {
-            if self.removed.contains(&place) {
-                // With the blanks before it, unless it begins the line.
-                let before = &line.text[..*at];
-                let kept = before.trim_ascii_end().len();
-                let from = if kept == 0 { *at } else { kept };
-                edits.push((from..text.end, None));
-            } else if let Some((_, number)) =
-                self.replaced.iter().rev().find(|(of, _)| *of == place)
-            {
-                edits.push((text.clone(), Some(*number)));
-            }
-        }
-        edits.sort_by_key(|(range, _)| range.start);
         let mut at = 0;
-        for (range, number) in edits {
+        let mut put = |range: &Range<usize>, number: Option<Number>, out: &mut Vec<u8>| {
             out.extend_from_slice(&text[at..range.start]);
             if let Some(number) = number {
                 number.write(out);
             }
             at = range.end;
+        };
+        let of_words = (block.words.iter().enumerate())
+            .filter_map(|(place, word)| self.of_word(place, word, text));
+        if self.ranges.is_empty() {
+            of_words.for_each(|(range, number)| put(&range, number, out));
+        } else {
+            let mut edits: Vec<_> = of_words.chain(self.ranges.iter().cloned()).collect();
+            edits.sort_by_key(|(range, _)| range.start);
+            for (range, number) in &edits {
+                put(range, *number, out);
+            }
         }
         out.extend_from_slice(&text[at..block.end]);
         for word in &self.added {
             write_word(*word, out);
         }
         out.extend_from_slice(&text[block.end..]);
+    }
+
+    /// What is done to the word at a place of the block.
+    fn of_word(
+        &self,
+        place: usize,
+        word: &Word,
+        text: &[u8],
+    ) -> Option<(Range<usize>, Option<Number>)> {
+        if self.removed.contains(&place) {
+            // With the blanks before it, unless it begins the line.
+            let kept = text[..word.at].trim_ascii_end().len();
+            let from = if kept == 0 { word.at } else { kept };
+            return Some((from..word.text.end, None));
+        }
+        let replaced = self.replaced.iter().rev().find(|(of, _)| *of == place);
+        replaced.map(|(_, number)| (word.text.clone(), Some(*number)))
     }
 }
 

@@ -52,7 +52,7 @@ impl Rewriter {
     /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
     /// ones follow, so that the tip is where it belongs.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Words {
-        let correction = self.corrector.at(&leg.at);
+        let correction = self.seen.at(&self.corrector, &leg.at).clone();
         let mut words = Words {
             numbers: [None; 9],
             delta: [0.0; 9],

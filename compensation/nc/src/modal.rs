@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::{
     coordinates::{Axes, Frame},
-    tip::Tip,
+    tip::{Tip, TipFrame},
 };
 
 /// The work offsets of G54 to G59.3.
@@ -157,7 +157,7 @@ impl Modal {
             centre,
             tip: tip
                 .filter(|_| self.centre_point != CentrePoint::Off)
-                .cloned(),
+                .map(|tip| TipFrame::new(Arc::clone(tip))),
         }
     }
 

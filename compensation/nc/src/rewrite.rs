@@ -9,7 +9,7 @@ use crate::{
     NcError,
     block::{Begins, Block, Parameter},
     coordinates::{Axes, LETTERS},
-    correction::Corrector,
+    correction::{Corrector, Seen},
     edits::Edits,
     expression::Expressions,
     interpret::{Interpreter, Outcome},
@@ -64,6 +64,8 @@ pub(crate) enum Contour {
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,
     pub(crate) corrector: Corrector,
+    /// What was computed last.
+    pub(crate) seen: Seen,
     pub(crate) decimals: Decimals,
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
@@ -97,6 +99,7 @@ impl Rewriter {
         Ok(Self {
             interpreter: Interpreter::new(setup, Arc::clone(corrector.machine()))?,
             corrector,
+            seen: Seen::default(),
             decimals,
             carried: [0.0; 9],
             is_settled: false,
@@ -387,7 +390,7 @@ impl Rewriter {
         let Some(tip) = &self.interpreter.frame.tip else {
             return 0.0;
         };
-        let turned = tip.turned(from, to);
+        let turned = tip.tip().turned(from, to);
         let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
         self.corrector.bulge_mm(turned, way.sqrt())
     }

@@ -1,7 +1,7 @@
 //! Straight motions with their correction, in as many parts as it needs.
 
 use crate::{
-    coordinates::is_rotary,
+    coordinates::{Axes, is_rotary},
     legs::{Leg, Writes},
     line::Line,
     motion::Move,
@@ -29,21 +29,32 @@ impl Rewriter {
         }
         let frame = &self.interpreter.frame;
         let (from, to) = (frame.to_program(&motion.from), frame.to_program(&motion.to));
-        let is_straight = |[first, last]: [f64; 2]| {
+        let mut seen = std::mem::take(&mut self.seen);
+        let mut is_straight = |[first, last]: [f64; 2]| {
             let ends = [first, last].map(|share| between(&from, &to, share));
-            let [start, end] = [&ends[0], &ends[1]].map(|at| frame.to_machine(at));
+            let place = |share: f64, at: &Axes| match share {
+                0.0 => motion.from,
+                1.0 => motion.to,
+                _ => frame.to_machine(at),
+            };
+            let (start, end) = (place(first, &ends[0]), place(last, &ends[1]));
             let bulge_mm = self.bulge_mm(&ends[0], &ends[1]);
             // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
             let coupled_mm = if frame.tip.is_some() {
                 0.0
             } else {
-                self.corrector.coupled_mm(&start, &end)
+                self.corrector.coupled_mm(&mut seen, &start, &end)
             };
             self.corrector
                 .is_straight(&start, &end, bulge_mm, coupled_mm)
         };
+        if is_straight([0.0, 1.0]) {
+            parts.push(1.0);
+            self.seen = seen;
+            return parts;
+        }
         // Halves of halves, from the beginning on.
-        let mut open = vec![[0.0, 1.0]];
+        let mut open = vec![[0.5, 1.0], [0.0, 0.5]];
         while let Some([from, to]) = open.pop() {
             let is_end = parts.len() + open.len() >= MOST_PARTS || to - from < 1e-6;
             if is_end || is_straight([from, to]) {
@@ -54,6 +65,7 @@ impl Rewriter {
                 open.push([from, middle]);
             }
         }
+        self.seen = seen;
         parts
     }
 

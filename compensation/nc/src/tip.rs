@@ -1,5 +1,7 @@
 //! The ideal machine between the coordinates of its axes and those of the centre point of its tool, and its tool.
 
+use std::{cell::RefCell, sync::Arc};
+
 use volcomp_model::{
     Machine, Tool,
     kinematics::{
@@ -21,6 +23,77 @@ pub(crate) struct Tip {
     chain: Chain,
     places: AxisPlaces,
     at_zero_mm: Vector3<f64>,
+}
+
+/// The centre point where rotary axes stand somewhere: it goes as X, Y and Z go, whose directions are turned.
+#[derive(Clone, Debug)]
+struct Turned {
+    /// The axes besides X, Y and Z.
+    others: [f64; 6],
+    /// The centre point with X, Y and Z at zero.
+    base_mm: Vector3<f64>,
+    /// How it goes with X, Y and Z, and back.
+    columns: Matrix3<f64>,
+    inverse: Matrix3<f64>,
+}
+
+/// The centre point in a frame. State: the kinematics for the last two places of the rotary axes, since motions ask for their ends many
+/// times.
+#[derive(Clone, Debug)]
+pub(crate) struct TipFrame {
+    tip: Arc<Tip>,
+    last: RefCell<[Option<Turned>; 2]>,
+}
+
+impl TipFrame {
+    pub(crate) fn new(tip: Arc<Tip>) -> Self {
+        Self {
+            tip,
+            last: RefCell::default(),
+        }
+    }
+
+    pub(crate) fn tip(&self) -> &Tip {
+        &self.tip
+    }
+
+    fn with<T>(&self, axes: &Axes, take: impl FnOnce(&Turned) -> T) -> T {
+        let mut last = self.last.borrow_mut();
+        let is_it =
+            |turned: &Option<Turned>| turned.as_ref().is_some_and(|it| it.others == axes[3..]);
+        if !is_it(&last[0]) {
+            last.swap(0, 1);
+        }
+        if !is_it(&last[0]) {
+            last[0] = None;
+        }
+        take(last[0].get_or_insert_with(|| self.tip.turned_to(axes)))
+    }
+
+    /// Coordinates of the axes as those of the centre point, mm and deg. Those of rotary axes stay.
+    pub(crate) fn of_axes(&self, axes: &Axes) -> Axes {
+        let [x, y, z, ..] = *axes;
+        let at = self.with(axes, |turned| {
+            turned.base_mm + turned.columns * Vector3::new(x, y, z)
+        });
+        let mut tip = *axes;
+        tip[..3].copy_from_slice(at.as_slice());
+        tip
+    }
+
+    /// Coordinates of the centre point as those of the axes, mm and deg.
+    pub(crate) fn to_axes(&self, tip: &Axes) -> Axes {
+        let [x, y, z, ..] = *tip;
+        let at = self.with(tip, |turned| {
+            let at = turned.inverse * (Vector3::new(x, y, z) - turned.base_mm);
+            // What that lost to rounding.
+            let missing = Vector3::new(x, y, z) - turned.base_mm - turned.columns * at;
+            at + turned.inverse * missing
+        });
+        let mut axes = *tip;
+        axes[..3].copy_from_slice(at.as_slice());
+        axes
+    }
 }
 
 impl Tip {
@@ -46,39 +119,28 @@ impl Tip {
         })
     }
 
-    /// Coordinates of the axes as those of the centre point, mm and deg. Those of rotary axes stay.
-    pub(crate) fn of_axes(&self, axes: &Axes) -> Axes {
-        let at = self.chain.ideal_tip_mm(&self.places.state(axes)) - self.at_zero_mm;
-        let mut tip = *axes;
-        tip[..3].copy_from_slice(at.as_slice());
-        tip
-    }
-
-    /// Coordinates of the centre point as those of the axes, mm and deg.
-    pub(crate) fn to_axes(&self, tip: &Axes) -> Axes {
-        let mut axes = *tip;
-        axes[..3].fill(0.0);
-        let base = self.of_axes(&axes);
-        // The tip goes as the linear axes go, whose directions turn with the rotary ones.
-        let columns: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
-            let mut moved = axes;
-            moved[axis] = 1.0;
-            let at = self.of_axes(&moved);
-            Vector3::from_fn(|i, _| at[i] - base[i])
+    /// The kinematics where the axes besides X, Y and Z stand as `axes` says.
+    fn turned_to(&self, axes: &Axes) -> Turned {
+        let mut at = *axes;
+        at[..3].fill(0.0);
+        let state = self.places.state(&at);
+        let joints = self.chain.joints();
+        // Each of X, Y and Z leads where the rotary axes before it have turned it; they are next to each other in the chain.
+        let places = [0, 1, 2].map(|axis| self.places.of_axis(axis).unwrap_or_default());
+        let first = places.into_iter().min().unwrap_or_default();
+        let turned = joints[..first].iter().zip(state.q);
+        let turned = turned.fold(Matrix3::identity(), |turned, (joint, q)| {
+            turned * joint.motion(q).rotation
         });
-        // Independent wherever the rotary axes stand, since none of them is between the linear ones.
-        let Some(inverse) = Matrix3::from_columns(&columns).try_inverse() else {
-            return [f64::NAN; 9];
-        };
-        let missing = Vector3::from_fn(|i, _| tip[i] - base[i]);
-        axes[..3].copy_from_slice((inverse * missing).as_slice());
-        // What the first step lost to rounding.
-        let reached = self.of_axes(&axes);
-        let missing = inverse * Vector3::from_fn(|i, _| tip[i] - reached[i]);
-        for (axis, missing) in axes.iter_mut().zip(missing.iter()) {
-            *axis += missing;
+        let columns = Matrix3::from_columns(&places.map(|place| turned * joints[place].direction));
+        let [.., a, b, c, d, e, f] = at;
+        Turned {
+            others: [a, b, c, d, e, f],
+            base_mm: self.chain.ideal_tip_mm(&state) - self.at_zero_mm,
+            columns,
+            // Independent wherever the rotary axes stand, since none of them is between the linear ones.
+            inverse: (columns.try_inverse()).unwrap_or(Matrix3::repeat(f64::NAN)),
         }
-        axes
     }
 
     /// The angle (rad) by which the rotary axes turn between two places, all together.
@@ -112,11 +174,12 @@ mod tests {
 
     const MACHINE: &str = "name = \"m\"\nstructure = \"w C' A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-120, 120]\npoint = [10, 20, -30]\n[axes.C]\ntravel = [-360, 360]\npoint = [10, 20, 0]\n[tool]\ngauge = [0, 0, 0]\nlength = 100\n";
 
-    fn tip(offset: f64) -> Tip {
+    fn tip(offset: f64) -> TipFrame {
         let machine = Machine::parse(MACHINE, "m.toml").expect("a good machine");
         let mut of_tool = [0.0; 9];
         of_tool[2] = offset;
-        Tip::new(&with_tool(&machine, &of_tool).expect("a tool")).expect("five axes")
+        let tip = Tip::new(&with_tool(&machine, &of_tool).expect("a tool"));
+        TipFrame::new(Arc::new(tip.expect("five axes")))
     }
 
     /// A' and C' turn the table by the negative angles about lines through points that are given: written out.

@@ -183,18 +183,30 @@ fn the_first_order_correction_is_newtons_first_step() {
                 );
             }
             // The bound holds for what is left with the correction applied.
-            let corrected = volcomp_model::corrected(&state, &found.delta);
             let ideal = machine.chain().ideal_tip_mm(&state);
-            let actual = volcomp_kinematics::actual_pose(
-                machine.chain(),
-                &machine.source(&none),
-                &corrected,
-            )
-            .transform_point(&machine.chain().tool_tip_mm());
-            let left = (actual - machine.chain().workpiece_origin_mm() - ideal).norm();
+            let left_with = |delta: &volcomp_vocabulary::PerAxis<f64>| {
+                let corrected = volcomp_model::corrected(&state, delta);
+                let actual = volcomp_kinematics::actual_pose(
+                    machine.chain(),
+                    &machine.source(&none),
+                    &corrected,
+                )
+                .transform_point(&machine.chain().tool_tip_mm());
+                (actual - machine.chain().workpiece_origin_mm() - ideal).norm()
+            };
+            let corrected = volcomp_model::corrected(&state, &found.delta);
+            let left = left_with(&found.delta);
             assert!(
                 left <= neglected + 1e-4,
                 "{structure}: {left} over {neglected}"
+            );
+            // So it does where the correction is that of the place to which the first one leads.
+            let second = compiled.first_order(&corrected).delta;
+            let left = left_with(&second);
+            let neglected = compiled.neglected_there_mm(&found.delta, &second);
+            assert!(
+                left <= neglected + 1e-4,
+                "{structure}, anew: {left} over {neglected}"
             );
         }
     }
