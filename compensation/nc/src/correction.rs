@@ -92,7 +92,10 @@ pub struct Corrector {
 
 /// The corrections of the last two places. State.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Seen([Option<(Axes, u64, Correction)>; 2]);
+pub(crate) struct Seen {
+    places: [Option<(Axes, u64, Correction)>; 2],
+    last: usize,
+}
 
 impl Seen {
     /// The correction at these coordinates.
@@ -101,14 +104,14 @@ impl Seen {
             (seen.as_ref())
                 .is_some_and(|(place, version, _)| place == at && *version == corrector.version)
         };
-        if !is_it(&self.0[0]) {
-            self.0.swap(0, 1);
-        }
-        if !is_it(&self.0[0]) {
-            self.0[0] = None;
+        if !is_it(&self.places[self.last]) {
+            self.last = 1 - self.last;
+            if !is_it(&self.places[self.last]) {
+                self.places[self.last] = None;
+            }
         }
         let anew = || (*at, corrector.version, corrector.at(at));
-        &self.0[0].get_or_insert_with(anew).2
+        &self.places[self.last].get_or_insert_with(anew).2
     }
 }
 

@@ -52,15 +52,18 @@ impl Rewriter {
     /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
     /// ones follow, so that the tip is where it belongs.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Words {
-        let correction = self.seen.at(&self.corrector, &leg.at).clone();
-        let mut words = Words {
-            numbers: [None; 9],
-            delta: [0.0; 9],
-        };
+        let correction = self.seen.at(&self.corrector, &leg.at);
         let in_program =
             |this: &Self, delta: &Axes| this.interpreter.frame.moved_in_program(&leg.at, delta);
-        words.delta = in_program(self, &correction.delta);
-        if correction.is_coupled() {
+        let (delta, coupled) = (
+            correction.delta,
+            correction.is_coupled().then(|| correction.clone()),
+        );
+        let mut words = Words {
+            numbers: [None; 9],
+            delta: in_program(self, &delta),
+        };
+        if let Some(correction) = coupled {
             self.numbers(leg, 3..6, &mut words, carried);
             words.delta = in_program(self, &correction.with_rotary(carried));
             self.numbers(leg, 0..3, &mut words, carried);

@@ -64,7 +64,10 @@ impl Digits {
             let digits = self.mantissa / 1000;
             digits as f64 / power * 1000.0
         };
-        let size = size * 10_f64.powi(i32::from(self.beyond));
+        let size = match self.beyond {
+            0 => size,
+            beyond => size * 10_f64.powi(i32::from(beyond)),
+        };
         Some(if self.negative { -size } else { size })
     }
 

@@ -91,7 +91,7 @@ impl Rewriter {
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
-        let frame = self.interpreter.frame.clone();
+        let frame = &self.interpreter.frame;
         let splits = parts.len() > 1;
         let [from, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
@@ -107,7 +107,7 @@ impl Rewriter {
             let at = if is_last {
                 motion.to
             } else {
-                frame.to_machine(&to)
+                self.interpreter.frame.to_machine(&to)
             };
             let writes = each(|axis| {
                 let is_new = place == 0 || motion.incremental[axis] || to[axis] != before[axis];
@@ -139,7 +139,7 @@ impl Rewriter {
             self.write_part(&part, line, out);
             (before, passed) = (to, share);
         }
-        self.carried = frame.moved_in_machine(&end, &carried);
+        self.carried = self.interpreter.frame.moved_in_machine(&end, &carried);
         self.is_settled = true;
     }
 }

@@ -37,12 +37,12 @@ struct Turned {
     inverse: Matrix3<f64>,
 }
 
-/// The centre point in a frame. State: the kinematics for the last two places of the rotary axes, since motions ask for their ends many
-/// times.
+/// The centre point in a frame. State: the kinematics for the last two places of the rotary axes, and which of them is the last
+/// one, since motions ask for their ends many times.
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
     tip: Arc<Tip>,
-    last: RefCell<[Option<Turned>; 2]>,
+    last: RefCell<([Option<Turned>; 2], usize)>,
 }
 
 impl TipFrame {
@@ -58,16 +58,16 @@ impl TipFrame {
     }
 
     fn with<T>(&self, axes: &Axes, take: impl FnOnce(&Turned) -> T) -> T {
-        let mut last = self.last.borrow_mut();
+        let (turned, last) = &mut *self.last.borrow_mut();
         let is_it =
             |turned: &Option<Turned>| turned.as_ref().is_some_and(|it| it.others == axes[3..]);
-        if !is_it(&last[0]) {
-            last.swap(0, 1);
+        if !is_it(&turned[*last]) {
+            *last = 1 - *last;
+            if !is_it(&turned[*last]) {
+                turned[*last] = None;
+            }
         }
-        if !is_it(&last[0]) {
-            last[0] = None;
-        }
-        take(last[0].get_or_insert_with(|| self.tip.turned_to(axes)))
+        take(turned[*last].get_or_insert_with(|| self.tip.turned_to(axes)))
     }
 
     /// Coordinates of the axes as those of the centre point, mm and deg. Those of rotary axes stay.
