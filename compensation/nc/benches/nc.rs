@@ -60,6 +60,7 @@ fn program(first: &str, places: &[(char, f64)]) -> String {
     text
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "coordinates are small")]
 /// Each number read, and printed with three decimals; all else copied.
 fn read_and_print(text: &[u8], out: &mut Vec<u8>) {
     let mut digits = itoa::Buffer::new();

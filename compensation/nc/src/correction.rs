@@ -196,6 +196,16 @@ impl Corrector {
         self.places.of_axis(axis).is_some()
     }
 
+    /// The temperatures that hold.
+    pub(crate) fn temperatures(&self) -> &Temperatures {
+        &self.temperatures
+    }
+
+    /// No axis is a rotary one.
+    pub(crate) fn is_only_linear(&self) -> bool {
+        self.only_linear
+    }
+
     pub(crate) fn corrects(&self, axis: usize) -> bool {
         self.corrects[axis]
     }

@@ -6,6 +6,7 @@
 
 mod arc;
 mod arcs;
+mod average;
 mod block;
 mod bow;
 mod circle;
@@ -43,6 +44,7 @@ mod tip;
 mod verify;
 mod words;
 
+pub use average::{Average, average};
 pub use correction::Corrector;
 pub use error::NcError;
 pub use fault::Fault;

@@ -293,6 +293,8 @@ impl Rewriter {
             motion: motion.clone(),
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
+            system: self.interpreter.modal.system,
+            known: (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis)),
         };
         let told = tells.send(made);
         told.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())

@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// The names of the work offsets.
-const NAMES: [&str; SYSTEMS] = [
+pub(crate) const NAMES: [&str; SYSTEMS] = [
     "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
 ];
 
@@ -18,6 +18,8 @@ const NAMES: [&str; SYSTEMS] = [
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SetUp {
     offsets: [WorkOffset; SYSTEMS],
+    /// Which of them it states.
+    stated: [bool; SYSTEMS],
     tools: BTreeMap<u32, Axes>,
     homes: [Axes; 2],
     start: Option<(Axes, Axes<bool>)>,
@@ -55,6 +57,7 @@ impl SetUp {
                     };
                     let (at, _) = axes_of(&offset, &["rotation_deg"])?;
                     setup.offsets[place].offset = at;
+                    setup.stated[place] = true;
                     if let Some(angle) = offset.get("rotation_deg") {
                         setup.offsets[place].rotation_deg = angle.number()?;
                     }
@@ -98,6 +101,12 @@ impl SetUp {
             },
             ..Modal::default()
         }
+    }
+
+    /// A work offset, if it is stated.
+    pub(crate) fn offset(&self, system: usize) -> Option<Axes> {
+        let is_stated = *self.stated.get(system)?;
+        is_stated.then(|| self.offsets[system].offset)
     }
 
     pub(crate) fn tools(&self) -> HashMap<u32, Axes> {

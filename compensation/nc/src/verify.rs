@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Motions that wait between two threads.
-const WAITING: usize = 1024;
+pub(crate) const WAITING: usize = 1024;
 /// Places of a path that are kept at the most.
 const MOST_PLACES: usize = 20_000;
 /// Within each part of a motion so many places are looked at, the last one at its end.
@@ -36,6 +36,10 @@ pub(crate) struct Made {
     pub(crate) frame: Frame,
     /// What the control adds for the tool.
     pub(crate) tool: Axes,
+    /// Which of the work offsets holds.
+    pub(crate) system: usize,
+    /// It is known where X, Y and Z stand, as far as the machine has them.
+    pub(crate) known: bool,
 }
 
 /// A place of the path, in workpiece axes.
@@ -130,8 +134,8 @@ pub fn verify(
         let (to_result, results) = sync_channel(WAITING);
         let ideal = &ideal;
         let runs = [
-            scope.spawn(move || motions(original, ideal, of, to_original)),
-            scope.spawn(move || motions(result, ideal, of, to_result)),
+            scope.spawn(move || motions(original, ideal, of.setup, of.most_blocks, to_original)),
+            scope.spawn(move || motions(result, ideal, of.setup, of.most_blocks, to_result)),
         ];
         let compared = Comparison::new(truth).all(&originals, &results, shares);
         // Whoever still sends is told that nobody listens.
@@ -148,22 +152,21 @@ pub fn verify(
 }
 
 /// A run that was stopped since nobody listens any more.
-fn is_end(error: &NcError) -> bool {
+pub(crate) fn is_end(error: &NcError) -> bool {
     matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe)
 }
 
 /// Sends the motions of a program, one after the other.
-fn motions(
+pub(crate) fn motions(
     program: &mut impl BufRead,
     ideal: &Corrector,
-    of: Virtual<'_>,
+    setup: &SetUp,
+    most_blocks: u64,
     to: SyncSender<Made>,
 ) -> Result<(), NcError> {
-    let mut rewriter = Rewriter::new(of.setup, ideal.clone(), Decimals::default())?;
+    let mut rewriter = Rewriter::new(setup, ideal.clone(), Decimals::default())?;
     rewriter.tells = Some(to);
-    execute(program, &mut io::sink(), rewriter, of.most_blocks, |_| {
-        Ok(())
-    })?;
+    execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
     Ok(())
 }
 

@@ -29,7 +29,7 @@ use volcomp_vocabulary::AxisName;
 /// The name of a command and the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
-/// The documents by the name of their command, `probe-list` for `probe --list`: `volcomp-NAME.json` is the file of the schema.
+/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`: `volcomp-NAME.json` is the file of the schema.
 pub(crate) const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<program::Compile>),
@@ -54,6 +54,7 @@ pub(crate) const ALL: &[Named] = &[
     ("probe", schema::<probe::Probe>),
     ("probe-list", schema::<probe::ProbeList>),
     ("nc", schema::<nc::Nc>),
+    ("nc-average", schema::<nc::NcAverage>),
     ("failure", schema::<failure::Document>),
 ];
 

@@ -59,3 +59,33 @@ pub(crate) struct NcDeviation {
     /// The tip of the tool there, mm from the workpiece origin.
     pub(crate) tip_mm: [f64; 3],
 }
+
+/// The document of `volcomp nc --average`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct NcAverage {
+    /// The file that was written.
+    pub(crate) file: String,
+    /// Each work offset with which the program cuts.
+    pub(crate) offsets: Vec<AverageOffset>,
+}
+
+/// A work offset with the mean correction in it.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AverageOffset {
+    /// `G54` to `G59.3`.
+    pub(crate) work_offset: String,
+    /// Places where the program cuts with it: the ends of lines and arcs, and holes.
+    pub(crate) places: u64,
+    /// The mean correction of X, Y and Z, µm.
+    pub(crate) mean_um: [f64; 3],
+    /// The offset with it, mm in machine coordinates.
+    pub(crate) offset_mm: [f64; 3],
+    /// The largest correction of a place, µm.
+    pub(crate) before_max_um: f64,
+    /// The root of the mean square of the corrections, µm.
+    pub(crate) before_rms_um: f64,
+    /// The largest difference of a place's correction from the mean, which stays uncorrected, µm.
+    pub(crate) left_max_um: f64,
+    /// The root of the mean square of these differences, µm.
+    pub(crate) left_rms_um: f64,
+}

@@ -1,6 +1,7 @@
 //! `volcomp nc`: an NC program in, the compensated one out.
 
 use std::{
+    fmt::Write as _,
     fs::File,
     io::{BufReader, Write},
     path::{Path, PathBuf},
@@ -9,13 +10,13 @@ use std::{
 use volcomp_document::read_text;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Corrector, Decimals, Deviation, Job, NcError, SetUp, Summary, Verification, Virtual,
-    compensate, picture, verify,
+    Average, Corrector, Decimals, Deviation, Job, NcError, SetUp, Summary, Verification, Virtual,
+    average, compensate, picture, verify,
 };
 
 use super::{Answer, machine_notes};
 use crate::{
-    answers::nc::{Nc, NcDeviation, NcNote, Verified},
+    answers::nc::{AverageOffset, Nc, NcAverage, NcDeviation, NcNote, Verified},
     failure::Failure,
     output::OutputFile,
     points::MachineArguments,
@@ -48,6 +49,10 @@ pub(crate) struct Arguments {
     /// Blocks that are executed at the most where the program has O-words
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_blocks: u64,
+    /// The simplest form: nothing but the work offsets change, by the mean of the correction over all places where the program cuts
+    /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets
+    #[arg(long, requires = "setup", conflicts_with_all = ["verify", "picture"])]
+    average: bool,
     /// Run the program and its result through the virtual machine, and print how far the tool is from where it belongs
     #[arg(long)]
     verify: bool,
@@ -58,6 +63,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", requires = "verify")]
     picture: Option<PathBuf>,
 }
+
+/// Programs whose mean correction is asked for are read twice, from memory.
+const MOST_IN_MEMORY: u64 = 256 << 20;
 
 /// `3,4,3`.
 fn decimals(text: &str) -> Result<Decimals, String> {
@@ -101,8 +109,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
     let corrector = Corrector::new(&machine, &temperatures, 1e-3 * tolerance_um)
         .map_err(|error| failure(program, error))?;
-    let bar = byte_bar(length);
-    let mut input = BufReader::with_capacity(1 << 18, file);
     let job = Job {
         corrector: &corrector,
         setup: &setup,
@@ -110,6 +116,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         most_blocks: arguments.max_blocks,
         keep_shares: arguments.verify,
     };
+    if arguments.average {
+        if length > MOST_IN_MEMORY {
+            let what = "longer than 256 MiB, which --average does not take";
+            return Err(Failure::in_file(program, what));
+        }
+        let text = std::fs::read(program).map_err(|e| Failure::in_file(program, e))?;
+        let found = average(&text, &mut output, job).map_err(|error| failure(program, error))?;
+        output.finish()?;
+        let notes = machine_notes(&machine, &temperatures);
+        return averaged(&arguments.output, &found, notes);
+    }
+    let bar = byte_bar(length);
+    let mut input = BufReader::with_capacity(1 << 18, file);
     let summary = compensate(&mut input, &mut output, job, |bytes| {
         bar.set_position(bytes);
         Ok(())
@@ -255,6 +274,44 @@ fn deviation(of: &Deviation) -> NcDeviation {
         line: of.line,
         tip_mm: of.tip_mm,
     }
+}
+
+/// The mean corrections that are in the work offsets now.
+fn averaged(output: &Path, found: &[Average], notes: Vec<String>) -> Result<Answer, Failure> {
+    let document = NcAverage {
+        file: output.display().to_string(),
+        offsets: (found.iter())
+            .map(|of| AverageOffset {
+                work_offset: of.system.clone(),
+                places: of.places,
+                mean_um: of.mean_mm.map(|mm| 1e3 * mm),
+                offset_mm: of.offset_mm,
+                before_max_um: of.before_um[0],
+                before_rms_um: of.before_um[1],
+                left_max_um: of.left_um[0],
+                left_rms_um: of.left_um[1],
+            })
+            .collect(),
+    };
+    let mut text = format!(
+        "{}: the mean correction is in the work offsets\n",
+        document.file
+    );
+    for of in &document.offsets {
+        let [x, y, z] = of.mean_um;
+        let [at_x, at_y, at_z] = of.offset_mm;
+        let _ = write!(
+            text,
+            "{}, {} places: X {x:+.1} Y {y:+.1} Z {z:+.1} µm, now X {at_x} Y {at_y} Z {at_z} mm\n  correction before: at most {:.2} µm, RMS {:.2} µm; what is left beside the mean: at most {:.2} µm, RMS {:.2} µm\n",
+            of.work_offset,
+            of.places,
+            of.before_max_um,
+            of.before_rms_um,
+            of.left_max_um,
+            of.left_rms_um
+        ); // writing to a String cannot fail
+    }
+    Answer::new(&document, text, notes)
 }
 
 /// How far the tool is from where the program wants it.

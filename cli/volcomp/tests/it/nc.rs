@@ -96,3 +96,23 @@ fn what_is_wrong_is_told() {
     assert!(said.contains("it is a directory"), "{said}");
     assert!(!result.exists());
 }
+
+#[test]
+fn the_mean_correction_is_in_the_work_offset() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let result = folder.path().join("o.ngc");
+    let output = run(&result, &["--average"]);
+    assert!(output.status.success(), "{output:?}");
+    let shown = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        shown.contains("G54, ") && shown.contains("what is left beside the mean"),
+        "{shown}"
+    );
+    let original = fs::read_to_string(root().join("examples/part.ngc")).expect("the example");
+    let text = fs::read_to_string(&result).expect("the result");
+    let (added, kept): (Vec<&str>, Vec<&str>) = text
+        .lines()
+        .partition(|line| line.starts_with("G10 L2 P1 X") || *line == "G21");
+    assert_eq!(kept, original.lines().collect::<Vec<_>>());
+    assert_eq!(added.len(), 2, "{text}");
+}

@@ -148,8 +148,15 @@ fn live_documents_follow_their_schemas() {
     let url = format!("focas://{}", simulator.address());
     validate("probe", &json(&["probe", &url]));
     validate("probe-list", &json(&["probe", "--list"]));
+    let mill = ["-m", "examples/mill.toml", "--setup", "examples/setup.toml"];
+    let averaged = [
+        &["nc", "examples/part.ngc", "--average", "-o", &program],
+        &mill[..],
+    ]
+    .concat();
+    validate("nc-average", &json(&averaged));
     let mut known: Vec<&str> = calls.iter().map(|call| call[0]).collect();
-    known.extend(["probe", "probe-list", "failure"]);
+    known.extend(["probe", "probe-list", "nc-average", "failure"]);
     for entry in fs::read_dir(root().join("docs/schema")).expect("the schemas") {
         let name = entry
             .expect("an entry")
@@ -166,7 +173,8 @@ fn live_documents_follow_their_schemas() {
             continue;
         }
         assert!(
-            ["failure", "probe-list"].contains(&name) || commands().iter().any(|c| c == name),
+            ["failure", "probe-list", "nc-average"].contains(&name)
+                || commands().iter().any(|c| c == name),
             "{name}"
         );
         assert!(known.contains(&name), "no call shows {name}");

@@ -1,6 +1,7 @@
 //! Tests of this crate from outside.
 
 mod arcs;
+mod average;
 mod five_axes;
 mod flow;
 mod identity;

@@ -1,0 +1,237 @@
+//! The simplest correction: the mean over all places where a program cuts, moved into its work offset.
+
+use std::{io::Write, sync::mpsc::sync_channel, thread};
+
+use volcomp_model::Thermal;
+
+use crate::{
+    Job, NcError,
+    coordinates::{Axes, LETTERS},
+    correction::Corrector,
+    edits::write_word,
+    modal::SYSTEMS,
+    motion::{Path, half_deep},
+    setup::NAMES,
+    verify::{Made, WAITING, is_end, motions},
+    words::Number,
+};
+
+/// The mean correction over the places where a program cuts with one work offset in force: the ends of its lines and arcs, and
+/// its holes half-way down.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Average {
+    /// The work offset, `G54` to `G59.3`.
+    pub system: String,
+    /// How many places there are.
+    pub places: u64,
+    /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
+    pub mean_mm: [f64; 3],
+    /// How far single places are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
+    pub left_um: [f64; 2],
+    /// The same without any correction, µm.
+    pub before_um: [f64; 2],
+    /// The work offset with the mean, mm in machine coordinates, rounded to the decimals of the job.
+    pub offset_mm: [f64; 3],
+}
+
+/// The sums over the places of one work offset.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    places: u64,
+    sum: [f64; 3],
+    squares: f64,
+    largest: f64,
+}
+
+impl Sums {
+    fn take(&mut self, of: [f64; 3]) {
+        let square: f64 = of.iter().map(|x| x * x).sum();
+        self.places += 1;
+        self.squares += square;
+        self.largest = self.largest.max(square.sqrt());
+        for (sum, of) in self.sum.iter_mut().zip(of) {
+            *sum += of;
+        }
+    }
+
+    /// The largest and the root of the mean square, µm.
+    fn um(&self) -> [f64; 2] {
+        let rms = (self.squares / (self.places as f64).max(1.0)).sqrt();
+        [1e3 * self.largest, 1e3 * rms]
+    }
+}
+
+fn refused(line: usize, what: &str) -> NcError {
+    NcError::NotCompensated {
+        line,
+        what: what.to_owned(),
+    }
+}
+
+/// Writes a program behind lines that set its work offsets to those of the set-up and the mean correction: G10 L2. Nothing else
+/// changes.
+///
+/// # Errors
+/// What executing the program says; rotary axes; a program that sets its work offsets itself, or uses one that the set-up does not
+/// state; places that are not known, as the set-up does not say where the axes stand.
+pub fn average(
+    program: &[u8],
+    output: &mut impl Write,
+    job: Job<'_>,
+) -> Result<Vec<Average>, NcError> {
+    if !job.corrector.is_only_linear() {
+        return Err(refused(
+            1,
+            "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
+        ));
+    }
+    let mut sums = [Sums::default(); SYSTEMS];
+    at_places(program, job, |system, delta| sums[system].take(delta))?;
+    let means = sums.map(|of| of.sum.map(|sum| sum / (of.places as f64).max(1.0)));
+    let mut left = [Sums::default(); SYSTEMS];
+    at_places(program, job, |system, delta| {
+        left[system].take(std::array::from_fn(|i| delta[i] - means[system][i]));
+    })?;
+    let (mut averages, mut offsets) = (Vec::new(), Vec::new());
+    let unit = job.setup.modal().unit_mm;
+    for system in 0..SYSTEMS {
+        let of = &sums[system];
+        if of.places == 0 {
+            continue;
+        }
+        let offset = (job.setup.offset(system)).ok_or_else(|| NcError::NotCompensated {
+            line: 1,
+            what: format!(
+                "the set-up does not state the work offset {}, which is to get the mean correction",
+                NAMES[system]
+            ),
+        })?;
+        let words = std::array::from_fn(|i| {
+            let value = (offset[i] + means[system][i]) / unit;
+            Number::nearest(value, job.decimals.of(i, unit))
+        });
+        averages.push(Average {
+            system: NAMES[system].to_owned(),
+            places: of.places,
+            mean_mm: means[system],
+            left_um: left[system].um(),
+            before_um: of.um(),
+            offset_mm: words.map(|word| word.map_or(f64::NAN, |word| unit * word.value())),
+        });
+        offsets.push((system, words));
+    }
+    write(program, output, &offsets, unit)?;
+    Ok(averages)
+}
+
+/// Executes the program: `take` gets the work offset and the correction of X, Y and Z (mm) of each place where it cuts.
+fn at_places(
+    program: &[u8],
+    job: Job<'_>,
+    mut take: impl FnMut(usize, [f64; 3]),
+) -> Result<(), NcError> {
+    let mut ideal = (**job.corrector.machine()).clone();
+    ideal.clear_errors();
+    ideal.set_thermal(Thermal::default())?;
+    let ideal = Corrector::new(&ideal, job.corrector.temperatures(), 1.0)?;
+    let mut corrector = job.corrector.clone();
+    thread::scope(|scope| {
+        let (to, all) = sync_channel::<Made>(WAITING);
+        let run =
+            scope.spawn(move || motions(&mut &program[..], &ideal, job.setup, job.most_blocks, to));
+        let mut found = Ok(());
+        while let Ok(made) = all.recv() {
+            corrector.goes(&made.motion.to);
+            let Some(at) = cuts_at(&made) else { continue };
+            let stated = job.setup.offset(made.system);
+            if stated.is_some_and(|stated| made.frame.work[..3] != stated[..3]) {
+                found = Err(refused(
+                    made.line,
+                    "the program has set its work offset itself (G10 L2, L20): the mean correction would be lost there",
+                ));
+                break;
+            }
+            if !made.known {
+                found = Err(refused(
+                    made.line,
+                    "it is not known where X, Y and Z stand here: [start] of the set-up says it",
+                ));
+                break;
+            }
+            let delta = corrector.at(&at).delta;
+            take(made.system, std::array::from_fn(|i| delta[i]));
+        }
+        // Whoever still sends is told that nobody listens.
+        drop(all);
+        match run.join() {
+            Ok(Err(error)) if found.is_ok() && !is_end(&error) => Err(error),
+            Ok(_) => found,
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    })
+}
+
+/// Where a motion cuts: the axes at its end, or half-way down a hole.
+fn cuts_at(made: &Made) -> Option<Axes> {
+    let motion = &made.motion;
+    match motion.path {
+        _ if motion.in_machine => None,
+        Path::Line | Path::Arc(_) => Some(motion.to),
+        Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        } => {
+            let hole = made.frame.to_program(&motion.to);
+            Some(
+                made.frame
+                    .to_machine(&half_deep(&hole, depth, [bottom, clearance])),
+            )
+        }
+        Path::Rapid | Path::Home(_) | Path::Other => None,
+    }
+}
+
+/// The program with the lines that set its offsets: behind the percent sign, where it begins with one, and the comments after it.
+fn write(
+    program: &[u8],
+    output: &mut impl Write,
+    offsets: &[(usize, [Option<Number>; 3])],
+    unit_mm: f64,
+) -> Result<(), NcError> {
+    let mut lines = program.split_inclusive(|byte| *byte == b'\n').peekable();
+    let mut end: &[u8] = b"\n";
+    while let Some(line) = lines.next_if(|line| {
+        let text = line.trim_ascii();
+        let is_comment = text.starts_with(b"(") && text.ends_with(b")");
+        line.ends_with(b"\n") && (text.is_empty() || text.starts_with(b"%") || is_comment)
+    }) {
+        output.write_all(line)?;
+        end = if line.ends_with(b"\r\n") {
+            b"\r\n"
+        } else {
+            b"\n"
+        };
+    }
+    let mut text = Vec::new();
+    if !offsets.is_empty() {
+        // What holds at the beginning in any case, as the set-up says.
+        text.extend_from_slice(if unit_mm == 1.0 { b"G21" } else { b"G20" });
+        text.extend_from_slice(end);
+    }
+    for (system, words) in offsets {
+        text.extend_from_slice(format!("G10 L2 P{}", system + 1).as_bytes());
+        for (letter, number) in LETTERS.into_iter().zip(words) {
+            if let Some(number) = number {
+                write_word((letter, *number), &mut text);
+            }
+        }
+        text.extend_from_slice(end);
+    }
+    output.write_all(&text)?;
+    for line in lines {
+        output.write_all(line)?;
+    }
+    Ok(())
+}

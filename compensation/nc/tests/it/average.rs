@@ -1,0 +1,110 @@
+//! The mean correction in the work offset, against means that are known on paper.
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Average, Corrector, Job, NcError, SetUp, average};
+
+use crate::identity::TRAVELS;
+
+const SETUP: &str = "[work_offset.G54]\nX = 100\nY = 50\nZ = -20.5\n[work_offset.G55]\nX = 300\n[start]\nX = 0\nY = 0\nZ = 0\n";
+
+fn run(errors: &str, setup: &str, program: &str) -> Result<(String, Vec<Average>), NcError> {
+    let machine =
+        Machine::parse(&format!("{TRAVELS}[errors]\n{errors}"), "m.toml").expect("a machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001)?;
+    let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+    let mut out = Vec::new();
+    let found = average(program.as_bytes(), &mut out, Job::new(&corrector, &setup))?;
+    Ok((String::from_utf8(out).expect("text"), found))
+}
+
+fn message(errors: &str, setup: &str, program: &str) -> String {
+    run(errors, setup, program)
+        .expect_err("it is refused")
+        .to_string()
+}
+
+/// A constant error is in the offset, and nothing is left.
+#[test]
+fn a_constant_error_leaves_nothing() {
+    let (out, found) = run(
+        "EXX = { poly = [10.0] }\nEZZ = { poly = [-4.0] }\n",
+        SETUP,
+        "%\n(part)\nG90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\nX20\nG0 Z10\n%\n",
+    )
+    .expect("averaged");
+    assert_eq!(
+        out,
+        "%\n(part)\nG21\nG10 L2 P1 X99.990 Y50.000 Z-20.496\nG90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\nX20\nG0 Z10\n%\n"
+    );
+    assert_eq!((found.len(), found[0].places), (1, 2));
+    assert!(
+        (found[0].before_um[0] - 116.0_f64.sqrt()).abs() < 1e-6,
+        "{found:?}"
+    );
+    assert!(found[0].left_um[0] < 1e-6, "{found:?}");
+}
+
+/// Of 100 µm/m the mean over 100 and 300 mm goes, 10 µm to both sides stay, less a ten-thousandth, since the corrected axis has an
+/// error, too. Each offset has its own mean.
+#[test]
+fn a_scale_leaves_its_spread() {
+    let (out, found) = run(
+        "EXX = { poly = [0.0, 0.1] }\n",
+        SETUP,
+        "G90 G54\nG81 X0 Y0 Z-5 R2\nX200\nG80\nG55 G1 F100 X0\nG53 G0 X0\n",
+    )
+    .expect("averaged");
+    assert!(
+        out.starts_with(
+            "G21\nG10 L2 P1 X99.980 Y50.000 Z-20.500\nG10 L2 P2 X299.970 Y0.000 Z0.000\nG90 G54\n"
+        ),
+        "{out}"
+    );
+    let [first, second] = &found[..] else {
+        panic!("{found:?}")
+    };
+    assert!(
+        (first.mean_mm[0] + 0.019_998).abs() < 1e-8 && (first.left_um[0] - 9.999).abs() < 1e-5,
+        "{found:?}"
+    );
+    assert!(
+        (first.left_um[1] - 9.999).abs() < 1e-5 && (first.before_um[0] - 29.997).abs() < 1e-5,
+        "{found:?}"
+    );
+    assert_eq!((second.system.as_str(), second.places), ("G55", 1));
+    assert!(second.left_um[0] < 1e-6, "{found:?}");
+}
+
+#[test]
+fn inch_and_crlf() {
+    let (out, _) = run(
+        "EXX = { poly = [25.4] }\n",
+        &format!("units = \"inch\"\n{SETUP}"),
+        "(part)\r\nG90 G54 G1 F100 X1 Y1\r\n",
+    )
+    .expect("averaged");
+    // 100 - 0.0254 mm, 50 mm, -20.5 mm.
+    assert_eq!(
+        out,
+        "(part)\r\nG20\r\nG10 L2 P1 X3.9360 Y1.9685 Z-0.8071\r\nG90 G54 G1 F100 X1 Y1\r\n"
+    );
+}
+
+#[test]
+fn what_has_no_mean_is_refused() {
+    let errors = "EXX = { poly = [1.0] }\n";
+    let program = "G90 G54 G1 F100 X1 Y1 Z1\n";
+    assert!(message(errors, "", program).contains("the set-up does not state the work offset G54"));
+    let unknown = message(errors, "[work_offset.G54]\nX = 1\n", "G54 G90 G1 X1\n");
+    assert!(
+        unknown.starts_with("line 1: it is not known where X, Y and Z stand"),
+        "{unknown}"
+    );
+    let sets = message(errors, SETUP, "G10 L2 P1 X3\nG90 G1 X1\n");
+    assert!(
+        sets.starts_with("line 2: the program has set its work offset itself"),
+        "{sets}"
+    );
+    let wrong = message(errors, SETUP, "G1 X\n");
+    assert!(wrong.starts_with("line 1: column 4"), "{wrong}");
+}
