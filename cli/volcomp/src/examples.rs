@@ -36,6 +36,11 @@ Examples:
   volcomp nc part.ngc -o part-compensated.ngc -m mill.toml
   volcomp nc part.ngc -o out.ngc -m mill.toml --setup setup.toml --tolerance 0.5";
 
+pub(crate) const AGE: &str = "\
+Examples:
+  volcomp age -m mill.toml --months 36 -o worn.toml
+  volcomp --json age -m trunnion.toml --months 12 --load 2 --seed 7 -o worn.toml";
+
 pub(crate) const DH: &str = "\
 Examples:
   volcomp dh -m trunnion.toml

@@ -85,6 +85,8 @@ enum Command {
     Identify(commands::identify::Arguments),
     #[command(after_help = examples::SIMULATE)]
     Simulate(commands::simulate::Arguments),
+    #[command(after_help = examples::AGE)]
+    Age(commands::age::Arguments),
     #[command(after_help = examples::DEMO)]
     Demo(commands::demo::Arguments),
     #[command(after_help = examples::NC)]
@@ -133,6 +135,7 @@ fn main() -> ExitCode {
         Command::Calibrate(a) => commands::calibrate::run(a),
         Command::Identify(a) => commands::identify::run(a),
         Command::Simulate(a) => commands::simulate::run(a),
+        Command::Age(a) => commands::age::run(a),
         Command::Demo(a) => commands::demo::run(a),
         Command::Nc(a) => commands::nc::run(a),
         Command::Inspect(a) => commands::inspect::run(a),

@@ -50,6 +50,7 @@ pub(crate) const ALL: &[Named] = &[
     ("form", schema::<form::Form>),
     ("inspect", schema::<inspect::Inspect>),
     ("simulate", schema::<simulate::Simulate>),
+    ("age", schema::<simulate::Age>),
     ("demo", schema::<simulate::Demo>),
     ("probe", schema::<probe::Probe>),
     ("probe-list", schema::<probe::ProbeList>),

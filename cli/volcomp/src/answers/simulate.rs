@@ -1,4 +1,4 @@
-//! The JSON documents of `volcomp simulate` and `volcomp demo`.
+//! The JSON documents of `volcomp simulate`, `volcomp age` and `volcomp demo`.
 
 #![expect(clippy::struct_field_names, reason = "the keys are named in full")]
 
@@ -114,4 +114,37 @@ pub(crate) struct IrregularCurve {
     pub(crate) mls_um: f64,
     /// Left by the smoothing B-spline, µm.
     pub(crate) bspline_um: f64,
+}
+
+/// The document of `volcomp age`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Age {
+    /// The machine file that was written.
+    pub(crate) file: String,
+    /// Months of work.
+    pub(crate) months: f64,
+    /// How hard it worked.
+    pub(crate) load: f64,
+    /// Which machine of its type it is.
+    pub(crate) seed: u64,
+    /// The errors that changed.
+    pub(crate) errors: Vec<Aged>,
+}
+
+/// What wear made of an error.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Aged {
+    /// The error.
+    pub(crate) name: String,
+    /// The unit of its numbers, `um` or `urad`.
+    pub(crate) unit: &'static str,
+    /// The same as people read it.
+    #[serde(skip)]
+    pub(crate) symbol: &'static str,
+    /// The largest change of its mean over the travel.
+    pub(crate) largest_change: f64,
+    /// The largest size of its mean over the travel now.
+    pub(crate) largest: f64,
+    /// The reversal value in the middle of the travel, positive less negative direction; null where there is none.
+    pub(crate) reversal: Option<f64>,
 }

@@ -1,5 +1,6 @@
 //! One module for each command: its arguments, its answer as a document and as text for people.
 
+pub(crate) mod age;
 pub(crate) mod axes;
 pub(crate) mod calibrate;
 pub(crate) mod check;

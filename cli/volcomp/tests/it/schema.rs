@@ -45,7 +45,7 @@ fn live_documents_follow_their_schemas() {
     let fit = format!("{demo}/exx.rtl");
     let angular = format!("{demo}/eay.rta");
     let (found, lasers) = (path("found.toml"), path("lasers"));
-    let program = path("part-out.ngc");
+    let (program, worn) = (path("part-out.ngc"), path("worn.toml"));
     json(&["demo", "-o", &demo]);
     let calls: &[&[&str]] = &[
         &["check", GANTRY],
@@ -138,6 +138,7 @@ fn live_documents_follow_their_schemas() {
             &found,
         ],
         &["simulate", "cli/volcomp/demo/shop.toml", "-o", &lasers],
+        &["age", "-m", GANTRY, "--months", "24", "-o", &worn],
         &["demo"],
         &["fit-thermal", SPINDLE, "--displacement", "ch1_um"],
     ];

@@ -10,3 +10,4 @@ mod observation_messages;
 mod observations;
 mod round_trip;
 mod volume;
+mod wear;

@@ -1,0 +1,126 @@
+//! `volcomp age`: what months of work make of a machine.
+
+use std::{fmt::Write as _, path::PathBuf};
+
+use volcomp_model::Machine;
+use volcomp_shop::{Wear, WearError};
+use volcomp_vocabulary::Direction;
+
+use super::{Answer, fixed, table, table_text};
+use crate::{
+    answers::simulate::{Age, Aged},
+    failure::Failure,
+    output::OutputFile,
+};
+
+/// Places over the travel at which the change of an error is looked at.
+const PLACES: u32 = 200;
+
+/// What months of work make of a machine: guides, screws, gears and squareness wear
+///
+/// For trying what compensation and recalibration are worth; the model of wear stands in the manual. Everything grows in
+/// proportion to months and load; the seed makes machines of one type different ones.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The machine file (TOML)
+    #[arg(long, short, value_name = "FILE")]
+    machine: PathBuf,
+    /// Months of work, 0 to 1200
+    #[arg(long, value_name = "N")]
+    months: f64,
+    /// How hard it works, 0 to 100: 1 is one shift of mixed parts
+    #[arg(long, value_name = "L", default_value_t = 1.0)]
+    load: f64,
+    /// Which machine of its type it is
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// The machine file of the worn machine
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let machine = Machine::read(&arguments.machine)?;
+    let inputs = [(arguments.machine.as_path(), "--machine")];
+    let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
+    let Arguments {
+        months, load, seed, ..
+    } = *arguments;
+    let worn = Wear { months, load, seed }.of(&machine);
+    let worn = worn.map_err(|error| match error {
+        WearError::Number { what, .. } => Failure::Input(format!("--{what}: {error}")),
+        other => Failure::input(other),
+    })?;
+    output.append(worn.machine.to_toml().as_bytes())?;
+    output.finish()?;
+    let document = Age {
+        file: arguments.output.display().to_string(),
+        months,
+        load,
+        seed,
+        errors: changes(&machine, &worn.machine),
+    };
+    let mut rows = table(&["error", "largest change", "now at most", "reversal", ""]);
+    for of in &document.errors {
+        rows.add_row([
+            of.name.clone(),
+            fixed(of.largest_change, 2),
+            fixed(of.largest, 2),
+            of.reversal
+                .map_or_else(String::new, |value| fixed(value, 2)),
+            of.symbol.to_owned(),
+        ]);
+    }
+    let mut text = table_text(&rows);
+    let _ = writeln!(text, "{}: after {months} months", document.file); // writing to a String cannot fail
+    let notes = worn.left.iter();
+    let notes = notes.map(|name| format!("{name} is a grid over two axes: it stays as it is"));
+    Answer::new(&document, text, notes.collect())
+}
+
+/// What changed, over the travels, the mean of both directions.
+fn changes(before: &Machine, after: &Machine) -> Vec<Aged> {
+    let mut changes = Vec::new();
+    for (name, curve) in after.errors() {
+        let (Ok(own), Some(axis)) = (after.index_of(name.axis), after.axis(name.axis)) else {
+            continue;
+        };
+        let [low, high] = axis.travel;
+        let (mut largest_change, mut largest) = (0.0_f64, 0.0_f64);
+        for place in 0..=PLACES {
+            let mut at = [0.0; 9];
+            at[own] = low + (high - low) * f64::from(place) / f64::from(PLACES);
+            let now = curve.value(own, &at, None);
+            let was = before
+                .error(name)
+                .map_or(0.0, |curve| curve.value(own, &at, None));
+            largest_change = largest_change.max((now - was).abs());
+            largest = largest.max(now.abs());
+        }
+        let mut middle = [0.0; 9];
+        middle[own] = 0.5 * (low + high);
+        let sides = Direction::BOTH.map(|side| curve.value(own, &middle, Some(side)));
+        let reversal = Some(sides[0] - sides[1]).filter(|value| *value != 0.0);
+        changes.push(Aged {
+            name: name.to_string(),
+            unit: name.component.unit(),
+            symbol: name.component.symbol(),
+            largest_change,
+            largest,
+            reversal,
+        });
+    }
+    for (name, value) in after.locations() {
+        let was = before.locations().get(name).copied().unwrap_or(0.0);
+        changes.push(Aged {
+            name: name.to_string(),
+            unit: name.component.unit(),
+            symbol: name.component.symbol(),
+            largest_change: (value - was).abs(),
+            largest: value.abs(),
+            reversal: None,
+        });
+    }
+    changes.retain(|of| of.largest_change > 0.0);
+    changes
+}

@@ -1,0 +1,279 @@
+//! Wear: what months of work make of a machine.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use volcomp_model::{
+    Machine, ModelError,
+    curve::{Curve, CurveError, ErrorCurve, Field, Table},
+};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
+
+/// Places over the travel at which a worn curve is tabulated.
+const NODES: u32 = 64;
+/// What a month of work with the load 1 does, times a factor of its own for each error: the most a guide gives way, and the most a
+/// screw stretches, µm.
+const GUIDE_UM: f64 = 0.06;
+const SCREW_UM: f64 = 0.08;
+/// The growth of the reversal value, µm and µrad.
+const REVERSAL: f64 = 0.05;
+/// The amplitude of the eccentricity of a rotary axis's gear, and of the run-out of its bearing, µrad and µm.
+const GEAR_URAD: f64 = 0.2;
+const BEARING_UM: f64 = 0.02;
+/// The standard deviation of what a squareness or parallelism drifts by in a month, µrad.
+const SETTLED_URAD: f64 = 0.15;
+/// The standard deviation of the logarithm of the factors.
+const SPREAD: f64 = 0.4;
+
+/// How long a machine has worked. Everything grows in proportion to `months` and `load`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wear {
+    /// Months of work.
+    pub months: f64,
+    /// How hard it works: 1 is one shift of mixed parts.
+    pub load: f64,
+    /// What makes this machine another one than its neighbour.
+    pub seed: u64,
+}
+
+/// Why a machine cannot be worn.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WearError {
+    /// Months or a load that cannot be.
+    #[error("{what}: found {found}, expected 0 to {most}")]
+    Number {
+        /// `months` or `load`.
+        what: &'static str,
+        /// What was found.
+        found: f64,
+        /// The most.
+        most: f64,
+    },
+    /// The errors of the machine are no longer finite.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+    /// The machine does not take the error.
+    #[error(transparent)]
+    Machine(#[from] ModelError),
+}
+
+/// A machine after its work.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Worn {
+    /// The machine.
+    pub machine: Machine,
+    /// Errors that were left as they are, since they are grids over two axes.
+    pub left: Vec<ErrorName>,
+}
+
+impl Wear {
+    /// What the machine becomes. The wear of an error does not depend on which other axes the machine has.
+    ///
+    /// # Errors
+    /// Months that are not 0 to 1200, a load that is not 0 to 100, errors beyond all numbers.
+    pub fn of(&self, machine: &Machine) -> Result<Worn, WearError> {
+        for (what, found, most) in [("months", self.months, 1200.0), ("load", self.load, 100.0)] {
+            if !(0.0..=most).contains(&found) {
+                return Err(WearError::Number { what, found, most });
+            }
+        }
+        let mut worn = Worn {
+            machine: machine.clone(),
+            left: Vec::new(),
+        };
+        if self.months * self.load == 0.0 {
+            return Ok(worn);
+        }
+        for (place, axis) in machine.axes().iter().enumerate() {
+            let direction = machine.chain().joints()[place].direction;
+            let along = direction.iamax();
+            match axis.name.kind() {
+                AxisKind::Linear => self.linear(&mut worn, axis.name, along)?,
+                AxisKind::Rotary => self.rotary(&mut worn, axis.name, along)?,
+            }
+        }
+        let mut settled: Vec<ErrorName> = machine.locations().keys().copied().collect();
+        settled.extend(SQUARENESSES.map(|(component, axis)| ErrorName::location(component, axis)));
+        settled.sort();
+        settled.dedup();
+        for name in settled {
+            if name.component.is_angular() && machine.axis(name.axis).is_some() {
+                let before = machine.locations().get(&name).copied().unwrap_or(0.0);
+                let drift = SETTLED_URAD * self.amount() * self.draws(name).normal();
+                worn.machine.set_location(name, before + drift)?;
+            }
+        }
+        Ok(worn)
+    }
+
+    fn amount(&self) -> f64 {
+        self.months * self.load
+    }
+
+    fn draws(&self, name: ErrorName) -> Draws {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        let of_axis = u64::from(u32::from(name.axis.letter()));
+        let place = name.component as u64 + if name.location { 8 } else { 0 };
+        random.set_stream(256 * of_axis + place);
+        Draws(random)
+    }
+
+    /// Guides give way where the axis works most, and the carriage tilts as its way bends; the screw stretches there, too.
+    fn linear(&self, worn: &mut Worn, axis: AxisName, along: usize) -> Result<(), WearError> {
+        let Some([low, high]) = worn.machine.axis(axis).map(|axis| axis.travel) else {
+            return Ok(());
+        };
+        let span = high - low;
+        let own = ErrorName::motion(LINEAR[along], axis);
+        let mut draws = self.draws(own);
+        // Where it works: the middle of a bump, and half its width, in parts of the travel.
+        let zone = Zone {
+            middle: low + span * (0.5 + 0.15 * draws.normal()).clamp(0.2, 0.8),
+            half: 0.4 * span,
+        };
+        let stretched = SCREW_UM * self.amount() * draws.factor() * draws.sign();
+        let play = REVERSAL * self.amount() * draws.factor();
+        worn.add(own, play, |q| stretched * zone.passed(q))?;
+        for (about, across) in [(1, 2), (2, 1)].map(|(a, b)| ((along + a) % 3, (along + b) % 3)) {
+            let name = ErrorName::motion(LINEAR[across], axis);
+            let mut draws = self.draws(name);
+            let bent = GUIDE_UM * self.amount() * draws.factor() * draws.sign();
+            worn.add(name, 0.0, |q| bent * zone.bump(q))?;
+            // The tangent of the way: the direction of the axis times the slope, µm/mm are mrad.
+            let turned = if (along + 1) % 3 == across { 1e3 } else { -1e3 };
+            let tilt = ErrorName::motion(ANGULAR[about], axis);
+            worn.add(tilt, 0.0, |q| turned * bent * zone.slope(q))?;
+        }
+        Ok(())
+    }
+
+    /// Gears get play and run out, and so do bearings.
+    fn rotary(&self, worn: &mut Worn, axis: AxisName, about: usize) -> Result<(), WearError> {
+        let own = ErrorName::motion(ANGULAR[about], axis);
+        for (component, amplitude) in [
+            (own.component, GEAR_URAD),
+            (LINEAR[(about + 1) % 3], BEARING_UM),
+            (LINEAR[(about + 2) % 3], BEARING_UM),
+        ] {
+            let name = ErrorName::motion(component, axis);
+            let mut draws = self.draws(name);
+            let amplitude = amplitude * self.amount() * draws.factor();
+            let phase = std::f64::consts::PI * draws.normal();
+            let play = if name == own {
+                REVERSAL * self.amount() * draws.factor()
+            } else {
+                0.0
+            };
+            worn.add(name, play, |q| amplitude * (q.to_radians() + phase).sin())?;
+        }
+        Ok(())
+    }
+}
+
+const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
+const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
+/// The squarenesses of three linear axes, X being the first reference.
+const SQUARENESSES: [(Component, AxisName); 3] = [
+    (Component::EC, AxisName::Y),
+    (Component::EA, AxisName::Z),
+    (Component::EB, AxisName::Z),
+];
+
+impl Worn {
+    /// Adds to an error: to its mean, and to its reversal value.
+    fn add(
+        &mut self,
+        name: ErrorName,
+        reversal: f64,
+        more: impl Fn(f64) -> f64,
+    ) -> Result<(), WearError> {
+        let Some([low, high]) = self.machine.axis(name.axis).map(|axis| axis.travel) else {
+            return Ok(());
+        };
+        let sum = |before: &Field, sign: f64| -> Result<Option<Field>, CurveError> {
+            let Field::Curve(before) = before else {
+                return Ok(None);
+            };
+            let even =
+                (0..=NODES).map(|node| low + (high - low) * f64::from(node) / f64::from(NODES));
+            let mut places: Vec<f64> = even.chain(before.breakpoints()).collect();
+            places.retain(|q| (low..=high).contains(q));
+            places.sort_by(f64::total_cmp);
+            places.dedup_by(|a, b| (*a - *b).abs() < 1e-6 * (high - low));
+            let node = |q: f64| [q, before.value(q) + more(q) + 0.5 * sign * reversal];
+            let table = Table::cubic(places.into_iter().map(node).collect())?;
+            Ok(Some(Curve::Table(table).into()))
+        };
+        let before = self.machine.error(name).cloned();
+        let nothing = || Curve::constant(0.0).map(|zero| ErrorCurve::Single(zero.into()));
+        let after = match before.map_or_else(nothing, Ok)? {
+            ErrorCurve::Single(mean) => match sum(&mean, 0.0)? {
+                Some(mean) if reversal == 0.0 => Some(ErrorCurve::Single(mean)),
+                Some(mean) => Some(ErrorCurve::with_reversal(mean, reversal)?),
+                None => None,
+            },
+            ErrorCurve::Reversal {
+                mean,
+                reversal: before,
+            } => match sum(&mean, 0.0)? {
+                Some(mean) => Some(ErrorCurve::with_reversal(mean, before + reversal)?),
+                None => None,
+            },
+            ErrorCurve::Pair { forward, backward } => (sum(&forward, 1.0)?
+                .zip(sum(&backward, -1.0)?))
+            .map(|(forward, backward)| ErrorCurve::Pair { forward, backward }),
+        };
+        match after {
+            Some(curve) => self.machine.set_error(name, curve)?,
+            None => self.left.push(name),
+        }
+        Ok(())
+    }
+}
+
+/// Where an axis works most.
+#[derive(Clone, Copy, Debug)]
+struct Zone {
+    middle: f64,
+    half: f64,
+}
+
+impl Zone {
+    /// 1 in the middle, 0 from both its ends on, without an edge.
+    fn bump(self, q: f64) -> f64 {
+        let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
+        0.5 * (1.0 + (std::f64::consts::PI * at).cos())
+    }
+
+    /// Its slope.
+    fn slope(self, q: f64) -> f64 {
+        let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
+        -0.5 * std::f64::consts::PI / self.half * (std::f64::consts::PI * at).sin()
+    }
+
+    /// How much of it is passed: 0 before it, 1 behind it.
+    fn passed(self, q: f64) -> f64 {
+        let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
+        0.5 * (1.0 + at + (std::f64::consts::PI * at).sin() / std::f64::consts::PI)
+    }
+}
+
+/// Random numbers of one error.
+struct Draws(ChaCha8Rng);
+
+impl Draws {
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.0)
+    }
+
+    /// How much more or less than usual.
+    fn factor(&mut self) -> f64 {
+        (SPREAD * self.normal()).exp()
+    }
+
+    fn sign(&mut self) -> f64 {
+        if self.normal() < 0.0 { -1.0 } else { 1.0 }
+    }
+}
