@@ -83,6 +83,8 @@ pub struct Corrector {
     only_linear: bool,
     bidirectional: bool,
     approach: Axes<Option<Direction>>,
+    /// Travel against its direction after which a linear and a rotary axis counts as turned, mm and deg.
+    turned_after: [f64; 2],
     /// The furthest place of each axis in its direction.
     furthest: Axes<f64>,
     split_beyond_mm: f64,
@@ -155,6 +157,7 @@ impl Corrector {
             corrects,
             travels,
             approach: [None; MAX_AXES],
+            turned_after: [TURNED_AFTER.0, TURNED_AFTER_ROTARY.0],
             furthest: [0.0; MAX_AXES],
             split_beyond_mm: tolerance_mm,
             version: 0,
@@ -235,6 +238,11 @@ impl Corrector {
         state
     }
 
+    /// An axis counts as turned as soon as it goes back.
+    pub(crate) fn turns_at_once(&mut self) {
+        self.turned_after = [1e-7; 2];
+    }
+
     /// From which side the axes come, to be put back.
     pub(crate) fn sides(&self) -> (Axes<Option<Direction>>, Axes) {
         (self.approach, self.furthest)
@@ -252,11 +260,7 @@ impl Corrector {
         }
         let before = self.approach;
         for axis in 0..MAX_AXES {
-            let after = if is_rotary(axis) {
-                TURNED_AFTER_ROTARY.0
-            } else {
-                TURNED_AFTER.0
-            };
+            let after = self.turned_after[usize::from(is_rotary(axis))];
             let way = to[axis] - self.furthest[axis];
             let on = match self.approach[axis] {
                 Some(Direction::Positive) => way > 0.0 || way < -after,

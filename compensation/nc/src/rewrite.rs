@@ -311,7 +311,13 @@ impl Rewriter {
         match motion.path {
             _ if motion.in_machine => self.is_uncorrected(motion),
             Path::Other | Path::Home(_) => self.is_uncorrected(motion),
-            Path::Rapid => self.straight(motion, &[1.0], line, out),
+            Path::Rapid => {
+                for share in self.turning_points(motion) {
+                    let at = self.place_of(motion, share);
+                    self.corrector.goes(&at);
+                }
+                self.straight(motion, &[1.0], line, out);
+            }
             Path::Line => {
                 let parts = self.parts(motion);
                 self.straight(motion, &parts, line, out);

@@ -179,7 +179,9 @@ struct Comparison {
 }
 
 impl Comparison {
-    fn new(truth: Corrector) -> Self {
+    fn new(mut truth: Corrector) -> Self {
+        // Where the play of an axis is to be taken up, that is done at once.
+        truth.turns_at_once();
         Self {
             truth,
             found: Verification::default(),

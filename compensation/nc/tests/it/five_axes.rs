@@ -202,3 +202,28 @@ fn the_centre_point_is_moved_until_it_is_switched_off() {
         assert_eq!(last(setup, first), by_axes, "{first}");
     }
 }
+
+/// An axis that turns while the centre point goes straight: its play is taken up where it turns.
+#[test]
+fn play_is_taken_up_where_an_axis_turns() {
+    let text = EXAMPLE.replace("reversal = 2.0", "reversal = 20.0");
+    let machine = Machine::parse(&text, "m.toml").expect("a good machine");
+    let setup = "tool_centre_point = true\n";
+    let program =
+        "G90 G0 X300 Y250 Z-250 A0 C0\nG1 F1000 X340 Y260 A-40 C60\nX250 Y220 Z-260 A-80 C170\n";
+    let (out, summary) = run(&machine, setup, program, Decimals::default());
+    let of = Virtual {
+        truth: &machine,
+        temperatures: &Temperatures::new(),
+        setup: &SetUp::parse(setup, "setup.toml").expect("a set-up"),
+        most_blocks: 1000,
+    };
+    let (mut original, mut result) = (program.as_bytes(), out.as_bytes());
+    let found = verify(&mut original, &mut result, &summary.shares, of).expect("verified");
+    assert!(found.after.max_um < 2.5, "{:?}", found.after);
+    let inner = summary
+        .shares
+        .windows(2)
+        .filter(|pair| pair[0] == pair[1] && pair[0] > 0.0);
+    assert!(inner.count() > 0, "{:?}", summary.shares);
+}
