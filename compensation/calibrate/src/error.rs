@@ -71,6 +71,16 @@ pub enum CalibrateError {
         /// The other error that the deviation fills.
         other: ErrorName,
     },
+    /// The unknowns and the lines that are cleared of them do not settle.
+    #[error(
+        "the unknowns did not settle in {rounds} rounds, each with the lines cleared of what was found before: the last moved one by {moved:.2} of its standard uncertainty; expected lines and observations that hold the unknowns apart: measure the other tilt of the rotary axis, too, or leave out the unknown that the lines contain"
+    )]
+    NotSettled {
+        /// How often the unknowns were identified.
+        rounds: usize,
+        /// By how much the last round moved one of them, in its standard uncertainty.
+        moved: f64,
+    },
     /// Diagonals do not determine a squareness.
     #[error(
         "{error} from {}: the diagonals do not determine it, expected the two face diagonals of its plane or the four body diagonals",

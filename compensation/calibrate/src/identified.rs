@@ -11,7 +11,7 @@ use crate::{calibration_file::CalibrationFile, error::CalibrateError, stages::St
 const SETTLED: f64 = 0.01;
 /// The smallest uncertainty that is looked at, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
-/// After so many rounds what has not settled is given as it is, with a note.
+/// What has not settled after so many rounds is an error.
 const ROUNDS: usize = 60;
 
 /// Errors found from observations.
@@ -56,15 +56,16 @@ pub(crate) fn settled(
         }
         stages = again;
         if rounds == ROUNDS {
-            notes.push(format!(
-                "the unknowns did not settle in {ROUNDS} rounds: the last moved one by {:.2} of its standard uncertainty, because a change of them changes the lines that are cleared of them nearly as much",
-                moved.unwrap_or_default()
-            ));
-            break;
+            // Where a change of the unknowns changes the lines nearly as much, the place where both stand still is no least
+            // squares answer, and the uncertainties with the lines held are not its.
+            return Err(CalibrateError::NotSettled {
+                rounds,
+                moved: moved.unwrap_or_default(),
+            });
         }
         before = Some(found.parameters);
     }
-    if (2..ROUNDS).contains(&rounds) {
+    if rounds > 1 {
         notes.push(format!(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
         ));

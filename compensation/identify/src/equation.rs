@@ -237,10 +237,11 @@ impl System {
                 let displacement = direction.dot(&(tip.position_mm - row.ideal_mm));
                 let line = values.number_at(*offset, polynomials)
                     + values.number_at(*slope, polynomials) * place;
-                out.residual(0, displacement - line - deviation_mm);
+                // Every reading contains the line of the set-up.
+                out.residual(0, displacement + line - deviation_mm);
                 out.coefficients(&row.stand, &tip, &[*direction]);
-                out.number(*offset, -1.0);
-                out.number(*slope, -place);
+                out.number(*offset, 1.0);
+                out.number(*slope, place);
             }
             Seen::Ball {
                 origin,

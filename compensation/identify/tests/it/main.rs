@@ -5,6 +5,7 @@ mod coverage;
 mod draws;
 mod fuzz_corpus;
 mod lab;
+mod line;
 mod messages;
 mod peer;
 mod penalised;

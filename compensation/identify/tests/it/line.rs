@@ -1,0 +1,126 @@
+//! Lines of sight: what offset and slope mean, and what a straight line cannot tell although its coordinates are rounded.
+
+use std::fmt::Write as _;
+
+use crate::lab::{Lab, Noise, tip, value};
+
+const MACHINE: &str = "structure = \"w X' Y' b Z t\"
+axes.X.travel = [0.0, 600.0]
+axes.Y.travel = [0.0, 400.0]
+axes.Z.travel = [-500.0, 0.0]
+tool.gauge = [0.0, 0.0, 0.0]
+tool.length = 120.0
+";
+
+/// Readings of 10 µm and 20 µm/m, which are those of the set-up or the machine's own: every reading contains offset and slope.
+#[test]
+fn readings_contain_offset_and_slope() {
+    let lab = Lab::new(MACHINE);
+    let mut text = String::from("X,Y,Z,deviation_um\n");
+    for k in 0..=20 {
+        let x = 30.0 * f64::from(k);
+        let _ = writeln!(text, "{x},100,-200,{}", 10.0 + 0.02 * x);
+    }
+    lab.write("l.csv", &text);
+    let found = |more: &str, unknown: &str| {
+        lab.identify(&format!(
+            "folds = 0\nunknown = [{unknown}]\n[[observation]]\nkind = \"line\"\nfile = \"l.csv\"\ndirection = [1, 0, 0]\n{more}"
+        ))
+        .expect("identified")
+    };
+    let exx = "{ error = \"EXX\", legendre = 2 }";
+    for (more, constant, slope) in [
+        ("", 16.0, 6.0),
+        ("offset = 10.0\n", 6.0, 6.0),
+        ("slope = 20.0\n", 10.0, 0.0),
+        ("offset = 10.0\nslope = 20.0\n", 0.0, 0.0),
+    ] {
+        let found = found(more, exx);
+        for (name, expected) in [("EXX constant", constant), ("EXX legendre 1", slope)] {
+            let (value, _) = value(&found, name);
+            assert!((value - expected).abs() < 1e-3, "{more}{name}: {value}");
+        }
+    }
+    let unknown = found("offset = \"unknown\"\nslope = \"unknown\"\n", "\"EC0Y\"");
+    for (name, expected) in [("l.csv:offset", 10.0), ("l.csv:slope", 20.0)] {
+        let (value, _) = value(&unknown, name);
+        assert!((value - expected).abs() < 1e-3, "{name}: {value}");
+    }
+}
+
+/// A rotation of the workpiece about a line of sight is seen by nothing on that line; places on it that are rounded to 10 µm must not
+/// make a number of it.
+#[test]
+fn rounded_coordinates_determine_nothing() {
+    let truth = "[errors]\nEC0Y = 30.0\nEXX = { poly = [0.0, 0.02] }\nEYX = { poly = [9.0, -0.06, 0.0001] }\nEBZ = { poly = [0.0, 0.05] }\n";
+    let truth =
+        volcomp_model::Machine::parse(&format!("{MACHINE}{truth}"), "truth").expect("a machine");
+    let ideal = volcomp_model::Machine::parse(MACHINE, "ideal").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let places = |at: [f64; 3]| {
+        use volcomp_vocabulary::AxisName::{X, Y, Z};
+        [(X, at[0]), (Y, at[1]), (Z, at[2])]
+    };
+    let mut random = Noise::new(5);
+    let mut tracker = String::from("X,Y,Z,x,y,z\n");
+    for _ in 0..80 {
+        let at = [
+            random.between(0.0, 600.0),
+            random.between(0.0, 400.0),
+            random.between(-500.0, 0.0),
+        ];
+        let seen = tip(&truth, &places(at), [0.0; 3]);
+        let [x, y, z] = [seen.x, seen.y, seen.z].map(|q| q + random.normal(0.003));
+        let _ = writeln!(
+            tracker,
+            "{:?},{:?},{:?},{x:?},{y:?},{z:?}",
+            at[0], at[1], at[2]
+        );
+    }
+    lab.write("tracker.csv", &tracker);
+    let names = [
+        "EXX", "EYX", "EZX", "EAX", "EBX", "ECX", "EXY", "EYY", "EZY", "EAY", "EBY", "ECY", "EXZ",
+        "EYZ", "EZZ", "EAZ", "EBZ", "ECZ",
+    ];
+    let curves: Vec<String> = names
+        .map(|name| format!("{{ error = \"{name}\", legendre = 2 }}"))
+        .to_vec();
+    let ranks: Vec<(usize, (f64, f64))> = [20, 19]
+        .into_iter()
+        .map(|steps| {
+            let direction = unit([600.0, 400.0, 500.0]);
+            let mut line = String::from("X,Y,Z,deviation_um\n");
+            for k in 0..=steps {
+                let share = f64::from(k) / f64::from(steps);
+                let rounded = |q: f64| (q * 100.0).round() / 100.0;
+                let at = [600.0 * share, 400.0 * share, 500.0 * share - 500.0].map(rounded);
+                let off = tip(&truth, &places(at), [0.0; 3]) - tip(&ideal, &places(at), [0.0; 3]);
+                let along = direction[0] * off.x + direction[1] * off.y + direction[2] * off.z;
+                let _ = writeln!(line, "{:?},{:?},{:?},{:?}", at[0], at[1], at[2], 1e3 * along);
+            }
+            lab.write("line.csv", &line);
+            let found = lab
+                .identify(&format!(
+                    "folds = 0\nunknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", {}]\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\nuncertainty_um = 3.0\n[[observation]]\nkind = \"line\"\nfile = \"line.csv\"\nuncertainty_um = 0.5\ndirection = [6, 4, 5]\noffset = \"unknown\"\n",
+                    curves.join(", ")
+                ))
+                .expect("identified");
+            (found.rank, value(&found, "EC0Y"))
+        })
+        .collect();
+    // With 21 targets each coordinate is exact, with 20 none is.
+    let [(exact, (ec0y, uncertainty)), (rounded, (same, _))] = ranks[..] else {
+        panic!("{ranks:?}")
+    };
+    assert_eq!(exact, rounded);
+    assert!(uncertainty < 40.0, "{ranks:?}");
+    assert!(
+        (ec0y - 30.0).abs() < 3.0 * uncertainty && (ec0y - same).abs() < 1.0,
+        "{ranks:?}"
+    );
+}
+
+fn unit(of: [f64; 3]) -> [f64; 3] {
+    let length = of.iter().map(|x| x * x).sum::<f64>().sqrt();
+    of.map(|x| x / length)
+}
