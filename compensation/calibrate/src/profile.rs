@@ -48,7 +48,8 @@ impl<'a> Profile<'a> {
 
     /// The profile with its targets within the travel of an axis that goes round, where its curve is looked up: a target
     /// beyond is brought into it by whole periods, the mean counts where several come to stand at one place, and an end
-    /// of travel at which nothing was measured takes the reading of the other end where that is the same angle.
+    /// of travel at which nothing was measured takes the reading of the other end where that is the same angle and the targets
+    /// go round.
     pub(crate) fn within_travel(mut self, axis: &Axis) -> Self {
         let Some(period) = axis.modulo else {
             return self;
@@ -63,7 +64,15 @@ impl<'a> Profile<'a> {
                 let same = |(target, _): &&(f64, f64)| (target - end).abs() <= COORDINATE_ROUNDING;
                 branch.iter().find(same).map(|(_, value)| *value)
             };
-            let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING;
+            let gaps = branch.windows(2).map(|pair| pair[1].0 - pair[0].0);
+            let widest = gaps.fold(0.0, f64::max);
+            let ends = match (branch.first(), branch.last()) {
+                (Some((first, _)), Some((last, _))) => (first - low).max(high - last),
+                _ => f64::INFINITY,
+            };
+            // What is closed is no wider than what lies between other targets: a part of a turn stays one.
+            let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING
+                && ends <= 1.5 * widest + COORDINATE_ROUNDING;
             match [at(low), at(high)] {
                 [Some(value), None] if whole_turn => branch.push((high, value)),
                 [None, Some(value)] if whole_turn => branch.insert(0, (low, value)),

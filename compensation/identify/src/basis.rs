@@ -186,12 +186,8 @@ impl Modes {
         }
     }
 
-    /// The curve of these coefficients, as a machine file has it; `travel` is the axis's, mm or deg.
-    pub(crate) fn curve(
-        &self,
-        coefficients: &[f64],
-        travel: [f64; 2],
-    ) -> Result<Curve, CurveError> {
+    /// The curve of these coefficients, as a machine file has it.
+    pub(crate) fn curve(&self, coefficients: &[f64]) -> Result<Curve, CurveError> {
         let first = coefficients.first().copied().unwrap_or_default();
         Ok(match self.basis {
             Basis::Constant => Curve::constant(first)?,
@@ -202,7 +198,9 @@ impl Modes {
                 };
                 Chebyshev::new(chebyshev_of(value, order), self.domain)?.into()
             }
-            Basis::Fourier { .. } => Fourier::new(coefficients.to_vec(), 360.0, travel)?.into(),
+            Basis::Fourier { .. } => {
+                Fourier::new(coefficients.to_vec(), 360.0, self.domain)?.into()
+            }
             Basis::BSpline { .. } => {
                 let mut found = vec![0.0; self.columns.nrows()];
                 for (column, c) in self.columns.column_iter().zip(coefficients) {
@@ -259,7 +257,7 @@ mod tests {
         ] {
             let modes = Modes::new(basis, [-120.0, 75.0]).expect("a range");
             let c: Vec<f64> = (0..modes.len()).map(|m| 3.0 - 1.7 * m as f64).collect();
-            let curve = modes.curve(&c, [-360.0, 360.0]).expect("a curve");
+            let curve = modes.curve(&c).expect("a curve");
             for at in [-120.0, -60.5, 0.0, 33.3, 75.0] {
                 let values = modes.values(at);
                 assert_eq!(values.len(), modes.len());

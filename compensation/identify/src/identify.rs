@@ -100,6 +100,7 @@ pub fn identify(
     let residuals = system.residuals(&rows, &fitted.solution.values);
     let mut warnings = observations.notes.clone();
     warnings.extend(outliers(observations, &rows, &residuals));
+    warnings.extend(observations.guessed_turns());
     let left_out = left_out(&system, observations, &rows, &values, |done| {
         progress(1 + done, fits);
     })?;
@@ -229,7 +230,6 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
         if unknown.error.location {
             continue;
         }
-        let travel = machine.axes()[unknown.axis].travel;
         let before = machine.error(error).cloned();
         let mean = match &unknown.modes {
             Some(own) => {
@@ -241,7 +241,7 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
                             .grid(own, unknown.axis, [&modes, &products], go_round)
                             .map(Field::Grid)
                     }
-                    None => own.curve(&modes, travel).map(Field::Curve),
+                    None => own.curve(&modes).map(Field::Curve),
                 };
                 field.map_err(|source| IdentifyError::Curve { error, source })?
             }

@@ -262,11 +262,52 @@ impl Seen {
     }
 }
 
+/// A Fourier series runs through gaps up to a third of a turn.
+const WIDEST_GAP_DEG: f64 = 120.0;
+
 impl Observations {
-    /// The range of an axis in the rows that are fitted, mm or deg; its travel where the axis stood still.
+    /// The widest part of a turn, deg, in which no row that is fitted has a rotary axis.
+    fn widest_gap_deg(&self, axis: usize) -> f64 {
+        let rows = self.observations.iter().filter(|o| !o.judge);
+        let states = rows.flat_map(|o| &o.rows).flat_map(|row| {
+            let from = match &row.seen {
+                Seen::Pair { from, .. } => Some(from.state),
+                _ => None,
+            };
+            core::iter::once(row.stand.state).chain(from)
+        });
+        let angle = |state| self.machine.curve_coordinates(&state)[axis].rem_euclid(360.0);
+        let mut angles: Vec<f64> = states.map(angle).collect();
+        angles.sort_by(f64::total_cmp);
+        let (Some(first), Some(last)) = (angles.first(), angles.last()) else {
+            return 360.0;
+        };
+        let gaps = angles.windows(2).map(|pair| pair[1] - pair[0]);
+        gaps.fold(first + 360.0 - last, f64::max)
+    }
+
+    /// Messages on Fourier series over a part of a turn.
+    pub(crate) fn guessed_turns(&self) -> Vec<String> {
+        let series = (self.unknown.iter())
+            .filter(|unknown| matches!(unknown.basis, Some(Basis::Fourier { .. })));
+        let gaps = series.filter_map(|unknown| {
+            let axis = self.machine.index_of(unknown.error.axis).ok()?;
+            let gap = self.widest_gap_deg(axis);
+            (gap > WIDEST_GAP_DEG).then(|| {
+                format!(
+                    "{}: {} was observed nowhere over {gap:.0} deg of a turn: the Fourier series is only guessed there, and its coefficients may be large; legendre suits a part of a turn",
+                    unknown.error, unknown.error.axis
+                )
+            })
+        });
+        gaps.collect()
+    }
+
+    /// The range of an axis in the rows that are fitted, mm or deg; its travel where the axis stood still, and for a Fourier
+    /// series where the places go round.
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
-        if matches!(basis, Basis::Constant | Basis::Fourier { .. }) {
+        if basis == Basis::Constant {
             return travel;
         }
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
@@ -285,6 +326,9 @@ impl Observations {
                 let at = self.machine.curve_coordinates(&state)[axis];
                 range = [range[0].min(at), range[1].max(at)];
             }
+        }
+        if matches!(basis, Basis::Fourier { .. }) && self.widest_gap_deg(axis) <= WIDEST_GAP_DEG {
+            return travel;
         }
         // A range of a millionth of the travel is an axis that stood still.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {

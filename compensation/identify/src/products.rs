@@ -131,6 +131,12 @@ impl Products {
             }
             nodes(both[along], parts)
         });
+        // Only a whole turn closes.
+        let is_turn = |along: usize| {
+            let [low, high] = both[along].domain();
+            go_round[along] && (high - low - 360.0).abs() < 1e-6
+        };
+        let go_round = [is_turn(0), is_turn(1)];
         let columns: Vec<Vec<f64>> = nodes[1].iter().map(|&at| self.modes.values(at)).collect();
         let row = |&at: &f64| {
             let first = own.values(at);
@@ -196,6 +202,7 @@ tip = [0.0, 0.0, 100.0]
 120,30,310,200,-90,-50,400
 290,180,150,340,300,100,260
 -60,90,390,95,60,-90,480
+80,-40,200,270,70,60,290
 ";
     const TEXT: &str = "machine = \"machine.toml\"
 folds = 0

@@ -3,13 +3,21 @@
 use std::fmt::Write as _;
 use std::fs;
 
-use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_calibrate::{CalibrateError, CalibrationFile, calibrate};
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName;
 
 /// The machine that a calibration of ECC = 20·sin C µrad makes.
 fn calibrated(travel: &str, targets: impl Iterator<Item = i32>, curve: &str) -> Machine {
+    tried(travel, targets, curve).expect("calibrated")
+}
+
+fn tried(
+    travel: &str,
+    targets: impl Iterator<Item = i32>,
+    curve: &str,
+) -> Result<Machine, CalibrateError> {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -31,7 +39,7 @@ fn calibrated(travel: &str, targets: impl Iterator<Item = i32>, curve: &str) -> 
         "machine = \"machine.toml\"\n[[measurement]]\nerror = \"ECC\"\nfile = \"c.csv\"\nunit = \"urad\"\ncurve = {curve}\n"
     );
     let file = CalibrationFile::read(&write("calibration.toml", &text)).expect("read");
-    calibrate(&file, |_, _| {}).expect("calibrated").machine
+    Ok(calibrate(&file, |_, _| {})?.machine)
 }
 
 /// The largest difference of ECC from 20·sin C over two turns, µrad, where no curve may be outside of its range.
@@ -76,6 +84,34 @@ fn a_turn_closes_by_itself() {
             assert!(found < 0.2, "{travel}, {curve}: {found} µrad off");
         }
     }
+}
+
+/// A part of a turn is not closed by a reading that nobody took: its ends are held, and where these differ the machine refuses the jump.
+#[test]
+fn a_part_of_a_turn_stays_one() {
+    // 20·sin from 60° to 120° has the same value at both ends.
+    let machine = calibrated(
+        "[0, 360]",
+        (60..=120).step_by(5),
+        "{ fourier = { order = 2 } }",
+    );
+    let turned = |degrees: f64| {
+        let state = machine.state(&[(AxisName::C, degrees)]).expect("a state");
+        let found = machine.error_at(&state, Form::Exact, &Temperatures::new());
+        (
+            found.rotation_rad.z * 1e6,
+            machine.outside_range(&state).len(),
+        )
+    };
+    let ((held, outside), (end, inside)) = (turned(270.0), turned(120.0));
+    assert_eq!((outside, inside), (1, 0));
+    assert!((held - end).abs() < 1e-6, "{held} µrad, expected {end}");
+    let refused =
+        tried("[0, 360]", (0..=40).step_by(5), "\"auto\"").expect_err("a jump of 12.9 µrad");
+    assert!(
+        refused.to_string().contains("where the axis rolls over"),
+        "{refused}"
+    );
 }
 
 /// An instrument that does not turn sees two motions of a turning frame mixed: read as they are they would be silently wrong.

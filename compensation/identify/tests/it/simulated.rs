@@ -287,3 +287,58 @@ target = \"unknown\"
         .expect("judged");
     assert!(judged.rms_um > 0.5, "{judged:?}");
 }
+
+/// A Fourier series found over a part of a turn holds its end values beyond it, and says that it does not go round.
+#[test]
+fn a_series_over_a_part_of_a_turn_keeps_to_it() {
+    let truth = Machine::parse(
+        &format!("{MACHINE}[errors]\nECC = {{ fourier = [0.0, 5.0, -3.0], period = 360.0 }}\n"),
+        "truth",
+    )
+    .expect("a machine");
+    let found = |last: f64| {
+        let lab = Lab::new(MACHINE);
+        let mut noise = Noise::new(3);
+        let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
+        for k in 0..60 {
+            let at = [
+                (X, noise.between(-300.0, 300.0)),
+                (Y, noise.between(-200.0, 200.0)),
+                (Z, noise.between(0.0, 400.0)),
+                (C, last * f64::from(k) / 59.0),
+                (B, noise.between(-100.0, 100.0)),
+            ];
+            let seen = tip(&truth, &at, [0.0; 3]);
+            let numbers: Vec<String> = at.iter().map(|(_, q)| format!("{q:?}")).collect();
+            let _ = writeln!(
+                text,
+                "{},{:?},{:?},{:?}",
+                numbers.join(","),
+                seen.x,
+                seen.y,
+                seen.z
+            );
+        }
+        lab.write("t.csv", &text);
+        lab.identify("folds = 0\nunknown = [{ error = \"ECC\", fourier = 1 }]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n")
+            .expect("identified")
+    };
+    let ecc = "ECC".parse().expect("a name");
+    for (last, goes_round) in [(40.0, false), (200.0, false), (355.0, true)] {
+        let found = found(last);
+        let own = found.machine.index_of(C).expect("C");
+        let mut at = [0.0; 9];
+        at[own] = 300.0;
+        let curve = found.machine.error(ecc).expect("it was found");
+        assert_eq!(curve.contains(own, &at), goes_round, "{last}");
+        let mut end = at;
+        end[own] = last;
+        let (there, expected) = (curve.value(own, &at, None), curve.value(own, &end, None));
+        assert!(
+            goes_round || (there - expected).abs() < 1e-9,
+            "{there} {expected}"
+        );
+        let said = found.warnings.iter().any(|note| note.contains("of a turn"));
+        assert_eq!(said, !goes_round, "{:?}", found.warnings);
+    }
+}
