@@ -194,7 +194,13 @@ fn decode_observation(
     files.push(path);
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
-        .optional("uncertainty_um", Value::positive)?
+        .optional("uncertainty_um", |value| {
+            let found = value.positive()?;
+            if (1e-6..=1e6).contains(&found) {
+                return Ok(found);
+            }
+            Err(value.error(format!("found {found:e} µm, expected 1e-6 to 1e6 µm")))
+        })?
         .unwrap_or(1.0);
     let mut named = NamedSetUp::new(kind, judge);
     let mut bar = None;
@@ -229,8 +235,11 @@ fn decode_observation(
         Kind::Line => {
             let value = section.require("direction")?;
             let direction = Vector3::from(value.vector::<3>()?);
-            let direction = direction.try_normalize(1e-12).ok_or_else(|| {
-                value.error("found a zero direction, expected a vector of any other length")
+            // The square of a larger number has no end.
+            let is_sane = direction.amax() < 1e100;
+            let direction = direction.try_normalize(1e-12).filter(|_| is_sane);
+            let direction = direction.ok_or_else(|| {
+                value.error("found a direction of no or of endless length, expected a vector of any other length")
             })?;
             let offset = number(
                 section,

@@ -17,6 +17,8 @@ use crate::FitError;
 
 /// Stretches of a single run. The first two are only learnt from.
 const STRETCHES: usize = 10;
+/// A penalty that only keeps the equations solvable.
+const LEAST_PENALTY: f64 = 1e-9;
 /// Over all runs there are at least so many stretches, for the uncertainties.
 const LEAST_STRETCHES: usize = 8;
 /// Rows that a stretch needs.
@@ -354,7 +356,13 @@ impl Space {
         let weights = sums
             .ridge(&choice.columns, choice.penalty)
             .ok_or_else(undetermined)?;
-        let uncertainties = self.jackknife(choice);
+        // The penalty draws every number towards zero: what it takes away counts as uncertainty, too.
+        let drawn = sums.ridge(&choice.columns, LEAST_PENALTY);
+        let drawn = drawn.unwrap_or_else(|| weights.clone());
+        let drawn = drawn.iter().zip(&weights).map(|(free, value)| free - value);
+        let uncertainties = (self.jackknife(choice).into_iter().zip(drawn))
+            .map(|(spread, drawn): (f64, f64)| spread.hypot(drawn))
+            .collect::<Vec<f64>>();
         let places = choice.columns.iter().zip(weights.iter().zip(uncertainties));
         let number = |(&place, (&value, uncertainty)): (&usize, (&f64, f64))| ThermalNumber {
             sensor: self.columns[place].sensor,
@@ -380,7 +388,7 @@ impl Space {
         ))
     }
 
-    /// The standard uncertainty of each number: the spread of what is found without each stretch in turn, which sees that
+    /// The scatter of each number: the spread of what is found without each stretch in turn, which sees that
     /// neighbouring rows are nearly equal (delete-a-group jackknife).
     fn jackknife(&self, choice: &Choice) -> Vec<f64> {
         let without = |left: usize| {
