@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, fs, path::Path};
 
-use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_calibrate::{CalibrateError, Calibration, CalibrationFile, calibrate};
 use volcomp_kinematics::{Form, State};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, Displacement, ErrorName};
@@ -330,4 +330,17 @@ fn a_location_states_the_whole_squareness() {
     let kept = "EC0X was not measured and is kept from the machine file: 5 µrad of it";
     let told = found.warnings.iter().any(|note| note.starts_with(kept));
     assert!(told, "{:?}", found.warnings);
+}
+
+/// An unknown tilt of a rotary axis of which only one tilt line was measured: a change of it changes that line nearly as much, and the rounds
+/// of unknowns and lines lead nowhere. That is an error, not a result with a small uncertainty.
+#[test]
+fn unknowns_that_do_not_settle_are_an_error() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt");
+    let file = CalibrationFile::read(&folder.join("c.toml")).expect("read");
+    let error = calibrate(&file, |_, _| {}).expect_err("it does not settle");
+    assert!(
+        matches!(error, CalibrateError::NotSettled { .. }),
+        "{error}"
+    );
 }
