@@ -5,6 +5,7 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::CalibrationFile,
+    calibration_file::Location,
     checks::{different_machines, odd, odd_values, without_point},
     error::CalibrateError,
     fitted::measured,
@@ -24,6 +25,8 @@ pub struct Calibration {
     pub curves: Vec<FittedCurve>,
     /// Each squareness, as the calibration file names it.
     pub squareness: Vec<(ErrorName, Urad)>,
+    /// Each location error that the calibration file states, with its uncertainty.
+    pub locations: Vec<Location>,
     /// What was found from observations of the whole machine; `None` where the file has none.
     pub identified: Option<Identified>,
     /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
@@ -74,6 +77,7 @@ pub fn calibrate(
         machine: stages.machine,
         curves: stages.curves,
         squareness: stages.squareness,
+        locations: file.locations.clone(),
         identified,
         warnings,
         not_measured,

@@ -13,6 +13,8 @@ const SETTLED: f64 = 0.01;
 const LEAST: f64 = 1e-6;
 /// What has not settled after so many rounds is an error.
 const ROUNDS: usize = 60;
+/// A share that one round carries into the next that makes uncertainties more than a quarter larger.
+const WORTH_TELLING: f64 = 0.2;
 
 /// Errors found from observations.
 #[derive(Clone, Debug)]
@@ -40,12 +42,21 @@ pub(crate) fn settled(
     let mut notes = Vec::new();
     let mut before: Option<Vec<Parameter>> = None;
     let mut rounds = 0;
+    let mut last_moved = None;
+    let mut carried = 0.0_f64;
     loop {
         rounds += 1;
         let found = on(&stages.machine, 0)?;
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
+        // What one round changes in the lines, and with them in the next: beyond the noise of the numbers a constant share.
+        if let (Some(before), Some(moved)) = (last_moved, moved)
+            && moved > SETTLED
+        {
+            carried = carried.max(moved / before);
+        }
+        last_moved = moved;
         for unknown in &observations.unknown {
             take(&mut known, &found.machine, unknown.error)?;
         }
@@ -68,6 +79,13 @@ pub(crate) fn settled(
     if rounds > 1 {
         notes.push(format!(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
+        ));
+    }
+    if carried > WORTH_TELLING {
+        let times = 1.0 / (1.0 - carried.min(0.99));
+        notes.push(format!(
+            "the lines contain the unknowns: each round moved them by {:.0} % of the one before. Their uncertainties are those with the lines held, and may be {times:.1} times as large",
+            100.0 * carried
         ));
     }
     let found = on(&stages.machine, observations.folds)?;

@@ -42,6 +42,7 @@ pub use error::CalibrateError;
 pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use identified::Identified;
 pub use not_measured::not_observed;
+pub use read::{HOLDS_LOCATION, decode_holds_location};
 pub use setup::{Method, Setup};
 pub use setup_file::decode_motion;
 pub use varied::LineScatter;

@@ -185,6 +185,24 @@ pub(crate) fn read_measurement(
     Ok((file, readings))
 }
 
+/// The key of [`decode_holds_location`].
+pub const HOLDS_LOCATION: &str = "holds_location";
+
+/// Whether the line of an error was taken against the commanded pose, so that it holds what the location errors of its rotary
+/// axis add; true where the section does not say.
+///
+/// # Errors
+/// No truth value, or a line of a linear axis.
+pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
+    let value = section.get(HOLDS_LOCATION);
+    if let Some(value) = value.filter(|_| !error.axis.is_rotary()) {
+        return Err(value.error(format!(
+            "found it for {error}, expected it for errors of a rotary axis only"
+        )));
+    }
+    section.truth_or(HOLDS_LOCATION, true)
+}
+
 fn decode_line(
     section: &Section<'_>,
     machine: &Machine,
@@ -197,24 +215,14 @@ fn decode_line(
         "unit",
         "curve",
         "reference_line",
-        "holds_location",
+        HOLDS_LOCATION,
     ];
     section.allow(&[&own[..], &Setup::KEYS].concat())?;
     let error_value = section.require("error")?;
     let error = decode_motion(&error_value, machine)?;
     checks::refuse_turning(&error_value, error, machine)?;
     let setup = Setup::decode(section, error, machine)?;
-    let holds_location = section.truth_or("holds_location", true)?;
-    if let Some(value) = section
-        .get("holds_location")
-        .filter(|_| !error.axis.is_rotary())
-    {
-        return Err(value
-            .error(format!(
-                "found it for {error}, expected it for errors of a rotary axis only"
-            ))
-            .into());
-    }
+    let holds_location = decode_holds_location(section, error)?;
     let file_value = section.require("file")?;
     let (file, mut readings) = read_measurement(&file_value, folder)?;
     tracing::debug!(

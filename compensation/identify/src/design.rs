@@ -6,7 +6,7 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{
     equation::bar,
-    observations::{Row, Seen},
+    observations::{Row, Seen, Stand},
     prepared::Rows,
     system::{Equations, System},
     values::Values,
@@ -42,27 +42,35 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
         }
         _ => return ideal,
     };
+    // As near as the linear axes can: a machine with fewer than three of them stays beside it.
+    let _ = bring(system, &mut ideal.stand, centre);
+    ideal
+}
+
+/// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Whether they could.
+pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> bool {
+    /// The tip is there, mm.
+    const THERE: f64 = 1e-6;
     let chain = system.machine.chain();
     for _ in 0..STEPS {
-        let state = ideal.stand.state;
         let mut columns: Vec<(usize, Vector3<f64>)> = Vec::new();
         let mut before = volcomp_kinematics::Pose::identity();
-        for (axis, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
+        for (axis, (joint, &q)) in chain.joints().iter().zip(&stand.state.q).enumerate() {
             if joint.kind == AxisKind::Linear {
                 columns.push((axis, before.rotation * joint.direction));
             }
             before = before * joint.motion(q);
         }
-        let tip = before.transform_point(&ideal.stand.tip_mm) - chain.workpiece_origin_mm();
-        let miss = centre - tip;
+        let tip = before.transform_point(&stand.tip_mm) - chain.workpiece_origin_mm();
+        let miss = to - tip;
         let matrix = DMatrix::from_fn(3, columns.len(), |row, column| columns[column].1[row]);
         let right = DVector::from_iterator(3, miss.iter().copied());
         let Ok(moves) = matrix.svd(true, true).solve(&right, 1e-6) else {
-            return ideal;
+            return false;
         };
         for ((axis, _), by) in columns.iter().zip(&moves) {
-            ideal.stand.state.q[*axis] += by;
+            stand.state.q[*axis] += by;
         }
     }
-    ideal
+    (stand.ideal_tip_mm(chain) - to).norm() < THERE
 }

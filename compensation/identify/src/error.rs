@@ -73,6 +73,44 @@ pub enum IdentifyError {
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"
     )]
     NothingToFit,
+    /// One row is further from the others than machines miss.
+    #[error(
+        "{file}:{line}: this row is {found_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm: is it of another sphere or tool, or a slip?"
+    )]
+    FarRow {
+        /// The row file.
+        file: String,
+        /// The line in it, from 1.
+        line: usize,
+        /// How far the row is from the nominal machine in the set-up that fits all rows best.
+        found_mm: f64,
+        /// How far it may be.
+        limit_mm: f64,
+    },
+    /// Many rows are further from the nominal machine than machines miss.
+    #[error(
+        "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, {typical_mm:.1} mm in the middle, expected at most {limit_mm} mm: {}",
+        cause.as_ref().map_or_else(
+            || "do the machine file and the columns of the axes describe the machine that was measured (structure, offsets, directions, units, tool)?".to_owned(),
+            ToString::to_string,
+        )
+    )]
+    FarRows {
+        /// The row file of the row that is furthest away.
+        file: String,
+        /// The line of it, from 1.
+        line: usize,
+        /// How many rows are too far away.
+        rows: usize,
+        /// Of how many.
+        of: usize,
+        /// The median of all distances.
+        typical_mm: f64,
+        /// How far they may be.
+        limit_mm: f64,
+        /// What would explain it.
+        cause: Option<Cause>,
+    },
     /// The frame of a tracker is not determined.
     #[error(
         "{frame}: the frame cannot be found, {direction} is not determined by {rows} rows: expected at least three targets that are not on one line"
@@ -101,4 +139,27 @@ pub enum IdentifyError {
         /// How many of them the numbers determine.
         rank: usize,
     },
+}
+
+/// What makes rows fit that do not as they are.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Cause {
+    /// The axis counts the other way.
+    #[error(
+        "they fit if {0} counts the other way: is its direction in the rows that of the machine file?"
+    )]
+    Reversed(volcomp_vocabulary::AxisName),
+    /// Coordinates of rotary axes are in radians.
+    #[error("they fit if the coordinates of the rotary axes are radians, expected degrees")]
+    Radians,
+    /// Coordinates of linear axes are in inches.
+    #[error("they fit if the coordinates of the linear axes are inches, expected mm")]
+    Inches,
+    /// Coordinates of linear axes are in metres.
+    #[error("they fit if the coordinates of the linear axes are metres, expected mm")]
+    Metres,
+    /// Another tool was in the spindle.
+    #[error("they fit with the tool `{0}`: expected a column `tool` that names it")]
+    Tool(String),
 }

@@ -12,6 +12,7 @@ use crate::{
     next::{Next, next},
     observations::{Observations, Row, Seen},
     params::{Param, Part},
+    plausible::plausible,
     prepared::Rows,
     rank::{Rank, independent},
     solve::{Exactness, Solution, solve},
@@ -44,7 +45,9 @@ pub struct Identification {
     pub machine: Machine,
     /// Every unknown: set-ups first, then the errors.
     pub parameters: Vec<Parameter>,
-    /// The covariance of the determined parameters in their order, in the products of their units.
+    /// The covariance of the determined parameters in their order, in the products of their units. It
+    /// counts the stated uncertainties alone: where the unknowns do not describe the machine, `variance` is above 1 and a
+    /// warning says so.
     pub covariance: DMatrix<f64>,
     /// How many combinations of the unknowns the observations determine.
     pub rank: usize,
@@ -94,6 +97,7 @@ pub fn identify(
     let fits = 1 + observations.folds;
     progress(0, fits);
     let values = start(&system, observations, &rows)?;
+    plausible(&system, observations, &rows, &values)?;
     let fitted = fit(&system, observations, &rows, values.clone())?;
     progress(1, fits);
     let machine = machine_of(&system, &fitted.solution.values)?;
@@ -383,12 +387,8 @@ fn contradiction(
     residuals: &[Vector3<f64>],
     fitted: &Fitted,
 ) -> Option<String> {
-    const TOO_MUCH: f64 = 3.0;
     const SHOWN: usize = 3;
-    let factor = fitted.solution.variance.sqrt();
-    if factor <= TOO_MUCH {
-        return None;
-    }
+    let factor = fitted.solution.excess()?;
     let mut files: Vec<(f64, &str)> = Vec::new();
     let mut first = 0;
     for observation in observations.observations.iter().filter(|o| !o.judge) {
@@ -409,7 +409,7 @@ fn contradiction(
         .map(|(times, file)| format!("{file} {times:.1} times"))
         .collect();
     Some(format!(
-        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small",
+        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least",
         worst.join(", ")
     ))
 }

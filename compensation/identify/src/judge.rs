@@ -197,7 +197,7 @@ fn moved_spheres(
     notes
 }
 
-fn median(sizes: &[f64]) -> f64 {
+pub(crate) fn median(sizes: &[f64]) -> f64 {
     let mut sorted = sizes.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or_default()

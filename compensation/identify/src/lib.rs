@@ -14,6 +14,7 @@ mod next;
 mod observations;
 mod params;
 mod penalty;
+mod plausible;
 mod prepared;
 mod products;
 mod rank;
@@ -31,7 +32,7 @@ mod values;
 
 pub use basis::Basis;
 pub use draws::Draws;
-pub use error::IdentifyError;
+pub use error::{Cause, IdentifyError};
 pub use identify::{Identification, Parameter, identify};
 pub use judge::Figures;
 pub use next::Next;

@@ -6,7 +6,7 @@ use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
-    observations::{Row, Stand},
+    observations::{Row, Seen, Stand},
     seen_columns::{Columns, SeenColumns},
     setup_keys::Reading,
 };
@@ -74,6 +74,7 @@ pub(crate) fn read_rows(
     let order = columns.get("order")?;
     let uncertainty = columns.get("uncertainty_um")?;
     let mut what = SeenColumns::columns(&mut columns, kind)?;
+    columns.refuse_lookalikes()?;
     let mut poses: Vec<(String, Stand)> = Vec::new();
     let mut rows = Vec::new();
     let mut orders: Vec<f64> = Vec::new();
@@ -149,12 +150,7 @@ pub(crate) fn read_rows(
             outside.len() - SHOWN
         ));
     }
-    let used: Vec<&str> = columns.used.iter().map(String::as_str).collect();
-    let unused: Vec<&str> = table
-        .names()
-        .map(|(_, n)| n)
-        .filter(|n| !used.contains(n))
-        .collect();
+    let unused = columns.unused();
     if !unused.is_empty() {
         let file = table.header_error("").file;
         reading.notes.push(format!(
@@ -162,10 +158,40 @@ pub(crate) fn read_rows(
             unused.join(", ")
         ));
     }
+    reading
+        .notes
+        .extend(too_small(&rows).map(|note| format!("{}: {note}", table.header_error("").file)));
     Ok(ReadRows {
         rows,
         orders,
         has_order: order.is_some(),
+    })
+}
+
+/// A note where readings in µm are all smaller than their uncertainty: then they say nothing, or are mm.
+fn too_small(rows: &[Row]) -> Option<String> {
+    let readings = rows.iter().filter_map(|row| {
+        let largest_mm = match &row.seen {
+            Seen::Sphere { offset_mm, .. } => offset_mm.amax(),
+            Seen::Line { deviation_mm, .. } => deviation_mm.abs(),
+            Seen::Ball { offset_mm, .. } => {
+                let read = offset_mm.iter().flatten();
+                read.fold(0.0_f64, |largest, reading| largest.max(reading.abs()))
+            }
+            Seen::Point { .. } | Seen::Distance { .. } | Seen::Pair { .. } => return None,
+        };
+        Some((largest_mm, row.uncertainty_mm))
+    });
+    let readings: Vec<(f64, f64)> = readings.collect();
+    let largest_mm = readings
+        .iter()
+        .fold(0.0_f64, |l, (reading, _)| l.max(*reading));
+    let is_small = |(reading, uncertainty): &(f64, f64)| reading < uncertainty;
+    (largest_mm > 0.0 && readings.iter().all(is_small)).then(|| {
+        format!(
+            "the largest reading is {:.3} µm, and all are below their uncertainty: are they mm?",
+            1e3 * largest_mm
+        )
     })
 }
 
@@ -176,16 +202,17 @@ fn axis_columns(
 ) -> Result<Vec<(Column, AxisName, usize)>, InputError> {
     let mut found = Vec::new();
     for axis in AxisName::ALL {
-        let Some(column) = columns.get(&axis.to_string())? else {
-            continue;
-        };
         let structure = machine.chain().structure();
-        let index = structure.index_of(axis).ok_or_else(|| {
-            columns.table.header_error(format!(
-                "found a column `{axis}`, the structure `{structure}` has no axis {axis}"
-            ))
-        })?;
-        found.push((column, axis, index));
+        let name = axis.to_string();
+        match structure.index_of(axis) {
+            Some(index) => found.extend(columns.axis(axis)?.map(|column| (column, axis, index))),
+            None if columns.table.names().any(|(_, column)| column == name) => {
+                return Err(columns.table.header_error(format!(
+                    "found a column `{axis}`, the structure `{structure}` has no axis {axis}"
+                )));
+            }
+            None => {}
+        }
     }
     if found.is_empty() {
         let letters: Vec<String> = machine

@@ -30,15 +30,82 @@ impl Columns<'_> {
         }
     }
 
+    /// The column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
+    pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
+        let letter = axis.to_string();
+        let unit = axis.kind().coordinate_unit();
+        let is_axis = |found: &str| {
+            let (stem, found) = split_unit(found);
+            stem == letter && found.is_some_and(|found| found == unit)
+        };
+        let with_unit = self.table.names().find(|(_, name)| is_axis(name));
+        match with_unit.map(|(_, name)| name.to_owned()) {
+            Some(name) if self.get(&letter)?.is_some() => Err(self.table.header_error(format!(
+                "found columns `{letter}` and `{name}`, expected one of them"
+            ))),
+            Some(name) => self.get(&name),
+            None => self.get(&letter),
+        }
+    }
+
+    /// The columns that nothing asked for.
+    pub(crate) fn unused(&self) -> Vec<&str> {
+        let names = self.table.names().map(|(_, name)| name);
+        names
+            .filter(|name| !self.used.iter().any(|used| used == name))
+            .collect()
+    }
+
+    /// Refuses a column that nobody reads but whose name means one that is missing, in other letters or with another unit:
+    /// `a` for `A`, `X [mm]` for `X`, `dx_mm` for `dx_um`. Left out, its axis would stand at zero.
+    pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
+        let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
+        for found in self.unused() {
+            let (stem, Some(_)) = split_unit(found) else {
+                continue;
+            };
+            let meant = self.used.iter().find(|name| {
+                let is_same = split_unit(name).0.eq_ignore_ascii_case(stem);
+                is_same && !is_there(name)
+            });
+            if let Some(meant) = meant {
+                return Err(self.table.header_error(format!(
+                    "found a column {}, expected `{meant}`: names and units of columns are read letter by letter",
+                    quoted(found)
+                )));
+            }
+        }
+        Ok(())
+    }
+
     /// The column of a name that must be there.
     fn require(&mut self, name: &str) -> Result<Column, InputError> {
-        self.get(name)?.ok_or_else(|| {
+        let column = self.get(name)?;
+        if column.is_none() {
+            self.refuse_lookalikes()?;
+        }
+        column.ok_or_else(|| {
             let found: Vec<&str> = self.table.names().map(|(_, name)| name).collect();
             let found = quoted(&found.join(","));
             self.table
                 .header_error(format!("found {found}, expected a column `{name}`"))
         })
     }
+}
+
+/// The name of a column without a unit at its end, and the unit; an empty one where there is none, `None` where what follows
+/// the name is no unit.
+fn split_unit(name: &str) -> (&str, Option<&str>) {
+    const UNITS: [&str; 14] = [
+        "mm", "um", "µm", "μm", "m", "in", "inch", "deg", "°", "rad", "mrad", "urad", "arcsec", "",
+    ];
+    let end = name
+        .find(|c: char| !c.is_alphanumeric())
+        .unwrap_or(name.len());
+    let (stem, rest) = name.split_at(end);
+    let rest = rest.trim_matches(|c: char| " _-./()[]".contains(c));
+    let unit = UNITS.iter().find(|unit| unit.eq_ignore_ascii_case(rest));
+    (stem, unit.copied())
 }
 
 /// The columns of what was seen.

@@ -42,18 +42,31 @@ pub(crate) struct Solution {
     pub(crate) variance: f64,
     /// How many parameters the observations determine; with penalties a fraction of them.
     pub(crate) degrees: f64,
+    /// How many numbers there are beyond these.
+    pub(crate) freedom: f64,
 }
 
 impl Solution {
     /// The values at which a step was found to be none, with what that step knows of them.
     fn at(values: Values, equations: &Equations, step: Step) -> Self {
         let count = equations.residuals.len() as f64;
+        let freedom = (count - step.degrees).max(1.0);
         Self {
             values,
             covariance: step.covariance,
-            variance: step.square / (count - step.degrees).max(1.0),
+            variance: step.square / freedom,
             degrees: step.degrees,
+            freedom,
         }
+    }
+
+    /// How many times larger what is left is than the stated uncertainties, where chance does not explain it: the variance
+    /// of so many numbers scatters by √(2/n) about 1. The uncertainties are too small by it at the least (R. T. Birge,
+    /// Physical Review 40, 1932).
+    pub(crate) fn excess(&self) -> Option<f64> {
+        const CHANCE: f64 = 4.0;
+        let by_chance = 1.0 + CHANCE * (2.0 / self.freedom).sqrt();
+        (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 }
 

@@ -23,7 +23,7 @@ pub struct Diagonal {
 /// The body diagonals of ISO 230-6 by the directions of motion of X, Y, Z: `P` from the lower to the upper end of travel.
 pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 
-/// The four body diagonals over the travels of X, Y and Z, rotary axes at 0: the tip's error
+/// The four body diagonals over the travels of X, Y and Z, all other axes at `others` (mm or deg) or else at 0: the tip's error
 /// (actual − ideal) along the ideal diagonal, minus its value at the first target.
 ///
 /// `errors` are the machine's own or another's; `command` gives the state that is commanded for a
@@ -31,17 +31,19 @@ pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 /// 2 count as 2.
 ///
 /// # Errors
-/// [`ModelError::NoSuchAxis`] when one of X, Y, Z is missing, [`ModelError::TooMany`] for more than 1 000 000 targets.
+/// [`ModelError::NoSuchAxis`] when one of X, Y, Z is missing, what [`Machine::state`] refuses of `others`, [`ModelError::TooMany`] for more than 1 000 000 targets.
 pub fn diagonals<S: ErrorSource>(
     machine: &Machine,
     errors: &S,
     points: usize,
+    others: &[(AxisName, f64)],
     command: impl Fn(&State) -> State,
 ) -> Result<Vec<Diagonal>, ModelError> {
     let linear = [AxisName::X, AxisName::Y, AxisName::Z];
     for axis in linear {
         machine.index_of(axis)?;
     }
+    let others = machine.state(others)?;
     if points > MOST_TARGETS {
         return Err(ModelError::TooMany {
             what: "targets on a diagonal",
@@ -64,8 +66,15 @@ pub fn diagonals<S: ErrorSource>(
                 };
                 coordinates[place] = (axis, from + (to - from) * share);
             }
+            let mut state = others;
             // Finite travels give finite coordinates of axes that are there.
-            machine.state(&coordinates).unwrap_or_default()
+            let linear = machine.state(&coordinates).unwrap_or_default();
+            for (name, _) in coordinates {
+                if let Ok(index) = machine.index_of(name) {
+                    state.q[index] = linear.q[index];
+                }
+            }
+            state
         };
         let chain = machine.chain();
         let tip = |state: &State| chain.ideal_tip_mm(state);

@@ -8,7 +8,8 @@ use crate::{error::ModelError, machine::Machine};
 /// The most nodes along one axis.
 const MOST_NODES: usize = 1_000_000;
 
-/// A grid over the travels of those of the linear axes X, Y, Z that the machine has; all other axes stand at 0.
+/// A grid over the travels of those of the linear axes X, Y, Z that the machine has; all other axes stand where they are said
+/// to.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MapGrid {
@@ -16,15 +17,23 @@ pub struct MapGrid {
     pub axes: Vec<AxisName>,
     /// Nodes along each axis, mm.
     pub nodes_mm: Vec<Vec<f64>>,
+    /// Where the other axes stand, mm or deg; those that are not named at 0.
+    pub others: Vec<(AxisName, f64)>,
 }
 
 impl MapGrid {
     /// `counts` nodes over the travels of X, Y and Z, both ends included; an axis the machine lacks
-    /// takes no part. A count of 1 stands at the middle.
+    /// takes no part. A count of 1 stands at the middle. `others` says where the axes of the machine that are not of the grid
+    /// stand, mm or deg.
     ///
     /// # Errors
-    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis.
-    pub fn over_travels(machine: &Machine, counts: [usize; 3]) -> Result<Self, ModelError> {
+    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis; what [`Machine::state`] refuses of `others`.
+    pub fn over_travels(
+        machine: &Machine,
+        counts: [usize; 3],
+        others: &[(AxisName, f64)],
+    ) -> Result<Self, ModelError> {
+        machine.state(others)?;
         let (mut axes, mut nodes_mm) = (Vec::new(), Vec::new());
         for (name, count) in [AxisName::X, AxisName::Y, AxisName::Z]
             .into_iter()
@@ -42,7 +51,11 @@ impl MapGrid {
                 nodes_mm.push(spread(axis.travel, count));
             }
         }
-        Ok(Self { axes, nodes_mm })
+        Ok(Self {
+            axes,
+            nodes_mm,
+            others: others.to_vec(),
+        })
     }
 
     /// The number of nodes of the whole grid.
@@ -60,7 +73,8 @@ impl MapGrid {
     /// is not there) and its state. Numbers from [`len`](Self::len) on begin again at the first node.
     pub fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
         let mut at_mm = [0.0; 3];
-        let mut state = State::default();
+        // Asked for when the grid was made; of another machine the axes stand at 0.
+        let mut state = machine.state(&self.others).unwrap_or_default();
         for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {
             let count = nodes.len().max(1);
             *place = nodes.get(index % count).copied().unwrap_or_default();

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_calibrate::Method;
+use volcomp_calibrate::{HOLDS_LOCATION, Method};
 use volcomp_kinematics::{Form, Joint, State};
 use volcomp_metrology::{
     DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
@@ -54,6 +54,9 @@ impl Shop {
             let _ = write!(calibration, "\n[[measurement]]\n{setup}file = \"{name}\"\n");
             if let Some(curve) = line.curve {
                 let _ = writeln!(calibration, "curve = {}", curve.to_toml());
+            }
+            if !line.holds_location {
+                let _ = writeln!(calibration, "{HOLDS_LOCATION} = false");
             }
             files.push((name, text));
             progress(index + 1, self.count());
@@ -122,7 +125,15 @@ impl Shop {
         let error = line.setup.error;
         let sight = LineOfSight::new(&self.truth, &line.setup)?;
         let none = Temperatures::new();
-        let errors = self.truth.source(&none);
+        let mut truth = self.truth.clone();
+        if !line.holds_location {
+            let own = |name: &ErrorName| name.location && name.axis == error.axis;
+            let own: Vec<ErrorName> = truth.locations().keys().copied().filter(own).collect();
+            for name in own {
+                truth.set_location(name, 0.0)?;
+            }
+        }
+        let errors = truth.source(&none);
         let travel = self.truth.axis(error.axis).map(|a| a.travel);
         let travel = travel.unwrap_or_default();
         let joint = self.truth.chain().joints()[self.truth.index_of(error.axis)?];

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use volcomp_calibrate::{CurveChoice, Method, Setup, decode_motion};
+use volcomp_calibrate::{
+    CurveChoice, HOLDS_LOCATION, Method, Setup, decode_holds_location, decode_motion,
+};
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_metrology::{TiltReading, squareness_parts, tilt_sign};
 use volcomp_model::Machine;
@@ -118,7 +120,7 @@ fn decode_measurement(
     lines: &mut Vec<ShopLine>,
 ) -> Result<(), InputError> {
     let keys = [
-        &["error", "errors", "file", "curve"][..],
+        &["error", "errors", "file", "curve", HOLDS_LOCATION][..],
         &Setup::KEYS,
         &INSTRUMENT_KEYS,
     ];
@@ -166,6 +168,7 @@ fn decode_measurement(
             curve: curve
                 .map(|value| CurveChoice::decode(&value, error.axis))
                 .transpose()?,
+            holds_location: decode_holds_location(section, error)?,
             name,
         });
     }

@@ -35,6 +35,9 @@ pub struct ShopLine {
     pub instrument: Instrument,
     /// The kind of curve that the calibration file asks for.
     pub curve: Option<CurveChoice>,
+    /// Of a rotary axis: whether the readings are taken against the commanded pose, so that they hold what the location errors
+    /// of the axis add; `false`: the instrument is centred on the axis as it is.
+    pub holds_location: bool,
     /// Name of the measurement file without its ending.
     pub name: String,
 }

@@ -19,6 +19,9 @@ pub(crate) struct Calibrate {
     pub(crate) curves: Vec<Curve>,
     /// Every squareness by its error name, µrad.
     pub(crate) squareness_urad: BTreeMap<String, f64>,
+    /// Every location error that the calibration file states, by its name; not there where it states none.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) locations: BTreeMap<String, Stated>,
     /// What was found from observations of the whole machine; not there where the calibration file has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) identified: Option<Identified>,
@@ -34,6 +37,17 @@ pub(crate) struct Identified {
     /// What was found.
     #[serde(flatten)]
     pub(crate) found: Found,
+}
+
+/// A location error as the calibration file states it.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Stated {
+    /// The value in `unit`.
+    pub(crate) value: f64,
+    /// `um` or `urad`.
+    pub(crate) unit: &'static str,
+    /// Standard uncertainty (k = 1) in the same unit.
+    pub(crate) uncertainty: f64,
 }
 
 /// One fitted error curve and how well it follows its readings.
@@ -106,6 +120,16 @@ impl Calibrate {
             curves: calibration.curves.iter().map(Curve::from).collect(),
             squareness_urad: squareness
                 .map(|(error, Urad(value))| (error.to_string(), *value))
+                .collect(),
+            locations: (calibration.locations.iter())
+                .map(|location| {
+                    let stated = Stated {
+                        value: location.value,
+                        unit: location.error.component.unit(),
+                        uncertainty: location.uncertainty,
+                    };
+                    (location.error.to_string(), stated)
+                })
                 .collect(),
             identified: calibration
                 .identified

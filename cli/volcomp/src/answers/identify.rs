@@ -104,10 +104,10 @@ pub(crate) struct Next {
     pub(crate) pose: ByAxis,
     /// The row file whose set-up is to be used.
     pub(crate) file: String,
-    /// The unknown that is least certain in its effect.
+    /// The unknown that is least certain in its effect; one that is not determined yet, where there is any.
     pub(crate) parameter: String,
-    /// Its uncertainty now by that after the pose.
-    pub(crate) improvement: f64,
+    /// Its uncertainty now by that after the pose; null where it is not determined yet.
+    pub(crate) improvement: Option<f64>,
 }
 
 impl Identify {

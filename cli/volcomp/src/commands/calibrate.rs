@@ -82,6 +82,19 @@ fn text(document: &Document) -> String {
         text.push('\n');
         text += &table_text(&squareness);
     }
+    if !document.locations.is_empty() {
+        let mut stated = table(&["location error", "stated", "uncertainty", ""]);
+        for (error, location) in &document.locations {
+            stated.add_row([
+                error.clone(),
+                fixed(location.value, 2),
+                fixed(location.uncertainty, 2),
+                symbol(location.unit).to_owned(),
+            ]);
+        }
+        text.push('\n');
+        text += &table_text(&stated);
+    }
     if let Some(identified) = &document.identified {
         text.push('\n');
         text += &found_text(&identified.found);

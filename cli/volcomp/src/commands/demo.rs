@@ -124,8 +124,8 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Comparison, 
         let diagonals = diagonals.into_iter();
         diagonals.map(|d| (d.name, d.range_um)).collect::<Vec<_>>()
     };
-    let before = ranges(diagonals(&shop.truth, &truth, 20, |state| *state)?);
-    let after = ranges(diagonals(&shop.truth, &truth, 20, command)?);
+    let before = ranges(diagonals(&shop.truth, &truth, 20, &[], |state| *state)?);
+    let after = ranges(diagonals(&shop.truth, &truth, 20, &[], command)?);
     let bar = progress::bar(shop.lines.len(), "lines compared");
     let lines = compare_lines(shop, &command, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();

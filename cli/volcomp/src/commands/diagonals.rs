@@ -1,14 +1,18 @@
 //! `volcomp diagonals`: the body diagonals of ISO 230-6 on the model.
 
+use volcomp_kinematics::State;
 use volcomp_model::{BODY_DIAGONALS, ModelError, diagonals};
+use volcomp_vocabulary::AxisName;
 
 use super::{Answer, fixed, machine_notes, table, table_text};
 use crate::{
     answers::diagonals::{Diagonal, Diagonals},
     compensation::{Compensation, CompensationArguments},
     failure::Failure,
-    points::MachineArguments,
+    points::{MachineArguments, OthersArguments},
 };
+
+const LINEAR: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
 /// The body diagonals of ISO 230-6: deviation along each, zero at its first target
 #[derive(clap::Args)]
@@ -20,6 +24,8 @@ pub(crate) struct Arguments {
     /// Targets on a diagonal, both ends included
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=100_000))]
     points: u32,
+    #[command(flatten)]
+    others: OthersArguments,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -28,9 +34,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let actual = compensation.actual();
     let source = actual.source(&temperatures);
     let points = arguments.points as usize;
-    let found = diagonals(actual, &source, points, |state| compensation.command(state)).map_err(
-        |error| match error {
-            ModelError::NoSuchAxis { .. } => Failure::in_file(
+    let others = arguments.others.read()?;
+    let command = |state: &State| compensation.command(state);
+    let found =
+        diagonals(actual, &source, points, &others, command).map_err(|error| match error {
+            ModelError::NoSuchAxis { axis, .. } if LINEAR.contains(&axis) => Failure::in_file(
                 &arguments.machine.machine,
                 format_args!(
                     "structure `{}`, expected the axes X, Y and Z for body diagonals",
@@ -38,8 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
                 ),
             ),
             other => other.into(),
-        },
-    )?;
+        })?;
     let mut table = table(&["diagonal", "range µm", "at the end µm"]);
     for diagonal in &found {
         let last = diagonal.deviation_um.last().copied().unwrap_or(0.0);

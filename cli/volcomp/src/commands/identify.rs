@@ -121,7 +121,7 @@ pub(super) fn found_text(document: &Found) -> String {
     // Writing to a string never fails.
     let _ = writeln!(
         text,
-        "\nrank {} of {}, score of what is determined {:.1e}",
+        "\nrank {} of {}, score of what is determined alone {:.1e}",
         document.rank,
         document.parameters.len() - document.redundant.len(),
         document.score_of_determined
@@ -142,13 +142,19 @@ pub(super) fn found_text(document: &Found) -> String {
             .iter()
             .map(|(axis, at)| format!("{axis}={at}"))
             .collect();
-        let _ = writeln!(
-            text,
-            "measure next: {}\n  ({} becomes {:.1} % more certain)",
-            pose.join(","),
-            next.parameter,
-            100.0 * (next.improvement - 1.0)
-        );
+        let _ = writeln!(text, "measure next: {} ({})", pose.join(","), next.file);
+        let what = match next.improvement {
+            Some(improvement) => format!(
+                "the uncertainty of {} falls to {:.0} % of what it is",
+                next.parameter,
+                100.0 / improvement
+            ),
+            None => format!(
+                "it tells of {}, which is not determined yet",
+                next.parameter
+            ),
+        };
+        text += &folded(&what, "  ");
     }
     text
 }

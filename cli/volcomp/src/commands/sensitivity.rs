@@ -1,12 +1,16 @@
 //! `volcomp sensitivity`: what each error does, which errors are one motion, and which cannot be told apart.
 
-use std::{fmt::Write, path::PathBuf};
+use std::{
+    f64::consts::{PI, TAU},
+    fmt::Write,
+    path::PathBuf,
+};
 
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_sensitivity::{
     DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of, sensitivity, terms,
 };
-use volcomp_vocabulary::{AxisName, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
@@ -21,7 +25,7 @@ use crate::{
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: GeometryArguments,
-    /// Nodes over the travel of each axis, both ends included
+    /// Nodes over the travel of each axis, both ends included; over one turn of an axis that turns all the way round
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     grid: u16,
     /// Positions from a CSV file whose header has axis letters, instead of a grid
@@ -50,7 +54,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             let states = states_of(&machine, path)?;
             (Poses::List(states.states().to_vec()), states.note())
         }
-        None => (grid(&machine, usize::from(arguments.grid)), None),
+        None => {
+            let count = usize::from(arguments.grid);
+            (grid(&machine, count), too_few(&machine, count))
+        }
     };
     let errors = errors_of(&machine, arguments.assembly);
     let mut found = sensitivity(machine.chain(), &errors, &poses).map_err(Failure::input)?;
@@ -86,13 +93,38 @@ fn is_zero(effect: &Effect) -> bool {
     effect.position_max_um == 0.0 && effect.orientation_max_urad == 0.0
 }
 
+/// Evenly spaced nodes over the travel of each axis. Both ends of a turn are the same place, and nodes of a travel of several
+/// turns may all fall on multiples of half a turn, where a run-out shows nothing: such an axis has its nodes over one turn
+/// about the middle of its travel.
 fn grid(machine: &Machine, count: usize) -> Poses {
-    let inside = |axis: &volcomp_model::Axis| {
+    let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
-        axis.travel.map(end)
+        let [low, high] = axis.travel.map(end);
+        if axis.name.kind() == AxisKind::Rotary && high - low >= TAU * (1.0 - 1e-9) {
+            let middle = 0.5 * (low + high);
+            return [middle - PI, middle + PI - TAU / count as f64];
+        }
+        [low, high]
     };
     let travels: Vec<[f64; 2]> = machine.axes().iter().map(inside).collect();
     Poses::over(&travels, count)
+}
+
+/// A note where an axis that turns all the way round has so few nodes that a run-out, one wave in a turn, may be missed.
+fn too_few(machine: &Machine, count: usize) -> Option<String> {
+    const LEAST: usize = 3;
+    let turns = |axis: &&Axis| {
+        axis.name.kind() == AxisKind::Rotary && axis.travel[1] - axis.travel[0] >= 360.0
+    };
+    let axis = machine
+        .axes()
+        .iter()
+        .find(turns)
+        .filter(|_| count < LEAST)?;
+    Some(format!(
+        "--grid {count}: {} turns all the way round, and fewer than {LEAST} nodes may miss what goes through one wave in a turn",
+        axis.name
+    ))
 }
 
 fn document(found: &Sensitivity, values: bool) -> answers::Sensitivity {

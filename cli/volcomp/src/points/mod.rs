@@ -54,6 +54,32 @@ pub(crate) struct SpindleArguments {
     pub(crate) temperature: Vec<String>,
 }
 
+/// Where the axes stand that an answer does not move over their travel.
+#[derive(Args)]
+pub(crate) struct OthersArguments {
+    /// Where the axes besides X, Y and Z stand: A=30,C=-90 (deg, mm); axes not named stand at 0
+    #[arg(long, allow_hyphen_values = true)]
+    at: Option<String>,
+}
+
+impl OthersArguments {
+    /// The axes that are named, mm or deg.
+    pub(crate) fn read(&self) -> Result<Vec<(AxisName, f64)>, Failure> {
+        let Some(text) = &self.at else {
+            return Ok(Vec::new());
+        };
+        let others = parse_at(text)?;
+        for (name, _) in &others {
+            if matches!(name, AxisName::X | AxisName::Y | AxisName::Z) {
+                return Err(Failure::Input(format!(
+                    "--at: found {name}, which goes over its travel here, expected other axes"
+                )));
+            }
+        }
+        Ok(others)
+    }
+}
+
 /// The positions to evaluate: one from the command line, or the rows of a CSV file.
 #[derive(Args)]
 #[group(required = true, multiple = true)]

@@ -98,6 +98,65 @@ fn a_machine_without_linear_axes_has_no_map() {
     );
 }
 
+/// A map and diagonals with a table turned: what `error` says at the same places.
+#[test]
+fn rotary_axes_stand_where_at_says() {
+    const MACHINE: &str = "examples/trunnion.toml";
+    let at = ["--at", "A=-40,C=75"];
+    let error = |place: &str| {
+        let at = format!("{place},A=-40,C=75");
+        let found = json(&["error", "-m", MACHINE, "--at", &at]);
+        let number = |k: usize| found["position_um"][k].as_f64().expect("a number");
+        [number(0), number(1), number(2)]
+    };
+    let map = json(
+        &[
+            &["map", "-m", MACHINE, "--grid", "1x1x1", "--exact"][..],
+            &at,
+        ]
+        .concat(),
+    );
+    let middle = error("X=300,Y=250,Z=-200");
+    for (k, expected) in middle.iter().enumerate() {
+        let found = map["position_um"][k].as_f64().expect("a number");
+        assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+    }
+    assert_eq!(map["at"]["C"], 75.0);
+    assert_ne!(
+        map["largest_um"],
+        json(&["map", "-m", MACHINE, "--grid", "1x1x1", "--exact"])["largest_um"]
+    );
+
+    let diagonals = json(&[&["diagonals", "-m", MACHINE, "--points", "2"][..], &at].concat());
+    let found = diagonals["PPP"]["deviation_um"][1]
+        .as_f64()
+        .expect("a number");
+    let (low, high) = (error("X=0,Y=0,Z=-400"), error("X=600,Y=500,Z=0"));
+    // The diagonal in workpiece axes: the table's coordinates, C within A, go round with it.
+    let ((sin_a, cos_a), (sin_c, cos_c)) = (
+        (-40.0_f64).to_radians().sin_cos(),
+        75.0_f64.to_radians().sin_cos(),
+    );
+    let [x, y, z] = [
+        600.0,
+        500.0 * cos_a - 400.0 * sin_a,
+        500.0 * sin_a + 400.0 * cos_a,
+    ];
+    let way = [x * cos_c - y * sin_c, x * sin_c + y * cos_c, z];
+    let length = way.iter().map(|w| w * w).sum::<f64>().sqrt();
+    let along = |error: [f64; 3]| error.iter().zip(&way).map(|(e, w)| e * w).sum::<f64>() / length;
+    let expected = along(high) - along(low);
+    assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+
+    let message = refused(&["map", "-m", MACHINE, "--grid", "2x2x2", "--at", "X=5"]);
+    assert!(
+        message.contains("--at: found X, which goes over its travel here"),
+        "{message}"
+    );
+    let message = refused(&["diagonals", "-m", MACHINE, "--at", "B=5"]);
+    assert!(message.contains("has no axis B"), "{message}");
+}
+
 /// Read back by Apache Arrow's own reader.
 #[cfg(feature = "parquet")]
 #[test]

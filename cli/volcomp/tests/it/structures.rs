@@ -263,3 +263,34 @@ fn effects_of_the_values_of_the_machine_file() {
         "{printed}"
     );
 }
+
+/// ECC = 12 µrad · sin C on an axis of ±360°: over evenly spaced places of one turn its mean square is half of 144.
+#[test]
+fn a_run_out_shows_whatever_the_number_of_nodes() {
+    let call = |grid: &str| {
+        let arguments = [
+            "sensitivity",
+            "-m",
+            "examples/trunnion.toml",
+            "--values",
+            "--grid",
+        ];
+        json(&[&arguments[..], &[grid]].concat())
+    };
+    for grid in ["3", "4", "5", "8"] {
+        let found = call(grid);
+        let errors = found["errors"].as_array().expect("errors");
+        let of = errors
+            .iter()
+            .find(|error| error["name"] == "ECC")
+            .expect("ECC");
+        let rms = of["orientation_rms_urad"].as_f64().expect("a number");
+        assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-6, "{grid}: {rms}");
+    }
+    let output = crate::volcomp(&["sensitivity", "-m", "examples/trunnion.toml", "--grid", "2"]);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        words.contains("--grid 2: C turns all the way round"),
+        "{words}"
+    );
+}

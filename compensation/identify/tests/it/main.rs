@@ -4,6 +4,7 @@ mod ball_row;
 mod coverage;
 mod draws;
 mod fuzz_corpus;
+mod implausible;
 mod lab;
 mod line;
 mod messages;

@@ -278,12 +278,12 @@ fn poses_outside_travel_and_unused_columns_are_noted() {
         .collect();
     lab.write(
         "t.csv",
-        &text.join("\n").replace("\n500,400,", "\n520,400,"),
+        &text.join("\n").replace("\n500,400,", "\n505,400,"),
     );
     let found = lab.identify(&points("")).expect("found");
     let words = found.warnings.join("\n");
     assert!(
-        words.contains("line 4: X: found 520 mm, expected a position within the travel of X"),
+        words.contains("line 4: X: found 505 mm, expected a position within the travel of X"),
         "{words}"
     );
     assert!(

@@ -141,7 +141,7 @@ proptest! {
         let _ = machine.assembly(usize::MAX);
         let stated = machine.state(&[(name, coordinate)]);
         prop_assert_eq!(stated.is_ok(), coordinate.abs() <= 1e9 && machine.axis(name).is_some());
-        prop_assert!(diagonals(&machine, &machine.source(&temperatures), points, |_| state).is_ok());
+        prop_assert!(diagonals(&machine, &machine.source(&temperatures), points, &[], |_| state).is_ok());
     }
 
     /// What is taken can be written, read again, compiled and run.
@@ -181,7 +181,7 @@ proptest! {
         counts in prop::array::uniform3(prop_oneof![0..5_usize, any::<usize>()]), index in any::<usize>(),
     ) {
         let machine = machine();
-        match MapGrid::over_travels(&machine, counts) {
+        match MapGrid::over_travels(&machine, counts, &[]) {
             Ok(grid) => {
                 let _ = (grid.len(), grid.is_empty(), grid.node(&machine, index));
             }

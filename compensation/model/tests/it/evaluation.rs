@@ -178,7 +178,14 @@ fn diagonals_of_a_scale_error_and_of_squareness() {
     let length = (1000.0_f64.powi(2) + 500.0_f64.powi(2) + 400.0_f64.powi(2)).sqrt();
     let of = |errors: &str| {
         let machine = plain(errors);
-        diagonals(&machine, &machine.source(&Temperatures::new()), 20, |s| *s).unwrap()
+        diagonals(
+            &machine,
+            &machine.source(&Temperatures::new()),
+            20,
+            &[],
+            |s| *s,
+        )
+        .unwrap()
     };
     let names: Vec<_> = of("EXX = { poly = [0, 0.01] }")
         .iter()
@@ -220,7 +227,7 @@ fn correction_leaves_the_diagonals_straight() {
                 .delta,
         )
     };
-    for diagonal in diagonals(&machine, &source, 11, correct).unwrap() {
+    for diagonal in diagonals(&machine, &source, 11, &[], correct).unwrap() {
         assert!(
             diagonal.range_um < 1e-4,
             "{} {}",
@@ -240,7 +247,7 @@ fn correction_leaves_the_diagonals_straight() {
 #[test]
 fn the_map_visits_every_node_x_fastest() {
     let machine = plain("EXX = { poly = [0, 0.01] }");
-    let grid = MapGrid::over_travels(&machine, [3, 2, 1]).unwrap();
+    let grid = MapGrid::over_travels(&machine, [3, 2, 1], &[]).unwrap();
     assert_eq!(grid.len(), 6);
     for (index, at_mm) in [(1, [500.0, 0.0, -200.0]), (3, [0.0, 500.0, -200.0])] {
         let (found, state) = grid.node(&machine, index);

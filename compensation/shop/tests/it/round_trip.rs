@@ -278,3 +278,34 @@ fn every_error_comes_back_on_every_three_axis_structure() {
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
     }
 }
+
+/// EX0C = 40 µm moves the point beneath an indicator by 40·(cos C − 1) µm along X. An instrument that is centred on the axis
+/// itself sees nothing of it, and its calibration file says so.
+#[test]
+fn an_instrument_centred_on_the_axis_does_not_see_where_the_axis_lies() {
+    const TRUTH: &str = "structure = \"w C' X' b Y Z t\"
+axes = { X = { travel = [0, 500] }, Y = { travel = [0, 400] }, Z = { travel = [0, 300] }, C = { travel = [-90, 90] } }
+tool = { tip = [0, 0, 0] }
+errors = { EX0C = 40.0 }
+";
+    for (key, expected) in [("", 40.0), ("holds_location = false\n", 0.0)] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let lines = format!(
+            "machine = \"truth.toml\"\nseed = 1\ninstrument = {{ noise_um = 0.0, noise_urad = 0.0, alignment_urad = 0.0 }}\n[[measurement]]\nerrors = [\"EXC\"]\nat = {{ X = 0.0, Y = 0.0, Z = 0.0 }}\n{key}"
+        );
+        fs::write(folder.path().join("truth.toml"), TRUTH).expect("written");
+        fs::write(folder.path().join("shop.toml"), lines).expect("written");
+        let shop = Shop::read(&folder.path().join("shop.toml")).expect("a valid shop");
+        for (name, text) in shop.files(|_, _| {}).expect("measured") {
+            fs::write(folder.path().join(name), text).expect("written");
+        }
+        let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");
+        assert_eq!(file.measurements[0].holds_location, key.is_empty());
+        let readings = &file.measurements[0].readings.readings;
+        let largest = readings
+            .iter()
+            .map(|reading| reading.deviation.abs())
+            .fold(0.0, f64::max);
+        assert!((largest - expected).abs() < 0.1, "{key}: {largest}");
+    }
+}

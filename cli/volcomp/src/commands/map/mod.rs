@@ -26,12 +26,12 @@ use crate::{
     },
     compensation::{Compensation, CompensationArguments},
     failure::Failure,
-    points::MachineArguments,
+    points::{MachineArguments, OthersArguments},
 };
 
 /// The volumetric map: the error on a grid over the travels of X, Y and Z
 ///
-/// Other axes stand at 0. The compiled machine is used unless --exact or another --model is given: its curves are
+/// Other axes stand at 0, or where --at says. The compiled machine is used unless --exact or another --model is given: its curves are
 /// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. Ctrl-C leaves no
 /// unfinished file.
 #[derive(clap::Args)]
@@ -41,6 +41,8 @@ pub(crate) struct Arguments {
     /// Nodes along X, Y and Z: 21x21x21
     #[arg(long)]
     grid: String,
+    #[command(flatten)]
+    others: OthersArguments,
     /// File for the field: .csv, .vti (VTK image data), .vtr (VTK rectilinear grid), .parquet
     #[arg(long, short)]
     output: Option<PathBuf>,
@@ -82,7 +84,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let mut notes = machine_notes(&machine, &temperatures);
     let measured = arguments.uncertainty.read(&machine, &mut notes)?;
-    let grid = MapGrid::over_travels(&machine, counts)?;
+    let grid = MapGrid::over_travels(&machine, counts, &arguments.others.read()?)?;
     if grid.axes.is_empty() {
         return Err(Failure::in_file(
             &arguments.machine.machine,
@@ -160,7 +162,8 @@ fn document(
 }
 
 fn place(grid: &MapGrid, node: &Node) -> ByAxis {
-    grid.axes.iter().copied().zip(node.at_mm).collect()
+    let on_grid = grid.axes.iter().copied().zip(node.at_mm);
+    on_grid.chain(grid.others.iter().copied()).collect()
 }
 
 fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> String {

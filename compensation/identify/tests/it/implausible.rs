@@ -1,0 +1,248 @@
+//! Files that no machine gave: another sphere, tool, sign or unit, columns in other letters. Each has its message; none gives numbers.
+
+use std::fmt::Write;
+
+use volcomp_identify::{Cause, IdentifyError};
+use volcomp_vocabulary::AxisName;
+
+use crate::lab::{Lab, Noise, value};
+
+const MACHINE: &str = "structure = \"w C b X Y Z B t\"
+axes.X.travel = [-500.0, 500.0]
+axes.Y.travel = [-500.0, 500.0]
+axes.Z.travel = [-500.0, 500.0]
+axes.C.travel = [-360.0, 360.0]
+axes.B.travel = [-100.0, 100.0]
+[tool]
+tip = [0.0, 0.0, -200.0]
+[tools.probe]
+tip = [0.0, 0.0, -240.0]
+";
+const UNKNOWN: &str = "folds = 0
+unknown = [\"EX0C\", \"EY0C\"]
+[[observation]]
+kind = \"sphere\"
+file = \"s.csv\"
+";
+
+/// Where a ball at [120, 40, −300] or [−150, 60, −280] on the table is met with the tool of `length`: closed form. C turns the
+/// table, so that the tool goes round it by +C (ISO 841), B the tool.
+fn rows(
+    header: &str,
+    length: f64,
+    mut change: impl FnMut(usize, &mut [f64; 5], &mut &str),
+) -> String {
+    let mut noise = Noise::new(4);
+    let mut text = format!("{header}\n");
+    for k in 0..24 {
+        let (c, b) = (15.0 * f64::from(k) - 170.0, f64::from(k % 5) * 30.0 - 60.0);
+        let ([x, y, z], mut name) = match k % 2 {
+            0 => ([120.0, 40.0, -300.0], "one"),
+            _ => ([-150.0, 60.0, -280.0], "two"),
+        };
+        let (sin_c, cos_c) = c.to_radians().sin_cos();
+        let (sin_b, cos_b) = b.to_radians().sin_cos();
+        let [x, y] = [cos_c * x + sin_c * y, cos_c * y - sin_c * x];
+        let mut n = || noise.normal(0.0005);
+        let mut at = [
+            x + length * sin_b + n(),
+            y + n(),
+            z + length * cos_b + n(),
+            c,
+            b,
+        ];
+        change(k as usize, &mut at, &mut name);
+        let [x, y, z, c, b] = at;
+        let _ = writeln!(text, "{x:?},{y:?},{z:?},{c:?},{b:?},{name}");
+    }
+    text
+}
+
+fn found(text: &str) -> Result<volcomp_identify::Identification, IdentifyError> {
+    let lab = Lab::new(MACHINE);
+    lab.write("s.csv", text);
+    lab.identify(UNKNOWN)
+}
+
+fn cause(text: &str) -> Option<Cause> {
+    match found(text) {
+        Err(IdentifyError::FarRows { cause, .. }) => cause,
+        other => panic!("{other:?}"),
+    }
+}
+
+const HEADER: &str = "X,Y,Z,C,B,sphere";
+
+#[test]
+fn rows_of_the_machine_itself_are_taken() {
+    let found = found(&rows(HEADER, 200.0, |_, _, _| ())).expect("found");
+    assert!(value(&found, "EX0C").0.abs() < 1.0);
+    // Instead of a place of the tip that no ball has, one that turns about a ball.
+    let next = found.next.expect("a pose");
+    let of = |axis| {
+        next.pose
+            .iter()
+            .find(|(name, _)| *name == axis)
+            .map(|(_, at)| *at)
+    };
+    let [x, y, z, c, b] = [
+        AxisName::X,
+        AxisName::Y,
+        AxisName::Z,
+        AxisName::C,
+        AxisName::B,
+    ]
+    .map(|axis| of(axis).expect("a coordinate"));
+    let (sin_c, cos_c) = c.to_radians().sin_cos();
+    let (sin_b, cos_b) = b.to_radians().sin_cos();
+    let [u, v] = [x - 200.0 * sin_b, y];
+    let ball = [
+        cos_c * u - sin_c * v,
+        cos_c * v + sin_c * u,
+        z - 200.0 * cos_b,
+    ];
+    let is_at = |place: [f64; 3]| place.iter().zip(ball).all(|(a, b)| (a - b).abs() < 0.01);
+    assert!(
+        is_at([120.0, 40.0, -300.0]) || is_at([-150.0, 60.0, -280.0]),
+        "{next:?} {ball:?}"
+    );
+}
+
+#[test]
+fn a_row_of_another_sphere_is_named() {
+    let text = rows(HEADER, 200.0, |k, _, name| {
+        if k == 7 {
+            *name = "one";
+        }
+    });
+    match found(&text) {
+        Err(IdentifyError::FarRow {
+            line: 9, found_mm, ..
+        }) => assert!(found_mm > 100.0),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn what_makes_all_rows_wrong_is_named() {
+    let reversed = rows(HEADER, 200.0, |_, at, _| at[3] = -at[3]);
+    assert_eq!(cause(&reversed), Some(Cause::Reversed(AxisName::C)));
+    let radians = rows(HEADER, 200.0, |_, at, _| {
+        at[3] = at[3].to_radians();
+        at[4] = at[4].to_radians();
+    });
+    assert_eq!(cause(&radians), Some(Cause::Radians));
+    let inches = rows(HEADER, 200.0, |_, at, _| {
+        for x in &mut at[..3] {
+            *x /= 25.4;
+        }
+    });
+    assert_eq!(cause(&inches), Some(Cause::Inches));
+    let metres = rows(HEADER, 200.0, |_, at, _| {
+        for x in &mut at[..3] {
+            *x /= 1000.0;
+        }
+    });
+    assert_eq!(cause(&metres), Some(Cause::Metres));
+    let tool = rows(HEADER, 240.0, |_, _, _| ());
+    assert_eq!(cause(&tool), Some(Cause::Tool("probe".to_owned())));
+    // Two signs at once: no single cause, but no numbers either.
+    let both = rows(HEADER, 200.0, |_, at, _| {
+        at[3] = -at[3];
+        at[0] += 3.0 * at[4];
+    });
+    assert_eq!(cause(&both), None);
+}
+
+#[test]
+fn columns_in_other_letters_or_units_are_refused() {
+    for (header, expected) in [
+        ("X,Y,Z,c,B,sphere", "found a column `c`, expected `C`"),
+        (
+            "X,Y,Z,C [rad],B,sphere",
+            "found a column `C [rad]`, expected `C`",
+        ),
+        (
+            "X,Y,Z_inch,C,B,sphere",
+            "found a column `Z_inch`, expected `Z`",
+        ),
+        (
+            "X,Y,Z,C,B,Sphere",
+            "found a column `Sphere`, expected `sphere`",
+        ),
+        (
+            "X (in),Y,Z,C,B,sphere",
+            "found a column `X (in)`, expected `X`",
+        ),
+    ] {
+        let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
+        assert!(error.to_string().contains(expected), "{error}");
+    }
+    let r_test = "X,Y,Z,C,B,sphere,dx_mm,dy_mm,dz_mm\n1,2,3,4,5,S,0.1,0.2,0.3\n";
+    let error = found(r_test).expect_err("mm");
+    assert!(
+        error
+            .to_string()
+            .contains("found a column `dx_mm`, expected `dx_um`"),
+        "{error}"
+    );
+}
+
+#[test]
+fn axes_are_headed_by_their_letter_alone_or_with_the_unit() {
+    let text = rows("X mm,Y_mm,Z [mm],C_deg,B (deg),sphere", 200.0, |_, _, _| ());
+    let found = found(&text).expect("found");
+    assert!(value(&found, "EX0C").0.abs() < 1.0);
+    assert_eq!(found.warnings, [""; 0]);
+}
+
+#[test]
+fn readings_below_their_uncertainty_are_noted() {
+    let mut text = String::from("X,Y,Z,C,B,sphere,dx_um,dy_um,dz_um\n");
+    for (k, line) in rows(HEADER, 200.0, |_, _, _| ())
+        .lines()
+        .skip(1)
+        .enumerate()
+    {
+        let _ = writeln!(text, "{line},0.0{},0.01,-0.02", k % 7);
+    }
+    let found = found(&text).expect("found");
+    let words = found.warnings.join("\n");
+    assert!(
+        words.contains("all are below their uncertainty: are they mm?"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_pose_is_proposed_that_tells_of_what_is_not_determined() {
+    // C stands still: nothing is known of its run-out.
+    let lab = Lab::new(MACHINE);
+    let mut still = format!("{HEADER}\n");
+    for b in [-60.0_f64, -30.0, 0.0, 30.0, 60.0] {
+        let (sin_b, cos_b) = b.to_radians().sin_cos();
+        let _ = writeln!(
+            still,
+            "{:?},40.0,{:?},0,{b},one",
+            120.0 + 200.0 * sin_b,
+            -300.0 + 200.0 * cos_b
+        );
+    }
+    lab.write("s.csv", &still);
+    let found = lab
+        .identify("folds = 0\nunknown = [\"EX0C\", \"EA0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n")
+        .expect("found");
+    let next = found.next.expect("a pose");
+    assert_eq!(next.improvement, None);
+    let c = next
+        .pose
+        .iter()
+        .find(|(axis, _)| *axis == AxisName::C)
+        .expect("C")
+        .1;
+    assert!(c.rem_euclid(360.0) > 5.0, "{next:?}");
+    assert!(
+        ["EX0C", "EA0C"].contains(&next.parameter.as_str()),
+        "{next:?}"
+    );
+}
