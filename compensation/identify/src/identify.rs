@@ -7,6 +7,7 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Role, micro},
     design::design,
+    doubts::{contradiction, opposite},
     error::IdentifyError,
     judge::{Figures, figures, judged, left_out, outliers},
     next::{Next, next},
@@ -116,6 +117,7 @@ pub fn identify(
     let words = null.iter().enumerate();
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
+    warnings.extend(opposite(&system, observations, &rows, &fitted));
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.rank.kept.len(),
@@ -378,38 +380,4 @@ fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
         with = format!("{with} and {more} more");
     }
     format!("{left} cannot be told apart from {with}: it is left {where_left}")
-}
-
-/// A note where the residuals are far larger than what was stated, with the files that fit worst.
-fn contradiction(
-    observations: &Observations,
-    rows: &Rows,
-    residuals: &[Vector3<f64>],
-    fitted: &Fitted,
-) -> Option<String> {
-    const SHOWN: usize = 3;
-    let factor = fitted.solution.excess()?;
-    let mut files: Vec<(f64, &str)> = Vec::new();
-    let mut first = 0;
-    for observation in observations.observations.iter().filter(|o| !o.judge) {
-        let own = first..first + observation.rows.len();
-        first = own.end;
-        let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
-        let squares = own.map(|row| {
-            let size = residuals[row].norm() / rows.get(row).uncertainty_mm;
-            size * size
-        });
-        let times = (squares.sum::<f64>() / count.max(1) as f64).sqrt();
-        files.push((times, &observation.file));
-    }
-    files.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let worst: Vec<String> = files
-        .iter()
-        .take(SHOWN)
-        .map(|(times, file)| format!("{file} {times:.1} times"))
-        .collect();
-    Some(format!(
-        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least",
-        worst.join(", ")
-    ))
 }

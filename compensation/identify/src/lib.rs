@@ -5,6 +5,7 @@ mod basis;
 mod coefficients;
 mod derivatives;
 mod design;
+mod doubts;
 mod draws;
 mod equation;
 mod error;

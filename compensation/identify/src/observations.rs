@@ -260,6 +260,20 @@ impl Seen {
             Self::Ball { offset_mm, .. } => offset_mm.iter().flatten().count(),
         }
     }
+
+    /// Gives a reading whose direction is a matter of the instrument the opposite sign; places and lengths have none.
+    pub(crate) fn turn(&mut self) {
+        match self {
+            Self::Sphere { offset_mm, .. } => *offset_mm = -*offset_mm,
+            Self::Line { deviation_mm, .. } => *deviation_mm = -*deviation_mm,
+            Self::Ball { offset_mm, .. } => {
+                for reading in offset_mm.iter_mut().flatten() {
+                    *reading = -*reading;
+                }
+            }
+            Self::Point { .. } | Self::Distance { .. } | Self::Pair { .. } => {}
+        }
+    }
 }
 
 /// A Fourier series runs through gaps up to a third of a turn.

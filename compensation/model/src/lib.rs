@@ -13,6 +13,7 @@ mod inverse;
 mod machine;
 mod machine_file;
 mod map;
+mod odd;
 mod seen;
 #[cfg(feature = "serde")]
 mod serialised;

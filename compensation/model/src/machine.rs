@@ -10,6 +10,7 @@ use crate::{
     axis::Axis,
     error::{CorrectRefusal, ModelError},
     error_rules::{curve_refusal, location_refusal},
+    odd,
     thermal::Thermal,
     tool::Tool,
 };
@@ -101,8 +102,15 @@ impl Machine {
         self.axes.iter().find(|axis| axis.name == name)
     }
 
-    /// Notes for people on what is odd about the axes, though it may be meant: travel that looks like radians.
+    /// Notes for people on what is odd, though it may be meant: travels and periods that look like radians, location errors
+    /// that look like mm or deg.
     pub fn notes(&self) -> Vec<String> {
+        let mut notes = self.notes_on_travel();
+        notes.extend(odd::notes(self));
+        notes
+    }
+
+    fn notes_on_travel(&self) -> Vec<String> {
         let axes = self.axes.iter();
         let note = |axis: &Axis| {
             let [low, high] = axis.travel;

@@ -95,11 +95,12 @@ fn text(machine: &Machine, document: &Axes) -> String {
         } else {
             "The tool is along the axis"
         };
+        text.push('\n');
         text += &folded(
             &format!(
                 "{pose}: {free} does not turn the tool axis here, and any other coordinate of it does as well."
             ),
-            "\n",
+            "",
         );
     }
     text

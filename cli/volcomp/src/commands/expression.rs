@@ -62,13 +62,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         } else {
             said.join(", ")
         };
-        let formulas: String = text.iter().map(|formula| folded(formula, "")).collect();
+        let formulas: String = text.iter().map(|formula| in_lines(formula)).collect();
         format!(
             "{formulas}\n{}",
             folded(&format!("Lengths in mm, angles in rad; {tool}."), "")
         )
     };
     Answer::new(&document, shown, Vec::new())
+}
+
+/// A formula in lines that Python reads: within parentheses where there are several.
+fn in_lines(formula: &str) -> String {
+    let lines = folded(formula, "");
+    match formula.split_once(" = ") {
+        Some((name, sum)) if lines.lines().count() > 1 => folded(&format!("{name} = ({sum})"), ""),
+        _ => lines,
+    }
 }
 
 fn term(group: &Grouped) -> answers::Term {

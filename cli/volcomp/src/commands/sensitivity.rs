@@ -232,7 +232,10 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
     text += "\n";
     let (rank, errors) = (found.rank, found.errors.len());
     text += &folded(
-        &format!("Position and orientation of the tool tell {rank} of {errors} errors apart."),
+        &format!(
+            "Of these {} motions of {errors} errors, each taken as constant, position and orientation of the tool tell {rank} combinations apart.",
+            found.motions.len()
+        ),
         "",
     );
     let by_definition = zero_by_definition(machine, found);
@@ -240,7 +243,7 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
         let (names, left) = (by_definition.join(" "), errors - by_definition.len());
         text += &folded(
             &format!(
-                "Against X and Y as reference axes {names} are zero by definition, which leaves {left}."
+                "Against X and Y as reference axes {names} are zero by definition, which leaves {left} errors."
             ),
             "",
         );

@@ -259,7 +259,7 @@ fn effects_of_the_values_of_the_machine_file() {
     let printed = text(&call[..3]);
     let printed = printed.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(
-        printed.contains("tell 12 of 24 errors apart. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21."),
+        printed.contains("Of these 17 motions of 24 errors, each taken as constant, position and orientation of the tool tell 12 combinations apart. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21 errors."),
         "{printed}"
     );
 }

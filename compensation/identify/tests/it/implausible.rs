@@ -246,3 +246,73 @@ fn a_pose_is_proposed_that_tells_of_what_is_not_determined() {
         "{next:?}"
     );
 }
+
+/// An R-test and a touch probe on one machine, EX0C = 60 µm: the R-test with its signs the other way contradicts the probe.
+#[test]
+fn an_instrument_that_counts_the_other_way_is_named() {
+    let lab = Lab::new(MACHINE);
+    let mut noise = Noise::new(8);
+    let mut probe = format!("{HEADER}\n");
+    let mut r_test = String::from("X,Y,Z,C,B,sphere,dx_um,dy_um,dz_um\n");
+    for k in 0..16 {
+        let c = 22.5 * f64::from(k) - 170.0;
+        let (sin_c, cos_c) = c.to_radians().sin_cos();
+        // The ball turns about a line that lies 60 µm to +X: in workpiece axes the tip is off by −60·(cos C − 1), 60·sin C
+        // turned back, which is (1 − cos C)·60 along X of the machine.
+        let ball = [cos_c * 120.0 + sin_c * 40.0, cos_c * 40.0 - sin_c * 120.0];
+        let off = [0.06 * (1.0 - cos_c), 0.06 * sin_c];
+        let mut n = || noise.normal(0.0005);
+        let _ = writeln!(
+            probe,
+            "{:?},{:?},{:?},{c},0,one",
+            ball[0] + off[0] + n(),
+            ball[1] + off[1] + n(),
+            -100.0 + n()
+        );
+        // At the ideal place the tip stands off by as much the other way, in workpiece axes.
+        let tip = [-off[0], -off[1]];
+        let [dx, dy] = [
+            cos_c * tip[0] - sin_c * tip[1],
+            sin_c * tip[0] + cos_c * tip[1],
+        ];
+        let _ = writeln!(
+            r_test,
+            "{:?},{:?},-100,{c},0,one,{:?},{:?},{:?}",
+            ball[0],
+            ball[1],
+            1e3 * (dx + n()),
+            1e3 * (dy + n()),
+            1e3 * n()
+        );
+    }
+    lab.write("s.csv", &probe);
+    lab.write("r.csv", &r_test);
+    let both = format!("{UNKNOWN}[[observation]]\nkind = \"sphere\"\nfile = \"r.csv\"\n");
+    let right = lab.identify(&both).expect("found");
+    assert!(
+        (value(&right, "EX0C").0.abs() - 60.0).abs() < 1.0,
+        "{:?}",
+        right.parameters
+    );
+    assert_eq!(right.warnings, [""; 0]);
+    let turned: String = r_test
+        .lines()
+        .enumerate()
+        .map(|(row, line)| {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if row > 0 {
+                for cell in &mut cells[6..] {
+                    *cell = format!("{:?}", -cell.parse::<f64>().expect("a number"));
+                }
+            }
+            cells.join(",") + "\n"
+        })
+        .collect();
+    lab.write("r.csv", &turned);
+    let wrong = lab.identify(&both).expect("found");
+    let words = wrong.warnings.join("\n");
+    assert!(
+        words.contains("r.csv: with the opposite sign its readings leave"),
+        "{words}"
+    );
+}
