@@ -223,10 +223,7 @@ fn candidate(system: &System, observations: &Observations, k: usize) -> Option<C
         .iter()
         .filter(|o| !o.judge && !o.rows.is_empty())
         .collect();
-    // Less than the count, since the inverse of a radix is below 1.
-    let drawn =
-        |count: usize, prime| ((count as f64 * radical_inverse(k, prime)) as usize).min(count - 1);
-    let of = |rows: &[Row], prime| rows.get(drawn(rows.len().max(1), prime)).cloned();
+    let of = |rows: &[Row], prime: usize| rows.get(k * prime % rows.len().max(1)).cloned();
     let observation = fitted.get(k % fitted.len().max(1))?;
     let mut row = of(&observation.rows, PRIME_OF_ROWS)?;
     let chain = system.machine.chain();

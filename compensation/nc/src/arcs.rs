@@ -67,6 +67,7 @@ impl Rewriter {
                     at: machine,
                     writes,
                     keeps: each(|axis| keeps && (axis == first || axis == second)),
+                    rounded: None,
                 };
                 let mut after = carried;
                 let words = self.words_to(&leg, &mut after);
@@ -142,6 +143,7 @@ impl Rewriter {
             at: motion.from,
             writes: [Writes::IfChanged; 9],
             keeps: [false; 9],
+            rounded: None,
         };
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let words = self.words_to(&leg, &mut carried);

@@ -53,6 +53,7 @@ impl Rewriter {
             at: middle,
             writes,
             keeps: [false; 9],
+            rounded: None,
         };
         let words = self.words_to(&leg, &mut carried);
         if self.interpreter.known[depth] && self.corrector.corrects(depth) {

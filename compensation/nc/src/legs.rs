@@ -25,6 +25,8 @@ pub(crate) struct Leg<'a> {
     pub(crate) writes: Axes<Writes>,
     /// Axes that end with the correction that they have, whatever belongs to the end.
     pub(crate) keeps: Axes<bool>,
+    /// The correction with which the numbers come out as they were rounded together; `None`: each is the nearest.
+    pub(crate) rounded: Option<Axes>,
 }
 
 /// When the word of an axis is written.
@@ -61,7 +63,7 @@ impl Rewriter {
         );
         let mut words = Words {
             numbers: [None; 9],
-            delta: in_program(self, &delta),
+            delta: leg.rounded.unwrap_or_else(|| in_program(self, &delta)),
         };
         if let Some(correction) = coupled {
             self.numbers(leg, 3..6, &mut words, carried);

@@ -7,6 +7,7 @@ use crate::{
     correction::Corrector,
     flow::{OLine, o_line},
     rewrite::Rewriter,
+    rounding::Strategy,
     run::{Lines, run},
     setup::SetUp,
 };
@@ -40,6 +41,8 @@ pub struct Job<'a> {
     pub setup: &'a SetUp,
     /// How coordinates are written.
     pub decimals: Decimals,
+    /// How the numbers of split lines are rounded.
+    pub strategy: Strategy,
     /// A program with O-words is executed: so many of its lines at the most.
     pub most_blocks: u64,
     /// Keep [`Summary::shares`]: 8 bytes for each motion.
@@ -54,6 +57,7 @@ impl<'a> Job<'a> {
             corrector,
             setup,
             decimals: Decimals::default(),
+            strategy: Strategy::Plain,
             most_blocks: 10_000_000,
             keep_shares: false,
         }
@@ -74,6 +78,7 @@ pub fn compensate(
     seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
     let mut rewriter = Rewriter::new(job.setup, job.corrector.clone(), job.decimals)?;
+    rewriter.strategy = job.strategy;
     rewriter.shares = job.keep_shares.then(Vec::new);
     execute(input, output, rewriter, job.most_blocks, seen)
 }

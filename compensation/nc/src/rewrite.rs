@@ -18,6 +18,7 @@ use crate::{
     notes::Note,
     number::of_steps,
     parameters::Parameters,
+    rounding::Strategy,
     setup::SetUp,
     verify::Made,
     words::{Decimals, Number},
@@ -67,6 +68,7 @@ pub(crate) struct Rewriter {
     /// What was computed last.
     pub(crate) seen: Seen,
     pub(crate) decimals: Decimals,
+    pub(crate) strategy: Strategy,
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
     /// That is the correction that belongs to where they are.
@@ -101,6 +103,7 @@ impl Rewriter {
             corrector,
             seen: Seen::default(),
             decimals,
+            strategy: Strategy::Plain,
             carried: [0.0; 9],
             is_settled: false,
             carried_by_cycle: None,

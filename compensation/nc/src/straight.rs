@@ -183,6 +183,7 @@ impl Rewriter {
         if !turns_on_the_way {
             self.corrector.goes(&motion.to);
         }
+        let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
             if turns_on_the_way {
@@ -217,6 +218,7 @@ impl Rewriter {
                 at,
                 writes,
                 keeps: [false; 9],
+                rounded: together.as_ref().map(|deltas| deltas[place]),
             };
             let words = self.words_to(&leg, &mut carried);
             if place > 0 && share == passed && words.numbers.iter().all(Option::is_none) {

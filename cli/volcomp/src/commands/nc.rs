@@ -10,8 +10,8 @@ use std::{
 use volcomp_document::read_text;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Average, Corrector, Decimals, Deviation, Job, NcError, SetUp, Summary, Verification, Virtual,
-    average, compensate, picture, verify,
+    Average, Corrector, Decimals, Deviation, Job, NcError, SetUp, Strategy, Summary, Verification,
+    Virtual, average, compensate, picture, verify,
 };
 
 use super::{Answer, machine_notes};
@@ -46,6 +46,10 @@ pub(crate) struct Arguments {
     /// Decimals of changed coordinates: mm,inch,deg; a program's own further ones stay
     #[arg(long, value_name = "MM,INCH,DEG", default_value = "3,4,3", value_parser = decimals)]
     decimals: Decimals,
+    /// How the numbers of split lines are rounded: each to the nearest (plain), or together, by the shortest way through the graph of
+    /// the nearest ones (floyd)
+    #[arg(long, value_enum, default_value_t)]
+    strategy: Rounding,
     /// Blocks that are executed at the most where the program has O-words
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_blocks: u64,
@@ -62,6 +66,14 @@ pub(crate) struct Arguments {
     /// A picture of the path and of the deviations, a thousandfold (SVG)
     #[arg(long, value_name = "FILE", requires = "verify")]
     picture: Option<PathBuf>,
+}
+
+/// How the numbers of split lines are rounded.
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum Rounding {
+    #[default]
+    Plain,
+    Floyd,
 }
 
 /// Programs whose mean correction is asked for are read twice, from memory.
@@ -113,6 +125,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         corrector: &corrector,
         setup: &setup,
         decimals: arguments.decimals,
+        strategy: match arguments.strategy {
+            Rounding::Plain => Strategy::Plain,
+            Rounding::Floyd => Strategy::Floyd,
+        },
         most_blocks: arguments.max_blocks,
         keep_shares: arguments.verify,
     };

@@ -4,6 +4,7 @@ mod arcs;
 mod average;
 mod five_axes;
 mod flow;
+mod floyd;
 mod identity;
 mod straight;
 mod traps;
