@@ -336,3 +336,48 @@ fn lines_of_one_part_are_the_same_either_way() {
         compensated(program, Strategy::Floyd)
     );
 }
+
+#[path = "../../examples/floyd.rs"]
+mod example;
+
+#[test]
+fn the_example_prints_what_its_folder_says() {
+    let printed =
+        example::printed(include_str!("../../../../examples/mill.toml")).expect("printed");
+    assert_eq!(
+        printed,
+        include_str!("../../../../examples/floyd/printed.txt")
+    );
+}
+
+/// The rounds D(0) … D(6) of the example by another algorithm: ways that pass only the first nodes.
+#[test]
+fn each_round_holds_the_ways_over_the_first_nodes() {
+    let mut random = ChaCha8Rng::seed_from_u64(9);
+    let count = 7;
+    let weights: Vec<Vec<f64>> = (0..count)
+        .map(|_| (0..count).map(|_| random.random_range(0.0..5.0)).collect())
+        .collect();
+    let found = all_pairs(&weights, |round, distances| {
+        for from in 0..count {
+            for to in (0..count).filter(|to| *to != from) {
+                // Edges that lead into a node that may not be passed are left out.
+                let mut allowed = weights.clone();
+                for (node, row) in allowed.iter_mut().enumerate() {
+                    for (next, weight) in row.iter_mut().enumerate() {
+                        let passes = |node: usize| node < round || node == from || node == to;
+                        if !passes(node) || !passes(next) {
+                            *weight = f64::INFINITY;
+                        }
+                    }
+                }
+                let expected = by_relaxation(&allowed, from)[to];
+                assert!(
+                    (distances[from][to] - expected).abs() < 1e-12,
+                    "{round} {from} {to}"
+                );
+            }
+        }
+    });
+    assert!(found.is_ok());
+}
