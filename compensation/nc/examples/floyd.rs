@@ -206,7 +206,25 @@ fn matrix(text: &mut String, round: usize, distances: &[Vec<f64>]) -> std::fmt::
     Ok(())
 }
 
+/// The graph with a start before its first nodes and a target behind its last ones, both without weight.
+fn closed(weights: &[Vec<f64>], first: usize, last: usize) -> Vec<Vec<f64>> {
+    let nodes = weights.len();
+    let mut closed = weights.to_vec();
+    for (node, row) in closed.iter_mut().enumerate() {
+        let to_target = if node >= last { 0.0 } else { f64::INFINITY };
+        row.extend([f64::INFINITY, to_target]);
+    }
+    let mut start = vec![f64::INFINITY; nodes + 2];
+    start[..first].fill(0.0);
+    closed.extend([start, vec![f64::INFINITY; nodes + 2]]);
+    closed
+}
+
 /// A path over the whole field by both algorithms.
+#[expect(
+    clippy::too_many_lines,
+    reason = "one line of the table after the other"
+)]
 fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let stations = stations(field, [20.0, 30.0], [420.0, 280.0], 25)?;
     let counts: Vec<usize> = stations.iter().map(|station| station.nodes.len()).collect();
@@ -217,21 +235,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
         weights[first(station) + from][first(station + 1) + to]
     })
     .ok_or("the graph has no way")?;
-    // With a start before and a target behind everything, without weight.
-    let mut closed = weights.clone();
-    for row in &mut closed {
-        row.extend([f64::INFINITY; 2]);
-    }
-    closed.extend([
-        vec![f64::INFINITY; nodes + 2],
-        vec![f64::INFINITY; nodes + 2],
-    ]);
-    for node in 0..counts[0] {
-        closed[nodes][node] = 0.0;
-    }
-    for node in first(counts.len() - 1)..nodes {
-        closed[node][nodes + 1] = 0.0;
-    }
+    let closed = closed(&weights, counts[0], first(counts.len() - 1));
     let all: AllPairs = all_pairs(&closed, |_, _| ())?;
     let (single, by_dijkstra) = dijkstra(&closed, nodes);
     writeln!(

@@ -6,13 +6,14 @@ use volcomp_model::{
     Machine, Temperatures, Tolerance,
     curve::ErrorCurve,
     evaluator::CompiledMachine,
-    kinematics::{Form, State},
-    vocabulary::{AxisKind, Direction, MAX_AXES, TURNED_AFTER, TURNED_AFTER_ROTARY},
+    kinematics::{Form, State, actual_pose},
+    vocabulary::{AxisKind, Direction, MAX_AXES},
 };
 
 use crate::{
     NcError,
     coordinates::{Axes, AxisPlaces, is_rotary, name_of},
+    play::turned_after,
     tip::with_tool,
 };
 
@@ -83,8 +84,8 @@ pub struct Corrector {
     only_linear: bool,
     bidirectional: bool,
     approach: Axes<Option<Direction>>,
-    /// Travel against its direction after which a linear and a rotary axis counts as turned, mm and deg.
-    turned_after: [f64; 2],
+    /// Travel against its direction after which each axis counts as turned, mm and deg.
+    turned_after: Axes<f64>,
     /// The furthest place of each axis in its direction.
     furthest: Axes<f64>,
     split_beyond_mm: f64,
@@ -157,7 +158,7 @@ impl Corrector {
             corrects,
             travels,
             approach: [None; MAX_AXES],
-            turned_after: [TURNED_AFTER.0, TURNED_AFTER_ROTARY.0],
+            turned_after: turned_after(machine),
             furthest: [0.0; MAX_AXES],
             split_beyond_mm: tolerance_mm,
             version: 0,
@@ -240,7 +241,12 @@ impl Corrector {
 
     /// An axis counts as turned as soon as it goes back.
     pub(crate) fn turns_at_once(&mut self) {
-        self.turned_after = [1e-7; 2];
+        self.turned_after = [1e-7; MAX_AXES];
+    }
+
+    /// Travel against its direction after which an axis counts as turned, mm or deg.
+    pub(crate) fn turned_after(&self, axis: usize) -> f64 {
+        self.turned_after[axis]
     }
 
     /// From which side the axes come, to be put back.
@@ -253,6 +259,26 @@ impl Corrector {
         (self.approach, self.furthest) = (approach, furthest);
     }
 
+    /// The axes set out from a place for another one: those that go further than what counts as turning come from that side from
+    /// here on.
+    pub(crate) fn faces(&mut self, from: &Axes, to: &Axes) {
+        for axis in 0..MAX_AXES {
+            let way = to[axis] - from[axis];
+            if !self.bidirectional || way.abs() <= self.turned_after[axis] {
+                continue;
+            }
+            let side = Some(if way > 0.0 {
+                Direction::Positive
+            } else {
+                Direction::Negative
+            });
+            if self.approach[axis] != side {
+                (self.approach[axis], self.furthest[axis]) = (side, from[axis]);
+                self.version += 1;
+            }
+        }
+    }
+
     /// The axes go to this place: from now on they come from that side. Whether one of them turns.
     pub(crate) fn goes(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
@@ -260,7 +286,7 @@ impl Corrector {
         }
         let before = self.approach;
         for axis in 0..MAX_AXES {
-            let after = self.turned_after[usize::from(is_rotary(axis))];
+            let after = self.turned_after[axis];
             let way = to[axis] - self.furthest[axis];
             let on = match self.approach[axis] {
                 Some(Direction::Positive) => way > 0.0 || way < -after,
@@ -339,6 +365,20 @@ impl Corrector {
     pub(crate) fn ideal_tip_mm(&self, at: &Axes) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         chain.ideal_tip_mm(&self.places.state(at)).into()
+    }
+
+    /// Where a point of the tool is, `above_mm` above its tip along its axis: of the ideal machine and with the errors, by the exact model;
+    /// mm from the workpiece origin in workpiece axes.
+    pub(crate) fn on_tool_mm(&self, at: &Axes, above_mm: f64) -> [[f64; 3]; 2] {
+        let chain = self.tool.machine.chain();
+        let state = self.state(at);
+        let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
+        let source = self.tool.machine.source(&self.temperatures);
+        let poses = [
+            chain.ideal_pose(&state),
+            actual_pose(chain, &source, &state),
+        ];
+        poses.map(|pose| (pose.transform_point(&point) - chain.workpiece_origin_mm()).into())
     }
 
     /// How far from there it is with the errors, by the exact model, mm.

@@ -1,7 +1,5 @@
 //! Straight motions with their correction, in as many parts as it needs.
 
-use volcomp_model::vocabulary::TURNED_AFTER;
-
 use crate::{
     coordinates::{Axes, is_rotary},
     legs::{Leg, Writes},
@@ -68,24 +66,26 @@ impl Rewriter {
         }
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         // An axis that turns is at least so far from its straight way.
-        if self.bulge_mm(&from, &to) <= TURNED_AFTER.0 {
+        let least = (0..3).map(|axis| self.corrector.turned_after(axis));
+        if self.bulge_mm(&from, &to) <= least.fold(f64::INFINITY, f64::min) {
             return found;
         }
         let at = |share: f64| frame.to_machine(&between(&from, &to, share));
         let share = |place: u32| f64::from(place) / f64::from(LOOKED_AT);
         let places: Vec<Axes> = (0..=LOOKED_AT).map(|place| at(share(place))).collect();
         for axis in 0..3 {
+            let turned_after = self.corrector.turned_after(axis);
             // The sign of the motion, and the furthest place of it.
             let (mut sign, mut furthest) = (0.0, 0);
             for place in 1..=LOOKED_AT {
                 let way = |from: u32| places[place as usize][axis] - places[from as usize][axis];
                 if sign == 0.0 {
-                    if way(0).abs() > TURNED_AFTER.0 {
+                    if way(0).abs() > turned_after {
                         (sign, furthest) = (way(0).signum(), place);
                     }
                 } else if sign * way(furthest) > 0.0 {
                     furthest = place;
-                } else if sign * way(furthest) < -TURNED_AFTER.0 {
+                } else if sign * way(furthest) < -turned_after {
                     // By thirds around it: one extremum is there.
                     let (mut low, mut high) =
                         (share(furthest.saturating_sub(1)), share(furthest + 1));
@@ -187,7 +187,12 @@ impl Rewriter {
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
             if turns_on_the_way {
-                // What takes up the play sets out for the end of the next part.
+                // What takes up the play sets out for the end of the next part, and for the place where the next axis turns.
+                let rest = parts[place..].windows(2);
+                let mut turns = rest.filter(|pair| pair[0] == pair[1] && pair[0] > passed);
+                let turns = turns.next().map_or(1.0, |pair| pair[0]);
+                let [here, there] = [passed, turns].map(|share| self.place_of(motion, share));
+                self.corrector.faces(&here, &there);
                 let ends = parts[place..].iter().find(|ends| **ends > passed);
                 let sets_out = self.place_of(motion, ends.copied().unwrap_or(1.0));
                 self.corrector.goes(&sets_out);

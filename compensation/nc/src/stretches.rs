@@ -2,8 +2,6 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-use volcomp_model::vocabulary::TURNED_AFTER;
-
 use crate::{
     bow::{Bow, sag_of},
     coordinates::Axes,
@@ -150,15 +148,20 @@ impl Rewriter {
         } else {
             begins.ceil() - 1.0
         };
-        // How far the axis goes that turns at a quarter, this angle away from it.
-        let goes = |angle: f64| radius * (1.0 - angle.abs().min(PI).cos()) > TURNED_AFTER.0;
+        // How far the axis goes that turns at a quarter, this angle away from it: the first one of the plane on its own line
+        // through the centre, the second one at right angles to that.
+        let goes = |quarter: f64, angle: f64| {
+            let axis = arc.axes[usize::from(quarter.rem_euclid(2.0) > 0.5)];
+            radius * (1.0 - angle.abs().min(PI).cos()) > self.corrector.turned_after(axis)
+        };
         for place in 0..MOST_QUARTERS {
-            let angle = (next + sign * f64::from(place) - begins) * FRAC_PI_2;
+            let quarter = next + sign * f64::from(place);
+            let angle = (quarter - begins) * FRAC_PI_2;
             let share = angle / arc.turns_by;
             if share >= 1.0 {
                 break;
             }
-            if !goes(angle) || !goes(arc.turns_by - angle) {
+            if !goes(quarter, angle) || !goes(quarter, arc.turns_by - angle) {
                 continue;
             }
             if let Some(last) = parts.last_mut() {

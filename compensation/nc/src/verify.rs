@@ -12,7 +12,9 @@ use crate::{
     Decimals, NcError,
     coordinates::{Axes, Frame},
     correction::Corrector,
+    inspect::{Collector, Inspected},
     motion::{Move, Path, half_deep},
+    part_file::Part,
     program::execute,
     rewrite::Rewriter,
     setup::SetUp,
@@ -25,6 +27,8 @@ pub(crate) const WAITING: usize = 1024;
 const MOST_PLACES: usize = 20_000;
 /// Within each part of a motion so many places are looked at, the last one at its end.
 const PLACES_OF_PART: u32 = 8;
+/// The same of an arc whose form is to be inspected.
+const PLACES_OF_ARC: u32 = 72;
 
 /// A motion that a program makes.
 #[derive(Clone, Debug)]
@@ -97,6 +101,8 @@ pub struct Verification {
     pub places: u64,
     /// Some of these places, evenly spread, in the order of the program.
     pub path: Vec<Place>,
+    /// The features of the part, if one is to be inspected.
+    pub features: Vec<Inspected>,
 }
 
 /// What a verification needs to know besides the two programs.
@@ -110,6 +116,8 @@ pub struct Virtual<'a> {
     pub setup: &'a SetUp,
     /// Blocks that are executed at the most.
     pub most_blocks: u64,
+    /// The part whose features are to be inspected.
+    pub part: Option<&'a Part>,
 }
 
 /// Runs a program and its result through a virtual machine. `shares` are those of
@@ -137,7 +145,7 @@ pub fn verify(
             scope.spawn(move || motions(original, ideal, of.setup, of.most_blocks, to_original)),
             scope.spawn(move || motions(result, ideal, of.setup, of.most_blocks, to_result)),
         ];
-        let compared = Comparison::new(truth).all(&originals, &results, shares);
+        let compared = Comparison::new(truth, of.part).all(&originals, &results, shares);
         // Whoever still sends is told that nobody listens.
         drop((originals, results));
         for run in runs {
@@ -174,17 +182,19 @@ pub(crate) fn motions(
 struct Comparison {
     truth: Corrector,
     found: Verification,
+    cut: Option<Collector>,
     /// Of so many places one is kept.
     stride: u64,
 }
 
 impl Comparison {
-    fn new(mut truth: Corrector) -> Self {
+    fn new(mut truth: Corrector, part: Option<&Part>) -> Self {
         // Where the play of an axis is to be taken up, that is done at once.
         truth.turns_at_once();
         Self {
             truth,
             found: Verification::default(),
+            cut: part.cloned().map(Collector::new),
             stride: 1,
         }
     }
@@ -214,6 +224,7 @@ impl Comparison {
         for deviation in [&mut self.found.before, &mut self.found.after] {
             deviation.rms_um = (deviation.rms_um / places).sqrt();
         }
+        self.found.features = self.cut.map(|cut| cut.inspected()).unwrap_or_default();
         Ok(self.found)
     }
 
@@ -230,10 +241,16 @@ impl Comparison {
             // The play of an axis is taken up.
             return;
         }
-        let first = if only_end { PLACES_OF_PART } else { 1 };
-        for place in first..=PLACES_OF_PART {
-            let of_part = f64::from(place) / f64::from(PLACES_OF_PART);
-            let share = if place == PLACES_OF_PART {
+        // A circle that stays one block is to show its form.
+        let is_arc = matches!(path, Path::Arc(_));
+        let last = match self.cut {
+            Some(_) if is_arc => PLACES_OF_ARC,
+            _ => PLACES_OF_PART,
+        };
+        let first = if only_end { last } else { 1 };
+        for place in first..=last {
+            let of_part = f64::from(place) / f64::from(last);
+            let share = if place == last {
                 to
             } else {
                 from + of_part * (to - from)
@@ -255,6 +272,20 @@ impl Comparison {
                 after_um: um(&commanded),
                 begins: only_end,
             };
+            if let Some(cut) = self.cut.as_mut().filter(|_| path != Path::Rapid) {
+                let truth = &self.truth;
+                let mut take = |wanted: &Axes, commanded: &Axes| {
+                    cut.take(original.line, only_end, |above_mm| {
+                        let [wanted_mm, before] = truth.on_tool_mm(wanted, above_mm);
+                        let [_, after] = truth.on_tool_mm(commanded, above_mm);
+                        [wanted_mm, before, after]
+                    });
+                };
+                if from == 0.0 && place == first && !only_end {
+                    take(&place_of(original, 0.0), &place_of(result, 0.0));
+                }
+                take(&wanted, &commanded);
+            }
             self.keep(found);
         }
     }

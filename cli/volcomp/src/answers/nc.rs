@@ -45,6 +45,42 @@ pub(crate) struct Verified {
     pub(crate) before: NcDeviation,
     /// With the compensated program.
     pub(crate) after: NcDeviation,
+    /// The features of the part; only with --inspect.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) features: Vec<NcFeature>,
+}
+
+/// A feature of the part that the virtual machine cuts.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct NcFeature {
+    /// Its name in the part file.
+    pub(crate) name: String,
+    /// How many points were looked at.
+    pub(crate) points: usize,
+    /// With the original program; null where nothing can be said.
+    pub(crate) before: Option<NcFound>,
+    /// With the compensated program; null where nothing can be said.
+    pub(crate) after: Option<NcFound>,
+    /// Why nothing can be said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) reason: Option<String>,
+}
+
+/// What a measuring machine would find of a feature; null where the feature has none of it.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+pub(crate) struct NcFound {
+    /// Form deviation about the feature of least squares, µm.
+    pub(crate) form_um: Option<f64>,
+    /// The same by the minimum zone, µm.
+    pub(crate) minimum_zone_um: Option<f64>,
+    /// How far its centre or axis is from where it belongs, µm.
+    pub(crate) position_um: Option<f64>,
+    /// Its direction against the one wanted, µrad.
+    pub(crate) direction_urad: Option<f64>,
+    /// Its radius minus the one wanted, µm.
+    pub(crate) radius_um: Option<f64>,
+    /// Coaxiality or concentricity to the datum feature as it was cut, µm.
+    pub(crate) coaxiality_um: Option<f64>,
 }
 
 /// How far the tool is from where the program wants it.

@@ -10,11 +10,11 @@ use std::{
 use volcomp_document::read_text;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Average, Corrector, Decimals, Deviation, Job, NcError, SetUp, Strategy, Summary, Verification,
-    Virtual, average, compensate, picture, verify,
+    Average, Corrector, Decimals, Deviation, Job, NcError, Part, SetUp, Strategy, Summary,
+    Verification, Virtual, average, compensate, picture, verify,
 };
 
-use super::{Answer, machine_notes};
+use super::{Answer, machine_notes, nc_part};
 use crate::{
     answers::nc::{AverageOffset, Nc, NcAverage, NcDeviation, NcNote, Verified},
     failure::Failure,
@@ -55,7 +55,7 @@ pub(crate) struct Arguments {
     max_blocks: u64,
     /// The simplest form: nothing but the work offsets change, by the mean of the correction over all places where the program cuts
     /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets
-    #[arg(long, requires = "setup", conflicts_with_all = ["verify", "picture"])]
+    #[arg(long, requires = "setup", conflicts_with_all = ["verify", "inspect", "picture"])]
     average: bool,
     /// Run the program and its result through the virtual machine, and print how far the tool is from where it belongs
     #[arg(long)]
@@ -63,6 +63,9 @@ pub(crate) struct Arguments {
     /// The machine file with the errors that are taken for the real ones in the verification, without which the model is judged by itself
     #[arg(long, value_name = "FILE", requires = "verify")]
     truth: Option<PathBuf>,
+    /// The features of a part (TOML) as a measuring machine would find them on what the virtual machine cuts, before and after
+    #[arg(long, value_name = "FILE", requires = "verify")]
+    inspect: Option<PathBuf>,
     /// A picture of the path and of the deviations, a thousandfold (SVG)
     #[arg(long, value_name = "FILE", requires = "verify")]
     picture: Option<PathBuf>,
@@ -118,6 +121,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     ];
     inputs.extend(arguments.setup.as_deref().map(|path| (path, "--setup")));
     inputs.extend(arguments.truth.as_deref().map(|path| (path, "--truth")));
+    inputs.extend(arguments.inspect.as_deref().map(|path| (path, "--inspect")));
+    let part = arguments
+        .inspect
+        .as_deref()
+        .map(nc_part::read)
+        .transpose()?;
     let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
     let corrector = Corrector::new(&machine, &temperatures, 1e-3 * tolerance_um)
         .map_err(|error| failure(program, error))?;
@@ -158,7 +167,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         }
         let model = (&machine, &temperatures);
         let result = output.so_far()?;
-        Some(verified(arguments, model, &setup, &summary, result)?)
+        Some(verified(
+            arguments,
+            model,
+            &setup,
+            &summary,
+            result,
+            part.as_ref(),
+        )?)
     } else {
         None
     };
@@ -186,6 +202,7 @@ fn verified(
     setup: &SetUp,
     summary: &Summary,
     result: &Path,
+    part: Option<&Part>,
 ) -> Result<Verification, Failure> {
     let read;
     let (truth, temperatures) = match &arguments.truth {
@@ -200,6 +217,7 @@ fn verified(
         temperatures,
         setup,
         most_blocks: arguments.max_blocks,
+        part,
     };
     let open = |path: &Path| {
         let file = File::open(path).map_err(|e| Failure::in_file(path, e))?;
@@ -261,6 +279,7 @@ fn answer(
             places: found.places,
             before: deviation(&found.before),
             after: deviation(&found.after),
+            features: nc_part::document(&found.features),
         }),
         notes: (summary.notes.by_line().into_iter())
             .map(|(line, note)| NcNote {
@@ -275,6 +294,9 @@ fn answer(
     );
     if let Some(verified) = &document.verified {
         text.push_str(&table(verified));
+        if !verified.features.is_empty() {
+            text.push_str(&nc_part::text(&verified.features));
+        }
     }
     let mut notes: Vec<String> = (document.notes.iter())
         .map(|note| format!("line {}: {}", note.line, note.text))

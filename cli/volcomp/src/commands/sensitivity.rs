@@ -49,15 +49,12 @@ pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
-    let (poses, note) = match &arguments.points {
-        Some(path) => {
-            let states = states_of(&machine, path)?;
-            (Poses::List(states.states().to_vec()), states.note())
-        }
-        None => {
-            let count = usize::from(arguments.grid);
-            (grid(&machine, count), too_few(&machine, count))
-        }
+    let (poses, note) = if let Some(path) = &arguments.points {
+        let states = states_of(&machine, path)?;
+        (Poses::List(states.states().to_vec()), states.note())
+    } else {
+        let count = usize::from(arguments.grid);
+        (grid(&machine, count), too_few(&machine, count))
     };
     let errors = errors_of(&machine, arguments.assembly);
     let mut found = sensitivity(machine.chain(), &errors, &poses).map_err(Failure::input)?;

@@ -32,7 +32,7 @@ travel = [0.0, 360.0]
 "#;
 
 /// What every block marked `toml` must begin with.
-const KINDS: [&str; 11] = [
+const KINDS: [&str; 12] = [
     "machine file",
     "part of a machine file",
     "calibration file",
@@ -42,6 +42,7 @@ const KINDS: [&str; 11] = [
     "observations file",
     "part of an observations file",
     "set-up file",
+    "part file",
     // Read in the tests of volcomp-gateway.
     "gateway file",
     "part of a gateway file",
@@ -97,6 +98,11 @@ fn decoder(block: &Block) -> Option<(String, Decode)> {
             joined("machine = \"truth.toml\"\nformat = \"csv\"", text),
             shop,
         )
+    } else if block.is("part file") {
+        (text.clone(), |text| {
+            let part = volcomp_nc::Part::parse(text, "of-the-book.toml");
+            part.map(drop).map_err(|e| e.to_string())
+        })
     } else if block.is("set-up file") {
         (text.clone(), |text| {
             let setup = volcomp_nc::SetUp::parse(text, "of-the-book.toml");

@@ -7,6 +7,7 @@ mod fit_thermal;
 mod help;
 mod map;
 mod nc;
+mod nc_parts;
 mod points;
 mod probe;
 mod schema;

@@ -34,7 +34,7 @@ fn rows(
 ) -> String {
     let mut noise = Noise::new(4);
     let mut text = format!("{header}\n");
-    for k in 0..24 {
+    for k in 0..24_u8 {
         let (c, b) = (15.0 * f64::from(k) - 170.0, f64::from(k % 5) * 30.0 - 60.0);
         let ([x, y, z], mut name) = match k % 2 {
             0 => ([120.0, 40.0, -300.0], "one"),
@@ -51,7 +51,7 @@ fn rows(
             c,
             b,
         ];
-        change(k as usize, &mut at, &mut name);
+        change(usize::from(k), &mut at, &mut name);
         let [x, y, z, c, b] = at;
         let _ = writeln!(text, "{x:?},{y:?},{z:?},{c:?},{b:?},{name}");
     }

@@ -110,12 +110,10 @@ fn through_layers_and_all_pairs_find_the_same_way() {
                 }
             }
         }
-        for node in 0..counts[0] {
-            weights[total][node] = 0.0;
-        }
+        weights[total][..counts[0]].fill(0.0);
         let last = counts.len() - 1;
-        for node in 0..counts[last] {
-            weights[first(last) + node][total + 1] = 0.0;
+        for row in &mut weights[first(last)..total] {
+            row[total + 1] = 0.0;
         }
         let all = all_pairs(&weights, |_, _| ()).expect("a graph");
         assert!((all.distance(total, total + 1) - found.length).abs() < 1e-12);
@@ -321,8 +319,7 @@ fn a_line_rounded_together_is_nearer_to_itself() {
     let last = |program: &str| {
         program
             .lines()
-            .filter(|line| line.contains('X'))
-            .next_back()
+            .rfind(|line| line.contains('X'))
             .map(str::to_owned)
     };
     assert_eq!(last(&plain), last(&floyd));
@@ -359,7 +356,7 @@ fn each_round_holds_the_ways_over_the_first_nodes() {
         .map(|_| (0..count).map(|_| random.random_range(0.0..5.0)).collect())
         .collect();
     let found = all_pairs(&weights, |round, distances| {
-        for from in 0..count {
+        for (from, own) in distances.iter().enumerate() {
             for to in (0..count).filter(|to| *to != from) {
                 // Edges that lead into a node that may not be passed are left out.
                 let mut allowed = weights.clone();
@@ -372,10 +369,7 @@ fn each_round_holds_the_ways_over_the_first_nodes() {
                     }
                 }
                 let expected = by_relaxation(&allowed, from)[to];
-                assert!(
-                    (distances[from][to] - expected).abs() < 1e-12,
-                    "{round} {from} {to}"
-                );
+                assert!((own[to] - expected).abs() < 1e-12, "{round} {from} {to}");
             }
         }
     });

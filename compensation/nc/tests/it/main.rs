@@ -6,6 +6,7 @@ mod five_axes;
 mod flow;
 mod floyd;
 mod identity;
+mod inspect;
 mod straight;
 mod traps;
 mod verify;

@@ -117,13 +117,28 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
+/// Some of many points, in no rhythm: every n-th of points that were taken at a few heights in turn may all be of one height.
+fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    // Primes: no rhythm of the points but their own multiples is that of their steps.
+    const STEP: usize = 7919;
+    const OTHER: usize = 7907;
+    if points.len() <= FEW {
+        return points.to_vec();
+    }
+    let step = if points.len().is_multiple_of(STEP) {
+        OTHER
+    } else {
+        STEP
+    };
+    (0..FEW).map(|k| points[k * step % points.len()]).collect()
+}
+
 /// The best surface from starts in every direction.
 fn best<const N: usize>(
     cloud: &Cloud,
     is_possible: impl Fn(&Conical<N>, &[Vector3<f64>]) -> bool,
 ) -> Option<Refined<Conical<N>, N>> {
-    let stride = cloud.points.len().div_ceil(FEW);
-    let few: Vec<Vector3<f64>> = cloud.points.iter().step_by(stride).copied().collect();
+    let few = few(&cloud.points);
     let starts = cloud.directions.into_iter().chain(directions());
     let found = starts.filter_map(|axis| {
         let found = refine(Conical::<N>::start(&few, axis)?, &few, 60);

@@ -212,3 +212,26 @@ proptest! {
         }
     }
 }
+
+/// Points that were taken at a few heights in turn, a little oval: every n-th of them is of one height, which makes no cone.
+#[test]
+fn heights_in_turn_make_a_cone() {
+    let slope = 15.0_f64.to_radians();
+    for around in [361_u32, 600, 720] {
+        let points: Vec<Point> = (0..around)
+            .flat_map(|k| {
+                let turn = f64::from(k) * TAU / f64::from(around);
+                [0.0, 15.0, 30.0].map(|h: f64| {
+                    let r = 100.0 - h * slope.sin() + 5e-4 * (2.0 * turn + h).sin();
+                    let z = 20.0 + h * slope.cos();
+                    [30.0 + r * turn.cos(), 20.0 + r * turn.sin(), z]
+                        .map(|x| (x * 1e9).round() * 1e-9)
+                })
+            })
+            .collect();
+        let form = evaluate_form(&points, Feature::Cone).expect("a cone");
+        assert!(form.deviation_mm < 1.1e-3, "{around}: {form:?}");
+        let half = form.half_angle_rad.expect("an angle");
+        assert!((half - slope).abs() < 1e-5);
+    }
+}

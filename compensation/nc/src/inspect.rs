@@ -1,0 +1,235 @@
+//! The part that a virtual machine cuts, as a measuring machine would find it.
+//!
+//! The surface is where the tool was: on its axis, at each height of the feature. A tool of constant radius leaves a surface parallel to that, at
+//! the same distance everywhere, so that form, place and direction are the same; only its size differs.
+
+use volcomp_metrology::form::{
+    Axis, CoordinatePlane, DatumAxis, Feature, Form, FormError, evaluate_form,
+};
+
+use crate::part_file::{Measured, Part, PartFeature};
+
+/// Points of a feature that are kept at the most: evenly spread.
+const MOST_POINTS: usize = 2000;
+
+/// The points of a feature, mm from the workpiece origin in workpiece axes: where the program wants them, with the original, and
+/// with the compensated program.
+pub(crate) type Three = [[f64; 3]; 3];
+
+/// State: the points of each feature of a part, as they are cut.
+#[derive(Clone, Debug)]
+pub(crate) struct Collector {
+    part: Part,
+    points: Vec<Vec<Three>>,
+    /// Of so many points of a feature one is kept, and how many there were.
+    strides: Vec<[u64; 2]>,
+}
+
+impl Collector {
+    pub(crate) fn new(part: Part) -> Self {
+        let count = part.features.len();
+        Self {
+            part,
+            points: vec![Vec::new(); count],
+            strides: vec![[1, 0]; count],
+        }
+    }
+
+    /// Takes the points of a place of the path on a line of the program; `points` gives them at a height.
+    pub(crate) fn take(
+        &mut self,
+        line: usize,
+        is_hole: bool,
+        mut points: impl FnMut(f64) -> Three,
+    ) {
+        for (place, feature) in self.part.features.iter().enumerate() {
+            let [first, last] = feature.lines;
+            let is_of_it = (first..=last).contains(&line);
+            if !is_of_it || is_hole != (feature.measured == Measured::Hole) {
+                continue;
+            }
+            let [stride, count] = &mut self.strides[place];
+            let keeps = count.is_multiple_of(*stride);
+            *count += 1;
+            if !keeps {
+                continue;
+            }
+            let own = &mut self.points[place];
+            own.extend(feature.above_mm.iter().map(|above| points(*above)));
+            let heights = feature.above_mm.len();
+            if own.len() + heights > MOST_POINTS {
+                // Every other place of the path, with all its heights.
+                *stride *= 2;
+                let kept: Vec<Three> = own.chunks(heights).step_by(2).flatten().copied().collect();
+                *own = kept;
+            }
+        }
+    }
+
+    /// What the features are.
+    pub(crate) fn inspected(&self) -> Vec<Inspected> {
+        let features = self.part.features.iter().zip(&self.points);
+        let forms: Vec<Option<[Result<Form, FormError>; 3]>> = features
+            .map(|(feature, points)| match feature.measured {
+                Measured::Hole => None,
+                Measured::Form(of) => Some([0, 1, 2].map(|which| form(points, which, of))),
+            })
+            .collect();
+        let features = self.part.features.iter().enumerate();
+        features
+            .map(|(place, feature)| self.one(place, feature, &forms))
+            .collect()
+    }
+
+    fn one(
+        &self,
+        place: usize,
+        feature: &PartFeature,
+        forms: &[Option<[Result<Form, FormError>; 3]>],
+    ) -> Inspected {
+        let points = &self.points[place];
+        let found = match &forms[place] {
+            _ if points.is_empty() => Err(InspectError::NothingCut {
+                lines: feature.lines,
+            }),
+            None => Ok([1, 2].map(|which| Found {
+                position_um: Some(1e3 * mean_distance(points, which)),
+                ..Found::default()
+            })),
+            Some([Ok(nominal), Ok(before), Ok(after)]) => {
+                let datum_of = |which: usize| {
+                    let forms = forms[feature.datum?].as_ref()?;
+                    forms[which].as_ref().ok()
+                };
+                Ok([(before, 1), (after, 2)]
+                    .map(|(form, which)| found(feature, nominal, form, datum_of(which))))
+            }
+            Some([Err(error), ..] | [_, Err(error), _] | [_, _, Err(error)]) => {
+                Err(InspectError::Form(error.clone()))
+            }
+        };
+        Inspected {
+            name: feature.name.clone(),
+            points: points.len(),
+            found,
+        }
+    }
+}
+
+/// A feature as it is with the original and with the compensated program.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Inspected {
+    /// Its name in the part file.
+    pub name: String,
+    /// How many points were looked at.
+    pub points: usize,
+    /// With the original and with the compensated program; why nothing can be said.
+    pub found: Result<[Found; 2], InspectError>,
+}
+
+/// Why nothing can be said of a feature.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum InspectError {
+    /// No motion of these lines cuts, or, for a hole, drills.
+    #[error("lines {} to {} of the program have no motion that cuts it", lines[0], lines[1])]
+    NothingCut {
+        /// The first and the last line.
+        lines: [usize; 2],
+    },
+    /// The points do not determine it.
+    #[error(transparent)]
+    Form(#[from] FormError),
+}
+
+/// What was found of a feature.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Found {
+    /// Form deviation about the feature of least squares, µm; `None` for a hole.
+    pub form_um: Option<f64>,
+    /// The same by the minimum zone, where it is evaluated.
+    pub minimum_zone_um: Option<f64>,
+    /// How far its centre or axis is from where it belongs, µm: of an axis the end that is further away.
+    pub position_um: Option<f64>,
+    /// Its direction against the one wanted, µrad.
+    pub direction_urad: Option<f64>,
+    /// Its radius minus the one wanted, µm.
+    pub radius_um: Option<f64>,
+    /// Coaxiality (concentricity) to the datum axis as it was cut, µm.
+    pub coaxiality_um: Option<f64>,
+}
+
+fn form(points: &[Three], which: usize, of: Feature) -> Result<Form, FormError> {
+    let points: Vec<[f64; 3]> = points.iter().map(|three| three[which]).collect();
+    evaluate_form(&points, of)
+}
+
+/// How far the mean of the points is from where it belongs, mm.
+fn mean_distance(points: &[Three], which: usize) -> f64 {
+    let mut sum = [0.0; 3];
+    for three in points {
+        for axis in 0..3 {
+            sum[axis] += (three[which][axis] - three[0][axis]) / points.len() as f64;
+        }
+    }
+    sum.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn found(feature: &PartFeature, nominal: &Form, form: &Form, datum: Option<&Form>) -> Found {
+    let um = |mm: f64| 1e3 * mm;
+    let angle = || {
+        let cosine: f64 = dot(nominal.direction, form.direction).abs();
+        let [a, b] = [nominal.direction, form.direction];
+        let sine = cross(a, b).iter().map(|x| x * x).sum::<f64>().sqrt();
+        1e6 * sine.atan2(cosine)
+    };
+    let distance = |of: &Axis, to: &Form| -> Option<f64> {
+        let axis = DatumAxis::new(to.position_mm, to.direction).ok()?;
+        Some(um(of.coaxiality_mm(&axis)))
+    };
+    let (position_um, direction_urad) = match feature.measured {
+        Measured::Form(Feature::Circle { plane }) => {
+            let by = [0, 1, 2].map(|k| form.position_mm[k] - nominal.position_mm[k]);
+            // Where a circle lies along its own normal is not read off its roundness.
+            let normal = plane.map_or(nominal.direction, CoordinatePlane::normal);
+            let out = dot(by, normal);
+            let within = [0, 1, 2].map(|k| by[k] - out * normal[k]);
+            (Some(um(dot(within, within).sqrt())), None)
+        }
+        Measured::Form(Feature::Cylinder | Feature::Cone) => {
+            let axis = form.axis.as_ref();
+            (
+                axis.and_then(|axis| distance(axis, nominal))
+                    .map(|um| 0.5 * um),
+                Some(angle()),
+            )
+        }
+        Measured::Form(Feature::Line { .. } | Feature::Plane) => (None, Some(angle())),
+        Measured::Hole => (None, None),
+    };
+    Found {
+        form_um: Some(um(form.deviation_mm)),
+        minimum_zone_um: form.minimum_zone.as_ref().map(|zone| um(zone.deviation_mm)),
+        position_um,
+        direction_urad,
+        radius_um: form
+            .radius_mm
+            .zip(nominal.radius_mm)
+            .map(|(found, wanted)| um(found - wanted)),
+        coaxiality_um: datum.and_then(|datum| distance(form.axis.as_ref()?, datum)),
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
