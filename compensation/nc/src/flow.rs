@@ -24,6 +24,13 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
+    /// M98: a subprogram by its number.
+    CallProgram {
+        number: u32,
+        times: u64,
+    },
+    /// M99: its end.
+    EndProgram,
 }
 
 /// Longer ones before those with which they begin.
@@ -57,8 +64,8 @@ pub(crate) struct Statement {
 /// What a line that begins with an O is.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum OLine {
-    /// The number of a program, as FANUC controls have it.
-    Program,
+    /// The number of a program, as FANUC controls have it; `None` where it is none.
+    Program(Option<u32>),
     Statement(Statement),
     /// It cannot be read.
     Wrong(&'static str),
@@ -81,7 +88,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
         }
     } else if let Some((number, 0)) = scanner.number() {
         if matches!(scanner.peek(), None | Some(b'(' | b';')) {
-            return Some(OLine::Program);
+            return Some(OLine::Program(program_number(number)));
         }
         format!("{number}")
     } else {
@@ -104,6 +111,63 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     }))
 }
 
+/// A number of a program, which is whole and has up to eight digits.
+fn program_number(number: f64) -> Option<u32> {
+    let is_number = (0.0..1e8).contains(&number) && number.fract() == 0.0;
+    is_number.then(|| format!("{number:.0}").parse().ok()).flatten()
+}
+
+/// A line that is nothing but a call of a subprogram (`M98 P1000 L3`, or `M98 P31000` for three times 1000, as FANUC controls read
+/// more than four digits), or its end (`M99`). `None`: it is another line.
+pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
+    /// Behind the four digits of the program stands how often it is called.
+    const TIMES: u32 = 10_000;
+    let mut scanner = Scanner::new(line);
+    if scanner.takes(b'N') {
+        scanner.number();
+    }
+    if !scanner.takes(b'M') {
+        return None;
+    }
+    let (code, 0) = scanner.number()? else {
+        return None;
+    };
+    let (mut called, mut times) = (None, None);
+    loop {
+        let letter = match scanner.peek() {
+            None | Some(b'(' | b';') => break,
+            Some(letter) => letter,
+        };
+        let of = match letter {
+            b'P' | b'p' if called.is_none() => &mut called,
+            b'L' | b'l' if times.is_none() => &mut times,
+            _ => return None,
+        };
+        scanner.next();
+        let (number, 0) = scanner.number()? else {
+            return None;
+        };
+        *of = Some(program_number(number)?);
+    }
+    let keyword = match (code, called, times) {
+        (98.0, Some(number), None) if number >= TIMES => Keyword::CallProgram {
+            number: number % TIMES,
+            times: u64::from(number / TIMES),
+        },
+        (98.0, Some(number), times) => Keyword::CallProgram {
+            number,
+            times: times.map_or(1, u64::from),
+        },
+        (99.0, None, None) => Keyword::EndProgram,
+        _ => return None,
+    };
+    Some(Statement {
+        name: String::new(),
+        keyword,
+        rest: scanner.at(),
+    })
+}
+
 /// A program with O-words whose beginnings and ends were found. Lines are counted from 0.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flow {
@@ -113,6 +177,8 @@ pub(crate) struct Flow {
     /// For an `if` and an `elseif`, the line of the next branch, or of the end.
     pub(crate) next_branch: HashMap<usize, usize>,
     subs: HashMap<String, usize>,
+    /// Where each program with a number begins.
+    programs: HashMap<u32, usize>,
 }
 
 impl Flow {
@@ -128,7 +194,18 @@ impl Flow {
             let mut statement = match o_line(line) {
                 Some(OLine::Statement(statement)) => statement,
                 Some(OLine::Wrong(what)) => return Err(wrong(what.to_owned())),
-                Some(OLine::Program) | None => continue,
+                Some(OLine::Program(number)) => {
+                    if let Some(number) = number
+                        && flow.programs.insert(number, place).is_some()
+                    {
+                        return Err(wrong(format!("the program O{number} stands twice")));
+                    }
+                    continue;
+                }
+                None => match program_line(line) {
+                    Some(statement) => statement,
+                    None => continue,
+                },
             };
             let name = statement.name.clone();
             let opened = open
@@ -200,6 +277,11 @@ impl Flow {
     /// Where a subroutine begins.
     pub(crate) fn sub(&self, name: &str) -> Option<usize> {
         self.subs.get(name).copied()
+    }
+
+    /// Where the program of this number begins.
+    pub(crate) fn program(&self, number: u32) -> Option<usize> {
+        self.programs.get(&number).copied()
     }
 
     /// The end of the `if` to which a branch belongs.

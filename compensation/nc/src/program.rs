@@ -5,7 +5,7 @@ use std::io::{BufRead, Read, Write};
 use crate::{
     Counts, Decimals, NcError, Notes,
     correction::Corrector,
-    flow::{OLine, o_line},
+    flow::{OLine, o_line, program_line},
     rewrite::Rewriter,
     rounding::Strategy,
     run::{Lines, run},
@@ -113,14 +113,17 @@ pub(crate) fn execute(
                 byte: 0,
             });
         }
-        match o_line(line) {
-            Some(OLine::Program) => {
+        let is_followed = match o_line(line) {
+            Some(OLine::Program(_)) => {
                 rewriter.counts.lines += 1;
                 output.write_all(&text)?;
                 continue;
             }
-            Some(_) => {
-                // From here on lines are executed in another order than they stand.
+            Some(_) => true,
+            None => program_line(line).is_some(),
+        };
+        if is_followed {
+            // From here on lines are executed in another order than they stand.
                 let rest = read_rest(input, text, number)?;
                 let mut lines = split_lines(&rest);
                 let after_end = end_by_percent(&lines, percents);
@@ -137,8 +140,6 @@ pub(crate) fn execute(
                 seen(bytes + rest.len() as u64)?;
                 return Ok(summary(after, ends));
             }
-            None => {}
-        }
         out.clear();
         let ends = rewriter.line(line, end, number, &mut out)?;
         output.write_all(&out)?;

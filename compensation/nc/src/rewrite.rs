@@ -173,7 +173,7 @@ impl Rewriter {
         if outcome.calls.is_some() {
             return Err(NcError::NotCompensated {
                 line: line.number,
-                what: "M98 and M99: subroutines by number are not followed yet".to_owned(),
+                what: "M98 and M99 are followed where they stand alone in their line: M98 P1000 L3, M99".to_owned(),
             });
         }
         let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;

@@ -6,7 +6,7 @@ use std::io::Write;
 use crate::{
     NcError,
     expression::Expressions,
-    flow::{Flow, Keyword, Statement},
+    flow::{Flow, Keyword, Statement, program_line},
     line::end_of_more,
     parameters::{HAS_RETURNED, RETURNED, Value},
     rewrite::{Computed, Rewriter},
@@ -38,9 +38,19 @@ struct Run<'r, 't> {
     flow: &'r Flow,
     most: u64,
     rewriter: Rewriter,
-    calls: Vec<usize>,
+    calls: Vec<Call>,
     /// The loops with a count that are being done: where each begins, and how often it is still to be done.
     counts: Vec<(usize, u64)>,
+}
+
+/// A subroutine that is being executed.
+#[derive(Clone, Copy, Debug)]
+struct Call {
+    /// The line after it.
+    back: usize,
+    /// Where a program that is called by its number begins, and how often it is still to be executed; `None`: an O-word called
+    /// it, with parameters of its own.
+    program: Option<(usize, u64)>,
 }
 
 /// Executes the lines and writes them with their corrections; gives the state at the end and where that was.
@@ -147,7 +157,11 @@ impl<'r, 't> Run<'r, 't> {
             Keyword::Call => self.call(at, statement, line),
             Keyword::EndSub | Keyword::Return => {
                 let value = self.values(at, statement, line)?.first().copied();
-                let Some(back) = self.calls.pop() else {
+                let Some(Call {
+                    back,
+                    program: None,
+                }) = self.calls.pop()
+                else {
                     return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
                 };
                 let parameters = &mut self.rewriter.interpreter.parameters;
@@ -157,6 +171,25 @@ impl<'r, 't> Run<'r, 't> {
                 parameters.set_named(RETURNED, value.unwrap_or(Some(0.0)));
                 Ok(back)
             }
+            Keyword::CallProgram { number, times } => self.call_program(at, number, times),
+            Keyword::EndProgram => match self.calls.last_mut() {
+                Some(Call {
+                    program: Some((begin, left)),
+                    ..
+                }) if *left > 1 => {
+                    *left -= 1;
+                    Ok(*begin)
+                }
+                Some(Call {
+                    back,
+                    program: Some(_),
+                }) => {
+                    let back = *back;
+                    self.calls.pop();
+                    Ok(back)
+                }
+                _ => Err(self.wrong(at, "M99 ends no subprogram that M98 called: in the main program it would begin again, for ever".to_owned())),
+            },
             Keyword::While => Ok(if self.holds(at, statement, line)? {
                 at + 1
             } else {
@@ -244,6 +277,35 @@ impl<'r, 't> Run<'r, 't> {
         }
     }
 
+    fn call_program(&mut self, at: usize, number: u32, times: u64) -> Result<usize, NcError> {
+        let Some(begin) = self.flow.program(number) else {
+            return Err(self.wrong(
+                at,
+                format!("the program O{number} is not behind this line: subprograms in files of their own are not followed"),
+            ));
+        };
+        if times == 0 {
+            return Ok(at + 1);
+        }
+        self.deeper(at)?;
+        self.calls.push(Call {
+            back: at + 1,
+            program: Some((begin + 1, times)),
+        });
+        Ok(begin + 1)
+    }
+
+    /// Whether one more subroutine may be called.
+    fn deeper(&self, at: usize) -> Result<(), NcError> {
+        if self.calls.len() >= DEEPEST {
+            return Err(self.wrong(
+                at,
+                format!("more than {DEEPEST} subroutines call one another"),
+            ));
+        }
+        Ok(())
+    }
+
     fn call(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let Some(begin) = self.flow.sub(&statement.name) else {
             return Err(self.wrong(
@@ -254,15 +316,13 @@ impl<'r, 't> Run<'r, 't> {
                 ),
             ));
         };
-        if self.calls.len() >= DEEPEST {
-            return Err(self.wrong(
-                at,
-                format!("more than {DEEPEST} subroutines call one another"),
-            ));
-        }
+        self.deeper(at)?;
         let arguments = self.values(at, statement, line)?;
         self.rewriter.interpreter.parameters.enter(&arguments);
-        self.calls.push(at + 1);
+        self.calls.push(Call {
+            back: at + 1,
+            program: None,
+        });
         Ok(begin + 1)
     }
 
@@ -381,8 +441,20 @@ impl<W: Write> Unrolled<'_, W> {
             for (line, end_of_line) in
                 &self.lines.lines[begin..=end.min(self.lines.lines.len() - 1)]
             {
-                self.output.write_all(b";")?;
-                self.output.write_all(line)?;
+                // Of the comments that controls know only ( ) is one on those that have M98: there ; ends a block.
+                let of_program = program_line(line).is_some();
+                if of_program {
+                    self.output.write_all(b"(")?;
+                    let text: Vec<u8> = (line.iter())
+                        .filter(|byte| !b"()".contains(byte))
+                        .copied()
+                        .collect();
+                    self.output.write_all(&text)?;
+                    self.output.write_all(b")")?;
+                } else {
+                    self.output.write_all(b";")?;
+                    self.output.write_all(line)?;
+                }
                 self.output.write_all(end_of_more(end_of_line))?;
             }
             self.output.write_all(&self.pending)?;
@@ -414,7 +486,7 @@ impl<W: Write> Sink for Unrolled<'_, W> {
             return Ok(());
         };
         let end = match statement.keyword {
-            Keyword::Call => Some(place),
+            Keyword::Call | Keyword::CallProgram { .. } => Some(place),
             Keyword::If => Some(self.flow.end_of_if(place)),
             Keyword::While | Keyword::Do | Keyword::Repeat => Some(self.flow.partner(place)),
             _ => None,

@@ -131,3 +131,82 @@ fn what_does_not_fit_together_says_so() {
         assert_eq!(error.to_string(), expected);
     }
 }
+
+/// Subprograms by number, as FANUC controls have them: main program first, subprograms behind its end.
+const BY_NUMBER: &str = "\
+%
+O0001 (main)
+G21 G90 G0 X100 Y0 Z0
+M98 P1000 L3
+G90 G0 Z50
+N70 M98 P21000
+M30
+O1000 (one step)
+G91 G1 X100 F500
+G90
+M99
+%
+";
+
+#[test]
+fn subprograms_by_number_are_followed() {
+    assert_eq!(text("", BY_NUMBER), BY_NUMBER);
+    // A constant error: the first step takes the correction up where G0 has done so already, so that all are alike.
+    let constant = "[errors]\nEXX = { poly = [10.0] }\n";
+    let out = text(constant, BY_NUMBER);
+    assert_eq!(out, BY_NUMBER.replace("G0 X100 Y0 Z0", "G0 X99.990 Y0 Z0"));
+    // An error that grows: each step of 100 mm is another one. 1e-4·x² µm at x: 1, 4, 9, 16, 25, 36 µm from X = 100 on.
+    let growing = "[errors]\nEXX = { poly = [0.0, 0.0, 1e-4] }\n";
+    let out = text(growing, BY_NUMBER);
+    assert_eq!(
+        out,
+        "\
+%
+O0001 (main)
+G21 G90 G0 X99.999 Y0 Z0
+(M98 P1000 L3)
+G91 G1 X99.997 F500
+G90
+G91 G1 X99.995 F500
+G90
+G91 G1 X99.993 F500
+G90
+G90 G0 Z50
+(N70 M98 P21000)
+G91 G1 X99.991 F500
+G90
+G91 G1 X99.989 F500
+G90
+M30
+O1000 (one step)
+G91 G1 X100 F500
+G90
+M99
+%
+"
+    );
+}
+
+#[test]
+fn subprograms_that_cannot_be_followed_are_refused() {
+    let refused = |program: &str| {
+        let error = compensated("", program.as_bytes()).expect_err(program);
+        error.to_string()
+    };
+    for (program, line, expected) in [
+        ("M98 P7\nM30\n", 1, "the program O7 is not behind this line"),
+        ("G0 X0\nM99\n", 2, "M99 ends no subprogram"),
+        ("M98 P7\nM30\nO7\nM98 P7\nM99\n", 4, "call one another"),
+        ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "stands twice"),
+        ("G0 X0 M98 P7\nM30\nO7\nM99\n", 1, "stand alone in their line"),
+    ] {
+        let message = refused(program);
+        assert!(
+            message.contains(expected) && message.contains(&format!("line {line}:")),
+            "{message}"
+        );
+    }
+    // Called no times, nothing of it is executed.
+    let none = "M98 P7 L0\nM30\nO7\nG1 X900\nM99\n";
+    assert_eq!(text("", none), none);
+}
