@@ -91,7 +91,7 @@ pub enum IdentifyError {
     #[error(
         "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, {typical_mm:.1} mm in the middle, expected at most {limit_mm} mm: {}",
         cause.as_ref().map_or_else(
-            || "do the machine file and the columns of the axes describe the machine that was measured (structure, offsets, directions, units, tool)?".to_owned(),
+            || "do the machine file and the columns of the axes describe the machine that was measured (structure, points of the rotary axes, directions, units, tool)?".to_owned(),
             ToString::to_string,
         )
     )]
