@@ -114,7 +114,9 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
 /// A number of a program, which is whole and has up to eight digits.
 fn program_number(number: f64) -> Option<u32> {
     let is_number = (0.0..1e8).contains(&number) && number.fract() == 0.0;
-    is_number.then(|| format!("{number:.0}").parse().ok()).flatten()
+    is_number
+        .then(|| format!("{number:.0}").parse().ok())
+        .flatten()
 }
 
 /// A line that is nothing but a call of a subprogram (`M98 P1000 L3`, or `M98 P31000` for three times 1000, as FANUC controls read

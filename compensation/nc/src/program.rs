@@ -124,22 +124,22 @@ pub(crate) fn execute(
         };
         if is_followed {
             // From here on lines are executed in another order than they stand.
-                let rest = read_rest(input, text, number)?;
-                let mut lines = split_lines(&rest);
-                let after_end = end_by_percent(&lines, percents);
-                let not_read = lines.split_off(after_end);
-                let lines = Lines {
-                    lines,
-                    first: number,
-                };
-                let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
-                for (line, end) in not_read {
-                    output.write_all(line)?;
-                    output.write_all(end)?;
-                }
-                seen(bytes + rest.len() as u64)?;
-                return Ok(summary(after, ends));
+            let rest = read_rest(input, text, number)?;
+            let mut lines = split_lines(&rest);
+            let after_end = end_by_percent(&lines, percents);
+            let not_read = lines.split_off(after_end);
+            let lines = Lines {
+                lines,
+                first: number,
+            };
+            let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
+            for (line, end) in not_read {
+                output.write_all(line)?;
+                output.write_all(end)?;
             }
+            seen(bytes + rest.len() as u64)?;
+            return Ok(summary(after, ends));
+        }
         out.clear();
         let ends = rewriter.line(line, end, number, &mut out)?;
         output.write_all(&out)?;
