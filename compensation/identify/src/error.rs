@@ -153,6 +153,12 @@ pub enum Cause {
     /// Coordinates of rotary axes are in radians.
     #[error("they fit if the coordinates of the rotary axes are radians, expected degrees")]
     Radians,
+    /// The coordinates of one rotary axis are in radians.
+    #[error("they fit if the coordinates of {0} are radians, expected degrees")]
+    RadiansOf(volcomp_vocabulary::AxisName),
+    /// The coordinates of one linear axis are in inches.
+    #[error("they fit if the coordinates of {0} are inches, expected mm")]
+    InchesOf(volcomp_vocabulary::AxisName),
     /// Coordinates of linear axes are in inches.
     #[error("they fit if the coordinates of the linear axes are inches, expected mm")]
     Inches,

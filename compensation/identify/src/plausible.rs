@@ -106,6 +106,10 @@ fn causes(machine: &Machine, rows: &Rows) -> Vec<Cause> {
         causes.push(Cause::Radians);
     }
     causes.extend([Cause::Inches, Cause::Metres]);
+    causes.extend(moving.iter().map(|axis| match axis.kind() {
+        AxisKind::Rotary => Cause::RadiansOf(*axis),
+        AxisKind::Linear => Cause::InchesOf(*axis),
+    }));
     let named = machine.tools().keys();
     causes.extend(named.map(|name| Cause::Tool(name.clone())));
     causes
@@ -120,6 +124,8 @@ fn with_cause(row: &Row, cause: &Cause, system: &System) -> Row {
             match (cause, axis.name.kind()) {
                 (Cause::Reversed(name), _) if *name == axis.name => *q = -*q,
                 (Cause::Radians, AxisKind::Rotary) => *q = q.to_degrees(),
+                (Cause::RadiansOf(name), _) if *name == axis.name => *q = q.to_degrees(),
+                (Cause::InchesOf(name), _) if *name == axis.name => *q *= MM_PER_INCH,
                 (Cause::Inches, AxisKind::Linear) => *q *= MM_PER_INCH,
                 (Cause::Metres, AxisKind::Linear) => *q *= MM_PER_M,
                 _ => {}

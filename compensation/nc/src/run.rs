@@ -155,41 +155,9 @@ impl<'r, 't> Run<'r, 't> {
             // One that is not called is passed by.
             Keyword::Sub => Ok(flow.partner(at) + 1),
             Keyword::Call => self.call(at, statement, line),
-            Keyword::EndSub | Keyword::Return => {
-                let value = self.values(at, statement, line)?.first().copied();
-                let Some(Call {
-                    back,
-                    program: None,
-                }) = self.calls.pop()
-                else {
-                    return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
-                };
-                let parameters = &mut self.rewriter.interpreter.parameters;
-                parameters.leave();
-                let has_returned = f64::from(u8::from(value.is_some()));
-                parameters.set_named(HAS_RETURNED, Some(has_returned));
-                parameters.set_named(RETURNED, value.unwrap_or(Some(0.0)));
-                Ok(back)
-            }
+            Keyword::EndSub | Keyword::Return => self.end_sub(at, statement, line),
             Keyword::CallProgram { number, times } => self.call_program(at, number, times),
-            Keyword::EndProgram => match self.calls.last_mut() {
-                Some(Call {
-                    program: Some((begin, left)),
-                    ..
-                }) if *left > 1 => {
-                    *left -= 1;
-                    Ok(*begin)
-                }
-                Some(Call {
-                    back,
-                    program: Some(_),
-                }) => {
-                    let back = *back;
-                    self.calls.pop();
-                    Ok(back)
-                }
-                _ => Err(self.wrong(at, "M99 ends no subprogram that M98 called: in the main program it would begin again, for ever".to_owned())),
-            },
+            Keyword::EndProgram => self.end_program(at),
             Keyword::While => Ok(if self.holds(at, statement, line)? {
                 at + 1
             } else {
@@ -293,6 +261,46 @@ impl<'r, 't> Run<'r, 't> {
             program: Some((begin + 1, times)),
         });
         Ok(begin + 1)
+    }
+
+    /// The line after the call of a subroutine that ends here.
+    fn end_sub(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
+        let value = self.values(at, statement, line)?.first().copied();
+        let Some(Call {
+            back,
+            program: None,
+        }) = self.calls.pop()
+        else {
+            return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
+        };
+        let parameters = &mut self.rewriter.interpreter.parameters;
+        parameters.leave();
+        let has_returned = f64::from(u8::from(value.is_some()));
+        parameters.set_named(HAS_RETURNED, Some(has_returned));
+        parameters.set_named(RETURNED, value.unwrap_or(Some(0.0)));
+        Ok(back)
+    }
+
+    /// The line after the end of a program that was called by its number: its beginning, where it is to be executed again.
+    fn end_program(&mut self, at: usize) -> Result<usize, NcError> {
+        match self.calls.last_mut() {
+            Some(Call {
+                program: Some((begin, left)),
+                ..
+            }) if *left > 1 => {
+                *left -= 1;
+                Ok(*begin)
+            }
+            Some(Call {
+                back,
+                program: Some(_),
+            }) => {
+                let back = *back;
+                self.calls.pop();
+                Ok(back)
+            }
+            _ => Err(self.wrong(at, "M99 ends no subprogram that M98 called: in the main program it would begin again, for ever".to_owned())),
+        }
     }
 
     /// Whether one more subroutine may be called.

@@ -35,6 +35,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let source = actual.source(&temperatures);
     let points = arguments.points as usize;
     let others = arguments.others.read()?;
+    let mut notes = machine_notes(&machine, &temperatures);
+    notes.extend(arguments.others.note(&machine)?);
     let command = |state: &State| compensation.command(state);
     let found =
         diagonals(actual, &source, points, &others, command).map_err(|error| match error {
@@ -71,9 +73,5 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         ppn,
         compensated: compensation.document(),
     };
-    Answer::new(
-        &document,
-        table_text(&table) + &compensation.words(),
-        machine_notes(&machine, &temperatures),
-    )
+    Answer::new(&document, table_text(&table) + &compensation.words(), notes)
 }

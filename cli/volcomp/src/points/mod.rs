@@ -78,6 +78,19 @@ impl OthersArguments {
         }
         Ok(others)
     }
+
+    /// Says which axes are asked for beyond their travel.
+    pub(crate) fn note(&self, machine: &Machine) -> Result<Option<String>, Failure> {
+        let beyond = self.read()?.into_iter().filter_map(|(name, at)| {
+            let axis = machine.axis(name)?;
+            let [low, high] = axis.travel;
+            let is_within = axis.modulo.is_some() || (low..=high).contains(&at);
+            let unit = name.kind().coordinate_unit();
+            (!is_within).then(|| format!("{name} = {at} {unit}, travel {low} to {high} {unit}"))
+        });
+        let beyond: Vec<String> = beyond.collect();
+        Ok((!beyond.is_empty()).then(|| format!("--at: outside travel: {}", beyond.join("; "))))
+    }
 }
 
 /// The positions to evaluate: one from the command line, or the rows of a CSV file.

@@ -153,6 +153,17 @@ fn rotary_axes_stand_where_at_says() {
         message.contains("--at: found X, which goes over its travel here"),
         "{message}"
     );
+    for call in [
+        &["map", "-m", MACHINE, "--grid", "1x1x1"][..],
+        &["diagonals", "-m", MACHINE],
+    ] {
+        let output = crate::volcomp(&[call, &["--at", "A=400"]].concat());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            words.contains("outside travel: A = 400 deg, travel -110 to 30 deg"),
+            "{words}"
+        );
+    }
     let message = refused(&["diagonals", "-m", MACHINE, "--at", "B=5"]);
     assert!(message.contains("has no axis B"), "{message}");
 }

@@ -132,6 +132,10 @@ fn what_makes_all_rows_wrong_is_named() {
         at[4] = at[4].to_radians();
     });
     assert_eq!(cause(&radians), Some(Cause::Radians));
+    let radians_of_c = rows(HEADER, 200.0, |_, at, _| at[3] = at[3].to_radians());
+    assert_eq!(cause(&radians_of_c), Some(Cause::RadiansOf(AxisName::C)));
+    let inches_of_x = rows(HEADER, 200.0, |_, at, _| at[0] /= 25.4);
+    assert_eq!(cause(&inches_of_x), Some(Cause::InchesOf(AxisName::X)));
     let inches = rows(HEADER, 200.0, |_, at, _| {
         for x in &mut at[..3] {
             *x /= 25.4;
