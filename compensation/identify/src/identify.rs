@@ -9,11 +9,11 @@ use crate::{
     design::design,
     doubts::{contradiction, opposite},
     error::IdentifyError,
-    judge::{Figures, figures, judged, left_out, outliers},
+    judge::{Figures, far_from_predicted, figures, judged, left_out, outliers},
     next::{Next, next},
     observations::{Observations, Row, Seen},
     params::{Param, Part},
-    plausible::plausible,
+    plausible::{plausible, small_moves},
     prepared::Rows,
     rank::{Rank, independent},
     solve::{Exactness, Solution, solve},
@@ -118,6 +118,12 @@ pub fn identify(
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(opposite(&system, observations, &rows, &fitted));
+    warnings.extend(far_from_predicted(
+        &system,
+        observations,
+        &fitted.solution.values,
+    ));
+    warnings.extend(small_moves(&system.machine, &rows));
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.rank.kept.len(),

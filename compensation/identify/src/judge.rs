@@ -103,6 +103,35 @@ pub(crate) fn judged(
     (rows.len() > 0).then(|| figures(&system.residuals(&rows, values)))
 }
 
+/// Notes on rows that are only predicted and are far from that: they judge nothing then.
+pub(crate) fn far_from_predicted(
+    system: &System,
+    observations: &Observations,
+    values: &Values,
+) -> Vec<String> {
+    const SHOWN: usize = 5;
+    const TIMES: f64 = 10.0;
+    let mut notes = Vec::new();
+    for observation in observations.observations.iter().filter(|o| o.judge) {
+        let rows = system.prepare(observation.rows.iter());
+        let residuals = system.residuals(&rows, values);
+        let sizes: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
+        let usual = median(&sizes);
+        let rows = observation.rows.iter().zip(&sizes);
+        let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
+        notes.extend(far.take(SHOWN).map(|(row, size)| {
+            format!(
+                "{}:{}: this judged row is {:.1} µm from what was found, the others {:.1} µm in the middle: is it a slip?",
+                observation.file,
+                row.line,
+                1e3 * size,
+                1e3 * usual
+            )
+        }));
+    }
+    notes
+}
+
 /// Notes on rows that fit far worse than the others of their file, and on spheres that moved between files.
 pub(crate) fn outliers(
     observations: &Observations,

@@ -75,6 +75,32 @@ pub(crate) fn plausible(
     })
 }
 
+/// A note where all linear axes keep to a small part of their travel: coordinates and readings in inches alike fit as well as in
+/// mm where nothing of the machine has a length.
+pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<String> {
+    const SMALL: f64 = 1.0 / 20.0;
+    let mut largest: Option<(f64, AxisName, f64)> = None;
+    for (place, axis) in machine.axes().iter().enumerate() {
+        if axis.name.kind() != AxisKind::Linear {
+            continue;
+        }
+        let at = || rows.iter().map(|row| row.stand.state.q[place]);
+        let span = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
+        let share = span / (axis.travel[1] - axis.travel[0]);
+        if share > SMALL {
+            return None;
+        }
+        if share > 0.0 && largest.is_none_or(|(most, ..)| share > most) {
+            largest = Some((share, axis.name, span));
+        }
+    }
+    let (share, name, span) = largest?;
+    Some(format!(
+        "the rows move the linear axes over {:.1} % of their travel at the most ({name}: {span:.1} mm): are they mm?",
+        100.0 * share
+    ))
+}
+
 /// How far each row is from what the machine is at these values, mm.
 fn sizes(system: &System, rows: &Rows, values: &Values) -> Vec<f64> {
     let residuals = system.residuals(rows, values);

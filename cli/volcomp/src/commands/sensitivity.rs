@@ -97,7 +97,7 @@ fn grid(machine: &Machine, count: usize) -> Poses {
     let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
         let [low, high] = axis.travel.map(end);
-        if axis.name.kind() == AxisKind::Rotary && high - low >= TAU * (1.0 - 1e-9) {
+        if turns_round(axis) {
             let middle = 0.5 * (low + high);
             return [middle - PI, middle + PI - TAU / count as f64];
         }
@@ -107,17 +107,17 @@ fn grid(machine: &Machine, count: usize) -> Poses {
     Poses::over(&travels, count)
 }
 
+/// Whether an axis turns all the way round, or all but a degree of it: controls state the travel of a turn as 0 to 359.999 deg, too.
+fn turns_round(axis: &Axis) -> bool {
+    const NEARLY_DEG: f64 = 359.0;
+    axis.name.kind() == AxisKind::Rotary && axis.travel[1] - axis.travel[0] >= NEARLY_DEG
+}
+
 /// A note where an axis that turns all the way round has so few nodes that a run-out, one wave in a turn, may be missed.
 fn too_few(machine: &Machine, count: usize) -> Option<String> {
     const LEAST: usize = 3;
-    let turns = |axis: &&Axis| {
-        axis.name.kind() == AxisKind::Rotary && axis.travel[1] - axis.travel[0] >= 360.0
-    };
-    let axis = machine
-        .axes()
-        .iter()
-        .find(turns)
-        .filter(|_| count < LEAST)?;
+    let mut turning = machine.axes().iter().filter(|axis| turns_round(axis));
+    let axis = turning.next().filter(|_| count < LEAST)?;
     Some(format!(
         "--grid {count}: {} turns all the way round, and fewer than {LEAST} nodes may miss what goes through one wave in a turn",
         axis.name

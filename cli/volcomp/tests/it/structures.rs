@@ -287,6 +287,20 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
         let rms = of["orientation_rms_urad"].as_f64().expect("a number");
         assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-6, "{grid}: {rms}");
     }
+    // A turn as some controls state it.
+    let folder = tempfile::tempdir().expect("a folder");
+    let nearly = folder.path().join("nearly.toml").display().to_string();
+    let text = std::fs::read_to_string(crate::root().join("examples/trunnion.toml")).expect("read");
+    let text = text.replace("travel = [-360.0, 360.0]", "travel = [0.0, 359.999]");
+    std::fs::write(&nearly, text).expect("written");
+    let found = json(&["sensitivity", "-m", &nearly, "--grid", "3", "--values"]);
+    let errors = found["errors"].as_array().expect("errors");
+    let of = errors
+        .iter()
+        .find(|error| error["name"] == "ECC")
+        .expect("ECC");
+    let rms = of["orientation_rms_urad"].as_f64().expect("a number");
+    assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-2, "{rms}");
     let output = crate::volcomp(&["sensitivity", "-m", "examples/trunnion.toml", "--grid", "2"]);
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(

@@ -320,3 +320,36 @@ fn an_instrument_that_counts_the_other_way_is_named() {
         "{words}"
     );
 }
+
+/// Everything in inches on a machine without a length of its own fits as well as in mm.
+#[test]
+fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
+    let lab = Lab::new(
+        "structure = \"w b X Y t\"\naxes = { X = { travel = [0, 600] }, Y = { travel = [0, 500] } }\ntool = { tip = [0, 0, 0] }\n",
+    );
+    let mut text = String::from("X,Y,x,y,z\n");
+    for (x, y) in [
+        (1, 1),
+        (1, 19),
+        (12, 3),
+        (23, 1),
+        (22, 18),
+        (11, 10),
+        (5, 14),
+    ] {
+        let _ = writeln!(text, "{x},{y},{x},{y},0");
+    }
+    lab.write("t.csv", &text);
+    let observed =
+        "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
+    let found = lab.identify(observed).expect("found");
+    let words = found.warnings.join("\n");
+    assert!(words.contains("% of their travel at the most"), "{words}");
+    // A judged row far off is named, too.
+    lab.write("j.csv", "X,Y,x,y,z\n2,2,2,2,0\n9,9,9,9,0\n20,15,70,15,0\n");
+    let judged =
+        format!("{observed}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n");
+    let found = lab.identify(&judged).expect("found");
+    let words = found.warnings.join("\n");
+    assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
+}
