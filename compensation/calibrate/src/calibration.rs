@@ -4,8 +4,7 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
-    calibration_file::CalibrationFile,
-    calibration_file::Location,
+    calibration_file::{CalibrationFile, Location},
     checks::{different_machines, odd, odd_values, without_point},
     error::CalibrateError,
     fitted::measured,

@@ -19,10 +19,7 @@ pub(crate) fn contradiction(
     const SHOWN: usize = 3;
     let factor = fitted.solution.excess()?;
     let mut files: Vec<(f64, &str)> = Vec::new();
-    let mut first = 0;
-    for observation in observations.observations.iter().filter(|o| !o.judge) {
-        let own = first..first + observation.rows.len();
-        first = own.end;
+    for (observation, own) in observations.fitted() {
         let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
         let squares = own.map(|row| {
             let size = residuals[row].norm() / rows.get(row).uncertainty_mm;
@@ -56,10 +53,7 @@ pub(crate) fn opposite(
         return Vec::new();
     }
     let mut notes = Vec::new();
-    let mut first = 0;
-    for observation in observations.observations.iter().filter(|o| !o.judge) {
-        let own = first..first + observation.rows.len();
-        first = own.end;
+    for (observation, own) in observations.fitted() {
         let turned: Vec<Row> = rows
             .iter()
             .enumerate()

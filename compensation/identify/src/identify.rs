@@ -9,7 +9,7 @@ use crate::{
     design::design,
     doubts::{contradiction, opposite},
     error::IdentifyError,
-    judge::{Figures, far_from_predicted, figures, judged, left_out, outliers},
+    judge::{Figures, figures, judged, left_out, outliers},
     next::{Next, next},
     observations::{Observations, Row, Seen},
     params::{Param, Part},
@@ -92,8 +92,7 @@ pub fn identify(
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Identification, IdentifyError> {
     let system = System::new(observations)?;
-    let fitted_rows = || observations.observations.iter().filter(|o| !o.judge);
-    let rows = system.prepare(fitted_rows().flat_map(|o| &o.rows));
+    let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
     check(&system, &rows)?;
     let fits = 1 + observations.folds;
     progress(0, fits);
@@ -118,11 +117,8 @@ pub fn identify(
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(opposite(&system, observations, &rows, &fitted));
-    warnings.extend(far_from_predicted(
-        &system,
-        observations,
-        &fitted.solution.values,
-    ));
+    let (judged, of_judged) = judged(&system, observations, &fitted.solution.values);
+    warnings.extend(of_judged);
     warnings.extend(small_moves(&system.machine, &rows));
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
@@ -131,7 +127,7 @@ pub fn identify(
         score_of_determined: fitted.rank.score_of_kept(),
         redundant: redundant(&system, &fitted.rank),
         residual: figures(&residuals),
-        judged: judged(&system, observations, &fitted.solution.values),
+        judged,
         left_out,
         variance: fitted.solution.variance,
         degrees: fitted.solution.degrees,
@@ -145,12 +141,8 @@ pub fn identify(
 
 /// The names of the unknowns that are left at zero and are conventions: constants of curves and slopes of straightnesses.
 fn redundant(system: &System, rank: &Rank) -> Vec<String> {
-    let left = rank.null.iter().map(|null| null[0].0);
-    let is_convention = |column: &usize| match system.params.at(*column) {
-        Param::Coefficient(place) => system.unknowns.is_convention(place),
-        Param::SetUp { .. } => false,
-    };
-    left.filter(is_convention)
+    let left = rank.left_at_zero();
+    left.filter(|column| system.is_convention(*column) == Some(true))
         .map(|column| system.name(column))
         .collect()
 }

@@ -92,26 +92,16 @@ pub(crate) fn left_out(
     Ok(Some((figures(&residuals), folds)))
 }
 
-/// What is left of the rows that are only predicted.
+/// What is left of the rows that are only predicted, and notes on those that are far from that: they judge nothing then.
 pub(crate) fn judged(
     system: &System,
     observations: &Observations,
     values: &Values,
-) -> Option<Figures> {
-    let judges = observations.observations.iter().filter(|o| o.judge);
-    let rows = system.prepare(judges.flat_map(|o| &o.rows));
-    (rows.len() > 0).then(|| figures(&system.residuals(&rows, values)))
-}
-
-/// Notes on rows that are only predicted and are far from that: they judge nothing then.
-pub(crate) fn far_from_predicted(
-    system: &System,
-    observations: &Observations,
-    values: &Values,
-) -> Vec<String> {
+) -> (Option<Figures>, Vec<String>) {
     const SHOWN: usize = 5;
     const TIMES: f64 = 10.0;
     let mut notes = Vec::new();
+    let mut all = Vec::new();
     for observation in observations.observations.iter().filter(|o| o.judge) {
         let rows = system.prepare(observation.rows.iter());
         let residuals = system.residuals(&rows, values);
@@ -128,8 +118,9 @@ pub(crate) fn far_from_predicted(
                 1e3 * usual
             )
         }));
+        all.extend(residuals);
     }
-    notes
+    ((!all.is_empty()).then(|| figures(&all)), notes)
 }
 
 /// Notes on rows that fit far worse than the others of their file, and on spheres that moved between files.
@@ -140,11 +131,8 @@ pub(crate) fn outliers(
 ) -> Vec<String> {
     const SHOWN: usize = 10;
     let mut notes = Vec::new();
-    let mut first = 0;
     let mut spheres: Vec<(usize, &str, Vector3<f64>, f64, usize)> = Vec::new();
-    for observation in observations.observations.iter().filter(|o| !o.judge) {
-        let own = first..first + observation.rows.len();
-        first = own.end;
+    for (observation, own) in observations.fitted() {
         let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
         let directions = observation.rows.iter().map(|row| row.seen.count()).max();
         // The median of the distances in one, two or three directions, in standard deviations.

@@ -7,7 +7,6 @@ use crate::{
     design::bring,
     identify::Fitted,
     observations::{Observations, Row, Seen},
-    params::Param,
     prepared::Rows,
     system::{Equations, System},
 };
@@ -44,21 +43,14 @@ pub(crate) fn next(
         .collect();
     let prepared = system.prepare(candidates.iter().map(|candidate| &candidate.row));
     let ahead = system.equations(&prepared, values, true);
-    let is_missing = |null: &&Vec<(usize, f64)>| match system.params.at(null[0].0) {
-        Param::Coefficient(place) => !system.unknowns.is_convention(place),
-        Param::SetUp { .. } => false,
-    };
-    let missing: Vec<usize> = fitted
-        .rank
-        .null
-        .iter()
-        .filter(is_missing)
-        .map(|null| null[0].0)
+    let left = fitted.rank.left_at_zero();
+    let missing: Vec<usize> = left
+        .filter(|column| system.is_convention(*column) == Some(false))
         .collect();
+    let now = system.equations(rows, values, false).jacobian;
     let (place, parameter, improvement) = if missing.is_empty() {
-        surest(system, rows, fitted, &ahead)?
+        surest(system, rows.len(), &now, fitted, &ahead)?
     } else {
-        let now = system.equations(rows, values, false).jacobian;
         let (place, parameter) = most_told(system, &now, &ahead, &missing)?;
         (place, parameter, None)
     };
@@ -82,25 +74,21 @@ pub(crate) fn next(
 /// more certain it becomes.
 fn surest(
     system: &System,
-    rows: &Rows,
+    rows: usize,
+    now: &DMatrix<f64>,
     fitted: &Fitted,
     ahead: &Equations,
 ) -> Option<(usize, usize, Option<f64>)> {
     let kept = &fitted.rank.kept;
-    let now = system
-        .equations(rows, &fitted.solution.values, false)
-        .jacobian
-        .select_columns(kept);
     // The effect of one unit of each coefficient; set-ups are no errors of the machine.
-    let count = rows.len() as f64;
+    let count = rows as f64;
     let effect: Vec<f64> = kept
         .iter()
-        .enumerate()
-        .map(|(place, &param)| {
+        .map(|&param| {
             if param < system.params.setup() {
                 0.0
             } else {
-                now.column(place).norm() / count.sqrt()
+                now.column(param).norm() / count.sqrt()
             }
         })
         .collect();
@@ -218,11 +206,8 @@ fn candidate(system: &System, observations: &Observations, k: usize) -> Option<C
     const PRIME_OF_OTHERS: usize = 31;
     // Rounded so that a person can type it.
     const STEP_MM: f64 = 1e-3;
-    let fitted: Vec<_> = observations
-        .observations
-        .iter()
-        .filter(|o| !o.judge && !o.rows.is_empty())
-        .collect();
+    let fitted = observations.fitted().map(|(observation, _)| observation);
+    let fitted: Vec<_> = fitted.filter(|o| !o.rows.is_empty()).collect();
     let of = |rows: &[Row], prime: usize| rows.get(k * prime % rows.len().max(1)).cloned();
     let observation = fitted.get(k % fitted.len().max(1))?;
     let mut row = of(&observation.rows, PRIME_OF_ROWS)?;
@@ -260,8 +245,7 @@ fn candidate(system: &System, observations: &Observations, k: usize) -> Option<C
             *q = (*q / STEP_MM).round() * STEP_MM;
         }
         let at = Displacement::new(axis.name.kind(), *q).mm_or_deg();
-        let [low, high] = axis.travel;
-        if axis.modulo.is_none() && !(low - 1e-9..=high + 1e-9).contains(&at) {
+        if axis.modulo.is_none() && !axis.contains(at) {
             return None;
         }
     }

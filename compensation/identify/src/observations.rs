@@ -1,6 +1,6 @@
 //! What was observed and what is to be found: plain data, as a file of observations states it.
 
-use std::path::PathBuf;
+use std::{ops::Range, path::PathBuf};
 
 use volcomp_kinematics::{
     Chain, State,
@@ -280,9 +280,19 @@ impl Seen {
 const WIDEST_GAP_DEG: f64 = 120.0;
 
 impl Observations {
+    /// The files that are fitted, each with the places of its rows among all that are fitted.
+    pub(crate) fn fitted(&self) -> impl Iterator<Item = (&Observation, Range<usize>)> {
+        let fitted = self.observations.iter().filter(|o| !o.judge);
+        fitted.scan(0, |first, observation| {
+            let own = *first..*first + observation.rows.len();
+            *first = own.end;
+            Some((observation, own))
+        })
+    }
+
     /// The widest part of a turn, deg, in which no row that is fitted has a rotary axis.
     fn widest_gap_deg(&self, axis: usize) -> f64 {
-        let rows = self.observations.iter().filter(|o| !o.judge);
+        let rows = self.fitted().map(|(observation, _)| observation);
         let states = rows.flat_map(|o| &o.rows).flat_map(|row| {
             let from = match &row.seen {
                 Seen::Pair { from, .. } => Some(from.state),
@@ -326,7 +336,7 @@ impl Observations {
         }
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         let mut margin = 0.0;
-        let rows = self.observations.iter().filter(|o| !o.judge);
+        let rows = self.fitted().map(|(observation, _)| observation);
         for row in rows.flat_map(|o| &o.rows) {
             let from = match &row.seen {
                 Seen::Pair { from, .. } => Some(from.state),

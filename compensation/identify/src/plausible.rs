@@ -51,7 +51,13 @@ pub(crate) fn plausible(
     let typical_mm = median(&sizes);
     let mut best: Option<(f64, Cause)> = None;
     for cause in causes(&system.machine, rows) {
-        let tried = rows.iter().map(|row| with_cause(row, &cause, system));
+        let tip_mm = match &cause {
+            Cause::Tool(name) => system.machine.tip_of(name).ok(),
+            _ => None,
+        };
+        let tried = rows
+            .iter()
+            .map(|row| with_cause(row, &cause, tip_mm, &system.machine));
         let tried: Vec<Row> = tried.collect();
         let rows = system.prepare(tried.iter());
         let Ok(values) = start(system, observations, &rows) else {
@@ -109,14 +115,8 @@ fn sizes(system: &System, rows: &Rows, values: &Values) -> Vec<f64> {
 
 /// The file of a fitted row.
 fn file_of(observations: &Observations, row: usize) -> String {
-    let mut first = 0;
-    for observation in observations.observations.iter().filter(|o| !o.judge) {
-        first += observation.rows.len();
-        if row < first {
-            return observation.file.clone();
-        }
-    }
-    String::new()
+    let of = observations.fitted().find(|(_, own)| own.contains(&row));
+    of.map_or_else(String::new, |(observation, _)| observation.file.clone())
 }
 
 /// What may make all rows wrong at once: an axis that counts the other way, another unit, another tool.
@@ -141,9 +141,8 @@ fn causes(machine: &Machine, rows: &Rows) -> Vec<Cause> {
     causes
 }
 
-/// The row as it would be if this were the cause.
-fn with_cause(row: &Row, cause: &Cause, system: &System) -> Row {
-    let machine = &system.machine;
+/// The row as it would be if this were the cause; `tip_mm` is that of another tool.
+fn with_cause(row: &Row, cause: &Cause, tip_mm: Option<Vector3<f64>>, machine: &Machine) -> Row {
     let stand = |stand: &Stand| {
         let mut stand = *stand;
         for (axis, q) in machine.axes().iter().zip(&mut stand.state.q) {
@@ -157,12 +156,7 @@ fn with_cause(row: &Row, cause: &Cause, system: &System) -> Row {
                 _ => {}
             }
         }
-        if let Cause::Tool(name) = cause {
-            let mut other = machine.clone();
-            if other.select_tool(name).is_ok() {
-                stand.tip_mm = other.chain().tool_tip_mm();
-            }
-        }
+        stand.tip_mm = tip_mm.unwrap_or(stand.tip_mm);
         stand
     };
     let mut row = Row {

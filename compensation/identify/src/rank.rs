@@ -23,6 +23,11 @@ pub(crate) struct Rank {
 }
 
 impl Rank {
+    /// The columns that are not kept, whose parameters are left at zero.
+    pub(crate) fn left_at_zero(&self) -> impl Iterator<Item = usize> {
+        self.null.iter().map(|null| null[0].0)
+    }
+
     /// The smallest by the largest singular value of the columns scaled to unit length: 0 where some are left out.
     pub(crate) fn score(&self) -> f64 {
         if self.null.is_empty() {

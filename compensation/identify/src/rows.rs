@@ -11,7 +11,7 @@ use crate::{
     setup_keys::Reading,
 };
 
-/// SeenColumns the rows of a file hold.
+/// What the rows of a file hold.
 pub(crate) enum RowKind {
     Points {
         frame: usize,
@@ -265,11 +265,7 @@ fn read_stand(
 /// The tip of a tool of the machine file; a tool that only `target` names has that of `[tool]`.
 fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>, String> {
     if machine.tools().contains_key(name) {
-        let mut with_tool = machine.clone();
-        return match with_tool.select_tool(name) {
-            Ok(()) => Ok(with_tool.chain().tool_tip_mm()),
-            Err(error) => Err(error.to_string()),
-        };
+        return machine.tip_of(name).map_err(|error| error.to_string());
     }
     let mut known: Vec<&str> = machine.tools().keys().map(String::as_str).collect();
     if let RowKind::Points { targets, .. } = kind {

@@ -85,6 +85,15 @@ fn check_places(observations: &Observations) -> Result<(), IdentifyError> {
 }
 
 impl System {
+    /// Whether the coefficient of a column is a convention where it is left at zero: a constant that a curve brings, the slope of
+    /// a straightness. `None` for a column of a set-up.
+    pub(crate) fn is_convention(&self, column: usize) -> Option<bool> {
+        match self.params.at(column) {
+            Param::Coefficient(place) => Some(self.unknowns.is_convention(place)),
+            Param::SetUp { .. } => None,
+        }
+    }
+
     /// The equations of some observations.
     pub(crate) fn new(observations: &Observations) -> Result<Self, IdentifyError> {
         check_places(observations)?;

@@ -53,7 +53,7 @@ impl Axis {
     }
 
     /// Whether a coordinate, mm or deg, lies in the travel, but for rounding.
-    pub(crate) fn contains(&self, coordinate: f64) -> bool {
+    pub fn contains(&self, coordinate: f64) -> bool {
         is_within(self.travel, coordinate)
     }
 }

@@ -39,9 +39,13 @@ pub fn diagonals<S: ErrorSource>(
     others: &[(AxisName, f64)],
     command: impl Fn(&State) -> State,
 ) -> Result<Vec<Diagonal>, ModelError> {
-    let linear = [AxisName::X, AxisName::Y, AxisName::Z];
-    for axis in linear {
-        machine.index_of(axis)?;
+    let mut linear = [(0, [0.0; 2]); 3];
+    for (place, name) in linear
+        .iter_mut()
+        .zip([AxisName::X, AxisName::Y, AxisName::Z])
+    {
+        let index = machine.index_of(name)?;
+        *place = (index, machine.axes()[index].travel);
     }
     let others = machine.state(others)?;
     if points > MOST_TARGETS {
@@ -55,24 +59,14 @@ pub fn diagonals<S: ErrorSource>(
     let diagonal = |name: &'static str| {
         let target = |index: usize| {
             let share = index as f64 / (points - 1) as f64;
-            let mut coordinates = [(AxisName::X, 0.0); 3];
-            for (place, (&axis, sense)) in linear.iter().zip(name.chars()).enumerate() {
-                // The axis is there: looked up above.
-                let [low, high] = machine.axis(axis).map_or([0.0; 2], |a| a.travel);
+            let mut state = others;
+            for (&(axis, [low, high]), sense) in linear.iter().zip(name.chars()) {
                 let (from, to) = if sense == 'P' {
                     (low, high)
                 } else {
                     (high, low)
                 };
-                coordinates[place] = (axis, from + (to - from) * share);
-            }
-            let mut state = others;
-            // Finite travels give finite coordinates of axes that are there.
-            let linear = machine.state(&coordinates).unwrap_or_default();
-            for (name, _) in coordinates {
-                if let Ok(index) = machine.index_of(name) {
-                    state.q[index] = linear.q[index];
-                }
+                state.q[axis] = from + (to - from) * share;
             }
             state
         };

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
-use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure};
+use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES};
 
 use crate::{
@@ -143,15 +143,27 @@ impl Machine {
     /// # Errors
     /// [`ModelError::NoSuchTool`], or a tool that makes no chain.
     pub fn select_tool(&mut self, name: &str) -> Result<(), ModelError> {
-        let Some(tool) = self.tools.get(name) else {
-            return Err(ModelError::NoSuchTool {
-                machine: self.name.clone(),
-                tool: name.to_owned(),
-                known: self.tools.keys().cloned().collect::<Vec<_>>().join(", "),
-            });
-        };
-        let tool = tool.clone();
+        let tool = self.tool_named(name)?.clone();
         self.set_tool(&tool)
+    }
+
+    fn tool_named(&self, name: &str) -> Result<&Tool, ModelError> {
+        self.tools.get(name).ok_or_else(|| ModelError::NoSuchTool {
+            machine: self.name.clone(),
+            tool: name.to_owned(),
+            known: self.tools.keys().cloned().collect::<Vec<_>>().join(", "),
+        })
+    }
+
+    /// The tip of a tool of `[tools]`, mm in MCS at machine zero; the tool in the spindle stays.
+    ///
+    /// # Errors
+    /// [`ModelError::NoSuchTool`], or a tool that makes no chain.
+    pub fn tip_of(&self, name: &str) -> Result<Vector3<f64>, ModelError> {
+        let (tip, axis) = self.tool_named(name)?.over(&self.tool).tip_and_axis();
+        let mut chain = self.chain.clone();
+        chain.set_tool(tip, axis)?;
+        Ok(chain.tool_tip_mm())
     }
 
     /// Puts a tool into the spindle; what it does not state is taken from `[tool]`.

@@ -34,9 +34,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let actual = compensation.actual();
     let source = actual.source(&temperatures);
     let points = arguments.points as usize;
-    let others = arguments.others.read()?;
     let mut notes = machine_notes(&machine, &temperatures);
-    notes.extend(arguments.others.note(&machine)?);
+    let others = arguments.others.read(&machine, &mut notes)?;
     let command = |state: &State| compensation.command(state);
     let found =
         diagonals(actual, &source, points, &others, command).map_err(|error| match error {

@@ -63,8 +63,12 @@ pub(crate) struct OthersArguments {
 }
 
 impl OthersArguments {
-    /// The axes that are named, mm or deg.
-    pub(crate) fn read(&self) -> Result<Vec<(AxisName, f64)>, Failure> {
+    /// The axes that are named, mm or deg, with a note on those beyond their travel.
+    pub(crate) fn read(
+        &self,
+        machine: &Machine,
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<(AxisName, f64)>, Failure> {
         let Some(text) = &self.at else {
             return Ok(Vec::new());
         };
@@ -76,20 +80,18 @@ impl OthersArguments {
                 )));
             }
         }
-        Ok(others)
-    }
-
-    /// Says which axes are asked for beyond their travel.
-    pub(crate) fn note(&self, machine: &Machine) -> Result<Option<String>, Failure> {
-        let beyond = self.read()?.into_iter().filter_map(|(name, at)| {
+        let beyond = others.iter().filter_map(|&(name, at)| {
             let axis = machine.axis(name)?;
             let [low, high] = axis.travel;
-            let is_within = axis.modulo.is_some() || (low..=high).contains(&at);
+            let is_within = axis.modulo.is_some() || axis.contains(at);
             let unit = name.kind().coordinate_unit();
             (!is_within).then(|| format!("{name} = {at} {unit}, travel {low} to {high} {unit}"))
         });
         let beyond: Vec<String> = beyond.collect();
-        Ok((!beyond.is_empty()).then(|| format!("--at: outside travel: {}", beyond.join("; "))))
+        if !beyond.is_empty() {
+            notes.push(format!("--at: outside travel: {}", beyond.join("; ")));
+        }
+        Ok(others)
     }
 }
 

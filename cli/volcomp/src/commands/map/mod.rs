@@ -83,9 +83,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let mut notes = machine_notes(&machine, &temperatures);
-    notes.extend(arguments.others.note(&machine)?);
+    let others = arguments.others.read(&machine, &mut notes)?;
     let measured = arguments.uncertainty.read(&machine, &mut notes)?;
-    let grid = MapGrid::over_travels(&machine, counts, &arguments.others.read()?)?;
+    let grid = MapGrid::over_travels(&machine, counts, &others)?;
     if grid.axes.is_empty() {
         return Err(Failure::in_file(
             &arguments.machine.machine,
