@@ -116,11 +116,9 @@ pub(crate) fn refuse(
         return Ok(());
     };
     let [low, high] = axis.travel;
-    let within = |target: f64| (low..=high).contains(&target);
     let mut targets = readings.readings.iter().map(|reading| reading.target);
     if let Some([first, last]) = ends(readings)
-        && axis.modulo.is_none()
-        && !targets.any(within)
+        && !targets.any(|target| axis.may_stand_at(target))
     {
         let unit = error.axis.kind().coordinate_unit();
         return Err(file.error(format!(

@@ -41,6 +41,7 @@ pub use diagonals::Diagonals;
 pub use error::CalibrateError;
 pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use identified::Identified;
+pub use location_file::{decode_location_errors, is_square};
 pub use not_measured::not_observed;
 pub use read::{HOLDS_LOCATION, decode_holds_location};
 pub use setup::{Method, Setup};

@@ -28,21 +28,13 @@ pub(crate) fn decode_location(
         "uncertainty_urad",
         "sign",
     ])?;
-    let missing = || section.error("key `error` or `errors` is missing");
-    let errors = decode_errors(section, machine, missing, |name, error| {
-        check(name, error, machine, reference_axes)
-    })?;
+    let errors = decode_location_errors(section, machine, reference_axes)?;
     let one = section.get("error").is_some();
     let Some(first) = errors.first().copied() else {
         // There is at least one.
         return Ok(Vec::new());
     };
     let kind = first.component.kind();
-    if let Some(other) = errors.iter().find(|error| error.component.kind() != kind) {
-        return Err(section.error(format!(
-            "found {first} and {other}, a length and an angle, expected errors of one unit: give each kind its own table"
-        )));
-    }
     let unit = first.component.unit();
     let (own, other) = match kind {
         AxisKind::Linear => ("um", "urad"),
@@ -91,6 +83,31 @@ pub(crate) fn decode_location(
     Ok(errors.into_iter().zip(values).map(location).collect())
 }
 
+/// The location errors that a table `[[location]]` names, by `error` or by `errors`: all lengths or all angles.
+///
+/// # Errors
+/// What is no location error, what moves nothing, the tilt of a reference axis, lengths and angles together.
+pub fn decode_location_errors(
+    section: &Section<'_>,
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+) -> Result<Vec<ErrorName>, InputError> {
+    let missing = || section.error("key `error` or `errors` is missing");
+    let errors = decode_errors(section, machine, missing, |name, error| {
+        check(name, error, machine, reference_axes)
+    })?;
+    let Some(first) = errors.first() else {
+        return Ok(errors); // there is at least one
+    };
+    let kind = first.component.kind();
+    match errors.iter().find(|error| error.component.kind() != kind) {
+        Some(other) => Err(section.error(format!(
+            "found {first} and {other}, a length and an angle, expected errors of one unit: give each kind its own table"
+        ))),
+        None => Ok(errors),
+    }
+}
+
 /// A standard uncertainty, 0 or more.
 pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
     let found = value.number()?;
@@ -130,7 +147,7 @@ fn check(
 }
 
 /// Whether a location error is one of the tilts of X, Y and Z that make their squareness.
-pub(crate) fn is_square(error: ErrorName) -> bool {
+pub fn is_square(error: ErrorName) -> bool {
     let linear = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
     let own = error.axis.mcs_index() == error.component.mcs_index();
     error.location && linear && error.component.is_angular() && !own

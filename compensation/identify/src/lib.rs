@@ -23,6 +23,7 @@ mod read;
 mod rows;
 mod seen_columns;
 mod setup_keys;
+mod sight;
 mod solve;
 mod start;
 mod system;

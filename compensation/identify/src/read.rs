@@ -14,6 +14,7 @@ use crate::{
     observations::{Kind, NumberKind, Observation, Observations},
     rows::{RowKind, read_rows},
     setup_keys::{NamedSetUp, Reading, frame, number, point_of, targets},
+    sight::oblique,
     timeline::set_times,
     units::check_units,
     unknown_file::{decode_penalty, decode_unknown},
@@ -283,6 +284,11 @@ fn decode_observation(
         reading,
     )?;
     check_units(&table, machine, &rows.rows, &reading.setup)?;
+    if let (RowKind::Line { direction, .. }, Some(value)) = (&row_kind, section.get("direction"))
+        && let Some(note) = oblique(&rows.rows, direction, machine)
+    {
+        reading.notes.push(value.error(note).to_string());
+    }
     if let Some(bar) = bar {
         ball_row::place_bar(&bar, &table, machine, &mut rows.rows, &mut reading.setup)?;
     }

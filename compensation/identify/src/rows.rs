@@ -241,13 +241,10 @@ fn read_stand(
     for &(column, axis, index) in axes {
         let cell = row.cell(column);
         let found = cell.number()?;
-        let [low, high] = machine.axes()[index].travel;
-        let unit = axis.kind().coordinate_unit();
-        let beyond = (low - found).max(found - high);
-        if machine.axes()[index].modulo.is_none() && beyond > 1e-9 * (high - low) {
-            let what = format!(
-                "found {found} {unit}, expected a position within the travel of {axis}, {low} to {high} {unit}"
-            );
+        let stated = &machine.axes()[index];
+        if let Err(what) = stated.check_coordinate(found) {
+            let [low, high] = stated.travel;
+            let beyond = (low - found).max(found - high);
             if beyond > NEVER_BEYOND * (high - low) {
                 return Err(cell.error(format!("{what}: is it another unit, or another machine?")));
             }

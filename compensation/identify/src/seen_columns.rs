@@ -1,7 +1,8 @@
 //! The columns of what was seen in a row of observations, and what a row says there.
 
-use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted};
+use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted, split_head, unit_named};
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
+use volcomp_model::axis_of_head;
 use volcomp_vocabulary::AxisName;
 
 use crate::{
@@ -33,12 +34,8 @@ impl Columns<'_> {
     /// The column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
     pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
         let letter = axis.to_string();
-        let unit = axis.kind().coordinate_unit();
-        let is_axis = |found: &str| {
-            let (stem, found) = split_unit(found);
-            stem == letter && found.is_some_and(|found| found == unit)
-        };
-        let with_unit = self.table.names().find(|(_, name)| is_axis(name));
+        let is_with_unit = |name: &str| name != letter && axis_of_head(name) == Some(axis);
+        let with_unit = self.table.names().find(|(_, name)| is_with_unit(name));
         match with_unit.map(|(_, name)| name.to_owned()) {
             Some(name) if self.get(&letter)?.is_some() => Err(self.table.header_error(format!(
                 "found columns `{letter}` and `{name}`, expected one of them"
@@ -61,12 +58,12 @@ impl Columns<'_> {
     pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
         let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
         for found in self.unused() {
-            let (stem, Some(_)) = split_unit(found) else {
+            let Some(name) = without_unit(found) else {
                 continue;
             };
-            let meant = self.used.iter().find(|name| {
-                let is_same = split_unit(name).0.eq_ignore_ascii_case(stem);
-                is_same && !is_there(name)
+            let meant = self.used.iter().find(|used| {
+                let is_same = split_head(used).0.eq_ignore_ascii_case(name);
+                is_same && !is_there(used)
             });
             if let Some(meant) = meant {
                 return Err(self.table.header_error(format!(
@@ -93,19 +90,10 @@ impl Columns<'_> {
     }
 }
 
-/// The name of a column without a unit at its end, and the unit; an empty one where there is none, `None` where what follows
-/// the name is no unit.
-fn split_unit(name: &str) -> (&str, Option<&str>) {
-    const UNITS: [&str; 14] = [
-        "mm", "um", "µm", "μm", "m", "in", "inch", "deg", "°", "rad", "mrad", "urad", "arcsec", "",
-    ];
-    let end = name
-        .find(|c: char| !c.is_alphanumeric())
-        .unwrap_or(name.len());
-    let (stem, rest) = name.split_at(end);
-    let rest = rest.trim_matches(|c: char| " _-./()[]".contains(c));
-    let unit = UNITS.iter().find(|unit| unit.eq_ignore_ascii_case(rest));
-    (stem, unit.copied())
+/// The name of a column without the unit at its end; `None` where what follows the name is no unit.
+fn without_unit(head: &str) -> Option<&str> {
+    let (name, unit) = split_head(head);
+    (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
 }
 
 /// The columns of what was seen.

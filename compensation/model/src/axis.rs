@@ -56,4 +56,24 @@ impl Axis {
     pub fn contains(&self, coordinate: f64) -> bool {
         is_within(self.travel, coordinate)
     }
+
+    /// Whether the axis may stand at a coordinate, mm or deg: in its travel but for rounding, after whole periods of `modulo`.
+    pub fn may_stand_at(&self, coordinate: f64) -> bool {
+        self.contains(self.looked_up(coordinate))
+    }
+
+    /// What is wrong with a coordinate at which the axis may not stand, in words that follow "found".
+    ///
+    /// # Errors
+    /// The coordinate, its unit and the travel.
+    pub fn check_coordinate(&self, coordinate: f64) -> Result<(), String> {
+        if self.may_stand_at(coordinate) {
+            return Ok(());
+        }
+        let ([low, high], unit) = (self.travel, self.name.kind().coordinate_unit());
+        Err(format!(
+            "found {coordinate} {unit}, expected a position within the travel of {}, {low} to {high} {unit}",
+            self.name
+        ))
+    }
 }

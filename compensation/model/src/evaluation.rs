@@ -101,7 +101,7 @@ impl Machine {
     pub fn outside_travel(&self, state: &State) -> Vec<AxisName> {
         let outside = |&(axis, &q): &(&Axis, &f64)| {
             let coordinate = Displacement::new(axis.name.kind(), q).mm_or_deg();
-            !axis.contains(axis.looked_up(coordinate))
+            !axis.may_stand_at(coordinate)
         };
         let stands = self.axes().iter().zip(&state.q);
         stands.filter(outside).map(|(axis, _)| axis.name).collect()

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod axis;
+mod columns;
 mod compile;
 mod curve_file;
 mod diagonals;
@@ -25,6 +26,7 @@ mod tool;
 mod watch;
 
 pub use axis::Axis;
+pub use columns::axis_of_head;
 pub use curve_file::write_curve;
 pub use diagonals::{BODY_DIAGONALS, Diagonal, corrected, diagonals, quantised};
 pub use ensemble::{Ensemble, Scatter};

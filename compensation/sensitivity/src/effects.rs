@@ -1,19 +1,16 @@
 //! The sizes of what errors do over many poses: of one unit of each, or of the values that a machine has.
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource};
 use volcomp_vocabulary::MAX_AXES;
 
 use crate::{
+    chunks::chunks,
     gaps::{Gaps, InGap, twists},
     poses::Poses,
     sensitivity::{SensitivityError, checked},
     term::ErrorTerm,
 };
-
-/// Poses that one core takes at a time.
-const CHUNK: usize = 2048;
 
 /// What one error does over the poses: one unit of it (1 µm of a displacement, 1 µrad of a rotation) where it comes from
 /// [`sensitivity`](crate::sensitivity()), the values that a machine has where it comes from [`effects_of`].
@@ -69,6 +66,20 @@ pub fn effects_of(
     terms: &[ErrorTerm],
     poses: &Poses,
 ) -> Result<Vec<Effect>, SensitivityError> {
+    effects_of_with_progress(chain, source, terms, poses, |_, _| {})
+}
+
+/// [`effects_of`]; `progress` is told, from any thread, how many poses of how many are done.
+///
+/// # Errors
+/// Those of [`effects_of`].
+pub fn effects_of_with_progress(
+    chain: &Chain,
+    source: &(impl ErrorSource + Sync),
+    terms: &[ErrorTerm],
+    poses: &Poses,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Vec<Effect>, SensitivityError> {
     let count = checked(chain, terms, poses)?;
     let made_of: Vec<(usize, Vec<InGap>)> = terms
         .iter()
@@ -80,35 +91,30 @@ pub fn effects_of(
             ))
         })
         .collect();
-    let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
-    // Chunks are joined in their order, so that every run gives the same digits.
-    let chunks: Vec<Vec<Squares>> = starts
-        .into_par_iter()
-        .map(|start| {
-            let mut sums = vec![Squares::default(); terms.len()];
-            for place in start..count.min(start + CHUNK) {
-                let state = poses.state(place);
-                let gaps = Gaps::at(chain, &state);
-                let mut motions = [ErrorMotion::ZERO; MAX_AXES];
-                for (axis, motion) in motions.iter_mut().enumerate().take(chain.joints().len()) {
-                    *motion = source.error_motion(axis, &state);
-                }
-                for ((sums, term), (axis, twists)) in sums.iter_mut().zip(terms).zip(&made_of) {
-                    let six = match term {
-                        ErrorTerm::Assembly(..) => source.assembly(*axis),
-                        ErrorTerm::Named(name) if name.location => source.location(*axis),
-                        ErrorTerm::Named(_) => motions[*axis],
-                    };
-                    let value = component_of(&six, *term);
-                    sums.take(gaps.effect(twists).map(|v| v * value));
-                }
+    let parts: Vec<Vec<Squares>> = chunks(count, &progress, |places| {
+        let mut sums = vec![Squares::default(); terms.len()];
+        for place in places {
+            let state = poses.state(place);
+            let gaps = Gaps::at(chain, &state);
+            let mut motions = [ErrorMotion::ZERO; MAX_AXES];
+            for (axis, motion) in motions.iter_mut().enumerate().take(chain.joints().len()) {
+                *motion = source.error_motion(axis, &state);
             }
-            sums
-        })
-        .collect();
+            for ((sums, term), (axis, twists)) in sums.iter_mut().zip(terms).zip(&made_of) {
+                let six = match term {
+                    ErrorTerm::Assembly(..) => source.assembly(*axis),
+                    ErrorTerm::Named(name) if name.location => source.location(*axis),
+                    ErrorTerm::Named(_) => motions[*axis],
+                };
+                let value = component_of(&six, *term);
+                sums.take(gaps.effect(twists).map(|v| v * value));
+            }
+        }
+        sums
+    });
     let mut sums = vec![Squares::default(); terms.len()];
-    for chunk in &chunks {
-        for (sums, other) in sums.iter_mut().zip(chunk) {
+    for part in &parts {
+        for (sums, other) in sums.iter_mut().zip(part) {
             sums.join(other);
         }
     }

@@ -1,11 +1,11 @@
 //! What each error does over many poses, which errors are one motion, and which no measurement of the tool tells apart.
 
 use nalgebra::{DMatrix, Vector3};
-use rayon::prelude::*;
 use volcomp_kinematics::Chain;
 use volcomp_vocabulary::{AxisKind, AxisName, Component};
 
 use crate::{
+    chunks::chunks,
     dependence::{DEPENDENT_BELOW, Dependence},
     effects::{Effect, Squares, effects},
     gaps::{Gaps, InGap, twists},
@@ -13,8 +13,6 @@ use crate::{
     term::ErrorTerm,
 };
 
-/// Poses that one core takes at a time.
-const CHUNK: usize = 2048;
 /// Poses whose rows are brought into triangular form together.
 const STACKED: usize = 48;
 /// The largest number of poses.
@@ -107,28 +105,30 @@ pub fn sensitivity(
     terms: &[ErrorTerm],
     poses: &Poses,
 ) -> Result<Sensitivity, SensitivityError> {
+    sensitivity_with_progress(chain, terms, poses, |_, _| {})
+}
+
+/// [`sensitivity()`]; `progress` is told, from any thread, how many poses of how many are done.
+///
+/// # Errors
+/// [`SensitivityError`].
+pub fn sensitivity_with_progress(
+    chain: &Chain,
+    terms: &[ErrorTerm],
+    poses: &Poses,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Sensitivity, SensitivityError> {
     let count = checked(chain, terms, poses)?;
     let made_of: Vec<Vec<InGap>> = terms.iter().map(|&term| twists(chain, term)).collect();
     let basis = Basis::new(chain, poses, count);
-    let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
-    // Chunks are joined in their order, so that every run gives the same digits.
-    let chunks: Vec<Sums> = starts
-        .into_par_iter()
-        .map(|start| {
-            let mut sums = Sums::new(terms.len(), basis.columns);
-            sums.take(
-                chain,
-                poses,
-                start..count.min(start + CHUNK),
-                &made_of,
-                &basis,
-            );
-            sums
-        })
-        .collect();
+    let parts: Vec<Sums> = chunks(count, &progress, |places| {
+        let mut sums = Sums::new(terms.len(), basis.columns);
+        sums.take(chain, poses, places, &made_of, &basis);
+        sums
+    });
     let mut sums = Sums::new(terms.len(), basis.columns);
-    for chunk in &chunks {
-        sums.join(chunk);
+    for part in &parts {
+        sums.join(part);
     }
     let columns = &sums.triangle * basis.combinations(&made_of);
     let dependence = Dependence::of(&columns);

@@ -34,6 +34,16 @@ pub enum ShopError {
         /// Why the method does not fit the error.
         source: MetrologyError,
     },
+    /// More readings than a shop may make.
+    #[error(
+        "the shop makes {found} readings, expected at most {most}: fewer targets, runs or poses"
+    )]
+    Readings {
+        /// The readings of all lines and observations.
+        found: usize,
+        /// The largest number allowed.
+        most: usize,
+    },
     /// An observation cannot be made.
     #[error("the observation {name}: {source}")]
     Observation {
@@ -77,6 +87,41 @@ pub enum ObservationError {
     NotReached {
         /// The point, mm in workpiece axes.
         at: [f64; 3],
+    },
+    /// The tip cannot be brought to a sphere at a planned pose.
+    #[error(
+        "row {pose} of the plan: found no position within travel with the tool at sphere S{sphere}, [{}, {}, {}] mm in workpiece axes, expected rotary positions at which the linear axes reach it",
+        at[0], at[1], at[2]
+    )]
+    PlannedReach {
+        /// The row of the plan, from 1.
+        pose: usize,
+        /// The sphere, from 1.
+        sphere: usize,
+        /// Its centre, mm in workpiece axes.
+        at: [f64; 3],
+    },
+    /// The tip is far from a sphere at a planned pose.
+    #[error(
+        "row {pose} of the plan: found the tool {apart_mm:.3} mm from sphere S{sphere}, expected at most {most_mm} mm; without columns of linear axes these follow to the sphere by themselves"
+    )]
+    PlannedApart {
+        /// The row of the plan, from 1.
+        pose: usize,
+        /// The sphere, from 1.
+        sphere: usize,
+        /// How far the nominal tip is from the centre, mm.
+        apart_mm: f64,
+        /// How far it may be, mm.
+        most_mm: f64,
+    },
+    /// A plan names a sphere that there is not (only possible when built in code).
+    #[error("found sphere S{found} in the plan, expected S1 to S{most}")]
+    NoSphere {
+        /// The sphere, from 1.
+        found: usize,
+        /// The number of spheres.
+        most: usize,
     },
     /// Too few or too many poses, marks or diagonals (only possible when built in code).
     #[error("found {found} {what}, expected {least} to {most}")]

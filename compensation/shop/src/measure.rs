@@ -18,8 +18,11 @@ use crate::{
     error::{InstrumentError, ShopError},
     instrument::bridge_targets,
     line_of_sight::LineOfSight,
-    shop::{Format, Shop, ShopLine},
+    shop::{Format, Shop, ShopLine, ShopLocation},
 };
+
+/// The random numbers of location errors are others than those of lines and observations.
+const FIRST_LOCATION: u64 = 1 << 33;
 
 impl Shop {
     /// Every file by name: the machine without errors; the measurements and `calibration.toml`, unless only observations
@@ -40,6 +43,15 @@ impl Shop {
                     source,
                 })?;
         }
+        for observation in &self.observations {
+            observation
+                .check()
+                .map_err(|source| ShopError::Observation {
+                    name: observation.name.clone(),
+                    source: Box::new(source),
+                })?;
+        }
+        self.check_size()?;
         let alignments = self.alignments();
         let mut machine = self.truth.clone();
         machine.clear_errors();
@@ -68,7 +80,10 @@ impl Shop {
                 angle.0
             );
         }
-        if !self.lines.is_empty() || !self.squareness.is_empty() || self.observations.is_empty() {
+        for (index, location) in self.locations.iter().enumerate() {
+            calibration.push_str(&self.read_location(index, location));
+        }
+        if self.has_calibration() {
             files.push(("calibration.toml".to_owned(), calibration));
         }
         let mut done = self.lines.len();
@@ -77,6 +92,55 @@ impl Shop {
             progress(done, self.count());
         })?);
         Ok(files)
+    }
+
+    /// The names of the [`files`](Self::files), without making them.
+    pub fn file_names(&self) -> Vec<String> {
+        let mut names = vec!["machine.toml".to_owned()];
+        names.extend(self.lines.iter().map(|line| {
+            let ending = self.ending(line.setup.reads_angles());
+            format!("{}.{ending}", line.name)
+        }));
+        if self.has_calibration() {
+            names.push("calibration.toml".to_owned());
+        }
+        for observation in &self.observations {
+            names.extend(
+                observation
+                    .file_names()
+                    .iter()
+                    .map(|name| format!("{name}.csv")),
+            );
+        }
+        if !self.observations.is_empty() {
+            names.push("observations.toml".to_owned());
+        }
+        names
+    }
+
+    /// Whether there is a calibration file: anything that it reads, or no observations.
+    pub(crate) fn has_calibration(&self) -> bool {
+        !self.lines.is_empty()
+            || !self.squareness.is_empty()
+            || !self.locations.is_empty()
+            || self.observations.is_empty()
+    }
+
+    /// The table of a location error in the calibration file: its value with noise, and the uncertainty.
+    fn read_location(&self, index: usize, location: &ShopLocation) -> String {
+        let error = location.error;
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream(FIRST_LOCATION + index as u64);
+        let share: f64 = StandardNormal.sample(&mut random);
+        let value = self.truth.locations().get(&error).copied();
+        let read = value.unwrap_or_default() + location.noise * share;
+        let unit = error.component.unit();
+        let uncertainty = if location.noise > 0.0 {
+            format!("uncertainty_{unit} = {:?}\n", location.noise)
+        } else {
+            String::new()
+        };
+        format!("\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = {read:?}\n{uncertainty}")
     }
 
     /// How many lines and observations there are.
@@ -205,13 +269,18 @@ impl Shop {
         at_zero.cross(&joint.direction)[name.component.mcs_index()] * 1e6
     }
 
+    /// The ending of a measurement file.
+    fn ending(&self, holds_angles: bool) -> &'static str {
+        match (self.format, holds_angles) {
+            (Format::Csv, _) => "csv",
+            (Format::Renishaw, true) => "rta",
+            (Format::Renishaw, false) => "rtl",
+        }
+    }
+
     /// The name and text of a line's measurement file.
     fn measurement_file(&self, line: &ShopLine, measurement: &Measurement) -> (String, String) {
-        let ending = match (self.format, measurement.unit) {
-            (Format::Csv, _) => "csv",
-            (Format::Renishaw, Some(DeviationUnit::Urad)) => "rta",
-            (Format::Renishaw, _) => "rtl",
-        };
+        let ending = self.ending(measurement.unit == Some(DeviationUnit::Urad));
         let mut described = measurement.clone();
         described.metadata.machine = Some(self.truth.name.clone());
         described.metadata.axis = Some(line.setup.error.axis.to_string());

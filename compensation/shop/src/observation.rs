@@ -3,7 +3,7 @@
 use volcomp_model::BODY_DIAGONALS;
 use volcomp_vocabulary::{AxisName, Um, Urad};
 
-use crate::{error::ObservationError, instrument::Instrument};
+use crate::{error::ObservationError, instrument::Instrument, plan::Plan};
 
 /// An observation to be made on the truth machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,8 +25,8 @@ pub struct ShopObservation {
 pub enum Setting {
     /// A tracker follows a target on the tool.
     Points {
-        /// How many poses.
-        poses: usize,
+        /// The poses.
+        poses: Poses,
         /// The pose of the tracker: x, y, z in mm, then a, b, c in deg about the fixed X, Y and Z.
         frame: [f64; 6],
         /// Offset of the target from the tip, in tool axes at machine zero.
@@ -34,8 +34,8 @@ pub enum Setting {
     },
     /// Spheres on the table.
     Sphere {
-        /// How many poses at each sphere.
-        poses: usize,
+        /// The poses: so many at each sphere, or all of a plan.
+        poses: Poses,
         /// Their centres.
         centres: Vec<[f64; 3]>,
         /// What is written.
@@ -43,8 +43,8 @@ pub enum Setting {
     },
     /// Distances from a point on the table.
     Distance {
-        /// How many poses.
-        poses: usize,
+        /// The poses.
+        poses: Poses,
         /// The point.
         point: [f64; 3],
         /// What every reading is too short by.
@@ -66,6 +66,25 @@ pub enum Setting {
         /// Which of them.
         names: Vec<String>,
     },
+}
+
+/// The poses at which an instrument reads.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Poses {
+    /// So many, drawn over the travels.
+    Drawn(usize),
+    /// Commands that were chosen beforehand.
+    Planned(Plan),
+}
+
+impl Poses {
+    /// How many there are, at each sphere where they are drawn.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Drawn(count) => *count,
+            Self::Planned(plan) => plan.poses.len(),
+        }
+    }
 }
 
 /// How a probe tells where it is against a sphere or a ball.
@@ -105,12 +124,13 @@ impl Setting {
 }
 
 impl ShopObservation {
-    /// Whether it can be made: as many poses and marks as are allowed, diagonals that there are.
+    /// Whether it can be made: an instrument that can be, as many poses and marks as are allowed, diagonals that there are.
     pub(crate) fn check(&self) -> Result<(), ObservationError> {
+        self.instrument.check()?;
         let (what, found, [least, most]) = match &self.setting {
             Setting::Points { poses, .. }
             | Setting::Sphere { poses, .. }
-            | Setting::Distance { poses, .. } => ("poses", *poses, [1, MOST_POSES]),
+            | Setting::Distance { poses, .. } => ("poses", poses.count(), [1, MOST_POSES]),
             Setting::StepGauge(bar) | Setting::BallRow { bar, .. } => {
                 ("distances", bar.distances.len(), [2, MOST_MARKS])
             }

@@ -21,9 +21,9 @@ use volcomp_vocabulary::Displacement;
 
 use crate::{
     error::{ObservationError, ShopError},
-    observation::{Setting, ShopObservation},
+    observation::{Poses, Setting, ShopObservation},
     poses::FreeAxes,
-    shop::Shop,
+    shop::{CALIBRATED, Shop},
 };
 
 /// The random numbers of observations are others than those of lines.
@@ -50,8 +50,23 @@ impl Shop {
             .iter()
             .map(|unknown| format!("    {},\n", unknown.to_toml()))
             .collect();
-        let mut text = format!(
-            "machine = \"machine.toml\"\nunknown = [\n{}]\n",
+        // What the lines give stays as it is where observations find the rest.
+        let machine = if self.has_calibration() {
+            CALIBRATED
+        } else {
+            "machine.toml"
+        };
+        let mut text = String::new();
+        if machine == CALIBRATED {
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "# Made by: volcomp calibrate calibration.toml -o {CALIBRATED}"
+            );
+        }
+        let _ = write!(
+            text,
+            "machine = \"{machine}\"\nunknown = [\n{}]\n",
             unknown.concat()
         );
         for (index, observation) in self.observations.iter().enumerate() {
@@ -109,8 +124,6 @@ impl<'a> Observer<'a> {
         what: &'a ShopObservation,
         random: ChaCha8Rng,
     ) -> Result<Self, ObservationError> {
-        what.instrument.check()?;
-        what.check()?;
         let mut machines = Vec::new();
         for tool in &what.tools {
             let mut machine = truth.clone();
@@ -138,21 +151,29 @@ impl<'a> Observer<'a> {
                 poses,
                 frame,
                 target,
-            } => Ok(self.points(poses, &frame, target)),
+            } => Ok(self.points(&poses, &frame, target)),
             Setting::Sphere {
                 poses,
                 centres,
                 reads,
-            } => self.spheres(poses, &centres, reads),
+            } => self.spheres(&poses, &centres, reads),
             Setting::Distance {
                 poses,
                 point,
                 dead_length_mm,
                 radius_mm,
-            } => self.distances(poses, point.into(), dead_length_mm, radius_mm),
+            } => self.distances(&poses, point.into(), dead_length_mm, radius_mm),
             Setting::StepGauge(bar) => self.step_gauge(&bar),
             Setting::BallRow { bar, reads } => self.ball_row(&bar, reads),
             Setting::Diagonals { names } => self.diagonals(&names),
+        }
+    }
+
+    /// Poses all over the travels, or those of a plan.
+    fn everywhere(&mut self, poses: &Poses) -> Vec<State> {
+        match poses {
+            Poses::Drawn(count) => self.free_axes.everywhere(*count, &mut self.random),
+            Poses::Planned(plan) => self.free_axes.planned(self.truth, plan),
         }
     }
 

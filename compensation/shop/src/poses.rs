@@ -8,6 +8,8 @@ use volcomp_kinematics::{
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
+use crate::plan::{Plan, PlannedPose};
+
 /// Commands are rounded to this, mm or deg.
 const COMMAND_STEP: f64 = 1e-3;
 /// Tries for one pose, with other rotary positions each time.
@@ -53,6 +55,20 @@ impl FreeAxes {
             }
         }
         states
+    }
+
+    /// The poses of a plan; axes that it does not command stand where they are held, or at 0.
+    pub(crate) fn planned(&self, machine: &Machine, plan: &Plan) -> Vec<State> {
+        let state = |pose: &PlannedPose| {
+            let mut state = self.held;
+            for (name, q) in plan.axes.iter().zip(&pose.at) {
+                if let Ok(place) = machine.index_of(*name) {
+                    state.q[place] = Displacement::from_coordinate(name.kind(), *q).mm_or_rad();
+                }
+            }
+            state
+        };
+        plan.poses.iter().map(state).collect()
     }
 
     /// Poses with the ideal tip at points, at rotary positions all over the travels. `point` and `machine` by the number of

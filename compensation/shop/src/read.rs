@@ -3,27 +3,29 @@
 use std::path::Path;
 
 use volcomp_calibrate::{
-    CurveChoice, HOLDS_LOCATION, Method, Setup, decode_holds_location, decode_motion,
+    CurveChoice, HOLDS_LOCATION, Method, Setup, decode_holds_location, decode_location_errors,
+    decode_motion, is_square,
 };
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_metrology::{TiltReading, squareness_parts, tilt_sign};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{ErrorName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Um, Urad};
 
 use crate::{
     error::ShopError,
     instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
     read_observation::decode_observations,
-    shop::{Format, Shop, ShopLine},
+    shop::{Format, Shop, ShopLine, ShopLocation},
 };
 
-const TOP_KEYS: [&str; 8] = [
+const TOP_KEYS: [&str; 9] = [
     "machine",
     "seed",
     "format",
     "instrument",
     "measurement",
     "squareness",
+    "location",
     "observation",
     "unknown",
 ];
@@ -35,13 +37,18 @@ impl Shop {
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ShopError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::decode(&Document::read(path)?, |machine| {
+        let mut inputs = vec![path.to_owned()];
+        let mut shop = Self::decode(&Document::read(path)?, |machine| {
+            inputs.push(folder.join(machine));
             Ok(Machine::read(folder.join(machine))?)
-        })
+        })?;
+        inputs.append(&mut shop.inputs);
+        shop.inputs = inputs;
+        Ok(shop)
     }
 
-    /// Decodes the text of a shop file; `file` names it in messages, `machine` gives the machine of
-    /// the name that stands in it.
+    /// Decodes the text of a shop file; `file` names it in messages, and plans of poses are read beside it; `machine` gives the
+    /// machine of the name that stands in it.
     ///
     /// # Errors
     /// What is wrong, with file, line and key.
@@ -96,12 +103,19 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         let angle = angle.map_or(Ok(0.0), |value| value.number())?;
         squareness.push((error, Urad(angle)));
     }
-    let (observations, unknown) = decode_observations(root, &truth, &instrument, &lines)?;
+    let mut locations: Vec<ShopLocation> = Vec::new();
+    for item in items("location")? {
+        decode_location(&item.section()?, &truth, &mut locations)?;
+    }
+    let mut inputs = Vec::new();
+    let (observations, unknown) =
+        decode_observations(root, &truth, &instrument, &lines, &mut inputs)?;
     Ok(Shop {
         truth,
         seed: root.get("seed").map_or(Ok(0), |v| v.count(usize::MAX))? as u64,
         lines,
         squareness,
+        locations,
         format: root.one_of(
             "format",
             &[("renishaw", Format::Renishaw), ("csv", Format::Csv)],
@@ -109,7 +123,41 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         )?,
         observations,
         unknown,
+        inputs,
     })
+}
+
+/// One `[[location]]`: location errors, read with one noise.
+fn decode_location(
+    section: &Section<'_>,
+    truth: &Machine,
+    locations: &mut Vec<ShopLocation>,
+) -> Result<(), InputError> {
+    section.allow(&["error", "errors", "noise_um", "noise_urad"])?;
+    let errors = decode_location_errors(section, truth, [AxisName::X, AxisName::Y])?;
+    for error in errors {
+        if is_square(error) {
+            return Err(section.error(format!(
+                "found {error}, a squareness, which no mandrel shows: expected it in [[squareness]], with the straightness lines of both axes"
+            )));
+        }
+        if locations.iter().any(|other| other.error == error) {
+            return Err(section.error(format!("{error} stands in two [[location]] tables")));
+        }
+        let (own, other) = match error.component.kind() {
+            AxisKind::Linear => ("noise_um", "noise_urad"),
+            AxisKind::Rotary => ("noise_urad", "noise_um"),
+        };
+        if let Some(value) = section.get(other) {
+            return Err(value.error(format!(
+                "{error} is in {}, expected `{own}`",
+                error.component.unit()
+            )));
+        }
+        let noise = section.number_or(own, 0.0..=f64::INFINITY, 0.0)?;
+        locations.push(ShopLocation { error, noise });
+    }
+    Ok(())
 }
 
 /// One `[[measurement]]`: a line for each error it names.
@@ -176,7 +224,7 @@ fn decode_measurement(
 }
 
 /// Names of files that every shop may write.
-pub(crate) const TAKEN: [&str; 3] = ["machine", "calibration", "observations"];
+pub(crate) const TAKEN: [&str; 4] = ["machine", "calibration", "observations", "calibrated"];
 
 /// The name of a file in the folder of the shop's files.
 pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {

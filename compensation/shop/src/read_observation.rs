@@ -1,5 +1,7 @@
 //! Reads the observations of a shop file.
 
+use std::path::PathBuf;
+
 use volcomp_document::{InputError, Section, Value};
 use volcomp_identify::Unknown;
 use volcomp_model::{BODY_DIAGONALS, Machine};
@@ -7,7 +9,8 @@ use volcomp_vocabulary::{AxisName, Um};
 
 use crate::{
     instrument::Instrument,
-    observation::{Bar, MOST_MARKS, MOST_POSES, Reads, Setting, ShopObservation},
+    observation::{Bar, MOST_MARKS, MOST_POSES, Poses, Reads, Setting, ShopObservation},
+    plan::read_plan,
     read::{TAKEN, decode_file_name, decode_instrument},
     shop::ShopLine,
 };
@@ -21,6 +24,7 @@ pub(crate) fn decode_observations(
     truth: &Machine,
     instrument: &Instrument,
     lines: &[ShopLine],
+    inputs: &mut Vec<PathBuf>,
 ) -> Result<(Vec<ShopObservation>, Vec<Unknown>), InputError> {
     let mut observations: Vec<ShopObservation> = Vec::new();
     let Some(value) = root.get("observation") else {
@@ -33,7 +37,7 @@ pub(crate) fn decode_observations(
     };
     for item in value.items()? {
         let section = item.section()?;
-        let observation = decode(&section, truth, instrument, &observations)?;
+        let observation = decode(&section, truth, instrument, &observations, inputs)?;
         let names = observation.file_names();
         let others = observations.iter().flat_map(ShopObservation::file_names);
         let others = others.chain(lines.iter().map(|line| line.name.clone()));
@@ -52,6 +56,7 @@ fn decode(
     truth: &Machine,
     instrument: &Instrument,
     before: &[ShopObservation],
+    inputs: &mut Vec<PathBuf>,
 ) -> Result<ShopObservation, InputError> {
     let kind = section.require("kind")?.one_of(
         &[
@@ -98,21 +103,26 @@ fn decode(
         Some(file) => decode_file_name(&file)?,
         None => free_name(kind, before),
     };
+    let at = at(section, truth, kind == "diagonals")?;
+    let mut poses = |spheres: usize| poses(section, truth, &at, spheres, inputs);
     let setting = match kind {
         "points" => Setting::Points {
-            poses: poses(section)?,
+            poses: poses(0)?,
             frame: section
                 .optional("frame", Value::vector::<6>)?
                 .unwrap_or_default(),
             target: section.optional("target", Value::vector::<3>)?,
         },
-        "sphere" => Setting::Sphere {
-            poses: poses(section)?,
-            centres: centres(&section.require("centres")?)?,
-            reads: reads(section)?,
-        },
+        "sphere" => {
+            let centres = centres(&section.require("centres")?)?;
+            Setting::Sphere {
+                poses: poses(centres.len())?,
+                centres,
+                reads: reads(section)?,
+            }
+        }
         "distance" => Setting::Distance {
-            poses: poses(section)?,
+            poses: poses(0)?,
             point: section.require("point")?.vector()?,
             dead_length_mm: section.number_or(
                 "dead_length_mm",
@@ -133,7 +143,7 @@ fn decode(
     Ok(ShopObservation {
         name,
         instrument: own_instrument(section, instrument, &setting)?,
-        at: at(section, truth, &setting)?,
+        at,
         tools: tools(section, truth)?,
         setting,
     })
@@ -179,8 +189,33 @@ fn free_name(kind: &str, before: &[ShopObservation]) -> String {
     }
 }
 
-fn poses(section: &Section<'_>) -> Result<usize, InputError> {
-    section.whole_or("poses", 1..=MOST_POSES, POSES)
+/// How many poses, or the file of a plan; `spheres` is the number of spheres.
+fn poses(
+    section: &Section<'_>,
+    truth: &Machine,
+    held: &[(AxisName, f64)],
+    spheres: usize,
+    inputs: &mut Vec<PathBuf>,
+) -> Result<Poses, InputError> {
+    match section.get("poses") {
+        Some(value) if value.text().is_ok() => {
+            if let Some(radius) = section.get("radius_mm") {
+                return Err(radius.error(
+                    "found it beside a plan of poses, expected a number of poses with it: a plan says where the tip goes",
+                ));
+            }
+            let (path, plan) = read_plan(&value, truth, held, spheres)?;
+            inputs.push(path);
+            Ok(Poses::Planned(plan))
+        }
+        Some(value) => match value.count(MOST_POSES) {
+            Ok(count) if count > 0 => Ok(Poses::Drawn(count)),
+            _ => Err(value.error(format!(
+                "expected 1 to {MOST_POSES} poses, or the name of a file with planned poses"
+            ))),
+        },
+        None => Ok(Poses::Drawn(POSES)),
+    }
 }
 
 fn reads(section: &Section<'_>) -> Result<Reads, InputError> {
@@ -260,11 +295,11 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
     Ok(names)
 }
 
-/// The axes that stand still, within their travel.
+/// The axes that stand still, within their travel; along diagonals X, Y and Z do not.
 fn at(
     section: &Section<'_>,
     truth: &Machine,
-    setting: &Setting,
+    diagonals: bool,
 ) -> Result<Vec<(AxisName, f64)>, InputError> {
     let mut at = Vec::new();
     let Some(held) = section.section("at")? else {
@@ -280,17 +315,12 @@ fn at(
             return Err(value.error(format!("the structure `{structure}` has no axis {key}")));
         };
         let moves = [AxisName::X, AxisName::Y, AxisName::Z].contains(&axis.name);
-        if moves && matches!(setting, Setting::Diagonals { .. }) {
+        if moves && diagonals {
             return Err(value.error(format!("{key} moves along the diagonals")));
         }
         let found = value.number()?;
-        let [low, high] = axis.travel;
-        if axis.modulo.is_none() && !(low..=high).contains(&found) {
-            let unit = axis.name.kind().coordinate_unit();
-            return Err(value.error(format!(
-                "found {found} {unit}, expected a position within the travel of {key}, {low} to {high} {unit}"
-            )));
-        }
+        axis.check_coordinate(found)
+            .map_err(|message| value.error(message))?;
         at.push((axis.name, found));
     }
     Ok(at)

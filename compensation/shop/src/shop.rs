@@ -1,5 +1,7 @@
 //! A truth machine with the measurements to be made on it: plain data.
 
+use std::path::PathBuf;
+
 use volcomp_calibrate::{CurveChoice, Setup};
 use volcomp_identify::Unknown;
 use volcomp_model::Machine;
@@ -18,12 +20,29 @@ pub struct Shop {
     pub lines: Vec<ShopLine>,
     /// Squareness errors, each with φ − π/2 of its reference: φ is the angle between the + directions of the two beams.
     pub squareness: Vec<(ErrorName, Urad)>,
+    /// The location errors that are read directly.
+    pub locations: Vec<ShopLocation>,
     /// The kind of the measurement files.
     pub format: Format,
     /// The volumetric observations to be made.
     pub observations: Vec<ShopObservation>,
     /// What the file of observations asks for.
     pub unknown: Vec<Unknown>,
+    /// The files that were read: the shop file, the machine, plans of poses; none where the shop was not read from a file.
+    pub inputs: Vec<PathBuf>,
+}
+
+/// The machine file that the calibration of the lines is to write, beside the shop's files: where a shop has lines and
+/// observations, its file of observations starts from this machine.
+pub const CALIBRATED: &str = "calibrated.toml";
+
+/// A location error that is read directly: a mandrel and an indicator, a probe in the control's own cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShopLocation {
+    /// The location error.
+    pub error: ErrorName,
+    /// Standard deviation of what is read, µm or µrad; stated as its standard uncertainty.
+    pub noise: f64,
 }
 
 /// A line to be measured.

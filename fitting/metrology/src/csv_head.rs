@@ -1,18 +1,17 @@
 //! The head of a column of readings: its name, alone or with a unit behind it.
 
+use volcomp_document::{split_head, unit_named};
+
 /// A head is a name alone or with its unit behind a blank or a mark: `target`, `target mm`, `target_mm`,
 /// `deviation [µm]`. The unit; `None` where the head is another one.
 pub(crate) fn unit_of<'a>(head: &'a str, name: &str) -> Option<&'a str> {
-    let behind = head.get(name.len()..)?;
-    let is_mark = |c: char| c.is_whitespace() || "_-/,:[](){}".contains(c);
-    let is_named = head[..name.len()].eq_ignore_ascii_case(name);
-    let ends_there = behind.is_empty() || behind.starts_with(is_mark);
-    (is_named && ends_there).then(|| behind.trim_matches(is_mark))
+    let (found, unit) = split_head(head);
+    found.eq_ignore_ascii_case(name).then_some(unit)
 }
 
 /// Whether targets may be in this unit, which the file then states.
 pub(crate) fn is_target_unit(unit: &str) -> bool {
-    ["", "mm", "deg", "°"].contains(&unit.to_lowercase().as_str())
+    unit.is_empty() || [Some("mm"), Some("deg")].contains(&unit_named(unit))
 }
 
 #[cfg(test)]

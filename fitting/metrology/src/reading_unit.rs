@@ -1,5 +1,7 @@
 //! The units that deviations are written in, and how they are brought into those in which they are held.
 
+use volcomp_document::unit_named;
+
 use crate::{DeviationUnit, Measurement};
 
 /// A unit in which deviations are written in a file, or asked for.
@@ -29,15 +31,14 @@ impl ReadingUnit {
     /// The unit of this name, as it stands behind the name of a column: `mm`, `µm`, `arcsec`, in letters of either case;
     /// `None` for a unit that is not known.
     pub fn named(name: &str) -> Option<Self> {
-        Some(match name.to_lowercase().as_str() {
+        Some(match unit_named(name)? {
             "mm" => Self::Mm,
-            // The micro sign becomes no Greek letter in lower case: both are written.
-            "um" | "µm" | "μm" => Self::Um,
+            "um" => Self::Um,
             "nm" => Self::Nm,
             "rad" => Self::Rad,
             "mrad" => Self::Mrad,
-            "urad" | "µrad" | "μrad" => Self::Urad,
-            "deg" | "°" => Self::Deg,
+            "urad" => Self::Urad,
+            "deg" => Self::Deg,
             "arcsec" => Self::Arcsec,
             _ => return None,
         })

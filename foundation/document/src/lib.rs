@@ -3,6 +3,7 @@
 mod csv_file;
 mod error;
 mod file_kind;
+mod head;
 mod lookup;
 mod nearest;
 mod quoted;
@@ -13,6 +14,7 @@ mod toml_file;
 pub use csv_file::{Cell, Column, CsvRow, CsvTable};
 pub use error::InputError;
 pub use file_kind::FileKind;
+pub use head::{split_head, unit_named};
 pub use nearest::nearest;
 pub use quoted::quoted;
 pub use read::{ReadError, read_text};

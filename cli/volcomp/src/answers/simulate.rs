@@ -12,10 +12,14 @@ pub(crate) struct Simulate {
     pub(crate) folder: String,
     /// Names of the files that were written.
     pub(crate) files: Vec<String>,
+    /// Names of those of them that stand in the place of an earlier file.
+    pub(crate) replaced: Vec<String>,
     /// The calibration file that reads the lines; null where only observations were made.
     pub(crate) calibration: Option<String>,
     /// The file of observations that reads the observations; null where none were made.
     pub(crate) observations: Option<String>,
+    /// The commands that make a machine file of them, in their order, to be run where this one was.
+    pub(crate) next: Vec<String>,
 }
 
 /// The document of `volcomp demo`: before and after, of everything.

@@ -74,11 +74,7 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
 
 /// The output must not take the place of what it is made from: a second run would start from its own result.
 fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<(), Failure> {
-    let Ok(there) = output.canonicalize() else {
-        return Ok(()); // it does not exist yet
-    };
-    let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
-    match files.iter().find(same) {
+    match same_file(files, output) {
         Some(path) => Err(Failure::Input(format!(
             "--output {}: is {}, which this {what} reads; expected another file",
             output.display(),
@@ -86,6 +82,13 @@ fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<()
         ))),
         None => Ok(()),
     }
+}
+
+/// The one of `files` that is the file `output`, by whichever name; none where that does not exist yet.
+fn same_file<'a>(files: &'a [PathBuf], output: &Path) -> Option<&'a PathBuf> {
+    let there = output.canonicalize().ok()?;
+    let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
+    files.iter().find(same)
 }
 
 /// Converts a vector from mm to µm.

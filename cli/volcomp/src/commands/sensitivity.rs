@@ -8,7 +8,8 @@ use std::{
 
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_sensitivity::{
-    DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of, sensitivity, terms,
+    DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of_with_progress,
+    sensitivity_with_progress, terms,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
@@ -17,6 +18,7 @@ use crate::{
     answers::sensitivity as answers,
     failure::Failure,
     points::{GeometryArguments, states_of},
+    progress,
     table::{HEAD, folded},
 };
 
@@ -57,15 +59,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         (grid(&machine, count), too_few(&machine, count))
     };
     let errors = errors_of(&machine, arguments.assembly);
-    let mut found = sensitivity(machine.chain(), &errors, &poses).map_err(Failure::input)?;
+    let bar = progress::bar(0, "positions");
+    let told = |done: usize, of: usize| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    };
+    let mut found = sensitivity_with_progress(machine.chain(), &errors, &poses, told)
+        .map_err(Failure::input)?;
     let mut notes = machine.notes();
     notes.extend(note);
     if arguments.values {
-        found.errors = by_values(&machine, &errors, &poses)?;
+        found.errors = by_values(&machine, &errors, &poses, told)?;
         if found.errors.iter().all(is_zero) {
             notes.push("the machine file gives no error that moves the tool".to_owned());
         }
     }
+    bar.finish_and_clear();
     let text = text(&machine, &found, arguments.values);
     Answer::new(&document(&found, arguments.values), text, notes)
 }
@@ -75,10 +84,12 @@ fn by_values(
     machine: &Machine,
     errors: &[ErrorTerm],
     poses: &Poses,
+    told: impl Fn(usize, usize) + Sync,
 ) -> Result<Vec<Effect>, Failure> {
     let temperatures = Temperatures::default();
     let source = machine.source(&temperatures);
-    let mut found = effects_of(machine.chain(), &source, errors, poses).map_err(Failure::input)?;
+    let mut found = effects_of_with_progress(machine.chain(), &source, errors, poses, told)
+        .map_err(Failure::input)?;
     found.sort_by(|a, b| {
         let by_position = b.position_rms_um.total_cmp(&a.position_rms_um);
         by_position.then(b.orientation_rms_urad.total_cmp(&a.orientation_rms_urad))
@@ -99,7 +110,10 @@ fn grid(machine: &Machine, count: usize) -> Poses {
         let [low, high] = axis.travel.map(end);
         if turns_round(axis) {
             let middle = 0.5 * (low + high);
-            return [middle - PI, middle + PI - TAU / count as f64];
+            // One node is the middle, as of any other axis.
+            let half = if count > 1 { PI } else { 0.0 };
+            let step = if count > 1 { TAU / count as f64 } else { 0.0 };
+            return [middle - half, middle + half - step];
         }
         [low, high]
     };

@@ -5,9 +5,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use volcomp_shop::{Shop, ShopError};
+use volcomp_shop::{CALIBRATED, Shop, ShopError};
 
-use super::Answer;
+use super::{Answer, same_file};
 use crate::{answers::simulate::Simulate, failure::Failure, output::OutputFile, progress};
 
 /// The virtual shop: makes measurement files of a truth machine and the files that read them
@@ -22,26 +22,60 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let shop = Shop::read(&arguments.shop)?;
-    let names = write(&shop, &arguments.output)?;
+    let folder = &arguments.output;
+    let Written { names, replaced } = write(&shop, folder)?;
     let path = |name: &str| {
         let is_there = names.iter().any(|written| written == name);
-        is_there.then(|| arguments.output.join(name).display().to_string())
+        is_there.then(|| folder.join(name).display().to_string())
     };
     let (calibration, observations) = (path("calibration.toml"), path("observations.toml"));
-    let mut text = format!("{} files in {}\n", names.len(), arguments.output.display());
-    for (command, file) in [("calibrate", &calibration), ("identify", &observations)] {
-        if let Some(file) = file {
-            // Writing to a String cannot fail.
-            let _ = writeln!(text, "next: volcomp {command} {file} -o MACHINE.toml");
-        }
+    let mut text = format!("{} files in {}", names.len(), folder.display());
+    if !replaced.is_empty() {
+        // Writing to a String cannot fail.
+        let _ = write!(text, ", {} of them over earlier ones", replaced.len());
+    }
+    text.push('\n');
+    let next = next(folder, calibration.is_some(), observations.is_some());
+    for (command, first) in next.iter().zip(["next", "then"]) {
+        let _ = writeln!(text, "{first}: {command}");
     }
     let document = Simulate {
-        folder: arguments.output.display().to_string(),
+        folder: folder.display().to_string(),
         calibration,
         observations,
         files: names,
+        replaced,
+        next,
     };
     Answer::new(&document, text, Vec::new())
+}
+
+/// The commands that make a machine file of the files in a folder, in their order. Where there are lines and observations,
+/// `observations.toml` starts from the machine that the lines give.
+fn next(folder: &Path, lines: bool, observations: bool) -> Vec<String> {
+    let file = |name: &str| for_shell(&folder.join(name).display().to_string());
+    let call = |command: &str, read: &str, output: &str| {
+        format!("volcomp {command} {} -o {output}", file(read))
+    };
+    let last = "MACHINE.toml";
+    match (lines, observations) {
+        (true, true) => vec![
+            call("calibrate", "calibration.toml", &file(CALIBRATED)),
+            call("identify", "observations.toml", last),
+        ],
+        (true, false) => vec![call("calibrate", "calibration.toml", last)],
+        (false, _) => vec![call("identify", "observations.toml", last)],
+    }
+}
+
+/// A path as one word of a command line.
+fn for_shell(path: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "/\\._-:~+,@".contains(c);
+    if path.chars().all(is_plain) {
+        path.to_owned()
+    } else {
+        format!("\"{path}\"")
+    }
 }
 
 impl From<ShopError> for Failure {
@@ -55,8 +89,17 @@ impl From<ShopError> for Failure {
     }
 }
 
-/// Writes every file of a shop into a folder; their names.
-pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Vec<String>, Failure> {
+/// What was written into a folder.
+pub(crate) struct Written {
+    /// The names of all files.
+    names: Vec<String>,
+    /// Those of them that were there before.
+    replaced: Vec<String>,
+}
+
+/// Writes every file of a shop into a folder.
+pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
+    refuse_inputs(shop, folder)?;
     std::fs::create_dir_all(folder).map_err(|e| {
         Failure::Input(format!(
             "{}: cannot be made a folder: {e}",
@@ -69,15 +112,41 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Vec<String>, Failure> 
     let files = shop.files(|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     let mut first = Some(first);
-    let mut names = Vec::new();
+    let mut written = Written {
+        names: Vec::new(),
+        replaced: Vec::new(),
+    };
     for (name, text) in files {
+        let path = folder.join(&name);
+        if path.exists() {
+            written.replaced.push(name.clone());
+        }
         let mut file = match first.take().filter(|_| name == "machine.toml") {
             Some(file) => file,
-            None => OutputFile::open(&folder.join(&name))?,
+            None => OutputFile::open(&path)?,
         };
         file.append(text.as_bytes())?;
         file.finish()?;
-        names.push(name);
+        written.names.push(name);
     }
-    Ok(names)
+    Ok(written)
+}
+
+/// Refuses a folder in which a file would be written over one that the shop reads.
+fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
+    let mut names = shop.file_names();
+    if names.iter().any(|name| name == "observations.toml") {
+        // The next command writes it.
+        names.push(CALIBRATED.to_owned());
+    }
+    for name in names {
+        if let Some(input) = same_file(&shop.inputs, &folder.join(&name)) {
+            return Err(Failure::Input(format!(
+                "--output {}: {name} would be written over {}, which this shop reads; expected another folder",
+                folder.display(),
+                input.display()
+            )));
+        }
+    }
+    Ok(())
 }

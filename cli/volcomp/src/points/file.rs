@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use volcomp_document::{Column, CsvTable, InputError, read_text};
+use volcomp_document::{Column, CsvTable, InputError, read_text, split_head, unit_named};
 use volcomp_kinematics::State;
-use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_model::{Machine, axis_of_head};
+use volcomp_vocabulary::AxisName;
 
 use crate::failure::Failure;
 
@@ -16,12 +16,6 @@ pub(crate) struct PointFile {
     /// The axes whose coordinates stand in a column.
     pub(super) axes: Vec<AxisName>,
 }
-
-/// Units that a head may name and that are not the one its axis is read in.
-const OTHER_UNITS: [&str; 19] = [
-    "mm", "µm", "μm", "um", "nm", "cm", "m", "in", "inch", "ft", "deg", "°", "rad", "mrad", "urad",
-    "µrad", "μrad", "arcsec", "gon",
-];
 
 /// The errors in a file of `volcomp map`, whose heads begin with the letters of axes.
 const ERRORS_OF_A_MAP: [&str; 6] = ["x_um", "y_um", "z_um", "a_urad", "b_urad", "c_urad"];
@@ -132,19 +126,14 @@ fn head(text: &str) -> Head<'_> {
     let (Some(name), rest) = (first.and_then(AxisName::from_letter), letters.as_str()) else {
         return Head::Other;
     };
-    let is_mark = |c: char| c.is_whitespace() || "_-/,:[](){}".contains(c);
-    let unit = rest.trim_matches(is_mark);
-    let own = match name.kind() {
-        AxisKind::Linear => unit.eq_ignore_ascii_case("mm"),
-        AxisKind::Rotary => unit.eq_ignore_ascii_case("deg") || unit == "°",
-    };
+    let unit = split_head(text).1;
     // A letter that goes on into a word is no axis: `Zone`, `amount`.
     let is_word = rest.starts_with(char::is_alphabetic);
     if is_word || ERRORS_OF_A_MAP.contains(&text) || OF_A_CORRECTION.contains(&rest) {
         Head::Other
-    } else if rest.trim().is_empty() || (own && rest.starts_with(|c| is_mark(c) || c == '°')) {
+    } else if axis_of_head(&format!("{name}{rest}")) == Some(name) {
         Head::Coordinates(name)
-    } else if OTHER_UNITS.contains(&unit.to_lowercase().as_str()) {
+    } else if unit_named(unit).is_some() {
         Head::OtherUnit(name, unit)
     } else {
         Head::Unclear(name)

@@ -11,6 +11,7 @@ mod nc_parts;
 mod points;
 mod probe;
 mod schema;
+mod simulated;
 mod structures;
 mod uncertainty;
 mod units;

@@ -308,3 +308,21 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
         "{words}"
     );
 }
+
+/// One node of an axis that turns all the way round is the middle of its travel, as of any other axis.
+#[test]
+fn one_node_of_a_turn_is_the_middle() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("turning.toml").display().to_string();
+    let text = "structure = \"w C' b X t\"\n[axes]\nC.travel = [0, 360]\nX.travel = [0, 400]\n[errors]\nECC = { poly = [0.0, 1.0] }\nEXX = { poly = [0.0, 0.1] }\n";
+    std::fs::write(&machine, text).expect("written");
+    let found = json(&["sensitivity", "-m", &machine, "--grid", "1", "--values"]);
+    assert_eq!(found["positions"], 1);
+    let errors = found["errors"].as_array().expect("errors");
+    let of = |name: &str, key: &str| {
+        let error = errors.iter().find(|error| error["name"] == name);
+        error.expect("there")[key].as_f64().expect("a number")
+    };
+    assert!((of("ECC", "orientation_rms_urad") - 180.0).abs() < 1e-6);
+    assert!((of("EXX", "position_rms_um") - 20.0).abs() < 1e-6);
+}

@@ -124,3 +124,52 @@ fn unit(of: [f64; 3]) -> [f64; 3] {
     let length = of.iter().map(|x| x * x).sum::<f64>().sqrt();
     of.map(|x| x / length)
 }
+
+/// A laser along the rows or across them shows positioning or straightness. Along another diagonal than the rows it is a slip.
+#[test]
+fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
+    let lab = Lab::new(MACHINE);
+    let mut text = String::from("X,Y,Z,deviation_um\n");
+    for k in 0..=10 {
+        let share = f64::from(k) / 10.0;
+        let _ = writeln!(text, "{},{},-200,{share}", 600.0 * share, 400.0 * share);
+    }
+    lab.write("l.csv", &text);
+    let notes = |direction: &str| {
+        let file = format!(
+            "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"line\"\nfile = \"l.csv\"\ndirection = {direction}\n"
+        );
+        let notes = lab.read(&file).expect("read").notes;
+        notes
+            .into_iter()
+            .filter(|note| note.contains("the rows run along"))
+            .collect::<Vec<_>>()
+    };
+    for fine in [
+        "[3, 2, 0]",
+        "[-3, -2, 0]",
+        "[3, 2.05, 0]",
+        "[-2, 3, 0]",
+        "[0, 0, 1]",
+    ] {
+        assert!(notes(fine).is_empty(), "{fine}");
+    }
+    // atan(2/3) = 33.7 deg is the angle of the rows to X; to the other diagonal it is twice that.
+    for (direction, angle) in [
+        ("[1, 0, 0]", "33.7"),
+        ("[3, -2, 0]", "67.4"),
+        ("[1, 1, 0]", "11.3"),
+    ] {
+        let found = notes(direction);
+        let expected = format!(
+            "o.toml:7: observation[0].direction: the rows run along [0.832, 0.555, 0.000] in workpiece axes, {angle} deg from this direction"
+        );
+        assert!(
+            found.len() == 1 && found[0].contains(&expected),
+            "{found:?}"
+        );
+    }
+    // Rows that lie on no line say nothing.
+    lab.write("l.csv", &(text + "300,0,-200,1\n"));
+    assert!(notes("[1, 0, 0]").is_empty());
+}

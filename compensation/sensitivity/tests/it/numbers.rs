@@ -8,7 +8,8 @@ use volcomp_kinematics::{
 };
 use volcomp_model::{Machine, Temperatures};
 use volcomp_sensitivity::{
-    Dependence, ErrorTerm, Poses, Sensitivity, SensitivityError, effects_of, sensitivity, terms,
+    Dependence, ErrorTerm, Poses, Sensitivity, SensitivityError, effects_of,
+    effects_of_with_progress, sensitivity, sensitivity_with_progress, terms,
 };
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::{AxisKind, Direction, ErrorName, MAX_AXES};
@@ -426,4 +427,36 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     }
     let moving = found.iter().filter(|effect| effect.share > 0.0).count();
     assert_eq!(moving, 10, "the errors of the file: {found:?}");
+}
+
+/// Whoever watches is told of every pose once, in whichever order the cores come, and no digit changes.
+#[test]
+fn progress_counts_every_pose_once() {
+    let machine = Machine::parse(
+        "structure = \"w X' b Y Z t\"\naxes = { X.travel = [0, 500], Y.travel = [0, 400], Z.travel = [0, 300] }\n[errors]\nEXX = { poly = [0, 0.1] }\n",
+        "machine.toml",
+    )
+    .unwrap();
+    let chain = machine.chain();
+    let errors = terms(chain, false, &[]);
+    let poses = Poses::over(&[[0.0, 500.0], [0.0, 400.0], [0.0, 300.0]], 20);
+    let told = std::sync::Mutex::new(Vec::new());
+    let progress = |done: usize, of: usize| {
+        assert_eq!(of, 8000);
+        told.lock().unwrap().push(done);
+    };
+    let found = sensitivity_with_progress(chain, &errors, &poses, progress).unwrap();
+    assert_eq!(found, sensitivity(chain, &errors, &poses).unwrap());
+    let mut done = std::mem::take(&mut *told.lock().unwrap());
+    done.sort_unstable();
+    // 8000 poses in chunks of 2048: every partial sum once, the last is all of them.
+    assert_eq!(done.len(), 4);
+    assert_eq!(done.last(), Some(&8000));
+    let none = Temperatures::new();
+    let source = machine.source(&none);
+    let values = effects_of_with_progress(chain, &source, &errors, &poses, progress).unwrap();
+    assert_eq!(values, effects_of(chain, &source, &errors, &poses).unwrap());
+    let mut done = std::mem::take(&mut *told.lock().unwrap());
+    done.sort_unstable();
+    assert_eq!((done.len(), done.last()), (4, Some(&8000)));
 }

@@ -3,23 +3,23 @@
 use volcomp_kinematics::nalgebra::Vector3;
 
 use super::{Made, Observer, direction, push_row};
-use crate::{error::ObservationError, poses::actual_tip};
+use crate::{error::ObservationError, observation::Poses, poses::actual_tip};
 
 impl Observer<'_> {
     pub(super) fn distances(
         &mut self,
-        poses: usize,
+        poses: &Poses,
         point: Vector3<f64>,
         dead_length_mm: f64,
         radius_mm: Option<f64>,
     ) -> Result<Made, ObservationError> {
-        let (free_axes, tools) = (&self.free_axes, &self.tools);
-        let states = match radius_mm {
-            None => free_axes.everywhere(poses, &mut self.random),
-            Some(radius) => free_axes
+        let states = match (radius_mm, poses) {
+            (None, _) | (_, Poses::Planned(_)) => self.everywhere(poses),
+            (Some(radius), &Poses::Drawn(poses)) => self
+                .free_axes
                 .around(
                     poses,
-                    |pose| tools.machine(pose),
+                    |pose| self.tools.machine(pose),
                     |_, random| point + direction(random) * radius,
                     &mut self.random,
                 )
@@ -30,6 +30,7 @@ impl Observer<'_> {
                     poses,
                 })?,
         };
+        let poses = states.len();
         let drift = self.direction();
         let mut text = format!("{}{}length_mm\n", self.axes_header(), self.tool_header());
         for (pose, mut state) in states.into_iter().enumerate() {

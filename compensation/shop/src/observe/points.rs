@@ -5,12 +5,12 @@ use std::fmt::Write;
 use volcomp_kinematics::nalgebra::{Rotation3, Vector3};
 
 use super::{Made, Observer, push_row};
-use crate::poses::actual_tip;
+use crate::{observation::Poses, poses::actual_tip};
 
 impl Observer<'_> {
     pub(super) fn points(
         &mut self,
-        poses: usize,
+        poses: &Poses,
         frame: &[f64; 6],
         target: Option<[f64; 3]>,
     ) -> Made {
@@ -18,7 +18,8 @@ impl Observer<'_> {
         let rotation = Rotation3::from_euler_angles(a, b, c);
         let place = Vector3::new(frame[0], frame[1], frame[2]);
         let offset = Vector3::from(target.unwrap_or_default());
-        let states = self.free_axes.everywhere(poses, &mut self.random);
+        let states = self.everywhere(poses);
+        let poses = states.len();
         let middle = states
             .iter()
             .map(|state| self.truth.chain().ideal_tip_mm(state))

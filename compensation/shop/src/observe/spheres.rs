@@ -6,12 +6,20 @@ use volcomp_kinematics::{
 };
 
 use super::{Made, Observer, push_offset};
-use crate::{error::ObservationError, observation::Reads, poses::actual_tip};
+use crate::{
+    error::ObservationError,
+    observation::{Poses, Reads},
+    plan::Plan,
+    poses::actual_tip,
+};
+
+/// A plan whose tip stands further from a sphere is another one: an R-test reads a millimetre or two.
+const NEAR_MM: f64 = 2.0;
 
 impl Observer<'_> {
     pub(super) fn spheres(
         &mut self,
-        poses: usize,
+        poses: &Poses,
         centres: &[[f64; 3]],
         reads: Reads,
     ) -> Result<Made, ObservationError> {
@@ -24,31 +32,35 @@ impl Observer<'_> {
             self.axes_header(),
             self.tool_header()
         );
-        for (number, centre) in centres.iter().enumerate() {
-            let centre = Vector3::from(*centre);
-            let drift = self.direction();
-            let tools = &self.tools;
-            let states = self
-                .free_axes
-                .around(
-                    poses,
-                    |pose| tools.machine(pose),
-                    |_, _| centre,
-                    &mut self.random,
-                )
-                .map_err(|found| ObservationError::Reach {
-                    what: format!("sphere S{}", number + 1),
-                    at: centre.into(),
-                    found,
-                    poses,
-                })?;
-            for (pose, state) in states.into_iter().enumerate() {
-                let centre = centre + self.drift_mm(&drift, pose, poses);
-                let (state, read) =
-                    self.at_centre(pose, state, &centre, &Matrix3::identity(), reads)?;
-                let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
-                let cells = format!("{at}{tool}S{}", number + 1);
-                push_offset(&mut text, &cells, read);
+        match poses {
+            &Poses::Drawn(poses) => {
+                for (sphere, centre) in centres.iter().enumerate() {
+                    let drift = self.direction();
+                    let states = self.around(sphere, (*centre).into(), poses)?;
+                    for (pose, state) in states.into_iter().enumerate() {
+                        let centre = Vector3::from(*centre) + self.drift_mm(&drift, pose, poses);
+                        text.push_str(&self.at_sphere(pose, state, sphere, &centre, reads)?);
+                    }
+                }
+            }
+            Poses::Planned(plan) => {
+                let drifts: Vec<_> = centres.iter().map(|_| self.direction()).collect();
+                let states = self.free_axes.planned(self.truth, plan);
+                let rows = states.len();
+                for (pose, (state, planned)) in states.into_iter().zip(&plan.poses).enumerate() {
+                    let sphere = planned.sphere;
+                    let (Some(centre), Some(drift)) = (centres.get(sphere), drifts.get(sphere))
+                    else {
+                        return Err(ObservationError::NoSphere {
+                            found: sphere + 1,
+                            most: centres.len(),
+                        });
+                    };
+                    let centre = Vector3::from(*centre);
+                    let state = self.to_sphere(pose, state, sphere, &centre, plan)?;
+                    let centre = centre + self.drift_mm(drift, pose, rows);
+                    text.push_str(&self.at_sphere(pose, state, sphere, &centre, reads)?);
+                }
             }
         }
         let file = format!("{}.csv", self.what.name);
@@ -57,6 +69,76 @@ impl Observer<'_> {
             files: vec![(file, text)],
             tables,
         })
+    }
+
+    /// Poses that are drawn around a sphere.
+    fn around(
+        &mut self,
+        sphere: usize,
+        centre: Vector3<f64>,
+        poses: usize,
+    ) -> Result<Vec<State>, ObservationError> {
+        let tools = &self.tools;
+        self.free_axes
+            .around(
+                poses,
+                |pose| tools.machine(pose),
+                |_, _| centre,
+                &mut self.random,
+            )
+            .map_err(|found| ObservationError::Reach {
+                what: format!("sphere S{}", sphere + 1),
+                at: centre.into(),
+                found,
+                poses,
+            })
+    }
+
+    /// A planned pose with the ideal tip at the sphere: the linear axes follow where the plan commands none of them, and
+    /// must be near it where it does.
+    fn to_sphere(
+        &self,
+        pose: usize,
+        state: State,
+        sphere: usize,
+        centre: &Vector3<f64>,
+        plan: &Plan,
+    ) -> Result<State, ObservationError> {
+        let machine = self.tools.machine(pose);
+        if plan.is_rotary() {
+            let found = self.free_axes.ideal(machine, state, centre);
+            return found.ok_or_else(|| ObservationError::PlannedReach {
+                pose: pose + 1,
+                sphere: sphere + 1,
+                at: (*centre).into(),
+            });
+        }
+        let apart_mm = (machine.chain().ideal_tip_mm(&state) - centre).norm();
+        if apart_mm > NEAR_MM {
+            return Err(ObservationError::PlannedApart {
+                pose: pose + 1,
+                sphere: sphere + 1,
+                apart_mm,
+                most_mm: NEAR_MM,
+            });
+        }
+        Ok(state)
+    }
+
+    /// The row of a sphere at a pose.
+    fn at_sphere(
+        &mut self,
+        pose: usize,
+        state: State,
+        sphere: usize,
+        centre: &Vector3<f64>,
+        reads: Reads,
+    ) -> Result<String, ObservationError> {
+        let (state, read) = self.at_centre(pose, state, centre, &Matrix3::identity(), reads)?;
+        let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
+        let mut row = String::new();
+        push_offset(&mut row, &format!("{at}{tool}S{}", sphere + 1), read);
+        Ok(row)
     }
 
     /// Goes to a centre from the pose at which it is nominally: the coordinates that are written, and the offset along

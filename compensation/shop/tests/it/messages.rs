@@ -2,7 +2,9 @@
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
-use volcomp_shop::{Bar, Instrument, InstrumentError, Setting, Shop, ShopError, ShopObservation};
+use volcomp_shop::{
+    Bar, Instrument, InstrumentError, Poses, Setting, Shop, ShopError, ShopObservation,
+};
 use volcomp_vocabulary::{Um, Urad};
 
 const TRUTH: &str =
@@ -72,6 +74,44 @@ fn what_is_wrong_with_an_instrument_built_in_code_is_named() {
     );
 }
 
+/// All readings stand in memory at once, so that counts which a line may have are too many of many lines.
+#[test]
+fn more_readings_than_fit_are_refused() {
+    let lines =
+        "targets = 100000\nruns = 10\n[[measurement]]\nerrors = [\"EXX\", \"EYY\", \"EYX\"]\n";
+    let text = format!("machine = \"truth.toml\"\n[instrument]\n{lines}");
+    let error = shop(&text).and_then(|shop| shop.files(|_, _| {}));
+    assert_eq!(
+        error.expect_err("six million readings").to_string(),
+        "the shop makes 6000000 readings, expected at most 5000000: fewer targets, runs or poses"
+    );
+    let mut many = shop(SHOP).expect("a valid shop");
+    let line = many.lines[0].clone();
+    many.lines[0].instrument.runs = 100_000;
+    many.lines = vec![many.lines[0].clone(); 6];
+    assert!(matches!(
+        many.files(|_, _| {}),
+        Err(ShopError::Readings { .. })
+    ));
+    many.lines = vec![line];
+    assert!(many.files(|_, _| {}).is_ok());
+    many.observations = vec![ShopObservation {
+        name: "observed".to_owned(),
+        instrument: Instrument::default(),
+        at: Vec::new(),
+        tools: Vec::new(),
+        setting: Setting::Sphere {
+            poses: Poses::Drawn(100_000),
+            centres: vec![[0.0; 3]; 51],
+            reads: volcomp_shop::Reads::Offset,
+        },
+    }];
+    assert!(matches!(
+        many.files(|_, _| {}),
+        Err(ShopError::Readings { .. })
+    ));
+}
+
 /// What a shop file refuses is refused in a shop that is built in code, too.
 #[test]
 fn what_is_wrong_with_an_observation_built_in_code_is_named() {
@@ -82,7 +122,7 @@ fn what_is_wrong_with_an_observation_built_in_code_is_named() {
         calibration: Um(0.0),
     };
     let points = |poses| Setting::Points {
-        poses,
+        poses: Poses::Drawn(poses),
         frame: [0.0; 6],
         target: None,
     };

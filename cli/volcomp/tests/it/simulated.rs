@@ -1,0 +1,202 @@
+//! What `volcomp simulate` writes, what it never writes over, and what it says to run next.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+
+/// Scales that are wrong and axes that are not square; nothing that lines or observations do not show.
+const TRUTH: &str = "structure = \"w X' b Y Z t\"
+[axes]
+X.travel = [0, 500]
+Y.travel = [0, 400]
+Z.travel = [0, 300]
+[errors]
+EXX = { poly = [0.0, 0.04] }
+EYY = { poly = [0.0, -0.03] }
+EZZ = { poly = [0.0, 0.05] }
+EC0Y = 60.0
+EA0Z = -40.0
+EB0Z = 50.0
+";
+
+const LINES: &str = "[[measurement]]\nerrors = [\"EXX\", \"EYY\", \"EZZ\"]\n";
+const OBSERVED: &str =
+    "[[observation]]\nkind = \"points\"\nframe = [900, -500, 200, 0, 0, 120]\nposes = 40\n";
+const UNKNOWN: &str = "unknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\"]\n";
+
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program was built for this test")
+}
+
+fn written(folder: &Path) -> BTreeMap<String, String> {
+    let entries = fs::read_dir(folder).expect("a folder");
+    let files = entries.map(|entry| {
+        let path = entry.expect("an entry").path();
+        let name = path.file_name().expect("a name").display().to_string();
+        (name, fs::read_to_string(&path).expect("text"))
+    });
+    files.collect()
+}
+
+fn simulated(folder: &Path, shop: &str, output: &str) -> Output {
+    run(folder, &["simulate", shop, "-o", output])
+}
+
+#[test]
+fn what_the_shop_reads_is_not_written_over() {
+    for (truth, shop, plan, name) in [
+        ("machine.toml", "shop.toml", "", "machine.toml"),
+        ("truth.toml", "calibration.toml", "", "calibration.toml"),
+        ("truth.toml", "observations.toml", "", "observations.toml"),
+        // Not written by this command, but by the next one that it names.
+        ("calibrated.toml", "shop.toml", "", "calibrated.toml"),
+        ("truth.toml", "shop.toml", "points.csv", "points.csv"),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let folder = folder.path();
+        let mut text = format!("machine = \"{truth}\"\n{UNKNOWN}{LINES}{OBSERVED}");
+        if !plan.is_empty() {
+            text = text.replace("poses = 40", &format!("poses = \"{plan}\""));
+            fs::write(folder.join(plan), "X\n0\n250\n500\n").expect("written");
+        }
+        fs::write(folder.join(truth), TRUTH).expect("written");
+        fs::write(folder.join(shop), text).expect("written");
+        let before = written(folder);
+        for output in [".", "./", &folder.display().to_string()] {
+            let refused = simulated(folder, shop, output);
+            let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+            assert_eq!(refused.status.code(), Some(2), "{message}");
+            let expected = format!(
+                "--output {output}: {name} would be written over {name}, which this shop reads; expected another folder"
+            );
+            assert!(message.contains(&expected), "{message}");
+            assert_eq!(written(folder), before, "{name}");
+        }
+        let elsewhere = simulated(folder, shop, "elsewhere");
+        assert_eq!(elsewhere.status.code(), Some(0), "{name}");
+        for (name, text) in &before {
+            let now = fs::read_to_string(folder.join(name)).expect("still there");
+            assert_eq!(now, *text);
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_to_an_input_is_not_written_over() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("truth.toml"), TRUTH).expect("written");
+    fs::write(
+        folder.join("shop.toml"),
+        format!("machine = \"truth.toml\"\n{LINES}"),
+    )
+    .expect("written");
+    fs::create_dir(folder.join("out")).expect("made");
+    std::os::unix::fs::symlink("../truth.toml", folder.join("out/machine.toml")).expect("linked");
+    assert_eq!(simulated(folder, "shop.toml", "out").status.code(), Some(2));
+    let names: Vec<String> = written(&folder.join("out")).into_keys().collect();
+    assert_eq!(names, ["machine.toml"]);
+}
+
+#[test]
+fn files_of_an_earlier_run_are_counted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("truth.toml"), TRUTH).expect("written");
+    let shop = |lines: &str| {
+        let text = format!("machine = \"truth.toml\"\n{lines}");
+        fs::write(folder.join("shop.toml"), text).expect("written");
+        let output = simulated(folder, "shop.toml", "out");
+        String::from_utf8(output.stdout).expect("UTF-8")
+    };
+    let first = shop("[[measurement]]\nerror = \"EXX\"\n");
+    assert!(first.starts_with("3 files in out\n"), "{first}");
+    let second = shop(LINES);
+    let expected = "5 files in out, 3 of them over earlier ones\n";
+    assert!(second.starts_with(expected), "{second}");
+    let output = run(folder, &["--json", "simulate", "shop.toml", "-o", "out"]);
+    let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(document["replaced"], document["files"]);
+}
+
+/// Runs the commands that were printed, word by word, where they were printed; the ranges of the body diagonals that the
+/// machine file of the last one leaves of the truth.
+fn ranges_after_the_printed_commands(lines: &str, output: &str) -> Vec<f64> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::create_dir(folder.join("plans")).expect("made");
+    fs::write(folder.join("plans/truth.toml"), TRUTH).expect("written");
+    let text = format!("machine = \"truth.toml\"\nseed = 4\n{lines}");
+    fs::write(folder.join("plans/shop.toml"), text).expect("written");
+    let printed = simulated(folder, "plans/shop.toml", output);
+    let printed = String::from_utf8(printed.stdout).expect("UTF-8");
+    let commands: Vec<&str> = printed
+        .lines()
+        .filter_map(|line| {
+            let next = line.strip_prefix("next: ");
+            next.or_else(|| line.strip_prefix("then: "))
+        })
+        .collect();
+    assert!(!commands.is_empty(), "{printed}");
+    for command in &commands {
+        // As a shell reads it: double quotes keep a path together.
+        let mut quoted = false;
+        let words: Vec<String> = command
+            .split(|c: char| {
+                quoted ^= c == '"';
+                c == ' ' && !quoted
+            })
+            .map(|word| word.replace('"', ""))
+            .collect();
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        assert_eq!(words[0], "volcomp");
+        let output = run(folder, &words[1..]);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{command}: {message}");
+    }
+    let judged = run(
+        folder,
+        &[
+            "--json",
+            "diagonals",
+            "--machine",
+            "MACHINE.toml",
+            "--compensated",
+            "--truth",
+            "plans/truth.toml",
+        ],
+    );
+    let document: Value = serde_json::from_slice(&judged.stdout).expect("JSON");
+    ["PPP", "NPP", "PNP", "PPN"]
+        .map(|name| document[name]["range_um"].as_f64().expect("a number"))
+        .to_vec()
+}
+
+#[test]
+fn the_printed_commands_lead_to_a_good_machine() {
+    let largest = |ranges: Vec<f64>| ranges.into_iter().fold(0.0, f64::max);
+    // Lines and observations: each finds what the other does not.
+    for output in ["out", "plans/out", ".", "a folder/with blanks"] {
+        let all = format!("{UNKNOWN}{LINES}{OBSERVED}");
+        let left = largest(ranges_after_the_printed_commands(&all, output));
+        assert!(left < 0.05, "{output}: {left}");
+    }
+    // The observations alone, of all that is wrong.
+    let unknown = "unknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", { error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 1 }, { error = \"EZZ\", legendre = 1 }]\n";
+    let alone = format!("{unknown}{OBSERVED}");
+    let left = largest(ranges_after_the_printed_commands(&alone, "out"));
+    assert!(left < 0.05, "{left}");
+    // The lines alone leave the squareness.
+    let left = largest(ranges_after_the_printed_commands(LINES, "out"));
+    assert!(left > 10.0, "{left}");
+}

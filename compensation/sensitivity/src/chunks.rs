@@ -1,0 +1,32 @@
+//! Work over many poses on all cores.
+
+use std::{
+    ops::Range,
+    sync::atomic::{AtomicUsize, Ordering},
+};
+
+use rayon::prelude::*;
+
+/// Poses that one core takes at a time.
+const CHUNK: usize = 2048;
+
+/// What `work` makes of each chunk of `count` poses, in the order of the poses: joined in this order every run gives the same
+/// digits. `progress` is told, from any core, how many poses of how many are done.
+pub(crate) fn chunks<T: Send>(
+    count: usize,
+    progress: &(impl Fn(usize, usize) + Sync),
+    work: impl Fn(Range<usize>) -> T + Sync,
+) -> Vec<T> {
+    let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
+    let done = AtomicUsize::new(0);
+    starts
+        .into_par_iter()
+        .map(|start| {
+            let places = start..count.min(start + CHUNK);
+            let more = places.len();
+            let made = work(places);
+            progress(done.fetch_add(more, Ordering::Relaxed) + more, count);
+            made
+        })
+        .collect()
+}

@@ -1,0 +1,132 @@
+//! A plan of poses: commands that were chosen beforehand, in place of poses that are drawn.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_document::{Column, CsvTable, InputError, Value, quoted, read_text};
+use volcomp_model::{Machine, axis_of_head};
+use volcomp_vocabulary::AxisName;
+
+use crate::observation::MOST_POSES;
+
+/// Commanded poses, one after the other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The axes whose coordinates the plan states; others stand as `at` says, and linear ones may follow to a sphere.
+    pub axes: Vec<AxisName>,
+    /// The poses.
+    pub poses: Vec<PlannedPose>,
+}
+
+impl Plan {
+    /// Whether it commands rotary axes only, so that linear axes follow to a sphere.
+    pub(crate) fn is_rotary(&self) -> bool {
+        self.axes.iter().all(|axis| axis.is_rotary())
+    }
+}
+
+/// One commanded pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlannedPose {
+    /// Coordinates of the axes of the plan, mm or deg.
+    pub at: Vec<f64>,
+    /// Of spheres: which of the centres, from 0.
+    pub sphere: usize,
+}
+
+/// Reads a plan: a CSV table with a column for each axis that it commands, and `sphere` (S1, S2, …) where there are several.
+/// `spheres` is their number. The file is looked for beside the shop file.
+pub(crate) fn read_plan(
+    value: &Value<'_>,
+    machine: &Machine,
+    held: &[(AxisName, f64)],
+    spheres: usize,
+) -> Result<(PathBuf, Plan), InputError> {
+    let name = value.text()?;
+    let shop_file = value.error("").file;
+    let folder = Path::new(&shop_file).parent().unwrap_or(Path::new(""));
+    let path = folder.join(name);
+    let text = read_text(&path).map_err(|error| value.error(error.to_string()))?;
+    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    let mut axes: Vec<(AxisName, Column)> = Vec::new();
+    let mut sphere = None;
+    for (column, head) in table.columns() {
+        if head == "sphere" && spheres > 0 && sphere.is_none() {
+            sphere = Some(column);
+            continue;
+        }
+        let axis = axis_of_head(head).filter(|axis| machine.axis(*axis).is_some());
+        let Some(axis) = axis else {
+            let letters = machine.axes().iter().map(|axis| axis.name.to_string());
+            let letters: Vec<String> = letters.collect();
+            let more = if spheres > 0 { ", or `sphere`" } else { "" };
+            return Err(table.header_error(format!(
+                "found a column {}, expected the letters of the machine's axes, alone or with mm or deg ({}){more}",
+                quoted(head),
+                letters.join(", ")
+            )));
+        };
+        if axes.iter().any(|(other, _)| *other == axis) {
+            return Err(table.header_error(format!("found two columns of {axis}, expected one")));
+        }
+        if held.iter().any(|(other, _)| *other == axis) {
+            return Err(table.header_error(format!(
+                "found a column of {axis}, which `at` of the shop file holds: expected one of them"
+            )));
+        }
+        axes.push((axis, column));
+    }
+    if spheres > 1 && sphere.is_none() {
+        return Err(table.header_error(format!(
+            "found no column `sphere`, expected one that says which of the {spheres} spheres each row is at: S1 to S{spheres}"
+        )));
+    }
+    // To a sphere the linear axes follow, where the plan commands none of them.
+    let follow = spheres > 0 && axes.iter().all(|(axis, _)| axis.is_rotary());
+    for axis in machine.axes() {
+        let name = axis.name;
+        let is_said = axes.iter().any(|(other, _)| *other == name)
+            || held.iter().any(|(other, _)| *other == name)
+            || (follow && !name.is_rotary());
+        if !is_said && let Err(message) = axis.check_coordinate(0.0) {
+            return Err(table.header_error(format!(
+                "found no column of {name}, which then stands at 0: {message}"
+            )));
+        }
+    }
+    let rows = table.rows().len();
+    if !(1..=MOST_POSES).contains(&rows) {
+        return Err(table.header_error(format!("found {rows} rows, expected 1 to {MOST_POSES}")));
+    }
+    let mut poses = Vec::with_capacity(rows);
+    for row in table.rows() {
+        let mut at = Vec::with_capacity(axes.len());
+        for &(name, column) in &axes {
+            let cell = row.cell(column);
+            let found = cell.number()?;
+            // It was looked up above.
+            let Some(axis) = machine.axis(name) else {
+                continue;
+            };
+            axis.check_coordinate(found)
+                .map_err(|message| cell.error(message))?;
+            at.push(found);
+        }
+        let sphere = match sphere {
+            Some(column) => {
+                let cell = row.cell(column);
+                let number = (1..=spheres).find(|number| format!("S{number}") == cell.text());
+                let number = number.ok_or_else(|| {
+                    cell.error(format!(
+                        "found {}, expected one of the spheres S1 to S{spheres}",
+                        quoted(cell.text())
+                    ))
+                })?;
+                number - 1
+            }
+            None => 0,
+        };
+        poses.push(PlannedPose { at, sphere });
+    }
+    let axes = axes.into_iter().map(|(axis, _)| axis).collect();
+    Ok((path, Plan { axes, poses }))
+}

@@ -1,0 +1,74 @@
+//! The heads of columns: a name, alone or with a unit behind it.
+
+/// Units and how people write them; letters of either case.
+const UNITS: [(&str, &[&str]); 14] = [
+    ("mm", &["mm"]),
+    // The micro sign becomes no Greek letter in lower case: both are written.
+    ("um", &["um", "µm", "μm"]),
+    ("nm", &["nm"]),
+    ("cm", &["cm"]),
+    ("m", &["m"]),
+    ("in", &["in", "inch"]),
+    ("ft", &["ft"]),
+    ("deg", &["deg", "°"]),
+    ("rad", &["rad"]),
+    ("mrad", &["mrad"]),
+    ("urad", &["urad", "µrad", "μrad"]),
+    ("arcsec", &["arcsec"]),
+    ("gon", &["gon"]),
+    ("degc", &["degc", "°c"]),
+];
+
+/// The name of a head, and what stands behind it without blanks and marks: `X`, `X mm`, `dx_um`, `deviation [µm]`, `C (deg)` and `C°`
+/// are a name alone or with a unit.
+pub fn split_head(head: &str) -> (&str, &str) {
+    let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
+    let end = head.find(|c: char| !c.is_alphanumeric());
+    let (name, behind) = head.split_at(end.unwrap_or(head.len()));
+    (name, behind.trim_matches(is_mark))
+}
+
+/// A unit by any of its names: `um` for `µm`, `deg` for `°`; `None` where it is none that is known.
+pub fn unit_named(text: &str) -> Option<&'static str> {
+    let small = text.to_lowercase();
+    let is_it = |(_, names): &&(&str, &[&str])| names.contains(&small.as_str());
+    UNITS.iter().find(is_it).map(|(unit, _)| *unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heads_are_names_alone_or_with_a_unit() {
+        for (head, name, behind) in [
+            ("target", "target", ""),
+            ("Target mm", "Target", "mm"),
+            ("dx_um", "dx", "um"),
+            ("deviation [µm]", "deviation", "µm"),
+            ("C°", "C", "°"),
+            ("X, mm", "X", "mm"),
+            ("dead_length_mm", "dead", "length_mm"),
+            ("targetµ", "targetµ", ""),
+            ("", "", ""),
+            ("_mm", "", "mm"),
+        ] {
+            assert_eq!(split_head(head), (name, behind), "{head}");
+        }
+    }
+
+    #[test]
+    fn units_have_several_names() {
+        for (text, unit) in [
+            ("MM", Some("mm")),
+            ("µm", Some("um")),
+            ("μrad", Some("urad")),
+            ("°", Some("deg")),
+            ("inch", Some("in")),
+            ("", None),
+            ("thou", None),
+        ] {
+            assert_eq!(unit_named(text), unit, "{text}");
+        }
+    }
+}
