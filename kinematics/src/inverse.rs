@@ -26,6 +26,13 @@ const REACHED_WITHIN_RAD: f64 = 1e-9;
 const SAME_BELOW_RAD: f64 = 1e-6;
 /// The largest distance, mm, by which a tip may miss what the linear axes reach.
 const REACHED_WITHIN_MM: f64 = 1e-7;
+/// A tip that is brought to a point is there, mm: what rounding leaves of coordinates of some metres.
+const BROUGHT_WITHIN_MM: f64 = 1e-9;
+/// Steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
+const MOST_STEPS: usize = 12;
+/// Three unit vectors that span less than this lie in a plane but for rounding, or nearly so: what one axis does not reach, no
+/// long way of the others against each other shall.
+const FLAT_BELOW: f64 = 1e-3;
 
 /// The angles that point the tool, and the rotary axes that have no part in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,15 +143,7 @@ impl Chain {
         travel: &PerAxis<[f64; 2]>,
     ) -> Result<State, NoSolution> {
         let is_linear = |joint: &Joint| joint.kind == AxisKind::Linear;
-        let mut columns = [Vector3::zeros(); MAX_AXES];
-        let mut turned = Matrix3::identity();
-        for ((joint, &q), column) in self.joints().iter().zip(&state.q).zip(&mut columns) {
-            if is_linear(joint) {
-                *column = turned * joint.direction;
-            } else {
-                turned *= rotation_about_axis(&joint.direction, q);
-            }
-        }
+        let mut columns = self.linear_columns(state);
         let first_of_each = Correctors::all(self);
         let mut moving = [false; MAX_AXES];
         let mut found = *state;
@@ -202,6 +201,53 @@ impl Chain {
         }
         Err(NoSolution::Tip { miss_mm })
     }
+
+    /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]; rotary axes
+    /// stay, and so do the linear ones whose place in the chain `moves` refuses. Of many ways it is the shortest from where
+    /// the axes stand, whatever their travels; where there is none they go as near as they can. Returns the distance, mm, that
+    /// remains.
+    ///
+    /// `tip` may be that of another tool, or an actual one: errors that are small against the moves take some steps more.
+    pub fn bring(
+        &self,
+        state: &mut State,
+        moves: impl Fn(usize) -> bool,
+        to: &Vector3<f64>,
+        tip: impl Fn(&State) -> Vector3<f64>,
+    ) -> f64 {
+        let columns = self.linear_columns(state);
+        let mut moving = [false; MAX_AXES];
+        for (index, joint) in self.joints().iter().enumerate() {
+            moving[index] = joint.kind == AxisKind::Linear && moves(index);
+        }
+        let mut missing = to - tip(state);
+        for _ in 0..MOST_STEPS {
+            if missing.norm() <= BROUGHT_WITHIN_MM {
+                break;
+            }
+            let steps = least_norm(&columns, &moving, &missing);
+            for (q, step) in state.q.iter_mut().zip(steps) {
+                *q += step;
+            }
+            missing = to - tip(state);
+        }
+        missing.norm()
+    }
+
+    /// How the ideal tip moves with each linear axis where the rotary axes stand as in `state`: unit vectors in workpiece
+    /// axes, zeros for rotary axes.
+    fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
+        let mut columns = [Vector3::zeros(); MAX_AXES];
+        let mut turned = Matrix3::identity();
+        for ((joint, &q), column) in self.joints().iter().zip(&state.q).zip(&mut columns) {
+            if joint.kind == AxisKind::Linear {
+                *column = turned * joint.direction;
+            } else {
+                turned *= rotation_about_axis(&joint.direction, q);
+            }
+        }
+        columns
+    }
 }
 
 /// The steps of least norm of the axes that move, mm: Dᵀ·(D·Dᵀ)⁺·missing.
@@ -213,6 +259,7 @@ fn least_norm(
     let used = || columns.iter().zip(moving).filter(|(_, moves)| **moves);
     let exact: ArrayVec<Vector3<f64>, MAX_AXES> = used().map(|(column, _)| *column).collect();
     if let [a, b, c] = exact[..]
+        && a.cross(&b).dot(&c).abs() >= FLAT_BELOW
         && let Some(inverse) = Matrix3::from_columns(&[a, b, c]).try_inverse()
     {
         let shares = inverse * missing;

@@ -1,8 +1,7 @@
 //! The ideal experiment: the same poses on a machine without errors, with readings that fit it exactly. What cannot be
 //! told apart there is told apart by the errors of the real one only in appearance.
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
-use volcomp_vocabulary::AxisKind;
+use volcomp_kinematics::{State, nalgebra::Vector3};
 
 use crate::{
     equation::bar,
@@ -11,9 +10,6 @@ use crate::{
     system::{Equations, System},
     values::Values,
 };
-
-/// Steps until the ideal tip is on the centre of a sphere; the linear axes are straight, so that two would do, and a third takes the rounding.
-const STEPS: usize = 3;
 
 /// The equations of the ideal experiment.
 pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations {
@@ -52,25 +48,13 @@ pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> boo
     /// The tip is there, mm.
     const THERE: f64 = 1e-6;
     let chain = system.machine.chain();
-    for _ in 0..STEPS {
-        let mut columns: Vec<(usize, Vector3<f64>)> = Vec::new();
-        let mut before = volcomp_kinematics::Pose::identity();
-        for (axis, (joint, &q)) in chain.joints().iter().zip(&stand.state.q).enumerate() {
-            if joint.kind == AxisKind::Linear {
-                columns.push((axis, before.rotation * joint.direction));
-            }
-            before = before * joint.motion(q);
-        }
-        let tip = before.transform_point(&stand.tip_mm) - chain.workpiece_origin_mm();
-        let miss = to - tip;
-        let matrix = DMatrix::from_fn(3, columns.len(), |row, column| columns[column].1[row]);
-        let right = DVector::from_iterator(3, miss.iter().copied());
-        let Ok(moves) = matrix.svd(true, true).solve(&right, 1e-6) else {
-            return false;
+    let tip_mm = stand.tip_mm;
+    let tip = |state: &State| {
+        let stand = Stand {
+            state: *state,
+            tip_mm,
         };
-        for ((axis, _), by) in columns.iter().zip(&moves) {
-            stand.state.q[*axis] += by;
-        }
-    }
-    (stand.ideal_tip_mm(chain) - to).norm() < THERE
+        stand.ideal_tip_mm(chain)
+    };
+    chain.bring(&mut stand.state, |_| true, &to, tip) < THERE
 }

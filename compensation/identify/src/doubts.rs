@@ -1,6 +1,8 @@
 //! What is odd about the observations as a whole once the best machine was found.
 
 use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
     identify::{Fitted, fit},
@@ -34,8 +36,15 @@ pub(crate) fn contradiction(
         .take(SHOWN)
         .map(|(times, file)| format!("{file} {times:.1} times"))
         .collect();
+    let so = if fitted.solution.counts_residuals {
+        "The uncertainties follow from what is left, and count this already".to_owned()
+    } else {
+        format!(
+            "The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least"
+        )
+    };
     Some(format!(
-        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least",
+        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {so}",
         worst.join(", ")
     ))
 }
@@ -47,7 +56,7 @@ pub(crate) fn opposite(
     rows: &Rows,
     fitted: &Fitted,
 ) -> Vec<String> {
-    /// What is left by the opposite sign is a part of what is left as it is.
+    /// What is left by the opposite sign is a part of what is left as it is, where chance does not explain the former either.
     const BETTER: f64 = 0.25;
     if fitted.solution.excess().is_none() {
         return Vec::new();
@@ -78,13 +87,39 @@ pub(crate) fn opposite(
             continue;
         };
         let [now, then] = [fitted, &other].map(|of| of.solution.variance.sqrt());
-        if then < BETTER * now {
+        // Beside many rows that fit either way the contradiction is small, but it goes.
+        if other.solution.excess().is_none() || then < BETTER * now {
             notes.push(format!(
-                "{}: with the opposite sign its readings leave {:.1} times less: does the instrument count the other way?",
+                "{}: with the opposite sign of its readings {then:.1} times the stated uncertainty is left in place of {now:.1}: does the instrument count the other way?",
                 observation.file,
-                now / then.max(f64::MIN_POSITIVE)
             ));
         }
     }
     notes
+}
+
+/// A note where all linear axes keep to a small part of their travel: coordinates and readings in inches alike fit as well as in
+/// mm where nothing of the machine has a length.
+pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<String> {
+    const SMALL: f64 = 1.0 / 20.0;
+    let mut largest: Option<(f64, AxisName, f64)> = None;
+    for (place, axis) in machine.axes().iter().enumerate() {
+        if axis.name.kind() != AxisKind::Linear {
+            continue;
+        }
+        let at = || rows.iter().map(|row| row.stand.state.q[place]);
+        let span = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
+        let share = span / (axis.travel[1] - axis.travel[0]);
+        if share > SMALL {
+            return None;
+        }
+        if share > 0.0 && largest.is_none_or(|(most, ..)| share > most) {
+            largest = Some((share, axis.name, span));
+        }
+    }
+    let (share, name, span) = largest?;
+    Some(format!(
+        "the rows move the linear axes over {:.1} % of their travel at the most ({name}: {span:.1} mm): are they mm?",
+        100.0 * share
+    ))
 }

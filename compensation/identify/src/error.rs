@@ -87,29 +87,11 @@ pub enum IdentifyError {
         /// How far it may be.
         limit_mm: f64,
     },
-    /// Many rows are further from the nominal machine than machines miss.
-    #[error(
-        "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, {typical_mm:.1} mm in the middle, expected at most {limit_mm} mm: {}",
-        cause.as_ref().map_or_else(
-            || "do the machine file and the columns of the axes describe the machine that was measured (structure, points of the rotary axes, directions, units, tool)?".to_owned(),
-            ToString::to_string,
-        )
-    )]
+    /// Several rows are further from the nominal machine than machines miss.
+    #[error("{}", far_files(files))]
     FarRows {
-        /// The row file of the row that is furthest away.
-        file: String,
-        /// The line of it, from 1.
-        line: usize,
-        /// How many rows are too far away.
-        rows: usize,
-        /// Of how many.
-        of: usize,
-        /// The median of all distances.
-        typical_mm: f64,
-        /// How far they may be.
-        limit_mm: f64,
-        /// What would explain it.
-        cause: Option<Cause>,
+        /// The files that they are in, the worst first.
+        files: Vec<FarFile>,
     },
     /// The frame of a tracker is not determined.
     #[error(
@@ -139,6 +121,54 @@ pub enum IdentifyError {
         /// How many of them the numbers determine.
         rank: usize,
     },
+}
+
+/// A file with rows that are further from the nominal machine than machines miss.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, {typical_mm:.1} mm in the middle, expected at most {limit_mm} mm: {}",
+    self.why()
+)]
+pub struct FarFile {
+    /// The row file.
+    pub file: String,
+    /// The line of the row that is furthest away, from 1.
+    pub line: usize,
+    /// How many rows are too far away.
+    pub rows: usize,
+    /// Of how many.
+    pub of: usize,
+    /// The median of the distances of those that are too far away.
+    pub typical_mm: f64,
+    /// How far they may be.
+    pub limit_mm: f64,
+    /// What would explain it, all that do so equally well.
+    pub causes: Vec<Cause>,
+}
+
+impl FarFile {
+    fn why(&self) -> String {
+        /// Fewer rows than this share may be slips.
+        const SLIPS: f64 = 0.25;
+        if !self.causes.is_empty() {
+            let causes: Vec<String> = self.causes.iter().map(ToString::to_string).collect();
+            return causes.join("; or ");
+        }
+        if (self.rows as f64) < SLIPS * self.of as f64 {
+            return "are they of another sphere or tool, or slips?".to_owned();
+        }
+        "do the machine file and the columns of the axes describe the machine that was measured (structure, points of the rotary axes, directions, units, tool)?".to_owned()
+    }
+}
+
+/// The files in words, not too many.
+fn far_files(files: &[FarFile]) -> String {
+    const SHOWN: usize = 5;
+    let mut words: Vec<String> = files.iter().take(SHOWN).map(ToString::to_string).collect();
+    if files.len() > SHOWN {
+        words.push(format!("and {} more files", files.len() - SHOWN));
+    }
+    words.join("\n")
 }
 
 /// What makes rows fit that do not as they are.

@@ -7,18 +7,19 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Role, micro},
     design::design,
-    doubts::{contradiction, opposite},
+    doubts::{contradiction, opposite, small_moves},
     error::IdentifyError,
     judge::{Figures, figures, judged, left_out, outliers},
     next::{Next, next},
     observations::{Observations, Row, Seen},
     params::{Param, Part},
-    plausible::{plausible, small_moves},
+    plausible::plausible,
     prepared::Rows,
     rank::{Rank, independent},
     solve::{Exactness, Solution, solve},
     start::start,
     system::System,
+    thin::{large, thin},
     values::{Values, six_of},
 };
 
@@ -46,9 +47,9 @@ pub struct Identification {
     pub machine: Machine,
     /// Every unknown: set-ups first, then the errors.
     pub parameters: Vec<Parameter>,
-    /// The covariance of the determined parameters in their order, in the products of their units. It
-    /// counts the stated uncertainties alone: where the unknowns do not describe the machine, `variance` is above 1 and a
-    /// warning says so.
+    /// The covariance of the determined parameters in their order, in the products of their units. It follows from the stated
+    /// uncertainties alone: where the unknowns do not describe the machine, `variance` is above 1 and a warning says so. With
+    /// penalties and with robust weights it follows from what is left.
     pub covariance: DMatrix<f64>,
     /// How many combinations of the unknowns the observations determine.
     pub rank: usize,
@@ -105,9 +106,12 @@ pub fn identify(
     let mut warnings = observations.notes.clone();
     warnings.extend(outliers(observations, &rows, &residuals));
     warnings.extend(observations.guessed_turns());
-    let left_out = left_out(&system, observations, &rows, &values, |done| {
+    let (left_out, why_not) = left_out(&system, observations, &rows, &values, |done| {
         progress(1 + done, fits);
     })?;
+    warnings.extend(why_not);
+    warnings.extend(thin(&system, observations, &rows, &fitted));
+    warnings.extend(large(&system, &fitted));
     let parameters = parameters(&system, &fitted);
     let names =
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
@@ -117,7 +121,12 @@ pub fn identify(
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(opposite(&system, observations, &rows, &fitted));
-    let (judged, of_judged) = judged(&system, observations, &fitted.solution.values);
+    let (judged, of_judged) = judged(
+        &system,
+        observations,
+        &fitted.solution.values,
+        figures(&residuals),
+    );
     warnings.extend(of_judged);
     warnings.extend(small_moves(&system.machine, &rows));
     Ok(Identification {

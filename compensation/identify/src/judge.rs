@@ -59,20 +59,24 @@ fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
 }
 
 /// What is left of rows that were left out of the fit, in so many parts by pose; everything, penalties included, is
-/// found anew from the others. `None` where the poses are too few for it.
+/// found anew from the others. A note in place of it where the poses are too few.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
     rows: &Rows,
     start: &Values,
     mut done: impl FnMut(usize),
-) -> Result<Option<(Figures, usize)>, IdentifyError> {
+) -> Result<(Option<(Figures, usize)>, Option<String>), IdentifyError> {
     let folds = observations.folds;
     if folds < 2 {
-        return Ok(None);
+        return Ok((None, None));
     }
+    let none = |why: String| Ok((None, Some(format!("no rows were left out: {why}"))));
     let Some(parts) = parts(rows, folds) else {
-        return Ok(None);
+        return none(format!(
+            "{} poses make no {folds} parts (`folds`)",
+            rows.poses().1
+        ));
     };
     let mut residuals = Vec::new();
     for fold in 0..folds {
@@ -80,23 +84,26 @@ pub(crate) fn left_out(
         let left = rows.only(|row| parts[row] == fold);
         let fitted = match fit(system, observations, &others, start.clone()) {
             Ok(fitted) => fitted,
-            // Without these poses the others do not determine the unknowns: there is nothing to be judged.
             Err(IdentifyError::TooFew { .. } | IdentifyError::NotConverged { .. }) => {
-                return Ok(None);
+                return none(
+                    "without some of the poses the others do not determine the unknowns".to_owned(),
+                );
             }
             Err(error) => return Err(error),
         };
         residuals.extend(system.residuals(&left, &fitted.solution.values));
         done(fold + 1);
     }
-    Ok(Some((figures(&residuals), folds)))
+    Ok((Some((figures(&residuals), folds)), None))
 }
 
-/// What is left of the rows that are only predicted, and notes on those that are far from that: they judge nothing then.
+/// What is left of the rows that are only predicted, and notes on those that are far off beside the others of their file, and on
+/// files that are far off beside what is left of the fitted rows.
 pub(crate) fn judged(
     system: &System,
     observations: &Observations,
     values: &Values,
+    fitted: Figures,
 ) -> (Option<Figures>, Vec<String>) {
     const SHOWN: usize = 5;
     const TIMES: f64 = 10.0;
@@ -107,6 +114,16 @@ pub(crate) fn judged(
         let residuals = system.residuals(&rows, values);
         let sizes: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
         let usual = median(&sizes);
+        let stated = observation.rows.iter().map(|row| row.uncertainty_mm);
+        let expected = (1e-3 * fitted.rms_um).max(stated.fold(0.0, f64::max));
+        if usual > TIMES * expected {
+            notes.push(format!(
+                "{}: its judged rows are {:.1} µm in the middle from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
+                observation.file,
+                1e3 * usual,
+                fitted.rms_um
+            ));
+        }
         let rows = observation.rows.iter().zip(&sizes);
         let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
         notes.extend(far.take(SHOWN).map(|(row, size)| {
@@ -150,12 +167,18 @@ pub(crate) fn outliers(
         let mut far: Vec<usize> = own.clone().filter(is_far).collect();
         far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
         for place in far.iter().take(SHOWN) {
+            let (row, size) = (rows.get(*place), residuals[*place].norm());
+            // Where the others fit exactly, no number says how many times worse it is than they are.
+            let beside = if sigma > 0.01 * row.uncertainty_mm {
+                format!("{:.0} times what is usual in this file", size / sigma)
+            } else {
+                format!("{:.0} times its uncertainty", size / row.uncertainty_mm)
+            };
             notes.push(format!(
-                "{}:{}: this row is {:.1} µm from what all rows say together, {:.0} times what is usual in this file: is it a slip? `robust = true` lets such rows count less",
+                "{}:{}: this row is {:.1} µm from what all rows say together, {beside}: is it a slip? `robust = true` lets such rows count less",
                 observation.file,
-                rows.get(*place).line,
-                1e3 * residuals[*place].norm(),
-                residuals[*place].norm() / sigma.max(1e-12),
+                row.line,
+                1e3 * size,
             ));
         }
         if far.len() > SHOWN {

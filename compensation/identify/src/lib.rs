@@ -2,7 +2,10 @@
 
 mod ball_row;
 mod basis;
+mod candidates;
+mod causes;
 mod coefficients;
+mod columns;
 mod derivatives;
 mod design;
 mod doubts;
@@ -27,6 +30,7 @@ mod sight;
 mod solve;
 mod start;
 mod system;
+mod thin;
 mod timeline;
 mod units;
 mod unknown_file;
@@ -34,7 +38,7 @@ mod values;
 
 pub use basis::Basis;
 pub use draws::Draws;
-pub use error::{Cause, IdentifyError};
+pub use error::{Cause, FarFile, IdentifyError};
 pub use identify::{Identification, Parameter, identify};
 pub use judge::Figures;
 pub use next::Next;

@@ -1,18 +1,15 @@
 //! What to measure next: of many poses the one that makes the largest uncertainty smallest.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES};
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
-    design::bring,
+    candidates::{Candidate, candidates},
     identify::Fitted,
-    observations::{Observations, Row, Seen},
+    observations::{Observations, Seen},
     prepared::Rows,
     system::{Equations, System},
 };
-
-/// How many poses are looked at.
-const CANDIDATES: usize = 200;
 
 /// A pose to be measured next.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,16 +18,19 @@ pub struct Next {
     pub pose: Vec<(AxisName, f64)>,
     /// The file whose set-up is to be used.
     pub file: String,
+    /// The sphere or the ball there; `None` for other instruments.
+    pub target: Option<String>,
     /// The error coefficient that is least certain in its effect on the observations; of those that are not determined,
-    /// where there are any, the one that the pose tells most of.
+    /// where a pose tells of any, the one that it tells most of.
     pub parameter: String,
-    /// Its standard uncertainty now as a part of what it is after the pose; above 1. `None` where it is not determined yet.
+    /// How many times smaller its standard uncertainty is after the pose than now: 1 or more. `None` where it is not
+    /// determined yet.
     pub improvement: Option<f64>,
 }
 
-/// The pose that helps most. Where unknowns are not determined, though another measurement could, it is the one that tells most
-/// of them; else the one after which the largest uncertainty of any error coefficient, in its effect on the observations so
-/// far, is smallest. Candidates are poses at which the same instrument can read.
+/// The pose that helps most. Where unknowns are not determined and a pose tells of them, it is the one that tells most of
+/// them; else the one after which the largest uncertainty of any error coefficient, in its effect on the observations so
+/// far, is smallest.
 pub(crate) fn next(
     system: &System,
     observations: &Observations,
@@ -38,9 +38,7 @@ pub(crate) fn next(
     fitted: &Fitted,
 ) -> Option<Next> {
     let values = &fitted.solution.values;
-    let candidates: Vec<Candidate> = (1..=CANDIDATES)
-        .filter_map(|k| candidate(system, observations, k))
-        .collect();
+    let candidates = candidates(system, observations, values);
     let prepared = system.prepare(candidates.iter().map(|candidate| &candidate.row));
     let ahead = system.equations(&prepared, values, true);
     let left = fitted.rank.left_at_zero();
@@ -48,13 +46,17 @@ pub(crate) fn next(
         .filter(|column| system.is_convention(*column) == Some(false))
         .collect();
     let now = system.equations(rows, values, false).jacobian;
-    let (place, parameter, improvement) = if missing.is_empty() {
-        surest(system, rows.len(), &now, fitted, &ahead)?
-    } else {
-        let (place, parameter) = most_told(system, &now, &ahead, &missing)?;
-        (place, parameter, None)
+    let of_missing = || most_told(system, &now, &ahead, &missing);
+    let (place, parameter, improvement) = match of_missing() {
+        Some((place, parameter)) => (place, parameter, None),
+        None => surest(system, rows.len(), &now, fitted, &ahead)?,
     };
     let Candidate { row, file } = &candidates[place];
+    let target = match row.seen {
+        Seen::Sphere { centre, .. } => Some(&system.setup.points[centre].name),
+        Seen::Ball { distance, .. } => Some(&system.setup.numbers[distance].name),
+        _ => None,
+    };
     let axes = system.machine.axes().iter().zip(&row.stand.state.q);
     Some(Next {
         pose: axes
@@ -65,6 +67,7 @@ pub(crate) fn next(
             })
             .collect(),
         file: file.clone(),
+        target: target.cloned(),
         parameter: system.name(parameter),
         improvement,
     })
@@ -106,7 +109,8 @@ fn surest(
         return None;
     }
     let jacobian = ahead.jacobian.select_columns(kept);
-    let variance = fitted.solution.variance.max(1.0);
+    // A new number has the variance that those have of which the covariance was made.
+    let variance = fitted.solution.counted;
     let mut best: Option<(f64, f64, usize)> = None;
     for (place, &(first, size)) in ahead.places.iter().enumerate() {
         let rows = jacobian.rows(first, size);
@@ -126,29 +130,31 @@ fn surest(
         }
     }
     let (_, own, place) = best?;
-    let improvement = before / own.max(f64::MIN_POSITIVE);
+    // Rounding must not make it worse.
+    let improvement = (before / own.max(f64::MIN_POSITIVE)).max(1.0);
     Some((place, kept[worst], Some(improvement)))
 }
 
 /// The candidate that tells most of what is not determined, and the unknown of which it tells most. What is not known yet is
-/// taken to be of a usual size for an error, so that everything has a covariance.
+/// taken to be of a size that errors and set-ups have, so that everything has a covariance.
 fn most_told(
     system: &System,
     now: &DMatrix<f64>,
     ahead: &Equations,
     missing: &[usize],
 ) -> Option<(usize, usize)> {
-    /// mm and rad: a large error of a machine.
-    const USUAL: f64 = 1e-1;
-    /// mm and rad: where a set-up may be.
+    /// mm and rad: larger than the errors of any machine, so that what is assumed of them says nothing beside a reading.
+    const LARGEST_ERROR: f64 = 1e-1;
+    /// mm and rad: the size of a workspace, in which a set-up may be anywhere.
     const ANYWHERE: f64 = 1e3;
-    /// Poses that tell less are no better than chance.
-    const LEAST: f64 = 2.0;
+    /// A pose tells of an unknown where it leaves less than half of what was assumed of it: one that the pose does not see, or sees
+    /// through others that are as little known, stays near 1.
+    const TOLD: f64 = 2.0;
     let sizes = DVector::from_fn(system.params.len(), |column, _| {
         if column < system.params.setup() {
             ANYWHERE
         } else {
-            USUAL
+            LARGEST_ERROR
         }
     });
     let scaled = |jacobian: &DMatrix<f64>| {
@@ -172,7 +178,7 @@ fn most_told(
             continue;
         };
         let gain = &carried * inverse;
-        // How many times more certain each becomes.
+        // How many times smaller the variance of each becomes.
         let times = missing.iter().map(|&column| {
             let before = covariance[(column, column)];
             let after = before - gain.row(column).dot(&carried.row(column));
@@ -183,85 +189,9 @@ fn most_told(
         let Some(&(times, most)) = told.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
             continue;
         };
-        if times > LEAST && best.is_none_or(|(largest, ..)| sum > largest) {
+        if times > TOLD * TOLD && best.is_none_or(|(largest, ..)| sum > largest) {
             best = Some((sum, place, most));
         }
     }
     best.map(|(_, place, most)| (place, most))
-}
-
-/// A pose that could be measured, as a row like those of a file.
-struct Candidate {
-    row: Row,
-    file: String,
-}
-
-/// Candidate number `k`: like one of the rows, which take turns. A target is seen from its tracker wherever the machine stands
-/// within its travel. A sphere, a ball and a ballbar's other end stay where they are: the tip stands at the same point of the
-/// workpiece, with other coordinates of the rotary axes. A line of sight stays, too: the machine stands between two of its
-/// places. `None` where the axes do not get there.
-fn candidate(system: &System, observations: &Observations, k: usize) -> Option<Candidate> {
-    const PRIMES: [usize; MAX_AXES] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
-    const PRIME_OF_ROWS: usize = 29;
-    const PRIME_OF_OTHERS: usize = 31;
-    // Rounded so that a person can type it.
-    const STEP_MM: f64 = 1e-3;
-    let fitted = observations.fitted().map(|(observation, _)| observation);
-    let fitted: Vec<_> = fitted.filter(|o| !o.rows.is_empty()).collect();
-    let of = |rows: &[Row], prime: usize| rows.get(k * prime % rows.len().max(1)).cloned();
-    let observation = fitted.get(k % fitted.len().max(1))?;
-    let mut row = of(&observation.rows, PRIME_OF_ROWS)?;
-    let chain = system.machine.chain();
-    let tip = row.stand.ideal_tip_mm(chain);
-    let axes = || system.machine.axes().iter().zip(PRIMES).enumerate();
-    match row.seen {
-        Seen::Line { .. } | Seen::Pair { .. } => {
-            let other = of(&observation.rows, PRIME_OF_OTHERS)?;
-            let share = (10.0 * radical_inverse(k, PRIMES[0])).round() / 10.0;
-            for (q, to) in row.stand.state.q.iter_mut().zip(other.stand.state.q) {
-                *q += share * (to - *q);
-            }
-        }
-        Seen::Point { .. } | Seen::Sphere { .. } | Seen::Ball { .. } | Seen::Distance { .. } => {
-            let stays = !matches!(row.seen, Seen::Point { .. });
-            for (place, (axis, prime)) in axes() {
-                if stays && axis.name.kind() == AxisKind::Linear {
-                    continue;
-                }
-                let [low, high] = axis.travel;
-                let at = (low + (high - low) * radical_inverse(k, prime)).round();
-                row.stand.state.q[place] =
-                    Displacement::from_coordinate(axis.name.kind(), at.clamp(low, high))
-                        .mm_or_rad();
-            }
-            if stays && !bring(system, &mut row.stand, tip) {
-                return None;
-            }
-        }
-    }
-    for (place, (axis, _)) in axes() {
-        let q = &mut row.stand.state.q[place];
-        if axis.name.kind() == AxisKind::Linear {
-            *q = (*q / STEP_MM).round() * STEP_MM;
-        }
-        let at = Displacement::new(axis.name.kind(), *q).mm_or_deg();
-        if axis.modulo.is_none() && !axis.contains(at) {
-            return None;
-        }
-    }
-    Some(Candidate {
-        row,
-        file: observation.file.clone(),
-    })
-}
-
-/// The digits of a number behind the point in reverse order.
-fn radical_inverse(mut number: usize, base: usize) -> f64 {
-    let (mut value, mut part) = (0.0, 1.0 / base as f64);
-    while number > 0 {
-        value += part * (number % base) as f64;
-        number /= base;
-        part /= base as f64;
-    }
-    value
 }

@@ -9,7 +9,7 @@ use volcomp_kinematics::{
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::basis::Basis;
+use crate::{basis::Basis, params::Part};
 
 /// Part of the range of the observations that is added to it at both ends where spheres or balls were probed.
 const SPHERE_MARGIN: f64 = 1e-3;
@@ -258,6 +258,31 @@ impl Seen {
             Self::Point { .. } | Self::Sphere { .. } => 3,
             Self::Distance { .. } | Self::Pair { .. } | Self::Line { .. } => 1,
             Self::Ball { offset_mm, .. } => offset_mm.iter().flatten().count(),
+        }
+    }
+
+    /// The parts of the set-up that it depends on.
+    pub(crate) fn parts(&self) -> Vec<Part> {
+        match *self {
+            Self::Point { frame, target, .. } => {
+                let target = target.map(Part::Point);
+                core::iter::once(Part::Frame(frame)).chain(target).collect()
+            }
+            Self::Sphere { centre, .. } => vec![Part::Point(centre)],
+            Self::Distance { point, dead, .. } => vec![Part::Point(point), Part::Number(dead)],
+            Self::Pair { dead, .. } => vec![Part::Number(dead)],
+            Self::Line { offset, slope, .. } => vec![Part::Number(offset), Part::Number(slope)],
+            Self::Ball {
+                origin,
+                tilts: [first, second],
+                distance,
+                ..
+            } => vec![
+                Part::Point(origin),
+                Part::Number(first),
+                Part::Number(second),
+                Part::Number(distance),
+            ],
         }
     }
 

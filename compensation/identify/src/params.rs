@@ -3,7 +3,7 @@
 use crate::observations::{Quantity, SetUp};
 
 /// A frame, a point or a number of a set-up, by its place among those of its kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Part {
     /// Six numbers: small displacements along the axes (mm), then rotations about them (rad).
     Frame(usize),

@@ -24,8 +24,9 @@ pub(crate) struct Penalty {
 /// A penalised step.
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
-    /// In units of the residuals' variance, scaled by it.
+    /// Scaled by the variance of what is left.
     pub(crate) covariance: DMatrix<f64>,
+    pub(crate) variance: f64,
     pub(crate) degrees: f64,
 }
 
@@ -122,6 +123,7 @@ pub(crate) fn choose(
             return Some(Chosen {
                 step,
                 covariance: inverse * variance,
+                variance,
                 degrees,
             });
         }

@@ -1,13 +1,15 @@
-//! Rows that no machine like the nominal one can have given, and what they may be in place of it.
+//! Rows that no machine like the nominal one can have given, and what they may be in place of it. They are judged file by
+//! file: a file that is wrong throughout is no better for good ones beside it.
+
+use std::ops::Range;
 
 use volcomp_kinematics::nalgebra::Vector3;
-use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
-    error::{Cause, IdentifyError},
+    causes::{causes, with_cause},
+    error::{Cause, FarFile, IdentifyError},
     judge::median,
-    observations::{Observations, Row, Seen, Stand},
+    observations::{Observations, Row},
     prepared::Rows,
     start::start,
     system::System,
@@ -17,12 +19,39 @@ use crate::{
 /// Machines miss by micrometres to tenths of a millimetre, one that was just put together by a few millimetres. What is
 /// further away is another sphere, tool, unit or sign.
 const LIMIT_MM: f64 = 10.0;
-/// A cause is named where it leaves less than this share of what there is without it.
+/// A row is explained where a cause leaves less than this share of what there is without it.
 const EXPLAINED: f64 = 0.1;
-/// More rows than this share beyond the limit are no slips.
-const SLIPS: f64 = 0.25;
-const MM_PER_INCH: f64 = 25.4;
-const MM_PER_M: f64 = 1000.0;
+/// A cause is named where it explains so much of a file's absurd rows: slips may be among them.
+const MOST: f64 = 0.75;
+/// Two causes are equally good where one leaves no more than so many times what the other leaves, or this, mm: a tenth of a
+/// millimetre is what the errors of a machine make.
+const ALIKE: f64 = 2.0;
+const ALIKE_MM: f64 = 0.1;
+/// Of many absurd files only so many are tried one by one: each takes a fit for every cause.
+const ONE_BY_ONE: usize = 4;
+
+/// A file with rows that are too far away.
+struct Absurd {
+    file: String,
+    own: Range<usize>,
+    far: Vec<usize>,
+    causes: Vec<Cause>,
+}
+
+/// Rows with a cause taken away from some files, and how far they are then.
+struct Trial {
+    cause: Cause,
+    rows: Vec<Row>,
+    sizes: Vec<f64>,
+    /// Absurd rows that are explained less others that became absurd.
+    score: isize,
+    /// The median of the rows that are explained, mm.
+    left_mm: f64,
+    /// Places of the absurd files that are explained.
+    explained: Vec<usize>,
+    /// Places of the absurd files from which the cause was taken.
+    changed: Vec<usize>,
+}
 
 /// Refuses rows that are further from the nominal machine than machines are, once set-ups were found without any error of
 /// the machine (`values`).
@@ -33,138 +62,172 @@ pub(crate) fn plausible(
     values: &Values,
 ) -> Result<(), IdentifyError> {
     let sizes = sizes(system, rows, values);
-    let far = sizes.iter().filter(|size| **size > LIMIT_MM).count();
-    let largest = sizes.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-    let Some((worst, &found_mm)) = largest.filter(|_| far > 0) else {
-        return Ok(());
+    let far = |own: &Range<usize>| {
+        let far = own.clone().filter(|row| sizes[*row] > LIMIT_MM);
+        far.collect::<Vec<usize>>()
     };
-    let file = file_of(observations, worst);
-    let line = rows.get(worst).line;
-    if (far as f64) < SLIPS * sizes.len() as f64 {
-        return Err(IdentifyError::FarRow {
-            file,
-            line,
-            found_mm,
-            limit_mm: LIMIT_MM,
-        });
-    }
-    let typical_mm = median(&sizes);
-    let mut best: Option<(f64, Cause)> = None;
-    for cause in causes(&system.machine, rows) {
-        let tip_mm = match &cause {
-            Cause::Tool(name) => system.machine.tip_of(name).ok(),
-            _ => None,
-        };
-        let tried = rows
-            .iter()
-            .map(|row| with_cause(row, &cause, tip_mm, &system.machine));
-        let tried: Vec<Row> = tried.collect();
-        let rows = system.prepare(tried.iter());
-        let Ok(values) = start(system, observations, &rows) else {
-            continue;
-        };
-        let left_mm = median(&self::sizes(system, &rows, &values));
-        if left_mm < EXPLAINED * typical_mm
-            && best.as_ref().is_none_or(|(least, _)| left_mm < *least)
-        {
-            best = Some((left_mm, cause));
+    let files = observations.fitted().map(|(observation, own)| Absurd {
+        file: observation.file.clone(),
+        far: far(&own),
+        own,
+        causes: Vec::new(),
+    });
+    let absurd: Vec<Absurd> = files.filter(|file| !file.far.is_empty()).collect();
+    match &absurd[..] {
+        [] => return Ok(()),
+        [only] if only.far.len() == 1 => {
+            let row = only.far[0];
+            return Err(IdentifyError::FarRow {
+                file: only.file.clone(),
+                line: rows.get(row).line,
+                found_mm: sizes[row],
+                limit_mm: LIMIT_MM,
+            });
         }
+        _ => {}
     }
-    Err(IdentifyError::FarRows {
-        file,
-        line,
-        rows: far,
-        of: sizes.len(),
-        typical_mm,
-        limit_mm: LIMIT_MM,
-        cause: best.map(|(_, cause)| cause),
-    })
+    let mut files: Vec<FarFile> = explained(system, observations, rows, &sizes, absurd)
+        .into_iter()
+        .map(|absurd| {
+            let of_far: Vec<f64> = absurd.far.iter().map(|row| sizes[*row]).collect();
+            let worst = absurd.far.iter().copied();
+            let worst = worst.max_by(|a, b| sizes[*a].total_cmp(&sizes[*b]));
+            FarFile {
+                file: absurd.file,
+                // A file is absurd by one row at the least.
+                line: worst.map_or(0, |row| rows.get(row).line),
+                rows: absurd.far.len(),
+                of: absurd.own.len(),
+                typical_mm: median(&of_far),
+                limit_mm: LIMIT_MM,
+                causes: absurd.causes,
+            }
+        })
+        .collect();
+    files.sort_by(|a, b| b.typical_mm.total_cmp(&a.typical_mm));
+    Err(IdentifyError::FarRows { files })
 }
 
-/// A note where all linear axes keep to a small part of their travel: coordinates and readings in inches alike fit as well as in
-/// mm where nothing of the machine has a length.
-pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<String> {
-    const SMALL: f64 = 1.0 / 20.0;
-    let mut largest: Option<(f64, AxisName, f64)> = None;
-    for (place, axis) in machine.axes().iter().enumerate() {
-        if axis.name.kind() != AxisKind::Linear {
-            continue;
+/// The absurd files with the causes that explain them. Files that are absurd only by what others did to the set-up that they
+/// share are left out.
+fn explained(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    before: &[f64],
+    mut absurd: Vec<Absurd>,
+) -> Vec<Absurd> {
+    let in_absurd = absurd.iter().flat_map(|file| file.own.clone());
+    let in_absurd: Vec<&Row> = in_absurd.map(|row| rows.get(row)).collect();
+    let causes = causes(&system.machine, &in_absurd);
+    let mut now: Vec<Row> = rows.iter().cloned().collect();
+    let mut before = before.to_vec();
+    loop {
+        let open: Vec<usize> = (0..absurd.len())
+            .filter(|place| absurd[*place].causes.is_empty())
+            .collect();
+        // All that are open at once, and each for itself: a machine file may be wrong, or one file of rows.
+        let mut sets = vec![open.clone()];
+        if open.len() > 1 {
+            sets.extend(open.iter().take(ONE_BY_ONE).map(|place| vec![*place]));
         }
-        let at = || rows.iter().map(|row| row.stand.state.q[place]);
-        let span = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
-        let share = span / (axis.travel[1] - axis.travel[0]);
-        if share > SMALL {
-            return None;
+        let mut trials: Vec<Trial> = Vec::new();
+        for set in sets {
+            let tried = causes.iter().filter_map(|cause| {
+                trial(system, observations, (&now, &before), &absurd, &set, cause)
+            });
+            trials.extend(tried.filter(|trial| !trial.explained.is_empty()));
         }
-        if share > 0.0 && largest.is_none_or(|(most, ..)| share > most) {
-            largest = Some((share, axis.name, span));
+        let better = |a: &&Trial, b: &&Trial| {
+            let fewer = || b.changed.len().cmp(&a.changed.len());
+            let by_score = a.score.cmp(&b.score).then_with(fewer);
+            by_score.then_with(|| b.left_mm.total_cmp(&a.left_mm))
+        };
+        let Some(best) = trials.iter().max_by(better) else {
+            return absurd;
+        };
+        let is_alike = |other: &&Trial| {
+            other.score == best.score
+                && other.changed == best.changed
+                && other.left_mm <= (ALIKE * best.left_mm).max(ALIKE_MM)
+        };
+        let alike: Vec<Cause> = trials
+            .iter()
+            .filter(is_alike)
+            .map(|trial| trial.cause.clone())
+            .collect();
+        for place in best
+            .explained
+            .iter()
+            .filter(|place| best.changed.contains(place))
+        {
+            let file = &mut absurd[*place];
+            file.causes.clone_from(&alike);
+            now[file.own.clone()].clone_from_slice(&best.rows[file.own.clone()]);
+        }
+        before.clone_from(&best.sizes);
+        // What others did to a set-up is gone with their cause.
+        absurd.retain(|file| {
+            !file.causes.is_empty() || file.own.clone().any(|row| before[row] > LIMIT_MM)
+        });
+        if absurd.iter().all(|file| !file.causes.is_empty()) {
+            return absurd;
         }
     }
-    let (share, name, span) = largest?;
-    Some(format!(
-        "the rows move the linear axes over {:.1} % of their travel at the most ({name}: {span:.1} mm): are they mm?",
-        100.0 * share
-    ))
+}
+
+/// Takes a cause away from some of the absurd files; `None` where no set-up is found then.
+fn trial(
+    system: &System,
+    observations: &Observations,
+    (now, before): (&[Row], &[f64]),
+    absurd: &[Absurd],
+    set: &[usize],
+    cause: &Cause,
+) -> Option<Trial> {
+    let mut rows = now.to_vec();
+    for place in set {
+        for row in absurd[*place].own.clone() {
+            rows[row] = with_cause(&now[row], cause, &system.machine);
+        }
+    }
+    let prepared = system.prepare(rows.iter());
+    let values = start(system, observations, &prepared).ok()?;
+    let sizes = sizes(system, &prepared, &values);
+    let is_explained = |row: usize| {
+        before[row] > LIMIT_MM && sizes[row] <= (EXPLAINED * before[row]).min(LIMIT_MM)
+    };
+    let is_new = |row: usize| before[row] <= LIMIT_MM && sizes[row] > LIMIT_MM;
+    let score = |own: Range<usize>| -> isize {
+        let of = |row| isize::from(is_explained(row)) - isize::from(is_new(row));
+        own.map(of).sum()
+    };
+    let left: Vec<f64> = (0..rows.len())
+        .filter(|row| is_explained(*row))
+        .map(|row| sizes[row])
+        .collect();
+    let is_open = |place: &usize| {
+        let file = &absurd[*place];
+        let far = file
+            .own
+            .clone()
+            .filter(|row| before[*row] > LIMIT_MM)
+            .count();
+        file.causes.is_empty() && score(file.own.clone()) as f64 >= MOST * far.max(1) as f64
+    };
+    Some(Trial {
+        cause: cause.clone(),
+        score: score(0..rows.len()),
+        left_mm: median(&left),
+        explained: (0..absurd.len()).filter(is_open).collect(),
+        changed: set.to_vec(),
+        sizes,
+        rows,
+    })
 }
 
 /// How far each row is from what the machine is at these values, mm.
 fn sizes(system: &System, rows: &Rows, values: &Values) -> Vec<f64> {
     let residuals = system.residuals(rows, values);
     residuals.iter().map(Vector3::norm).collect()
-}
-
-/// The file of a fitted row.
-fn file_of(observations: &Observations, row: usize) -> String {
-    let of = observations.fitted().find(|(_, own)| own.contains(&row));
-    of.map_or_else(String::new, |(observation, _)| observation.file.clone())
-}
-
-/// What may make all rows wrong at once: an axis that counts the other way, another unit, another tool.
-fn causes(machine: &Machine, rows: &Rows) -> Vec<Cause> {
-    let moves = |place: usize| rows.iter().any(|row| row.stand.state.q[place] != 0.0);
-    let axes = machine.axes().iter().enumerate();
-    let moving: Vec<AxisName> = axes
-        .filter(|(k, _)| moves(*k))
-        .map(|(_, a)| a.name)
-        .collect();
-    let mut causes: Vec<Cause> = moving.iter().map(|axis| Cause::Reversed(*axis)).collect();
-    if moving.iter().any(|axis| axis.kind() == AxisKind::Rotary) {
-        causes.push(Cause::Radians);
-    }
-    causes.extend([Cause::Inches, Cause::Metres]);
-    causes.extend(moving.iter().map(|axis| match axis.kind() {
-        AxisKind::Rotary => Cause::RadiansOf(*axis),
-        AxisKind::Linear => Cause::InchesOf(*axis),
-    }));
-    let named = machine.tools().keys();
-    causes.extend(named.map(|name| Cause::Tool(name.clone())));
-    causes
-}
-
-/// The row as it would be if this were the cause; `tip_mm` is that of another tool.
-fn with_cause(row: &Row, cause: &Cause, tip_mm: Option<Vector3<f64>>, machine: &Machine) -> Row {
-    let stand = |stand: &Stand| {
-        let mut stand = *stand;
-        for (axis, q) in machine.axes().iter().zip(&mut stand.state.q) {
-            match (cause, axis.name.kind()) {
-                (Cause::Reversed(name), _) if *name == axis.name => *q = -*q,
-                (Cause::Radians, AxisKind::Rotary) => *q = q.to_degrees(),
-                (Cause::RadiansOf(name), _) if *name == axis.name => *q = q.to_degrees(),
-                (Cause::InchesOf(name), _) if *name == axis.name => *q *= MM_PER_INCH,
-                (Cause::Inches, AxisKind::Linear) => *q *= MM_PER_INCH,
-                (Cause::Metres, AxisKind::Linear) => *q *= MM_PER_M,
-                _ => {}
-            }
-        }
-        stand.tip_mm = tip_mm.unwrap_or(stand.tip_mm);
-        stand
-    };
-    let mut row = Row {
-        stand: stand(&row.stand),
-        ..row.clone()
-    };
-    if let Seen::Pair { from, .. } = &mut row.seen {
-        *from = stand(from);
-    }
-    row
 }

@@ -6,8 +6,9 @@ use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
+    columns::Columns,
     observations::{Row, Seen, Stand},
-    seen_columns::{Columns, SeenColumns},
+    seen_columns::SeenColumns,
     setup_keys::Reading,
 };
 
@@ -203,15 +204,16 @@ fn axis_columns(
     let mut found = Vec::new();
     for axis in AxisName::ALL {
         let structure = machine.chain().structure();
-        let name = axis.to_string();
         match structure.index_of(axis) {
             Some(index) => found.extend(columns.axis(axis)?.map(|column| (column, axis, index))),
-            None if columns.table.names().any(|(_, column)| column == name) => {
-                return Err(columns.table.header_error(format!(
-                    "found a column `{axis}`, the structure `{structure}` has no axis {axis}"
-                )));
+            None => {
+                if let Some(name) = columns.named_like(axis) {
+                    return Err(columns.table.header_error(format!(
+                        "found a column {}, the structure `{structure}` has no axis {axis}",
+                        quoted(name)
+                    )));
+                }
             }
-            None => {}
         }
     }
     if found.is_empty() {

@@ -1,100 +1,15 @@
 //! The columns of what was seen in a row of observations, and what a row says there.
 
-use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted, split_head, unit_named};
+use volcomp_document::{Column, CsvRow, InputError, quoted};
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
-use volcomp_model::axis_of_head;
 use volcomp_vocabulary::AxisName;
 
 use crate::{
+    columns::Columns,
     observations::{Quantity, Seen, Stand},
     rows::RowKind,
     setup_keys::Reading,
 };
-
-/// The columns of a table by their exact names: `X` is an axis, `x` a coordinate of a target.
-pub(crate) struct Columns<'t> {
-    pub(crate) table: &'t CsvTable,
-    /// The names that were asked for.
-    pub(crate) used: Vec<String>,
-}
-
-impl Columns<'_> {
-    pub(crate) fn get(&mut self, name: &str) -> Result<Option<Column>, InputError> {
-        self.used.push(name.to_owned());
-        let mut named = self.table.columns().filter(|(_, found)| *found == name);
-        let first = named.next().map(|(column, _)| column);
-        match named.next() {
-            Some(_) => Err(self
-                .table
-                .header_error(format!("column `{name}` stands twice"))),
-            None => Ok(first),
-        }
-    }
-
-    /// The column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
-    pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
-        let letter = axis.to_string();
-        let is_with_unit = |name: &str| name != letter && axis_of_head(name) == Some(axis);
-        let with_unit = self.table.names().find(|(_, name)| is_with_unit(name));
-        match with_unit.map(|(_, name)| name.to_owned()) {
-            Some(name) if self.get(&letter)?.is_some() => Err(self.table.header_error(format!(
-                "found columns `{letter}` and `{name}`, expected one of them"
-            ))),
-            Some(name) => self.get(&name),
-            None => self.get(&letter),
-        }
-    }
-
-    /// The columns that nothing asked for.
-    pub(crate) fn unused(&self) -> Vec<&str> {
-        let names = self.table.names().map(|(_, name)| name);
-        names
-            .filter(|name| !self.used.iter().any(|used| used == name))
-            .collect()
-    }
-
-    /// Refuses a column that nobody reads but whose name means one that is missing, in other letters or with another unit:
-    /// `a` for `A`, `X [mm]` for `X`, `dx_mm` for `dx_um`. Left out, its axis would stand at zero.
-    pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
-        let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
-        for found in self.unused() {
-            let Some(name) = without_unit(found) else {
-                continue;
-            };
-            let meant = self.used.iter().find(|used| {
-                let is_same = split_head(used).0.eq_ignore_ascii_case(name);
-                is_same && !is_there(used)
-            });
-            if let Some(meant) = meant {
-                return Err(self.table.header_error(format!(
-                    "found a column {}, expected `{meant}`: names and units of columns are read letter by letter",
-                    quoted(found)
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// The column of a name that must be there.
-    fn require(&mut self, name: &str) -> Result<Column, InputError> {
-        let column = self.get(name)?;
-        if column.is_none() {
-            self.refuse_lookalikes()?;
-        }
-        column.ok_or_else(|| {
-            let found: Vec<&str> = self.table.names().map(|(_, name)| name).collect();
-            let found = quoted(&found.join(","));
-            self.table
-                .header_error(format!("found {found}, expected a column `{name}`"))
-        })
-    }
-}
-
-/// The name of a column without the unit at its end; `None` where what follows the name is no unit.
-fn without_unit(head: &str) -> Option<&str> {
-    let (name, unit) = split_head(head);
-    (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
-}
 
 /// The columns of what was seen.
 pub(crate) enum SeenColumns {
@@ -129,9 +44,9 @@ impl SeenColumns {
         Ok(match kind {
             RowKind::Points { .. } => Self::Points {
                 at: [
-                    columns.require("x")?,
-                    columns.require("y")?,
-                    columns.require("z")?,
+                    columns.require_mm("x")?,
+                    columns.require_mm("y")?,
+                    columns.require_mm("z")?,
                 ],
             },
             RowKind::Sphere { drift } => {

@@ -38,6 +38,11 @@ pub(crate) struct Solution {
     pub(crate) values: Values,
     /// The covariance of the parameters that were kept, mm and rad.
     pub(crate) covariance: DMatrix<f64>,
+    /// The variance of a number, in units of the stated one, that the covariance counts: 1 where it follows from the stated
+    /// uncertainties alone.
+    pub(crate) counted: f64,
+    /// Whether the covariance counts what is left of the rows: with penalties, and with robust weights.
+    pub(crate) counts_residuals: bool,
     /// The variance of the residuals in units of the stated one.
     pub(crate) variance: f64,
     /// How many parameters the observations determine; with penalties a fraction of them.
@@ -48,12 +53,30 @@ pub(crate) struct Solution {
 
 impl Solution {
     /// The values at which a step was found to be none, with what that step knows of them.
-    fn at(values: Values, equations: &Equations, step: Step) -> Self {
+    fn at(values: Values, equations: &Equations, step: Step, search: Search<'_>) -> Self {
         let count = equations.residuals.len() as f64;
         let freedom = (count - step.degrees).max(1.0);
+        let counted = if search.robust {
+            huber_variance(&equations.residuals, step.degrees)
+        } else {
+            step.counted
+        };
+        // The weights made the covariance as large as if all numbers had the mean weight.
+        let mean_weight = if search.robust {
+            equations
+                .residuals
+                .iter()
+                .map(|r| huber_weight(*r))
+                .sum::<f64>()
+                / count.max(1.0)
+        } else {
+            1.0
+        };
         Self {
             values,
-            covariance: step.covariance,
+            covariance: step.covariance * (counted * mean_weight / step.counted),
+            counted,
+            counts_residuals: search.robust || search.penalised,
             variance: step.square / freedom,
             degrees: step.degrees,
             freedom,
@@ -102,7 +125,7 @@ pub(crate) fn solve(
         let step = search.step(&equations, &values, &mut penalty)?;
         last = step.largest();
         if last < wanted {
-            return Ok(Solution::at(values, &equations, step));
+            return Ok(Solution::at(values, &equations, step, search));
         }
         // Halved while it makes things worse: far from the end the equations are not yet straight.
         let before = cost(&equations, robust);
@@ -124,7 +147,7 @@ pub(crate) fn solve(
     // With more digits than the numbers have the last steps are rounding.
     if last < 1e-5 || exactness == Exactness::Rough {
         let step = search.step(&equations, &values, &mut penalty)?;
-        return Ok(Solution::at(values, &equations, step));
+        return Ok(Solution::at(values, &equations, step, search));
     }
     Err(IdentifyError::NotConverged {
         steps: most,
@@ -149,6 +172,22 @@ fn huber_weight(residual: f64) -> f64 {
     if size > HUBER { HUBER / size } else { 1.0 }
 }
 
+/// The variance of a number with which the covariance of least squares is that of Huber's estimate (P. J. Huber, Annals of
+/// Statistics 1, 1973: with his correction for the unknowns): E[ψ²]/E[ψ']². It is never less than that of numbers which scatter as
+/// stated.
+fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
+    /// Of normal numbers with the stated uncertainty: 1 by the efficiency of 95 %.
+    const NORMAL: f64 = 1.0 / 0.95;
+    let count = residuals.len() as f64;
+    let psi = residuals.iter().map(|r| r.abs().min(HUBER).powi(2));
+    let square = psi.sum::<f64>() / (count - degrees).max(1.0);
+    let inside = residuals.iter().filter(|r| r.abs() <= HUBER).count();
+    // One at the least: where no number is inside there is no slope, and no estimate either.
+    let slope = (inside as f64).max(1.0) / count.max(1.0);
+    let correction = 1.0 + degrees / count.max(1.0) * (1.0 - slope) / slope;
+    (correction * correction * square / (slope * slope)).max(NORMAL)
+}
+
 fn cost(equations: &Equations, robust: bool) -> f64 {
     let of = |r: &f64| {
         let size = r.abs();
@@ -165,6 +204,8 @@ fn cost(equations: &Equations, robust: bool) -> f64 {
 struct Step {
     by: DVector<f64>,
     covariance: DMatrix<f64>,
+    /// The variance of a number that the covariance counts.
+    counted: f64,
     /// The weighted sum of squares before the step.
     square: f64,
     degrees: f64,
@@ -219,14 +260,19 @@ impl Search<'_> {
             unknowns: system.params.len(),
             rank: kept.len(),
         };
-        let (step, mut covariance, degrees) = if penalised {
+        let (step, mut covariance, degrees, counted) = if penalised {
             let now = DVector::from_iterator(
                 kept.len(),
                 kept.iter()
                     .map(|&column| values.of(system.params.at(column))),
             );
             let chosen = choose(&jacobian, &residuals, &scale, &now, penalty).ok_or_else(failed)?;
-            (chosen.step, chosen.covariance, chosen.degrees)
+            (
+                chosen.step,
+                chosen.covariance,
+                chosen.degrees,
+                chosen.variance,
+            )
         } else {
             let qr = jacobian.clone().qr();
             let r = qr.r();
@@ -236,7 +282,7 @@ impl Search<'_> {
             let inverse = r
                 .solve_upper_triangular(&DMatrix::identity(count, count))
                 .ok_or_else(failed)?;
-            (step, &inverse * inverse.transpose(), count as f64)
+            (step, &inverse * inverse.transpose(), count as f64, 1.0)
         };
         for (place, factor) in scale.iter().enumerate() {
             covariance.row_mut(place).scale_mut(*factor);
@@ -245,6 +291,7 @@ impl Search<'_> {
         Ok(Step {
             by: step.component_mul(&scale),
             covariance,
+            counted,
             square,
             degrees,
         })

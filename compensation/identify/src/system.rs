@@ -6,7 +6,7 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Coefficient, Role, Unknowns, micro},
     error::IdentifyError,
-    observations::{Observations, Seen, SetUp},
+    observations::{Observations, SetUp},
     params::{self, Param, Params, Part},
     prepared::Rows,
     values::Values,
@@ -39,45 +39,23 @@ pub(crate) struct Equations {
 /// Whether every row speaks of frames, points and numbers that the set-up has.
 fn check_places(observations: &Observations) -> Result<(), IdentifyError> {
     let setup = &observations.setup;
-    let frame = |place: usize| ("frames", setup.frames.len(), place);
-    let point = |place: usize| ("points", setup.points.len(), place);
-    let number = |place: usize| ("numbers", setup.numbers.len(), place);
     for observation in &observations.observations {
         for row in &observation.rows {
-            let places = match row.seen {
-                Seen::Point {
-                    frame: of, target, ..
-                } => {
-                    let target = target.map(point);
-                    std::iter::once(frame(of)).chain(target).collect()
+            for part in row.seen.parts() {
+                let (what, count, found) = match part {
+                    Part::Frame(place) => ("frames", setup.frames.len(), place),
+                    Part::Point(place) => ("points", setup.points.len(), place),
+                    Part::Number(place) => ("numbers", setup.numbers.len(), place),
+                };
+                if found >= count {
+                    return Err(IdentifyError::NoSuchPlace {
+                        file: observation.file.clone(),
+                        line: row.line,
+                        what,
+                        found,
+                        count,
+                    });
                 }
-                Seen::Sphere { centre, .. } => vec![point(centre)],
-                Seen::Distance {
-                    point: of, dead, ..
-                } => vec![point(of), number(dead)],
-                Seen::Pair { dead, .. } => vec![number(dead)],
-                Seen::Line { offset, slope, .. } => vec![number(offset), number(slope)],
-                Seen::Ball {
-                    origin,
-                    tilts: [first, second],
-                    distance,
-                    ..
-                } => vec![
-                    point(origin),
-                    number(first),
-                    number(second),
-                    number(distance),
-                ],
-            };
-            let wrong = places.into_iter().find(|(_, count, place)| place >= count);
-            if let Some((what, count, found)) = wrong {
-                return Err(IdentifyError::NoSuchPlace {
-                    file: observation.file.clone(),
-                    line: row.line,
-                    what,
-                    found,
-                    count,
-                });
             }
         }
     }

@@ -3,6 +3,7 @@
 use volcomp_document::{CsvTable, InputError};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
+use volcomp_vocabulary::AxisKind;
 
 use crate::observations::{Row, Seen, SetUp, Stand};
 
@@ -11,8 +12,12 @@ use crate::observations::{Row, Seen, SetUp, Stand};
 const ANOTHER_UNIT: f64 = 15.0;
 /// A tool that moves less than this says nothing of the unit, mm.
 const MOVES_MM: f64 = 1.0;
-/// A length between two poses that is further from the nominal one is in another unit, or between others, mm.
+/// A length between two poses that is further from the nominal one is in another unit, or between others: mm, and mm for each
+/// mm of the length, which no machine misses by.
 const APART_MM: f64 = 5.0;
+const APART_SHARE: f64 = 2e-3;
+/// No ballbar and no tracer reaches so many times the diagonal of the travels.
+const FAR_AWAY: f64 = 20.0;
 
 /// Refuses the rows of one file where their unit cannot be mm.
 pub(crate) fn check_units(
@@ -22,6 +27,12 @@ pub(crate) fn check_units(
     setup: &SetUp,
 ) -> Result<(), InputError> {
     let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
+    let linear = machine.axes().iter();
+    let linear = linear.filter(|axis| axis.name.kind() == AxisKind::Linear);
+    let squares = linear.map(|axis| (axis.travel[1] - axis.travel[0]).powi(2));
+    // A machine that only turns has arms of unknown length.
+    let diagonal = Some(squares.sum::<f64>().sqrt()).filter(|d| *d > 0.0);
+    let diagonal = diagonal.unwrap_or(f64::INFINITY);
     let mut seen = Vec::new();
     for row in rows {
         match &row.seen {
@@ -34,12 +45,18 @@ pub(crate) fn check_units(
                 let dead = &setup.numbers[*dead];
                 let expected = (nominal(&row.stand) - nominal(from)).norm();
                 let found = length_mm + dead.value.unwrap_or_default();
-                if !dead.unknown && (found - expected).abs() > APART_MM {
+                if !dead.unknown && (found - expected).abs() > APART_MM + APART_SHARE * expected {
                     let message = format!(
                         "found a length of {length_mm} mm between poses that are nominally {expected:.3} mm apart: is it another unit, or are they other poses?"
                     );
                     return Err(table.error_at(row.line, message));
                 }
+            }
+            Seen::Distance { length_mm, .. } if *length_mm > FAR_AWAY * diagonal => {
+                let message = format!(
+                    "found a length of {length_mm} mm at a machine whose travels are {diagonal:.0} mm from corner to corner, expected mm: is it another unit?"
+                );
+                return Err(table.error_at(row.line, message));
             }
             _ => {}
         }

@@ -26,7 +26,11 @@ impl Unknown {
     /// # Errors
     /// What is no error of the machine, or stands twice; a curve that the error cannot have.
     pub fn decode(value: &Value<'_>, machine: &Machine) -> Result<Vec<Self>, InputError> {
-        decode_unknown(value, machine, false)
+        let found = decode_unknown(value, machine, false)?;
+        if found.is_empty() {
+            return Err(value.error("found no unknown, expected at least one error to be found"));
+        }
+        Ok(found)
     }
 
     /// The item of the key `unknown` that is read back as this.
@@ -60,7 +64,7 @@ impl Unknown {
     }
 }
 
-/// Decodes every unknown.
+/// Decodes every unknown. None of them is an answer, too: the observations then judge the machine as it is.
 pub(crate) fn decode_unknown(
     value: &Value<'_>,
     machine: &Machine,
@@ -83,9 +87,6 @@ pub(crate) fn decode_unknown(
             }
             Some(_) => return Err(item.error(format!("{} stands twice", unknown.error))),
         }
-    }
-    if found.is_empty() {
-        return Err(value.error("found no unknown, expected at least one error to be found"));
     }
     Ok(found)
 }

@@ -1,10 +1,7 @@
 //! Poses at which a machine is observed, and how it gets to a point.
 
 use rand::{Rng, RngExt};
-use volcomp_kinematics::{
-    State, actual_pose,
-    nalgebra::{DMatrix, DVector, Vector3},
-};
+use volcomp_kinematics::{State, actual_pose, nalgebra::Vector3};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
@@ -14,8 +11,6 @@ use crate::plan::{Plan, PlannedPose};
 const COMMAND_STEP: f64 = 1e-3;
 /// Tries for one pose, with other rotary positions each time.
 const TRIES: usize = 200;
-/// Steps to a point: the linear axes are straight, and errors are small.
-const STEPS: usize = 12;
 /// A point that is missed by more is not reached, mm.
 const REACHED_MM: f64 = 1e-6;
 
@@ -147,31 +142,9 @@ impl FreeAxes {
         target: &Vector3<f64>,
         tip: impl Fn(&State) -> Vector3<f64>,
     ) -> Option<State> {
-        let linear: Vec<usize> = self.of(AxisKind::Linear).map(|(place, _)| place).collect();
-        let here = machine.chain().ideal_tip_mm(&state);
-        // How a millimetre of each axis moves the ideal tip.
-        let columns: Vec<Vector3<f64>> = linear
-            .iter()
-            .map(|&place| {
-                let mut moved = state;
-                moved.q[place] += 1.0;
-                machine.chain().ideal_tip_mm(&moved) - here
-            })
-            .collect();
-        let matrix = DMatrix::from_fn(3, columns.len(), |row, column| columns[column][row]);
-        let svd = matrix.svd(true, true);
-        for _ in 0..STEPS {
-            let miss = target - tip(&state);
-            if miss.norm() < 1e-3 * REACHED_MM {
-                return Some(state);
-            }
-            let right = DVector::from_column_slice(miss.as_slice());
-            let moves = svd.solve(&right, 1e-6).ok()?;
-            for (&place, by) in linear.iter().zip(&moves) {
-                state.q[place] += by;
-            }
-        }
-        ((target - tip(&state)).norm() < REACHED_MM).then_some(state)
+        let is_free = |place| self.free.iter().any(|(free, ..)| *free == place);
+        let missed_mm = machine.chain().bring(&mut state, is_free, target, tip);
+        (missed_mm < REACHED_MM).then_some(state)
     }
 
     /// Adds to the coordinate of every free linear axis, mm.

@@ -200,3 +200,52 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
         }
     }
 }
+
+/// The tip is brought as near as the linear axes can: all the way with three directions, and else up to what no axis has.
+#[test]
+fn linear_axes_bring_the_tip_as_near_as_they_can() {
+    let mut rng = seeded(72);
+    for structure in all_types() {
+        let chain = placed(&structure, &mut rng);
+        let (mut at, there) = (state(&chain, &mut rng), state(&chain, &mut rng));
+        let to = chain.ideal_tip_mm(&there);
+        let turned = at;
+        let left = chain.bring(&mut at, |_| true, &to, |state| chain.ideal_tip_mm(state));
+        assert!(left < 1e-9, "{structure}: {left} mm");
+        assert!((chain.ideal_tip_mm(&at) - to).norm() < 1e-9);
+        for place in rotary(&chain) {
+            assert_eq!(at.q[place], turned.q[place], "{structure}");
+        }
+    }
+    // C between Y and the others: at 90° X and Y go one way, and nothing goes across it. The second is so near to it that a way
+    // there would be a thousand times as long.
+    let chain = Chain::new("w b X C Y Z t".parse().unwrap());
+    let c = chain.structure().index_of(AxisName::C).unwrap();
+    for angle in [FRAC_PI_2, FRAC_PI_2 - 1e-7] {
+        let mut at = State::default();
+        at.q[c] = angle;
+        let to = chain.ideal_tip_mm(&at) + Vector3::new(3.0, 4.0, 5.0);
+        let left = chain.bring(&mut at, |_| true, &to, |state| chain.ideal_tip_mm(state));
+        assert!((left - 4.0).abs() < 1e-3, "{left} mm");
+        for (place, q) in at.q.iter().enumerate() {
+            assert!(place == c || q.abs() < 10.0, "{at:?}");
+        }
+    }
+    // Axes that are refused stay, and a chain without linear axes does not move.
+    let chain = Chain::new("w b X Y Z t".parse().unwrap());
+    let y = chain.structure().index_of(AxisName::Y).unwrap();
+    let mut at = State::default();
+    let to = chain.ideal_tip_mm(&at) + Vector3::new(3.0, 4.0, 0.0);
+    let left = chain.bring(
+        &mut at,
+        |place| place != y,
+        &to,
+        |state| chain.ideal_tip_mm(state),
+    );
+    assert!((left - 4.0).abs() < 1e-12 && at.q[y] == 0.0, "{left}");
+    let chain = Chain::new("w C b t".parse().unwrap());
+    let mut at = State::default();
+    let to = chain.ideal_tip_mm(&at) + Vector3::new(0.0, 0.0, 2.0);
+    let left = chain.bring(&mut at, |_| true, &to, |state| chain.ideal_tip_mm(state));
+    assert_eq!((left, at), (2.0, State::default()));
+}

@@ -104,9 +104,12 @@ pub(crate) struct Next {
     pub(crate) pose: ByAxis,
     /// The row file whose set-up is to be used.
     pub(crate) file: String,
+    /// The sphere or the ball there; not there for other instruments.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) target: Option<String>,
     /// The unknown that is least certain in its effect; one that is not determined yet, where there is any.
     pub(crate) parameter: String,
-    /// Its uncertainty now by that after the pose; null where it is not determined yet.
+    /// How many times smaller its uncertainty is after the pose: 1 or more; null where it is not determined yet.
     pub(crate) improvement: Option<f64>,
 }
 
@@ -161,6 +164,7 @@ impl From<&Identification> for Found {
             next: found.next.as_ref().map(|next| Next {
                 pose: next.pose.iter().copied().collect(),
                 file: next.file.clone(),
+                target: next.target.clone(),
                 parameter: next.parameter.clone(),
                 improvement: next.improvement,
             }),

@@ -62,6 +62,9 @@ pose. Score: 1 is best; near 0 some unknowns can hardly be told apart. Rank: how
 many unknowns are determined, of how many that are counted.
 ";
 
+/// A pose that makes the least certain unknown by less than this more certain changes little.
+const LITTLE: f64 = 1.05;
+
 /// The tables of what was found, for people.
 pub(super) fn found_text(document: &Found) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
@@ -142,8 +145,16 @@ pub(super) fn found_text(document: &Found) -> String {
             .iter()
             .map(|(axis, at)| format!("{axis}={at}"))
             .collect();
-        let _ = writeln!(text, "measure next: {} ({})", pose.join(","), next.file);
+        let target = next.target.as_ref();
+        let target = target.map_or_else(String::new, |target| format!(", {target}"));
+        let pose = pose.join(",");
+        let _ = writeln!(text, "measure next: {pose} ({}{target})", next.file);
         let what = match next.improvement {
+            Some(improvement) if improvement < LITTLE => format!(
+                "one pose more changes little: the uncertainty of {} stays at {:.0} %",
+                next.parameter,
+                100.0 / improvement
+            ),
             Some(improvement) => format!(
                 "the uncertainty of {} falls to {:.0} % of what it is",
                 next.parameter,

@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use volcomp_identify::{Cause, IdentifyError};
+use volcomp_identify::{Cause, FarFile, IdentifyError};
 use volcomp_vocabulary::AxisName;
 
-use crate::lab::{Lab, Noise, value};
+use crate::lab::{Lab, Noise, tip, value};
 
 const MACHINE: &str = "structure = \"w C b X Y Z B t\"
 axes.X.travel = [-500.0, 500.0]
@@ -66,9 +66,166 @@ fn found(text: &str) -> Result<volcomp_identify::Identification, IdentifyError> 
 
 fn cause(text: &str) -> Option<Cause> {
     match found(text) {
-        Err(IdentifyError::FarRows { cause, .. }) => cause,
+        Err(IdentifyError::FarRows { files }) => match &files[..] {
+            [FarFile { causes, .. }] => causes.first().cloned(),
+            _ => panic!("{files:?}"),
+        },
         other => panic!("{other:?}"),
     }
+}
+
+/// What is said of every file, the worst first.
+fn far_files(lab: &Lab, observed: &str) -> Vec<(String, Vec<Cause>)> {
+    match lab.identify(observed) {
+        Err(IdentifyError::FarRows { files }) => files
+            .into_iter()
+            .map(|file| (file.file, file.causes))
+            .collect(),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// C the other way: with spheres on the other side of X and Y the other way it looks the same.
+fn mirrored() -> Vec<Cause> {
+    [AxisName::C, AxisName::Y].map(Cause::Reversed).to_vec()
+}
+
+/// The spheres of another file are others.
+fn apart(name: &mut &str, [one, two]: [&'static str; 2]) {
+    *name = if *name == "one" { one } else { two };
+}
+
+fn observations(files: &[&str]) -> String {
+    let each = |file: &&str| format!("[[observation]]\nkind = \"sphere\"\nfile = \"{file}\"\n");
+    let all: String = files.iter().map(each).collect();
+    format!("folds = 0\nunknown = [\"EX0C\", \"EY0C\"]\n{all}")
+}
+
+/// Diagonals never are far off: a third of all rows, or nine tenths, they must not hide a file that is.
+#[test]
+fn the_cause_is_named_beside_diagonals() {
+    let lab = Lab::new(MACHINE);
+    let mut diagonal = String::from("X,Y,Z,deviation_um\n");
+    for k in 0..200 {
+        let at = f64::from(k) * 2.0 - 200.0;
+        let _ = writeln!(diagonal, "{at},{at},{at},{:?}", 0.3 * f64::from(k % 3));
+    }
+    lab.write("d.csv", &diagonal);
+    let observed = format!(
+        "{}[[observation]]\nkind = \"line\"\nfile = \"d.csv\"\ndirection = [1, 1, 1]\n",
+        observations(&["s.csv"])
+    );
+    lab.write("s.csv", &rows(HEADER, 200.0, |_, _, _| ()));
+    lab.identify(&observed).expect("found");
+    for (text, expected) in [
+        (rows(HEADER, 200.0, |_, at, _| at[3] = -at[3]), mirrored()),
+        (
+            rows(HEADER, 200.0, |_, at, _| {
+                for x in &mut at[..3] {
+                    *x /= 25.4;
+                }
+            }),
+            vec![Cause::Inches],
+        ),
+        (
+            rows(HEADER, 240.0, |_, _, _| ()),
+            vec![Cause::Tool("probe".to_owned())],
+        ),
+    ] {
+        lab.write("s.csv", &text);
+        let found = far_files(&lab, &observed);
+        assert_eq!(found, [("s.csv".to_owned(), expected)]);
+    }
+}
+
+#[test]
+fn each_bad_file_is_named_with_its_own_cause() {
+    let lab = Lab::new(MACHINE);
+    lab.write("good.csv", &rows(HEADER, 200.0, |_, _, _| ()));
+    let reversed = |_: usize, at: &mut [f64; 5], name: &mut &str| {
+        apart(name, ["three", "four"]);
+        at[3] = -at[3];
+    };
+    lab.write("reversed.csv", &rows(HEADER, 200.0, reversed));
+    let inches = |_: usize, at: &mut [f64; 5], name: &mut &str| {
+        apart(name, ["five", "six"]);
+        for x in &mut at[..3] {
+            *x /= 25.4;
+        }
+    };
+    lab.write("inches.csv", &rows(HEADER, 200.0, inches));
+    let named = |file: &str, causes| (file.to_owned(), causes);
+    // A third of all rows: one bad file of three.
+    lab.write(
+        "too.csv",
+        &rows(HEADER, 200.0, |_, _, name| apart(name, ["seven", "eight"])),
+    );
+    let one = far_files(
+        &lab,
+        &observations(&["good.csv", "too.csv", "reversed.csv"]),
+    );
+    assert_eq!(one, [named("reversed.csv", mirrored())]);
+    let mut two = far_files(
+        &lab,
+        &observations(&["inches.csv", "good.csv", "reversed.csv"]),
+    );
+    two.sort_by(|a, b| a.0.cmp(&b.0));
+    assert_eq!(
+        two,
+        [
+            named("inches.csv", vec![Cause::Inches]),
+            named("reversed.csv", mirrored())
+        ]
+    );
+    // The same spheres in a good and in a bad file: the bad one is named, not both, and the places of the spheres are known.
+    let same_spheres = |_: usize, at: &mut [f64; 5], _: &mut &str| at[3] = -at[3];
+    lab.write("reversed.csv", &rows(HEADER, 200.0, same_spheres));
+    let shared = far_files(&lab, &observations(&["good.csv", "reversed.csv"]));
+    assert_eq!(
+        shared,
+        [named("reversed.csv", vec![Cause::Reversed(AxisName::C)])]
+    );
+}
+
+/// Some rows of another sphere are neither "this row" nor "0.0 mm in the middle".
+#[test]
+fn several_rows_of_a_file_are_counted() {
+    for bad in [4, 8] {
+        let text = rows(HEADER, 200.0, |k, _, name| {
+            if k < bad {
+                apart(name, ["two", "one"]);
+            }
+        });
+        match found(&text) {
+            Err(IdentifyError::FarRows { files }) => {
+                assert_eq!(files.len(), 1);
+                assert_eq!((files[0].rows, files[0].of), (bad, 24), "{files:?}");
+                assert!(files[0].typical_mm > 100.0, "{files:?}");
+                assert_eq!(files[0].causes, []);
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// A mirrored cloud of points is mirrored whichever axis counts the other way: the frame turns with it.
+#[test]
+fn causes_that_are_equally_good_are_all_named() {
+    let lab = Lab::new(
+        "structure = \"w b X Y Z t\"\naxes = { X = { travel = [-500, 500] }, Y = { travel = [-500, 500] }, Z = { travel = [-500, 500] } }\n",
+    );
+    let mut noise = Noise::new(12);
+    let mut text = String::from("X,Y,Z,x mm,y_mm,z [mm]\n");
+    for _ in 0..20 {
+        let [x, y, z] = [0; 3].map(|_| noise.between(-400.0, 400.0));
+        let _ = writeln!(text, "{:?},{y:?},{z:?},{x:?},{y:?},{z:?}", -x);
+    }
+    lab.write("t.csv", &text);
+    let observed =
+        "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
+    let found = far_files(&lab, observed);
+    let all = [AxisName::X, AxisName::Y, AxisName::Z].map(Cause::Reversed);
+    assert_eq!(found, [("t.csv".to_owned(), all.to_vec())]);
 }
 
 const HEADER: &str = "X,Y,Z,C,B,sphere";
@@ -175,6 +332,10 @@ fn columns_in_other_letters_or_units_are_refused() {
             "found a column `Sphere`, expected `sphere`",
         ),
         (
+            "X,Y,Z,A_deg,B,sphere",
+            "found a column `A_deg`, the structure `w C' b X Y Z B t` has no axis A",
+        ),
+        (
             "X (in),Y,Z,C,B,sphere",
             "found a column `X (in)`, expected `X`",
         ),
@@ -195,9 +356,31 @@ fn columns_in_other_letters_or_units_are_refused() {
 #[test]
 fn axes_are_headed_by_their_letter_alone_or_with_the_unit() {
     let text = rows("X mm,Y_mm,Z [mm],C_deg,B (deg),sphere", 200.0, |_, _, _| ());
-    let found = found(&text).expect("found");
-    assert!(value(&found, "EX0C").0.abs() < 1.0);
-    assert_eq!(found.warnings, [""; 0]);
+    let found_as_headed = found(&text).expect("found");
+    assert!(value(&found_as_headed, "EX0C").0.abs() < 1.0);
+    assert_eq!(found_as_headed.warnings, [""; 0]);
+    // A column `x` that nobody reads beside `X mm`: noted, not taken for X.
+    let beside: String = rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ())
+        .lines()
+        .enumerate()
+        .map(|(k, line)| format!("{line},{}\n", if k == 0 { "x" } else { "7" }))
+        .collect();
+    let beside = found(&beside).expect("found");
+    assert_eq!(beside.warnings.len(), 1, "{:?}", beside.warnings);
+    assert!(beside.warnings[0].ends_with("columns that are not used: x"));
+}
+
+/// A tracker's columns may have their unit; in another one they are told by their own name, not by that of an axis.
+#[test]
+fn columns_of_targets_have_their_own_names() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
+    let observed = "unknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
+    let message = lab.refused(observed);
+    assert!(
+        message.contains("found a column `z_um`, expected `z`:"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -316,9 +499,86 @@ fn an_instrument_that_counts_the_other_way_is_named() {
     let wrong = lab.identify(&both).expect("found");
     let words = wrong.warnings.join("\n");
     assert!(
-        words.contains("r.csv: with the opposite sign its readings leave"),
+        words.contains("r.csv: with the opposite sign of its readings"),
         "{words}"
     );
+}
+
+/// An R-test beside diagonals has one number in common with them, the squareness: the contradiction is small, but it goes with the
+/// sign. Two instruments that contradict each other in size are not told to count the other way.
+#[test]
+fn an_opposite_sign_is_named_beside_diagonals() {
+    use AxisName::{C, X, Y, Z};
+    let truth = volcomp_model::Machine::parse(
+        &format!("{MACHINE}[errors]\nEC0Y = 40.0\nEX0C = 30.0\nEY0C = -20.0\n"),
+        "truth",
+    )
+    .expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let nominal = lab.machine();
+    let mut noise = Noise::new(21);
+    let mut diagonals = String::from("X,Y,Z,deviation_um\n");
+    for k in 0..40 {
+        let x = f64::from(k) * 24.0 - 468.0;
+        let at = [(X, x), (Y, x), (Z, 0.0)];
+        let moved = tip(&truth, &at, [0.0; 3]) - tip(&nominal, &at, [0.0; 3]);
+        let along = (moved.x + moved.y) / 2.0_f64.sqrt();
+        let _ = writeln!(diagonals, "{x},{x},0,{:?}", 1e3 * along + noise.normal(1.0));
+    }
+    lab.write("d.csv", &diagonals);
+    let mut r_test = |sign: f64| {
+        let mut text = String::from("X,Y,Z,C,B,sphere,dx_um,dy_um,dz_um\n");
+        for k in 0..24 {
+            let c = 15.0 * f64::from(k) - 170.0;
+            let (sin_c, cos_c) = c.to_radians().sin_cos();
+            let (x, y) = (cos_c * 120.0 + sin_c * 40.0, cos_c * 40.0 - sin_c * 120.0);
+            let at = [(X, x), (Y, y), (Z, -100.0), (C, c)];
+            let off = tip(&truth, &at, [0.0; 3]) - tip(&nominal, &at, [0.0; 3]);
+            let [dx, dy, dz] =
+                [off.x, off.y, off.z].map(|off| sign * (1e3 * off + noise.normal(1.0)));
+            let _ = writeln!(text, "{x:?},{y:?},-100,{c},0,one,{dx:?},{dy:?},{dz:?}");
+        }
+        text
+    };
+    let [right, turned] = [1.0, -1.0].map(&mut r_test);
+    let observed = "folds = 0
+unknown = [\"EC0Y\", \"EX0C\", \"EY0C\"]
+[[observation]]
+kind = \"sphere\"
+file = \"r.csv\"
+[[observation]]
+kind = \"line\"
+file = \"d.csv\"
+direction = [1, 1, 0]
+";
+    lab.write("r.csv", &right);
+    let found = lab.identify(observed).expect("found");
+    assert!((value(&found, "EC0Y").0 - 40.0).abs() < 3.0);
+    assert_eq!(found.warnings, [""; 0]);
+    lab.write("r.csv", &turned);
+    let found = lab.identify(observed).expect("found");
+    let words = found.warnings.join("\n");
+    assert!(
+        words.contains("r.csv: with the opposite sign of its readings"),
+        "{words}"
+    );
+    // As large a contradiction with the same sign.
+    let steeper: String = diagonals
+        .lines()
+        .map(|line| match line.rsplit_once(',') {
+            Some((at, um)) => match um.parse::<f64>() {
+                Ok(um) => format!("{at},{:?}\n", 3.0 * um),
+                Err(_) => format!("{line}\n"),
+            },
+            None => String::new(),
+        })
+        .collect();
+    lab.write("r.csv", &right);
+    lab.write("d.csv", &steeper);
+    let found = lab.identify(observed).expect("found");
+    let words = found.warnings.join("\n");
+    assert!(words.contains("times the stated uncertainty"), "{words}");
+    assert!(!words.contains("opposite sign"), "{words}");
 }
 
 /// Everything in inches on a machine without a length of its own fits as well as in mm.

@@ -1,0 +1,118 @@
+//! The columns of a row file by their names, and names that look like others.
+
+use volcomp_document::{Column, CsvTable, InputError, quoted, split_head, unit_named};
+use volcomp_vocabulary::AxisName;
+
+/// The columns of a table by their exact names: `X` is an axis, `x` a coordinate of a target.
+pub(crate) struct Columns<'t> {
+    pub(crate) table: &'t CsvTable,
+    /// The names that were asked for.
+    pub(crate) used: Vec<String>,
+}
+
+impl Columns<'_> {
+    pub(crate) fn get(&mut self, name: &str) -> Result<Option<Column>, InputError> {
+        self.used.push(name.to_owned());
+        let mut named = self.table.columns().filter(|(_, found)| *found == name);
+        let first = named.next().map(|(column, _)| column);
+        match named.next() {
+            Some(_) => Err(self
+                .table
+                .header_error(format!("column `{name}` stands twice"))),
+            None => Ok(first),
+        }
+    }
+
+    /// The column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
+    pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
+        self.with_unit(&axis.to_string(), axis.kind().coordinate_unit())
+    }
+
+    /// The name of the column of an axis, alone or with any unit, whoever reads it.
+    pub(crate) fn named_like(&self, axis: AxisName) -> Option<&str> {
+        let letter = axis.to_string();
+        let is_axis = |found: &str| without_unit(found) == Some(letter.as_str());
+        let mut names = self.table.names().map(|(_, name)| name);
+        names.find(|name| is_axis(name))
+    }
+
+    /// The column of a name, alone or with the unit that it always has.
+    fn with_unit(&mut self, name: &str, unit: &str) -> Result<Option<Column>, InputError> {
+        let is_it = |found: &str| {
+            let (stem, found) = split_head(found);
+            stem == name && unit_named(found) == Some(unit)
+        };
+        let names = || self.table.names().map(|(_, name)| name);
+        let Some(with_unit) = names().find(|found| is_it(found)).map(str::to_owned) else {
+            return self.get(name);
+        };
+        if names().any(|found| found == name) {
+            return Err(self.table.header_error(format!(
+                "found columns `{name}` and `{with_unit}`, expected one of them"
+            )));
+        }
+        self.get(&with_unit)
+    }
+
+    /// The columns that nothing asked for.
+    pub(crate) fn unused(&self) -> Vec<&str> {
+        let names = self.table.names().map(|(_, name)| name);
+        names
+            .filter(|name| !self.used.iter().any(|used| used == name))
+            .collect()
+    }
+
+    /// Refuses a column that nobody reads but whose name means one that is missing, in other letters or with another unit:
+    /// `a` for `A`, `X [mm]` for `X`, `dx_mm` for `dx_um`. Left out, its axis would stand at zero.
+    pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
+        let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
+        for found in self.unused() {
+            let Some(stem) = without_unit(found) else {
+                continue;
+            };
+            let missing = || self.used.iter().filter(|name| !is_there(name));
+            let stem_of = |name: &String| split_head(name).0.to_owned();
+            // `z_mm` means a target's `z` before it means the axis `Z`.
+            let meant = missing()
+                .find(|name| stem_of(name) == stem)
+                .or_else(|| missing().find(|name| stem_of(name).eq_ignore_ascii_case(stem)));
+            if let Some(meant) = meant {
+                return Err(self.table.header_error(format!(
+                    "found a column {}, expected `{meant}`: names and units of columns are read letter by letter",
+                    quoted(found)
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// The column of a name that must be there.
+    pub(crate) fn require(&mut self, name: &str) -> Result<Column, InputError> {
+        let column = self.get(name)?;
+        self.found(name, column)
+    }
+
+    /// The column of a length that must be there, alone or with its unit: `x`, `x mm`, `x_mm`.
+    pub(crate) fn require_mm(&mut self, name: &str) -> Result<Column, InputError> {
+        let column = self.with_unit(name, "mm")?;
+        self.found(name, column)
+    }
+
+    fn found(&self, name: &str, column: Option<Column>) -> Result<Column, InputError> {
+        if column.is_none() {
+            self.refuse_lookalikes()?;
+        }
+        column.ok_or_else(|| {
+            let found: Vec<&str> = self.table.names().map(|(_, name)| name).collect();
+            let found = quoted(&found.join(","));
+            self.table
+                .header_error(format!("found {found}, expected a column `{name}`"))
+        })
+    }
+}
+
+/// The name of a column without the unit at its end; `None` where what follows the name is no unit.
+fn without_unit(head: &str) -> Option<&str> {
+    let (name, unit) = split_head(head);
+    (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
+}

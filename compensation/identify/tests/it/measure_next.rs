@@ -1,0 +1,195 @@
+//! What to measure next: a pose that the instrument can take and has not taken, of any file.
+
+use std::fmt::Write;
+
+use volcomp_identify::Identification;
+use volcomp_vocabulary::AxisName;
+
+use crate::lab::{Lab, Noise, value};
+
+const THREE_AXES: &str = "structure = \"w b X Y Z t\"
+axes.X.travel = [-300.0, 300.0]
+axes.Y.travel = [-300.0, 300.0]
+axes.Z.travel = [-300.0, 300.0]
+";
+
+fn next_at(found: &Identification) -> Vec<f64> {
+    let next = found.next.as_ref().expect("a pose");
+    next.pose.iter().map(|(_, at)| *at).collect()
+}
+
+/// The tip at the end of a ballbar of 150 mm about [10, 20, −30] on a machine that only travels: in the plane of X and Y.
+fn ballbar() -> (String, Vec<[f64; 3]>) {
+    let mut noise = Noise::new(3);
+    let mut text = String::from("X,Y,Z,length_mm\n");
+    let mut stood = Vec::new();
+    for k in 0..29 {
+        let angle = f64::from(k) * 5.0_f64.to_radians();
+        let at = [
+            10.0 + 150.0 * angle.cos(),
+            20.0 + 150.0 * angle.sin(),
+            -30.0,
+        ];
+        let [x, y, z] = at;
+        let _ = writeln!(text, "{x:?},{y:?},{z:?},{:?}", 150.0 + noise.normal(0.001));
+        stood.push(at);
+    }
+    (text, stood)
+}
+
+const BALLBAR: &str = "folds = 0
+unknown = [\"EC0Y\"]
+[[observation]]
+kind = \"distance\"
+file = \"b.csv\"
+point = [10.0, 20.0, -30.0]
+";
+
+#[test]
+fn a_ballbar_on_three_axes_is_led_where_it_was_not_yet() {
+    let lab = Lab::new(THREE_AXES);
+    let (text, stood) = ballbar();
+    lab.write("b.csv", &text);
+    let found = lab.identify(BALLBAR).expect("found");
+    let at = next_at(&found);
+    let apart = |other: &[f64; 3]| -> f64 {
+        let squares = at.iter().zip(other).map(|(a, b)| (a - b).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    assert!((apart(&[10.0, 20.0, -30.0]) - 150.0).abs() < 0.01, "{at:?}");
+    assert!(stood.iter().all(|row| apart(row) > 0.01), "{at:?}");
+    // Within the arc that it can take, 0 to 140 deg.
+    let angle = (at[1] - 20.0).atan2(at[0] - 10.0).to_degrees();
+    assert!(
+        (-0.1..=140.1).contains(&angle) && (at[2] + 30.0).abs() < 0.01,
+        "{at:?}"
+    );
+}
+
+/// A sphere on three axes can only be met where it was, and a step gauge has faces only where it was read.
+#[test]
+fn what_was_measured_is_not_proposed_again() {
+    let lab = Lab::new(THREE_AXES);
+    lab.write("s.csv", "X,Y,Z,sphere,dx_um,dy_um,dz_um\n0,0,0,one,1,2,3\n100,0,0,two,1,2,3\n0,100,0,three,2,2,2\n100,0,0,two,2,2,2\n0,0,0,one,1,2,3\n");
+    let mut gauge = String::from("pose,X,from,to,length_mm\n");
+    for x in [0, 100, 200] {
+        let _ = writeln!(gauge, "p{x},{x},,,");
+    }
+    for x in [100, 200] {
+        let _ = writeln!(gauge, ",,p0,p{x},{x}.001");
+    }
+    lab.write("g.csv", &gauge);
+    let found = lab
+        .identify(
+            "folds = 0
+unknown = [{ error = \"EXX\", legendre = 1 }]
+[[observation]]
+kind = \"sphere\"
+file = \"s.csv\"
+[[observation]]
+kind = \"distance\"
+file = \"g.csv\"
+",
+        )
+        .expect("found");
+    assert_eq!(found.next, None);
+}
+
+/// Of the squareness of Z to X lines in the plane of X and Y say nothing wherever they are read: the pose is then the one for
+/// what can be found.
+#[test]
+fn where_no_pose_tells_of_what_is_missing_the_surest_is_proposed() {
+    let lab = Lab::new(THREE_AXES);
+    let mut text = String::from("X,Y,Z,deviation_um\n");
+    for k in 0..31 {
+        let at = f64::from(k) * 10.0 - 150.0;
+        let _ = writeln!(text, "{at},{at},0,{:?}", 0.02 * at);
+    }
+    lab.write("d.csv", &text);
+    let observed = "folds = 0
+unknown = [\"EB0Z\", { error = \"EXX\", legendre = 1 }]
+[[observation]]
+kind = \"line\"
+file = \"d.csv\"
+direction = [1, 1, 0]
+";
+    let found = lab.identify(observed).expect("found");
+    assert!(value(&found, "EB0Z").1.is_nan(), "{:?}", found.parameters);
+    let next = found.next.expect("a pose");
+    assert_eq!(next.parameter, "EXX legendre 1");
+    assert!(next.improvement.is_some_and(|by| by >= 1.0), "{next:?}");
+}
+
+/// Three rows more of the best kind cannot make an unknown much surer than thirty did, but what one row adds is told in full
+/// though what is left is ten times the stated uncertainty: σ² counts the stated ones.
+#[test]
+fn the_improvement_is_that_of_the_stated_uncertainties() {
+    let lab = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 1000] } }\n");
+    let mut noise = Noise::new(9);
+    let mut text = String::from("X,deviation_um\n");
+    for x in [0.0, 100.0, 200.0, 300.0, 400.0, 500.0] {
+        let _ = writeln!(text, "{x},{:?}", noise.normal(10.0));
+    }
+    text.push_str("1000,5\n");
+    lab.write("d.csv", &text);
+    let observed = "folds = 0
+unknown = [{ error = \"EXX\", legendre = 1 }]
+[[observation]]
+kind = \"line\"
+file = \"d.csv\"
+direction = [1, 0, 0]
+offset = \"unknown\"
+";
+    let found = lab.identify(observed).expect("found");
+    assert!(found.variance > 4.0, "{}", found.variance);
+    let next = found.next.expect("a pose");
+    assert_eq!(next.parameter, "EXX legendre 1");
+    // The slope of a line through seven places and one more: σ² of the slope is 1/Σ(x − x̄)².
+    let mut places = vec![0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 1000.0];
+    let spread = |places: &[f64]| {
+        let mean = places.iter().sum::<f64>() / places.len() as f64;
+        places.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
+    };
+    let before = spread(&places);
+    places.push(next.pose[0].1);
+    let expected = (spread(&places) / before).sqrt();
+    let told = next.improvement.expect("determined");
+    assert!((told - expected).abs() < 1e-3, "{told} {expected}");
+}
+
+/// A machine that only turns has no linear axis to bring its tip to a sphere: that was a panic.
+#[test]
+fn a_machine_without_linear_axes_is_identified() {
+    let lab = Lab::new(
+        "structure = \"w C b t\"\naxes = { C = { travel = [-180, 180] } }\ntool = { tip = [100, 0, -50] }\n",
+    );
+    let mut text = String::from("C,sphere,dx_um,dy_um,dz_um\n");
+    for k in 0..12 {
+        let c = 0.1 * f64::from(k);
+        let _ = writeln!(
+            text,
+            "{c},one,{:?},{:?},1",
+            0.5 * f64::from(k % 3),
+            0.2 * f64::from(k % 4)
+        );
+    }
+    lab.write("s.csv", &text);
+    let observed =
+        "folds = 0\nunknown = [\"EX0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n";
+    // Whether anything is found of so short a part of a turn is another matter.
+    let _ = lab.identify(observed);
+    lab.write(
+        "b.csv",
+        "C,length_mm\n0,100\n30,100\n60,100\n90,100\n120,100\n150,100\n-30,100\n-60,100\n",
+    );
+    let observed = "folds = 0
+unknown = [\"EX0C\"]
+[[observation]]
+kind = \"distance\"
+file = \"b.csv\"
+point = [0, 0, -50]
+";
+    let found = lab.identify(observed).expect("found");
+    let next = found.next;
+    assert!(next.is_none_or(|next| next.pose[0].0 == AxisName::C));
+}

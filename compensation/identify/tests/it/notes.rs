@@ -1,0 +1,220 @@
+//! Notes on observations that are too few, on errors that are too large, and on what the uncertainties count.
+
+use std::fmt::Write;
+
+use crate::lab::{Lab, Noise, value};
+
+const MACHINE: &str = "structure = \"w b X Y t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+";
+
+/// Points on a plate, with an error of the squareness of so many µrad.
+fn points(count: usize, squareness_urad: f64, noise_um: f64) -> String {
+    let mut noise = Noise::new(31);
+    let mut text = String::from("X,Y,x,y,z\n");
+    for k in 0..count {
+        let (x, y) = ((k * 37 % 11) as f64 * 45.0, (k * 17 % 9) as f64 * 48.0);
+        let mut n = || noise.normal(1e-3 * noise_um);
+        let _ = writeln!(
+            text,
+            "{x},{y},{:?},{:?},{:?}",
+            x - 1e-6 * squareness_urad * y + n(),
+            y + n(),
+            n()
+        );
+    }
+    text
+}
+
+fn observed(head: &str, files: &[&str]) -> String {
+    let each = |file: &&str| format!("[[observation]]\nkind = \"points\"\nfile = \"{file}\"\n");
+    let all: String = files.iter().map(each).collect();
+    format!("{head}\n{all}")
+}
+
+fn words(lab: &Lab, observed: &str) -> String {
+    lab.identify(observed).expect("found").warnings.join("\n")
+}
+
+#[test]
+fn too_few_numbers_are_noted() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &points(30, 0.0, 1.0));
+    let square = observed("unknown = [\"EC0Y\"]", &["t.csv"]);
+    assert_eq!(words(&lab, &square), "");
+    // Nine numbers for six of the frame and the squareness, in ten parts.
+    lab.write("t.csv", &points(3, 0.0, 1.0));
+    let few = words(&lab, &square);
+    assert!(few.contains("9 numbers in 3 poses for 7 unknowns"), "{few}");
+    assert!(
+        few.contains("no rows were left out: 3 poses make no 10 parts"),
+        "{few}"
+    );
+    // A second tracker that sees one point finds nothing but itself; pooled, the numbers would be enough.
+    lab.write("t.csv", &points(30, 0.0, 1.0));
+    lab.write("u.csv", "X,Y,x,y,z\n0,0,0,0,0\n");
+    let thin = lab.identify(&observed(
+        "folds = 0\nunknown = [\"EC0Y\"]",
+        &["t.csv", "u.csv"],
+    ));
+    if let Ok(thin) = thin {
+        let thin = thin.warnings.join("\n");
+        assert!(
+            thin.contains("u.csv: 3 numbers for 6 unknowns of its own set-up say nothing"),
+            "{thin}"
+        );
+    }
+    lab.write("u.csv", "X,Y,length_mm\n0,0,100\n100,0,141.4\n0,100,0.1\n");
+    let bar = format!(
+        "{}[[observation]]\nkind = \"distance\"\nfile = \"u.csv\"\npoint = \"unknown\"\n",
+        observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv"])
+    );
+    let bar = words(&lab, &bar);
+    assert!(
+        bar.contains(
+            "u.csv: 3 numbers for 3 unknowns of its own set-up say nothing of the machine"
+        ),
+        "{bar}"
+    );
+}
+
+#[test]
+fn errors_larger_than_those_of_machines_are_noted() {
+    let lab = Lab::new(MACHINE);
+    let square = observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv"]);
+    lab.write("t.csv", &points(30, 900.0, 1.0));
+    assert_eq!(words(&lab, &square), "");
+    lab.write("t.csv", &points(30, 2500.0, 1.0));
+    let large = words(&lab, &square);
+    assert!(
+        large.contains("EC0Y is found to be 2.5 mrad: is that the machine"),
+        "{large}"
+    );
+}
+
+/// With penalties the covariance follows from what is left: readings of three times the stated uncertainty make it three
+/// times as large by themselves, and nobody is told to multiply once more.
+#[test]
+fn uncertainties_with_penalties_are_not_multiplied_twice() {
+    let lab = Lab::new(MACHINE);
+    let mut found = Vec::new();
+    for noise_um in [1.0, 6.0] {
+        lab.write("t.csv", &points(60, 0.0, noise_um));
+        for penalty in ["none", "auto"] {
+            let observed = observed(
+                &format!(
+                    "folds = 0\npenalty = \"{penalty}\"\nunknown = [\"EC0Y\", {{ error = \"EYX\", legendre = 4 }}]"
+                ),
+                &["t.csv"],
+            );
+            let of = lab.identify(&observed).expect("found");
+            let words = of.warnings.join("\n");
+            assert_eq!(
+                words.contains("multiply them by"),
+                noise_um > 5.0 && penalty == "none",
+                "{words}"
+            );
+            assert_eq!(
+                words.contains("follow from what is left, and count this already"),
+                noise_um > 5.0 && penalty == "auto",
+                "{words}"
+            );
+            found.push(value(&of, "EC0Y").1);
+        }
+    }
+    let [plain, with, plain_of_six, with_of_six] = found[..] else {
+        panic!("{found:?}");
+    };
+    assert!((plain_of_six / plain - 1.0).abs() < 1e-4, "{found:?}");
+    assert!((with_of_six / with - 6.0).abs() < 1.5, "{found:?}");
+}
+
+/// `unknown = []`: nothing but the set-up is found, and the rows judge a machine file.
+#[test]
+fn a_machine_file_is_judged_on_a_set_up_of_its_own() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &points(30, 40.0, 1.0));
+    let judge = observed("folds = 0\nunknown = []", &["t.csv"]);
+    let found = lab.identify(&judge).expect("found");
+    assert!(
+        found
+            .parameters
+            .iter()
+            .all(|p| p.name.starts_with("t.csv:frame"))
+    );
+    assert!(found.residual.rms_um > 3.0, "{:?}", found.residual);
+    assert_eq!(found.next, None);
+    lab.write("machine.toml", &format!("{MACHINE}[errors]\nEC0Y = 40.0\n"));
+    let found = lab.identify(&judge).expect("found");
+    assert!(found.residual.rms_um < 2.0, "{:?}", found.residual);
+}
+
+/// A judged file that is far off throughout: its rows are no slips beside each other.
+#[test]
+fn a_judged_file_that_is_far_off_is_noted() {
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", &points(30, 0.0, 1.0));
+    lab.write("j.csv", &points(12, 300.0, 1.0));
+    let observed = format!(
+        "{}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n",
+        observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv"])
+    );
+    let far = words(&lab, &observed);
+    assert!(far.contains("j.csv: its judged rows are "), "{far}");
+}
+
+#[test]
+fn a_sphere_that_was_met_once_is_noted() {
+    let lab = Lab::new(
+        "structure = \"w C b X Y Z t\"\naxes = { X = { travel = [-300, 300] }, Y = { travel = [-300, 300] }, Z = { travel = [-300, 300] }, C = { travel = [-180, 180] } }\n",
+    );
+    let mut text = String::from("X,Y,Z,C,sphere\n");
+    for k in 0..8 {
+        let c = 40.0 * f64::from(k) - 150.0;
+        let (sin, cos) = c.to_radians().sin_cos();
+        let _ = writeln!(text, "{:?},{:?},0,{c},one", 100.0 * cos, -100.0 * sin);
+    }
+    text.push_str("50,60,0,0,two\n");
+    lab.write("s.csv", &text);
+    let once = words(
+        &lab,
+        "folds = 0\nunknown = [\"EX0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n",
+    );
+    assert!(once.contains("sphere two was met once"), "{once}");
+    assert!(!once.contains("sphere one"), "{once}");
+}
+
+#[test]
+fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
+    let lab = Lab::new(MACHINE);
+    let mut bar = String::from("X,Y,length_mm\n");
+    for k in 0..12 {
+        let angle = f64::from(k) * 0.5;
+        let _ = writeln!(
+            bar,
+            "{:?},{:?},{:?}",
+            200.0 + 150.0 * angle.cos(),
+            200.0 + 150.0 * angle.sin(),
+            150_000.0 + f64::from(k % 3)
+        );
+    }
+    lab.write("b.csv", &bar);
+    let message = lab.refused(
+        "unknown = [\"EC0Y\"]\n[[observation]]\nkind = \"distance\"\nfile = \"b.csv\"\npoint = \"unknown\"\ndead_length = \"unknown\"\n",
+    );
+    assert!(
+        message.contains("found a length of 150000 mm") && message.contains("is it another unit?"),
+        "{message}"
+    );
+    // 6 mm on 10 m is a machine that was cold, not another unit.
+    let long = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 12000] } }\n");
+    let mut gauge = String::from("pose,X,from,to,length_mm\n");
+    for x in [0, 5000, 10000] {
+        let _ = writeln!(gauge, "p{x},{x},,,");
+    }
+    gauge.push_str(",,p0,p5000,5003\n,,p0,p10000,10006\n,,p5000,p10000,5003\n");
+    long.write("g.csv", &gauge);
+    long.identify("folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"distance\"\nfile = \"g.csv\"\n")
+        .expect("found");
+}

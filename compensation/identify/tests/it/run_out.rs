@@ -1,0 +1,68 @@
+//! Which spheres on a table tell the run-out and the tilt of its axis, once in a turn, from the places of the spheres.
+
+use std::fmt::Write;
+
+use crate::lab::Lab;
+
+const MACHINE: &str = "structure = \"w C b X Y Z t\"
+axes.X.travel = [-500.0, 500.0]
+axes.Y.travel = [-500.0, 500.0]
+axes.Z.travel = [-500.0, 500.0]
+axes.C = { travel = [0.0, 360.0], modulo = 360 }
+";
+
+/// How many of the unknowns are left at zero, by the first letters of their names.
+fn left(spheres: &[[f64; 3]], unknown: &[(&str, usize)]) -> Vec<(String, usize)> {
+    let lab = Lab::new(MACHINE);
+    let mut text = String::from("X,Y,Z,C,sphere,dx_um,dy_um,dz_um\n");
+    for (place, [x, y, z]) in spheres.iter().enumerate() {
+        for k in 0..12 {
+            let c = 30.0 * f64::from(k);
+            let (sin, cos) = c.to_radians().sin_cos();
+            let _ = writeln!(
+                text,
+                "{:?},{:?},{z:?},{c},s{place},1,-1,0.5",
+                cos * x + sin * y,
+                cos * y - sin * x
+            );
+        }
+    }
+    lab.write("s.csv", &text);
+    let items: Vec<String> = unknown
+        .iter()
+        .map(|(error, harmonics)| format!("{{ error = \"{error}\", fourier = {harmonics} }}"))
+        .collect();
+    let found = lab
+        .identify(&format!(
+            "folds = 0\nunknown = [{}]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n",
+            items.join(", ")
+        ))
+        .expect("found");
+    unknown
+        .iter()
+        .map(|(error, _)| {
+            let is_left = |p: &&volcomp_identify::Parameter| {
+                p.name.starts_with(error) && !p.name.ends_with("constant") && !p.determined
+            };
+            let count = found.parameters.iter().filter(is_left).count();
+            ((*error).to_owned(), count)
+        })
+        .collect()
+}
+
+#[test]
+fn heights_do_not_tell_the_tilts_from_the_places_of_the_spheres() {
+    let errors = [("EXC", 1), ("EYC", 1), ("EZC", 2), ("EAC", 1), ("EBC", 1)];
+    for (what, spheres) in [
+        ("one", vec![[100.0, 0.0, 50.0]]),
+        ("heights", vec![[100.0, 0.0, 50.0], [100.0, 0.0, 250.0]]),
+        ("heights and sides", vec![[100.0, 0.0, 50.0], [-100.0, 0.0, 250.0]]),
+        ("radii", vec![[100.0, 0.0, 50.0], [200.0, 0.0, 50.0]]),
+        ("radii and heights", vec![[100.0, 0.0, 50.0], [200.0, 0.0, 250.0]]),
+        ("axis", vec![[0.0, 0.0, 50.0], [0.0, 0.0, 250.0]]),
+        ("three", vec![[100.0, 0.0, 50.0], [0.0, 150.0, 250.0], [-120.0, -80.0, 120.0]]),
+    ] {
+        println!("{what}: {:?}", left(&spheres, &errors));
+        println!("  without EZC {:?}", left(&spheres, &[errors[0], errors[1], errors[3], errors[4]]));
+    }
+}
