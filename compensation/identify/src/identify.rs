@@ -200,18 +200,12 @@ pub(crate) fn fit(
 
 /// Refuses rows from which nothing can be found.
 fn check(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
-    let Some(first) = rows.iter().next() else {
+    if rows.len() == 0 {
         return Err(IdentifyError::NothingToFit);
-    };
-    let same = |row: &Row| {
-        let at = |row: &Row| row.stand.state.q;
-        let near = at(row)
-            .iter()
-            .zip(&at(first))
-            .all(|(a, b)| (a - b).abs() < 1e-9);
-        near && !matches!(row.seen, Seen::Pair { .. })
-    };
-    if rows.iter().all(same) && system.params.setup() < system.params.len() {
+    }
+    let is_pair = |row: &Row| matches!(row.seen, Seen::Pair { .. });
+    let asks_for_errors = system.params.setup() < system.params.len();
+    if rows.poses().1 == 1 && !rows.iter().any(is_pair) && asks_for_errors {
         return Err(IdentifyError::AllAlike { rows: rows.len() });
     }
     Ok(())

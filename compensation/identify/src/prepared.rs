@@ -2,7 +2,7 @@
 
 use volcomp_kinematics::{ErrorSource, nalgebra::Vector3};
 use volcomp_model::Temperatures;
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
 
 use crate::{
     coefficients::Role,
@@ -11,10 +11,15 @@ use crate::{
     system::System,
 };
 
+/// Coordinates that differ by less are those of one pose, mm or deg.
+const SAME_POSE: f64 = 1e-6;
+
 /// A pose with what of it does not change while the parameters do.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedStand {
     pub(crate) stand: Stand,
+    /// Coordinates, mm or deg; of an axis with a `modulo` within one turn from 0.
+    within_turn: [f64; MAX_AXES],
     /// The errors that are known, unknown location errors as zero.
     pub(crate) known: Errors,
     /// Axis, component, coefficient and what one unit of it makes.
@@ -48,19 +53,20 @@ impl Rows {
     }
 
     /// At which pose the machine stood in each row, counted from 0, and how many poses there are. Rows whose axes stand
-    /// within 1e-6 mm or rad are of one pose.
+    /// within 1e-6 mm or deg are of one pose, and so are those a turn of a `modulo` apart.
     pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
-        let mut poses: Vec<&Stand> = Vec::new();
+        let mut poses: Vec<&[f64; MAX_AXES]> = Vec::new();
         let mut pose_of = Vec::with_capacity(self.len());
-        for row in self.iter() {
-            let same = |other: &&Stand| {
-                let near = other.state.q.iter().zip(&row.stand.state.q);
-                near.into_iter().all(|(a, b)| (a - b).abs() < 1e-6)
+        for row in &self.0 {
+            let at = &row.stand.within_turn;
+            let same = |other: &&[f64; MAX_AXES]| {
+                let mut near = other.iter().zip(at);
+                near.all(|(a, b)| (a - b).abs() < SAME_POSE)
             };
             let place = poses.iter().position(same);
             pose_of.push(place.unwrap_or(poses.len()));
             if place.is_none() {
-                poses.push(&row.stand);
+                poses.push(at);
             }
         }
         (pose_of, poses.len())
@@ -134,8 +140,16 @@ impl System {
                 terms.push((axis, coefficient.error.component.index(), place, value));
             }
         }
+        let mut within_turn = [0.0; MAX_AXES];
+        let axes = self.machine.axes().iter().zip(&stand.state.q);
+        for ((axis, &q), place) in axes.zip(&mut within_turn) {
+            let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
+            let turns = axis.modulo.map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
+            *place = at - turns;
+        }
         PreparedStand {
             stand: *stand,
+            within_turn,
             known,
             terms,
         }

@@ -86,6 +86,16 @@ fn every_wrong_key_is_named() {
         let message = CalibrationFile::read(&path).expect_err(added).to_string();
         assert!(message.contains(expected), "{added}: {message}");
     }
+    let path = write("bad.toml", &format!("reference = {{ X = 150 }}\n{GOOD}"));
+    let message = CalibrationFile::read(&path)
+        .expect_err("beyond travel")
+        .to_string();
+    assert!(
+        message.contains(
+            "reference.X: found 150 mm, expected a position within the travel of X, 0 to 100 mm"
+        ),
+        "{message}"
+    );
     let path = write(
         "bad.toml",
         &format!("{GOOD}[[squareness]]\nerror = \"EC0Y\"\n"),

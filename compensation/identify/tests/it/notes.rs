@@ -218,3 +218,26 @@ fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
     long.identify("folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"distance\"\nfile = \"g.csv\"\n")
         .expect("found");
 }
+
+/// C at 0, 360 and −720 deg is one pose where it goes round, and so is what is a rounding away in deg.
+#[test]
+fn a_turn_of_a_modulo_is_the_same_pose() {
+    for (modulo, is_one) in [(", modulo = 360", true), ("", false)] {
+        let lab = Lab::new(&format!(
+            "structure = \"w C b X Y Z t\"\naxes = {{ X = {{ travel = [-300, 300] }}, Y = {{ travel = [-300, 300] }}, Z = {{ travel = [-300, 300] }}, C = {{ travel = [-720, 720]{modulo} }} }}\n",
+        ));
+        let mut text = String::from("X,Y,Z,C,sphere,dx_um,dy_um,dz_um\n");
+        for c in ["0", "360", "-720", "0.0000001", "359.9999999"] {
+            let _ = writeln!(text, "100,0,0,{c},one,1,2,3");
+        }
+        lab.write("s.csv", &text);
+        let found = lab.identify(
+            "folds = 0\nunknown = [\"EX0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n",
+        );
+        let is_refused = matches!(
+            found,
+            Err(volcomp_identify::IdentifyError::AllAlike { rows: 5 })
+        );
+        assert_eq!(is_refused, is_one, "{found:?}");
+    }
+}
