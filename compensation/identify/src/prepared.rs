@@ -144,7 +144,9 @@ impl System {
         let axes = self.machine.axes().iter().zip(&stand.state.q);
         for ((axis, &q), place) in axes.zip(&mut within_turn) {
             let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
-            let turns = axis.modulo.map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
+            let turns = axis
+                .modulo
+                .map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
             *place = at - turns;
         }
         PreparedStand {

@@ -173,7 +173,7 @@ fn huber_weight(residual: f64) -> f64 {
 }
 
 /// The variance of a number with which the covariance of least squares is that of Huber's estimate (P. J. Huber, Annals of
-/// Statistics 1, 1973: with his correction for the unknowns): E[ψ²]/E[ψ']². It is never less than that of numbers which scatter as
+/// Statistics 1, 1973: with his correction for the unknowns), the mean of ψ² by the square of that of ψ'. It is never less than that of numbers which scatter as
 /// stated.
 fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
     /// Of normal numbers with the stated uncertainty: 1 by the efficiency of 95 %.
