@@ -48,27 +48,6 @@ impl CalibrationFile {
     }
 }
 
-/// Refuses a reference that no axis reaches: a curve would be zero where it was never measured.
-fn refuse_beyond_travel(
-    reference: &[f64],
-    section: &Section<'_>,
-    machine: &Machine,
-) -> Result<(), InputError> {
-    for (axis, &at) in machine.axes().iter().zip(reference) {
-        let Some(value) = section.get(&axis.name.to_string()) else {
-            continue;
-        };
-        if axis.modulo.is_none() && !axis.contains(at) {
-            let ([low, high], unit) = (axis.travel, axis.name.kind().coordinate_unit());
-            return Err(value.error(format!(
-                "found {at} {unit}, expected a position within the travel of {}, {low} to {high} {unit}",
-                axis.name
-            )));
-        }
-    }
-    Ok(())
-}
-
 fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, CalibrateError> {
     let keys = [&CalibrationFile::KEYS[..], &Observations::KEYS].concat();
     root.allow_in(FileKind::Calibration, &keys)?;
@@ -81,7 +60,6 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         .collect();
     if let Some(section) = root.section("reference")? {
         set_coordinates(&mut reference, &section, &machine)?;
-        refuse_beyond_travel(&reference, &section, &machine)?;
     }
     let serial = root.get("serial").map(|value| value.text()).transpose()?;
     let reference_axes = decode_reference_axes(root)?;

@@ -88,7 +88,8 @@ impl Setup {
     }
 }
 
-/// Coordinates by axis letter, mm or deg, into their places in the chain.
+/// Coordinates by axis letter, mm or deg, into their places in the chain; one at which its axis cannot stand is refused: a lever
+/// would be wrong by as much, or a curve be zero where it was never measured.
 pub(crate) fn set_coordinates(
     coordinates: &mut [f64],
     section: &Section<'_>,
@@ -102,7 +103,10 @@ pub(crate) fn set_coordinates(
         let structure = machine.chain().structure();
         let place = place
             .ok_or_else(|| value.error(format!("the structure `{structure}` has no axis {key}")))?;
-        coordinates[place] = value.number()?;
+        let found = value.number()?;
+        let stands = machine.axes()[place].check_coordinate(found);
+        stands.map_err(|message| value.error(message))?;
+        coordinates[place] = found;
     }
     Ok(())
 }

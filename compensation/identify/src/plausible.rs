@@ -136,7 +136,13 @@ fn explained(
             let tried = causes.iter().filter_map(|cause| {
                 trial(system, observations, (&now, &before), &absurd, &set, cause)
             });
-            trials.extend(tried.filter(|trial| !trial.explained.is_empty()));
+            // Each round gives a file its causes, so that the rounds end.
+            trials.extend(tried.filter(|trial| {
+                trial
+                    .explained
+                    .iter()
+                    .any(|place| trial.changed.contains(place))
+            }));
         }
         let better = |a: &&Trial, b: &&Trial| {
             let fewer = || b.changed.len().cmp(&a.changed.len());

@@ -39,6 +39,10 @@ fn every_wrong_key_is_named() {
         ),
         ("at = { X = 1 }", "X is the measured axis"),
         ("at = { Y = nan }", "expected a finite number"),
+        (
+            "at = { Y = 90000 }",
+            ":5: measurement[0].at.Y: found 90000 mm, expected a position within the travel of Y, 0 to 100 mm",
+        ),
         ("poitn = [0, 0, 0]", ":5: measurement[0].poitn: unknown key"),
         ("rides = \"bus\"", "expected one of: carriage, other"),
         ("sign = 2", "expected 1 or -1"),
