@@ -15,6 +15,7 @@ mod machine;
 mod machine_file;
 mod map;
 mod odd;
+mod rigid;
 mod seen;
 #[cfg(feature = "serde")]
 mod serialised;
@@ -34,6 +35,7 @@ pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
 pub use machine::Machine;
 pub use map::MapGrid;
+pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;
 pub use thermal::{Drift, Expansion, POSSIBLE_DEGC, Temperatures, Thermal};

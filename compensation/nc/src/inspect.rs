@@ -7,7 +7,9 @@ use volcomp_metrology::form::{
     Axis, CoordinatePlane, DatumAxis, Feature, Form, FormError, evaluate_form,
 };
 
-use crate::part_file::{Measured, Part, PartFeature};
+use volcomp_model::{RigidMotion, RigidSums, kinematics::nalgebra::Vector3};
+
+use crate::part_file::{Alignment, Measured, Part, PartFeature};
 
 /// Points of a feature that are kept at the most: evenly spread.
 const MOST_POINTS: usize = 2000;
@@ -67,7 +69,10 @@ impl Collector {
     }
 
     /// What the features are.
-    pub(crate) fn inspected(&self) -> Vec<Inspected> {
+    pub(crate) fn inspected(&mut self) -> Vec<Inspected> {
+        if self.part.alignment == Alignment::BestFit {
+            self.align();
+        }
         let features = self.part.features.iter().zip(&self.points);
         let forms: Vec<Option<[Result<Form, FormError>; 3]>> = features
             .map(|(feature, points)| match feature.measured {
@@ -79,6 +84,27 @@ impl Collector {
         features
             .map(|(place, feature)| self.one(place, feature, &forms))
             .collect()
+    }
+
+    /// Moves what was cut with either program as a rigid body to where all its points together fit best; each point counts alike.
+    fn align(&mut self) {
+        let motions = [1, 2].map(|which| {
+            let mut sums = RigidSums::default();
+            for three in self.points.iter().flatten() {
+                let [wanted, cut] = [three[0], three[which]].map(Vector3::from);
+                sums.take(&wanted, &(cut - wanted));
+            }
+            sums.motion()
+        });
+        let aligned = |motion: &RigidMotion, wanted: [f64; 3], cut: [f64; 3]| {
+            let [wanted, cut] = [wanted, cut].map(Vector3::from);
+            (wanted + motion.left_mm(&wanted, &(cut - wanted))).into()
+        };
+        for three in self.points.iter_mut().flatten() {
+            for (motion, which) in motions.iter().zip([1, 2]) {
+                three[which] = aligned(motion, three[0], three[which]);
+            }
+        }
     }
 
     fn one(

@@ -30,9 +30,21 @@ pub struct PartFeature {
     pub datum: Option<usize>,
 }
 
+/// In which coordinates a part is inspected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Alignment {
+    /// In those of the program: how the part lies on the machine counts as an error of place and direction.
+    #[default]
+    Program,
+    /// In its own: moved as a rigid body so that all its points fit best by least squares, as a measuring machine does.
+    BestFit,
+}
+
 /// A part to be inspected.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Part {
+    /// In which coordinates.
+    pub alignment: Alignment,
     /// Its features in the order of the file.
     pub features: Vec<PartFeature>,
 }
@@ -44,13 +56,23 @@ impl Part {
     /// Keys that are not known, values of another kind; with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
-            root.allow(&["feature"])?;
+            root.allow(&["alignment", "feature"])?;
+            let alignment = match root.get("alignment") {
+                Some(value) => value.one_of(&[
+                    ("program", Alignment::Program),
+                    ("best-fit", Alignment::BestFit),
+                ])?,
+                None => Alignment::default(),
+            };
             let mut features: Vec<PartFeature> = Vec::new();
             for item in root.require("feature")?.items()? {
                 let feature = feature(&item.section()?, &features)?;
                 features.push(feature);
             }
-            Ok(Self { features })
+            Ok(Self {
+                alignment,
+                features,
+            })
         })
     }
 }

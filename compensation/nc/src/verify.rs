@@ -6,7 +6,9 @@ use std::{
     thread,
 };
 
-use volcomp_model::{Machine, Temperatures, Thermal};
+use volcomp_model::{
+    Lengths, Machine, RigidSums, Temperatures, Thermal, kinematics::nalgebra::Vector3,
+};
 
 use crate::{
     Decimals, NcError,
@@ -74,6 +76,11 @@ pub struct Deviation {
     pub line: usize,
     /// Where the tip is to be there, mm from the workpiece origin in workpiece axes.
     pub tip_mm: [f64; 3],
+    /// The root of the mean square beside the best rigid motion of the part, µm: how the part lies on the table is no error of it.
+    pub form_rms_um: f64,
+    /// The largest distance beside that motion, µm, over the places that are kept (see [`Verification::path`]) and those where the
+    /// deviation along an axis is largest.
+    pub form_max_um: f64,
 }
 
 impl Deviation {
@@ -131,6 +138,27 @@ pub fn verify(
     shares: &[f64],
     of: Virtual<'_>,
 ) -> Result<Verification, NcError> {
+    compare(original, result, &mut shares.iter().copied(), of)
+}
+
+/// The same of a result in which each motion is what it was: that of [`average`](crate::average).
+///
+/// # Errors
+/// As [`verify`].
+pub fn verify_average(
+    original: &mut (impl BufRead + Send),
+    result: &mut (impl BufRead + Send),
+    of: Virtual<'_>,
+) -> Result<Verification, NcError> {
+    compare(original, result, &mut std::iter::repeat(1.0), of)
+}
+
+fn compare(
+    original: &mut (impl BufRead + Send),
+    result: &mut (impl BufRead + Send),
+    shares: &mut dyn Iterator<Item = f64>,
+    of: Virtual<'_>,
+) -> Result<Verification, NcError> {
     // Executed on a machine without errors: no line is changed.
     let mut ideal = of.truth.clone();
     ideal.clear_errors();
@@ -185,6 +213,51 @@ struct Comparison {
     cut: Option<Collector>,
     /// Of so many places one is kept.
     stride: u64,
+    /// With the original and with the compensated program.
+    forms: [FormOfPath; 2],
+}
+
+/// State: the deviations of all places, for what is left of them beside the best rigid motion.
+#[derive(Default)]
+struct FormOfPath {
+    sums: RigidSums,
+    /// The places where the deviation towards plus and minus X, Y and Z is largest.
+    farthest: [Option<Place>; 6],
+}
+
+impl FormOfPath {
+    fn take(&mut self, place: &Place, of: DeviationOf) {
+        let deviation_um = of(place);
+        let [tip_mm, error_mm] = in_mm(place, of);
+        self.sums.take(&tip_mm, &error_mm);
+        for (side, kept) in self.farthest.iter_mut().enumerate() {
+            let towards = |um: [f64; 3]| if side < 3 { um[side] } else { -um[side - 3] };
+            if kept.is_none_or(|kept| towards(deviation_um) > towards(of(&kept))) {
+                *kept = Some(*place);
+            }
+        }
+    }
+
+    /// Root of the mean square, and the largest over these places and the farthest, µm.
+    fn left_um(&self, path: &[Place], of: DeviationOf) -> [f64; 2] {
+        let motion = self.sums.motion();
+        let mut left = Lengths::default();
+        for place in path.iter().chain(self.farthest.iter().flatten()) {
+            let [tip_mm, error_mm] = in_mm(place, of);
+            left.take(&motion.left_mm(&tip_mm, &error_mm));
+        }
+        [1e3 * self.sums.rms_left_mm(), 1e3 * left.max()]
+    }
+}
+
+/// Which deviation of a place, µm.
+type DeviationOf = fn(&Place) -> [f64; 3];
+
+const BEFORE_AND_AFTER: [DeviationOf; 2] = [|place| place.before_um, |place| place.after_um];
+
+/// A place and a deviation there, mm.
+fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
+    [place.tip_mm, of(place).map(|um| 1e-3 * um)].map(Vector3::from)
 }
 
 impl Comparison {
@@ -196,6 +269,7 @@ impl Comparison {
             found: Verification::default(),
             cut: part.cloned().map(Collector::new),
             stride: 1,
+            forms: Default::default(),
         }
     }
 
@@ -203,9 +277,8 @@ impl Comparison {
         mut self,
         originals: &Receiver<Made>,
         results: &Receiver<Made>,
-        shares: &[f64],
+        shares: &mut dyn Iterator<Item = f64>,
     ) -> Result<Verification, NcError> {
-        let mut shares = shares.iter().copied();
         while let Ok(original) = originals.recv() {
             self.truth.take_tool(&original.tool)?;
             let mut passed = 0.0;
@@ -221,10 +294,20 @@ impl Comparison {
             return Err(other_motions(0));
         }
         let places = (self.found.places as f64).max(1.0);
-        for deviation in [&mut self.found.before, &mut self.found.after] {
+        let Verification {
+            before,
+            after,
+            path,
+            ..
+        } = &mut self.found;
+        let both = [before, after].into_iter().zip(&self.forms);
+        for ((deviation, form), of) in both.zip(BEFORE_AND_AFTER) {
             deviation.rms_um = (deviation.rms_um / places).sqrt();
+            [deviation.form_rms_um, deviation.form_max_um] = form.left_um(path, of);
         }
-        self.found.features = self.cut.map(|cut| cut.inspected()).unwrap_or_default();
+        self.found.features = (self.cut.as_mut())
+            .map(Collector::inspected)
+            .unwrap_or_default();
         Ok(self.found)
     }
 
@@ -294,6 +377,9 @@ impl Comparison {
         let found = &mut self.found;
         found.before.take(&place, &place.before_um);
         found.after.take(&place, &place.after_um);
+        for (form, of) in self.forms.iter_mut().zip(BEFORE_AND_AFTER) {
+            form.take(&place, of);
+        }
         if found.places.is_multiple_of(self.stride) || place.begins {
             found.path.push(place);
         }

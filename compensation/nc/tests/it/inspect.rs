@@ -166,3 +166,40 @@ fn wrong_part_files_are_refused_with_their_place() {
         );
     }
 }
+
+/// All axes turned alike by 200 µrad and shifted by 30 µm is how the part lies: with its own alignment nothing is left of it. A squareness of
+/// 100 µrad stays: it is an error of form of the circle, and turns the edges against each other.
+#[test]
+fn a_part_aligned_by_its_own_points_has_no_place_of_its_own() {
+    let program = "G21 G90 G17\nG0 X350 Y400 Z-10\nG3 X350 Y400 I-50 J0 F500\nG0 Z0\nG81 X500 Y400 Z-20 R-5\nG80\nG0 X100 Y100\nG1 X600\nY500\nM2\n";
+    let features = "[[feature]]\nname = \"bore\"\nkind = \"circle\"\nplane = \"xy\"\nlines = [3, 3]\n[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n\
+        [[feature]]\nname = \"front\"\nkind = \"line\"\nplane = \"xy\"\nlines = [8, 8]\n[[feature]]\nname = \"side\"\nkind = \"line\"\nplane = \"xy\"\nlines = [9, 9]\n";
+    let turned = "EXX = 30.0\nEC0X = 200.0\nEC0Y = 200.0";
+    let before = |errors: &str, alignment: &str| -> Vec<Found> {
+        let part = format!("alignment = \"{alignment}\"\n{features}");
+        inspected(errors, program, &part)
+            .iter()
+            .map(|feature| both(feature)[0])
+            .collect()
+    };
+    let of_program = before(turned, "program");
+    let own = before(turned, "best-fit");
+    for (of_program, own) in of_program.iter().zip(&own) {
+        for (as_it_lies, aligned) in [
+            (of_program.position_um, own.position_um),
+            (of_program.direction_urad, own.direction_urad),
+        ] {
+            if let Some(as_it_lies) = as_it_lies {
+                assert!(as_it_lies > 60.0, "{of_program:?}");
+                near(aligned, 0.0, 0.05);
+            }
+        }
+    }
+    let square = before("EC0Y = 100.0", "best-fit");
+    near(square[0].form_um, 5.0, 0.05);
+    let [front, side] = [2, 3].map(|k| square[k].direction_urad.expect("a direction"));
+    near(Some(front + side), 100.0, 0.05);
+    let error =
+        Part::parse("alignment = \"datum\"\nfeature = []\n", "part.toml").expect_err("refused");
+    assert!(error.to_string().contains("best-fit"), "{error}");
+}
