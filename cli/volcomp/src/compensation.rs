@@ -139,12 +139,21 @@ impl<'a> Compensation<'a> {
 /// Reads the machine that is taken for the truth and puts the model's tool into it.
 fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Failure> {
     let mut truth = Machine::read(path)?;
-    let (found, expected) = (truth.chain(), machine.chain());
-    let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {
-        Err(Failure::in_file(
+    if let Some(difference) = other_geometry(&truth, machine) {
+        return Err(Failure::in_file(
             path,
-            format_args!("{what} is `{found}`, expected `{expected}` as in --machine"),
-        ))
+            format_args!("{difference} as in --machine"),
+        ));
+    }
+    truth.use_tool_of(machine)?;
+    Ok(truth)
+}
+
+/// In which a machine is built otherwise than the one expected: its structure, the direction of an axis, or the point of a rotary one.
+pub(crate) fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
+    let (found, expected) = (found.chain(), expected.chain());
+    let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {
+        Some(format!("{what} is `{found}`, expected `{expected}`"))
     };
     if found.structure() != expected.structure() {
         return differs("structure", &found.structure(), &expected.structure());
@@ -163,6 +172,5 @@ fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Fail
             return differs(&what, &shown(&point), &shown(&asked));
         }
     }
-    truth.use_tool_of(machine)?;
-    Ok(truth)
+    None
 }

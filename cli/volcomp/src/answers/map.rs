@@ -25,6 +25,16 @@ pub(crate) struct Map {
     pub(crate) position_um: [f64; 3],
     /// The rotation error there, in workpiece axes, µrad.
     pub(crate) rotation_urad: [f64; 3],
+    /// Root of the mean square of the length of the position error over all nodes, µm.
+    pub(crate) rms_um: f64,
+    /// The same beside the best rigid motion of the workpiece (three shifts and three small rotations by least squares): where the
+    /// workpiece lies is a convention and no error, µm.
+    pub(crate) form_rms_um: f64,
+    /// Length of the largest position error beside that motion, µm.
+    pub(crate) form_max_um: f64,
+    /// The errors over poses of all axes; only of a machine that has others than X, Y and Z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) all_axes: Option<AllAxes>,
     /// The largest standard uncertainty; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) uncertainty: Option<Uncertainty>,
@@ -51,4 +61,23 @@ pub(crate) struct Uncertainty {
     pub(crate) position_um: [f64; 3],
     /// Standard uncertainty of the rotation error there, µrad.
     pub(crate) rotation_urad: [f64; 3],
+}
+
+/// The errors over poses of all axes, drawn over their travels, the same each time.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AllAxes {
+    /// How many poses.
+    pub(crate) poses: usize,
+    /// Root of the mean square of the length of the position error, µm.
+    pub(crate) rms_um: f64,
+    /// Length of the largest position error, µm.
+    pub(crate) max_um: f64,
+    /// Root of the mean square beside the best rigid motion of the workpiece, µm.
+    pub(crate) form_rms_um: f64,
+    /// Length of the largest position error beside that motion, µm.
+    pub(crate) form_max_um: f64,
+    /// Root of the mean square of the rotation error, µrad.
+    pub(crate) rms_urad: f64,
+    /// The same beside that motion, µrad.
+    pub(crate) form_rms_urad: f64,
 }

@@ -24,6 +24,7 @@ pub(crate) mod nc;
 mod nc_part;
 mod outside;
 pub(crate) mod probe;
+mod same_machine;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
 mod uncertainty;

@@ -8,7 +8,8 @@ use volcomp_document::Document;
 use volcomp_identify::{Draws, Identification, Observations, identify};
 use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
 
-use crate::{failure::Failure, progress};
+use super::same_machine;
+use crate::{compensation::other_geometry, failure::Failure, progress};
 
 /// How far a curve of a drawn machine may be from its source, nm and nrad.
 const TOLERANCE_NM: f64 = 10.0;
@@ -53,6 +54,12 @@ impl UncertaintyArguments {
                 path.display()
             )));
         }
+        if let Some(difference) = other_geometry(measured.machine(), machine) {
+            return Err(Failure::in_file(
+                path,
+                format_args!("{difference} of --machine"),
+            ));
+        }
         if let Measured::Calibration(file) = &measured {
             let single: Vec<String> = file
                 .without_scatter()
@@ -91,12 +98,18 @@ impl UncertaintyArguments {
             Ok::<_, Failure>(compiled)
         };
         let ensemble = match measured {
-            Measured::Calibration(file) => self.of_calibration(file, compiled, notes)?,
+            Measured::Calibration(file) => {
+                let found = calibrate(file, |_, _| {})?;
+                self.is_of(&found.machine, machine, notes);
+                notes.extend(as_if_known(found.not_measured));
+                self.of_calibration(file, found.machine, compiled)?
+            }
             Measured::Observations(observations) => {
                 let mut observations = Observations::clone(observations);
                 // Nobody reads how well the rows left out are predicted.
                 observations.folds = 0;
                 let found = identify(&observations, |_, _| {})?;
+                self.is_of(&found.machine, machine, notes);
                 notes.extend(not_determined(&found));
                 notes.extend(as_if_known(not_observed(&observations)));
                 let draws = Draws::new(&observations, &found)?;
@@ -106,6 +119,13 @@ impl UncertaintyArguments {
         bar.finish_and_clear();
         // At least two trials, all of one structure: clap and `read` see to it.
         ensemble.ok_or_else(|| Failure::Work("the drawn machines differ in structure".to_owned()))
+    }
+
+    /// Notes where the machine that the measurements make is not the one in use.
+    fn is_of(&self, found: &Machine, machine: &Machine, notes: &mut Vec<String>) {
+        if let Some(file) = &self.uncertainty {
+            notes.extend(same_machine::notes(file, found, machine));
+        }
     }
 
     fn drawn(
@@ -119,8 +139,8 @@ impl UncertaintyArguments {
     fn of_calibration(
         &self,
         file: &CalibrationFile,
+        found: Machine,
         compiled: impl Fn(Machine) -> Result<CompiledMachine, Failure> + Sync,
-        notes: &mut Vec<String>,
     ) -> Result<Option<Ensemble>, Failure> {
         let calibrated = |file: &CalibrationFile| compiled(calibrate(file, |_, _| {})?.machine);
         let Some(ensemble) = self.drawn(|trial| calibrated(&file.varied(self.seed, trial)))? else {
@@ -135,9 +155,7 @@ impl UncertaintyArguments {
                 shifted: shifted.collect::<Result<Vec<_>, _>>()?,
             });
         }
-        let found = calibrate(file, |_, _| {})?;
-        notes.extend(as_if_known(found.not_measured));
-        Ok(ensemble.with_scatters(compiled(found.machine)?, scatters))
+        Ok(ensemble.with_scatters(compiled(found)?, scatters))
     }
 }
 

@@ -168,6 +168,85 @@ fn rotary_axes_stand_where_at_says() {
     assert!(message.contains("has no axis B"), "{message}");
 }
 
+/// Constants and a rotation of all axes together are where the workpiece lies: 22.9 µm and 40 µrad are errors against the machine's zero, and
+/// none of the form. The same for a model against a truth with another zero.
+#[test]
+fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = |name: &str, errors: &str| {
+        let path = folder.path().join(name).display().to_string();
+        let text = format!(
+            "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 20000]\nY.travel = [0, 6000]\nZ.travel = [0, 3000]\n[errors]\n{errors}"
+        );
+        fs::write(&path, text).expect("written");
+        path
+    };
+    // All axes turned by the same angle about Z.
+    let turned = machine("turned.toml", "EXX = 22.9\nEC0X = 40.0\nEC0Y = 40.0\n");
+    let number = |map: &Value, key: &str| map[key].as_f64().expect("a number");
+    for form in ["compiled", "twist"] {
+        let map = json(&["map", "-m", &turned, "--grid", "5x4x3", "--model", form]);
+        assert!(number(&map, "rms_um") > 300.0, "{map}");
+        assert!(number(&map, "form_rms_um") < 1e-6, "{map}");
+        assert!(number(&map, "form_max_um") < 1e-6, "{map}");
+        assert!(map.get("all_axes").is_none());
+    }
+    let shifted = machine("shifted.toml", "EXX = { poly = [400.0, 0.01] }\n");
+    let truth = machine("truth.toml", "EXX = { poly = [0.0, 0.01] }\n");
+    let map = json(&["map", "-m", &shifted, "--truth", &truth, "--grid", "5x4x3"]);
+    assert!((number(&map, "rms_um") - 400.0).abs() < 1.0, "{map}");
+    assert!(number(&map, "form_rms_um") < 0.01, "{map}");
+    // A scale error is one of form: 10 µm/m over 20 m, whose root of the mean square is that of five places 50 µm apart.
+    let map = json(&["map", "-m", &truth, "--grid", "5x4x3"]);
+    let spread = 50.0 * 2.0_f64.sqrt();
+    assert!((number(&map, "form_rms_um") - spread).abs() < 1e-3, "{map}");
+    assert!((number(&map, "form_max_um") - 100.0).abs() < 1e-3, "{map}");
+    let shown = crate::text(&["map", "-m", &truth, "--grid", "5x4x3"]);
+    assert!(
+        shown.contains("beside the best rigid motion of the workpiece\n  root mean square 70.711 µm, largest 100.000 µm"),
+        "{shown}"
+    );
+}
+
+/// A location error of a table does nothing on the grid, where the table stands at 0; over poses of all axes it shows, and one rigid motion
+/// does not hide it. With the model that knows it, nothing is left.
+#[test]
+fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
+    const TRUTH: &str = "examples/table-tilting.toml";
+    let folder = tempfile::tempdir().expect("a folder");
+    let without = folder.path().join("without.toml").display().to_string();
+    let text = fs::read_to_string(crate::root().join(TRUTH)).expect("the example");
+    let kept: Vec<&str> = text
+        .lines()
+        .filter(|line| {
+            !["EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A"]
+                .iter()
+                .any(|name| line.starts_with(name))
+        })
+        .collect();
+    fs::write(&without, kept.join("\n")).expect("written");
+    let judged = |model: &str| json(&["map", "-m", model, "--truth", TRUTH, "--grid", "3x3x3"]);
+    let number = |value: &Value, key: &str| value[key].as_f64().expect("a number");
+    let (known, unknown) = (judged(TRUTH), judged(&without));
+    assert!(
+        number(&known, "form_rms_um") < 0.01 && number(&unknown, "form_rms_um") < 0.5,
+        "{unknown}"
+    );
+    let [known, unknown] = [&known["all_axes"], &unknown["all_axes"]];
+    println!("{known}\n{unknown}");
+    assert_eq!(known["poses"], 1000);
+    assert!(number(known, "form_rms_um") < 0.05, "{known}");
+    assert!(number(unknown, "form_rms_um") > 10.0, "{unknown}");
+    assert!(number(unknown, "form_rms_um") < number(unknown, "rms_um"));
+    assert!(number(unknown, "form_max_um") > number(unknown, "form_rms_um"));
+    let shown = crate::text(&["map", "-m", TRUTH, "--grid", "2x2x2"]);
+    assert!(
+        shown.contains("1000 poses of all axes over their travels:"),
+        "{shown}"
+    );
+    assert_eq!(judged(TRUTH), judged(TRUTH));
+}
+
 /// Read back by Apache Arrow's own reader.
 #[cfg(feature = "parquet")]
 #[test]

@@ -211,3 +211,136 @@ fn observations_of_another_machine_are_refused() {
     let message = refused(&[&["correct"], &call[..], &["--trials", "5"]].concat());
     assert!(message.contains("--uncertainty"), "{message}");
 }
+
+/// What a call says besides its answer.
+fn said(machine: &str, from: &str) -> String {
+    let output = crate::volcomp(&[
+        "map",
+        "-m",
+        machine,
+        "--grid",
+        "2x2x2",
+        "--trials",
+        "4",
+        "--uncertainty",
+        from,
+    ]);
+    assert!(output.status.success(), "{output:?}");
+    // Notes are broken at blanks.
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    words.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A file that did not make the machine: by its name, by the values of errors, wherever they stand, or by the place of an axis.
+#[test]
+fn a_file_that_did_not_make_the_machine_is_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let machine = identified(folder);
+    let own = said(&machine, OBSERVATIONS);
+    assert!(
+        !own.contains("was not made from") && !own.contains("is of the machine"),
+        "{own}"
+    );
+
+    let text = fs::read_to_string(&machine).expect("written");
+    let other = folder.join("other.toml").display().to_string();
+    let changed = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}\n{text}");
+        // Without the checksum that no longer fits.
+        let lines = text.replacen(from, to, 1);
+        let lines: Vec<&str> = lines
+            .lines()
+            .filter(|line| !line.contains("sha256"))
+            .collect();
+        fs::write(&other, lines.join("\n")).expect("written");
+    };
+    changed("fork-head", "another");
+    let words = said(&other, OBSERVATIONS);
+    assert!(
+        words.contains("is of the machine \"fork-head\", --machine is \"another\""),
+        "{words}"
+    );
+    // The first, the last and a curve in the middle, by values: the others agree.
+    let value = |name: &str| -> f64 {
+        let line = text
+            .lines()
+            .find(|line| line.starts_with(&format!("{name} = ")));
+        let line = line.expect("the error");
+        line.split('=')
+            .nth(1)
+            .and_then(|v| v.trim().parse().ok())
+            .expect("a number")
+    };
+    for name in ["EC0Y", "EB0C"] {
+        let found = value(name);
+        let line = format!("{name} = {found:?}");
+        changed(&line, &format!("{name} = {:?}", found + 7.0));
+        let words = said(&other, OBSERVATIONS);
+        assert!(
+            words.contains("was not made from")
+                && words.contains(&format!("at most {name} by 7.00 µrad;")),
+            "{words}"
+        );
+        let words = String::from_utf8(
+            crate::volcomp(&[
+                "correct",
+                "-m",
+                &other,
+                "--at",
+                "X=100",
+                "--trials",
+                "4",
+                "--uncertainty",
+                OBSERVATIONS,
+            ])
+            .stderr,
+        )
+        .expect("UTF-8");
+        assert!(words.contains("was not made"), "{words}");
+    }
+    // A point of an axis elsewhere is another machine.
+    let output = {
+        changed("400.0]", "410.0]");
+        refused(&[
+            "map",
+            "-m",
+            &other,
+            "--grid",
+            "2x2x2",
+            "--uncertainty",
+            OBSERVATIONS,
+        ])
+    };
+    assert!(output.contains("point of axis"), "{output}");
+}
+
+/// The same with a calibration: a curve that was changed, and an error that no measurement of the file knows.
+#[test]
+fn a_calibration_that_did_not_make_the_machine_is_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let shop = "examples/calibration/shop.toml";
+    json(&["simulate", shop, "-o", path.to_str().expect("UTF-8")]);
+    let calibration = path.join("calibration.toml").display().to_string();
+    let machine = path.join("made.toml").display().to_string();
+    json(&["calibrate", &calibration, "-o", &machine]);
+    let own = said(&machine, &calibration);
+    assert!(!own.contains("was not made from"), "{own}");
+    let text = fs::read_to_string(&machine).expect("written");
+    let lines: Vec<String> = text
+        .lines()
+        .filter(|line| !line.contains("sha256"))
+        .map(|line| match line.strip_prefix("EYY = ") {
+            Some(_) => "EYY = 3.0".to_owned(),
+            None => line.to_owned(),
+        })
+        .collect();
+    let other = path.join("other.toml").display().to_string();
+    fs::write(&other, lines.join("\n")).expect("written");
+    let words = said(&other, &calibration);
+    assert!(
+        words.contains("was not made from") && words.contains("at most EYY by"),
+        "{words}"
+    );
+}

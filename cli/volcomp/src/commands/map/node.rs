@@ -1,10 +1,14 @@
 //! One node of a map and its units in files.
 
+use volcomp_kinematics::nalgebra::Vector3;
+
 /// One node of the map: where it is, and the error of the tool there in workpiece axes, mm and rad.
 #[derive(Clone, Copy)]
 pub(super) struct Node {
     /// Coordinates along the axes of the grid, mm.
     pub(super) at_mm: [f64; 3],
+    /// Where the tip is to be, in workpiece axes, mm.
+    pub(super) tip_mm: Vector3<f64>,
     /// Position (mm) and rotation (rad) error.
     pub(super) error: [f64; 6],
     /// Standard uncertainty of the six, where it was asked for.

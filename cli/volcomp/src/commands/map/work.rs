@@ -2,11 +2,12 @@
 
 use rayon::prelude::*;
 use volcomp_kinematics::State;
-use volcomp_model::{Ensemble, Machine, MapGrid};
+use volcomp_model::{Ensemble, Lengths, Machine, MapGrid, RigidSums};
 
 use super::{
     field::{Field, TextFormat},
     node::Node,
+    rigid::{Beside, position},
 };
 use crate::{failure::Failure, progress};
 
@@ -30,7 +31,7 @@ impl Work<'_> {
         &self,
         pass: usize,
         field: &mut Field,
-        largest: &mut Largest,
+        found: &mut Found,
     ) -> Result<(), Failure> {
         let bar = progress::bar(self.grid.len(), "nodes");
         let format = field.text_format().map(|(format, _)| format);
@@ -50,12 +51,39 @@ impl Work<'_> {
                 .collect();
             for chunk in &chunks {
                 field.write(&chunk.nodes, &chunk.text)?;
-                largest.take(&chunk.largest);
+                found.largest.take(&chunk.largest);
+                if pass == 0 {
+                    found.sums.merge(&chunk.sums);
+                    found.lengths.merge(&chunk.lengths);
+                }
                 bar.inc(chunk.nodes.len() as u64);
             }
         }
         bar.finish_and_clear();
         Ok(())
+    }
+
+    /// What the nodes show beside the best rigid motion of them all: every node once more.
+    pub(super) fn beside(&self, found: &Found) -> Beside {
+        let motion = found.sums.motion();
+        let count = self.grid.len();
+        let mut left = Lengths::default();
+        let at_once = CHUNK * 4 * rayon::current_num_threads();
+        for from in (0..count).step_by(at_once) {
+            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(CHUNK).collect();
+            let of_chunk = |start: usize| {
+                let mut left = Lengths::default();
+                for index in start..count.min(start + CHUNK) {
+                    let (_, state) = self.grid.node(self.machine, index);
+                    let tip_mm = self.machine.chain().ideal_tip_mm(&state);
+                    left.take(&motion.left_mm(&tip_mm, &position(&(self.errors)(&state))));
+                }
+                left
+            };
+            let chunks: Vec<Lengths> = starts.into_par_iter().map(of_chunk).collect();
+            chunks.iter().for_each(|chunk| left.merge(chunk));
+        }
+        Beside::new(&found.lengths, &left)
     }
 
     fn chunk(
@@ -66,13 +94,19 @@ impl Work<'_> {
     ) -> Chunk {
         let nodes: Vec<Node> = nodes.map(|index| self.node(index)).collect();
         let mut largest = Largest::default();
+        let (mut sums, mut lengths) = (RigidSums::default(), Lengths::default());
         for node in &nodes {
             largest.see(node);
+            let error = position(&node.error);
+            sums.take(&node.tip_mm, &error);
+            lengths.take(&error);
         }
         let lines = |format: TextFormat| format.lines(pass, self.grid.axes.len(), &nodes);
         Chunk {
             text: format.map(lines).unwrap_or_default(),
             largest,
+            sums,
+            lengths,
             nodes,
         }
     }
@@ -81,6 +115,7 @@ impl Work<'_> {
         let (at_mm, state) = self.grid.node(self.machine, index);
         Node {
             at_mm,
+            tip_mm: self.machine.chain().ideal_tip_mm(&state),
             error: (self.errors)(&state),
             uncertainty: self.ensemble.map(|e| e.standard_uncertainty(&state)),
         }
@@ -91,6 +126,17 @@ struct Chunk {
     nodes: Vec<Node>,
     text: String,
     largest: Largest,
+    sums: RigidSums,
+    lengths: Lengths,
+}
+
+/// What all nodes show.
+#[derive(Default)]
+pub(super) struct Found {
+    pub(super) largest: Largest,
+    /// Their position errors, for the best rigid motion.
+    sums: RigidSums,
+    lengths: Lengths,
 }
 
 /// The nodes with the largest position error and its largest uncertainty; of equal ones the first.

@@ -1,0 +1,90 @@
+//! The errors beside the best rigid motion of the workpiece: over the nodes of a map, and over poses of all axes.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_model::{Lengths, Machine, RigidSums};
+use volcomp_vocabulary::AxisName;
+
+use super::work::ErrorAt;
+use crate::{answers::map::AllAxes, failure::Failure};
+
+/// Poses of all axes.
+const POSES: usize = 1000;
+/// Seed of the poses: they are the same each time.
+const SEED: u64 = 1;
+
+/// How large errors of position are as they are, and beside one rigid motion, µm.
+#[derive(Clone, Copy)]
+pub(super) struct Beside {
+    pub(super) rms_um: f64,
+    pub(super) form_rms_um: f64,
+    pub(super) form_max_um: f64,
+}
+
+impl Beside {
+    pub(super) fn new(as_they_are: &Lengths, left: &Lengths) -> Self {
+        Self {
+            rms_um: 1e3 * as_they_are.rms(),
+            form_rms_um: 1e3 * left.rms(),
+            form_max_um: 1e3 * left.max(),
+        }
+    }
+}
+
+/// The position part of an error.
+pub(super) fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
+    Vector3::new(*x, *y, *z)
+}
+
+/// The errors over poses of all axes, drawn over their travels; `None` of a machine that has no axes but X, Y and Z.
+pub(super) fn all_axes(
+    machine: &Machine,
+    errors: &ErrorAt<'_>,
+) -> Result<Option<AllAxes>, Failure> {
+    let on_grid = [AxisName::X, AxisName::Y, AxisName::Z];
+    if machine
+        .axes()
+        .iter()
+        .all(|axis| on_grid.contains(&axis.name))
+    {
+        return Ok(None);
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    let mut drawn = || {
+        let axes = machine.axes().iter();
+        let at = axes.map(|axis| {
+            let [low, high] = axis.travel;
+            (axis.name, low + (high - low) * random.random::<f64>())
+        });
+        machine.state(&at.collect::<Vec<_>>())
+    };
+    let poses: Vec<State> = (0..POSES).map(|_| drawn()).collect::<Result<_, _>>()?;
+    let found: Vec<[f64; 6]> = poses.par_iter().map(errors).collect();
+    let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
+    let found: Vec<_> = tips.zip(found).collect();
+    let mut sums = RigidSums::default();
+    for (tip, error) in &found {
+        sums.take(tip, &position(error));
+    }
+    let motion = sums.motion();
+    let [mut lengths, mut left, mut turns, mut turns_left] = [Lengths::default(); 4];
+    for (tip, error) in &found {
+        let [.., a, b, c] = *error;
+        let turn = Vector3::new(a, b, c);
+        lengths.take(&position(error));
+        left.take(&motion.left_mm(tip, &position(error)));
+        turns.take(&turn);
+        turns_left.take(&motion.left_rad(&turn));
+    }
+    Ok(Some(AllAxes {
+        poses: POSES,
+        rms_um: 1e3 * lengths.rms(),
+        max_um: 1e3 * lengths.max(),
+        form_rms_um: 1e3 * left.rms(),
+        form_max_um: 1e3 * left.max(),
+        rms_urad: 1e6 * turns.rms(),
+        form_rms_urad: 1e6 * turns_left.rms(),
+    }))
+}

@@ -1,0 +1,101 @@
+//! Whether measurements are those that a machine file was made from: the same name, and the same errors by value.
+
+use std::{collections::BTreeSet, path::Path};
+
+use volcomp_model::Machine;
+use volcomp_vocabulary::{Direction, ErrorName, MAX_AXES};
+
+/// Differences that nobody measures, µm and µrad: what another version of the program rounds differently.
+const NO_MATTER: f64 = 0.05;
+/// Places along each axis at which curves are compared.
+const PLACES: u32 = 41;
+/// The most errors that a note names.
+const MOST_NAMED: usize = 6;
+
+/// Notes on what `found`, the machine that the measurements in a file make, has otherwise than the machine in use.
+pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<String> {
+    let mut notes = Vec::new();
+    if found.name != machine.name {
+        notes.push(format!(
+            "{} is of the machine {:?}, --machine is {:?}: is the uncertainty that of another machine?",
+            file.display(),
+            found.name,
+            machine.name
+        ));
+    }
+    let mut differences = differences(found, machine);
+    if differences.is_empty() {
+        return notes;
+    }
+    differences.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let more = differences.len().saturating_sub(MOST_NAMED);
+    let named: Vec<String> = (differences.iter().take(MOST_NAMED))
+        .map(|(name, by)| format!("{name} by {by:.2} {}", name.component.symbol()))
+        .collect();
+    let more = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    notes.push(format!(
+        "--machine was not made from {}, whose measurements give other errors: at most {}{more}; the uncertainty is that of the errors which that file gives",
+        file.display(),
+        named.join(", ")
+    ));
+    notes
+}
+
+/// The errors whose values differ, with the largest difference, µm or µrad.
+fn differences(found: &Machine, machine: &Machine) -> Vec<(ErrorName, f64)> {
+    let names: BTreeSet<ErrorName> = [found, machine]
+        .into_iter()
+        .flat_map(|of| {
+            let motions = of.errors().map(|(name, _)| name);
+            motions.chain(of.locations().keys().copied())
+        })
+        .collect();
+    let by = |name: ErrorName| {
+        let difference = if name.location {
+            let [a, b] = [found, machine].map(|of| of.locations().get(&name).copied());
+            (a.unwrap_or(0.0) - b.unwrap_or(0.0)).abs()
+        } else {
+            of_curves(name, found, machine)
+        };
+        (name, difference)
+    };
+    // A difference that is no number counts as one.
+    let matters = |(_, by): &(ErrorName, f64)| by.is_nan() || *by > NO_MATTER;
+    names.into_iter().map(by).filter(matters).collect()
+}
+
+/// The largest difference of two curves over the travel, after motion in both directions; the other axes, on which a grid may depend, at
+/// their ends and in the middle.
+fn of_curves(name: ErrorName, found: &Machine, machine: &Machine) -> f64 {
+    let Ok(own) = machine.index_of(name.axis) else {
+        return 0.0; // both have the same axes
+    };
+    let curves = [found, machine].map(|of| of.error(name));
+    let at = |of_travel: f64, others: f64| {
+        let mut coordinates = [0.0; MAX_AXES];
+        for (index, (place, axis)) in coordinates.iter_mut().zip(machine.axes()).enumerate() {
+            let [low, high] = axis.travel;
+            let share = if index == own { of_travel } else { others };
+            *place = low + (high - low) * share;
+        }
+        coordinates
+    };
+    let mut largest = 0.0_f64;
+    for step in 0..PLACES {
+        let of_travel = f64::from(step) / f64::from(PLACES - 1);
+        for others in [0.0, 0.5, 1.0] {
+            let coordinates = at(of_travel, others);
+            for branch in [Direction::Positive, Direction::Negative] {
+                let [a, b] = curves.map(|curve| {
+                    curve.map_or(0.0, |curve| curve.value(own, &coordinates, Some(branch)))
+                });
+                largest = largest.max((a - b).abs());
+            }
+        }
+    }
+    largest
+}
