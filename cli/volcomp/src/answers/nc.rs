@@ -45,6 +45,9 @@ pub(crate) struct Verified {
     pub(crate) before: NcDeviation,
     /// With the compensated program.
     pub(crate) after: NcDeviation,
+    /// Whether the features are judged after the best rigid alignment of the part by its own points; only with --inspect.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) best_fit: Option<bool>,
     /// The features of the part; only with --inspect.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) features: Vec<NcFeature>,
@@ -94,6 +97,10 @@ pub(crate) struct NcDeviation {
     pub(crate) line: usize,
     /// The tip of the tool there, mm from the workpiece origin.
     pub(crate) tip_mm: [f64; 3],
+    /// The root of the mean square beside the best rigid motion of the part, µm: how it lies on the table is no error of it.
+    pub(crate) form_rms_um: f64,
+    /// The largest distance beside that motion, µm.
+    pub(crate) form_max_um: f64,
 }
 
 /// The document of `volcomp nc --average`.
@@ -103,6 +110,9 @@ pub(crate) struct NcAverage {
     pub(crate) file: String,
     /// Each work offset with which the program cuts.
     pub(crate) offsets: Vec<AverageOffset>,
+    /// How far the tool is from where the program wants it; only with --verify.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) verified: Option<Verified>,
 }
 
 /// A work offset with the mean correction in it.

@@ -22,6 +22,7 @@ pub(crate) mod iso230;
 pub(crate) mod map;
 pub(crate) mod nc;
 mod nc_part;
+mod nc_verified;
 mod outside;
 pub(crate) mod probe;
 mod same_machine;

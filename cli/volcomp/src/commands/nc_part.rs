@@ -47,7 +47,7 @@ fn numbers(found: Found) -> NcFound {
 type Take = fn(&NcFound) -> Option<f64>;
 
 /// Each number of each feature, before and after.
-pub(super) fn text(features: &[NcFeature]) -> String {
+pub(super) fn text(features: &[NcFeature], best_fit: bool) -> String {
     const NUMBERS: [(&str, Take, &str); 6] = [
         ("form", |f| f.form_um, "µm"),
         ("minimum zone", |f| f.minimum_zone_um, "µm"),
@@ -81,5 +81,10 @@ pub(super) fn text(features: &[NcFeature]) -> String {
     } else {
         table_text(&rows)
     };
-    format!("\nThe part as a measuring machine would find it:\n{part}{reasons}")
+    let aligned = if best_fit {
+        ", aligned by all its points"
+    } else {
+        ""
+    };
+    format!("\nThe part as a measuring machine would find it{aligned}:\n{part}{reasons}")
 }

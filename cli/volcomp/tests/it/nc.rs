@@ -80,6 +80,86 @@ fn a_worse_result_is_not_kept() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 
+/// A model with another zero moves the whole part by 400 µm, and its form is right: it is kept, with a note. Where there is no form to be
+/// better, as with one hole, it is refused as before; and so is one whose form is worse while the part as a whole lies nearer.
+#[test]
+fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
+    const TRUTH: &str = "examples/parts/old-mill.toml";
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let truth = fs::read_to_string(root().join(TRUTH)).expect("the example");
+    let write = |name: &str, from: &str, to: &str| {
+        assert!(truth.contains(from), "{from}");
+        fs::write(path(name), truth.replace(from, to)).expect("a file");
+        path(name)
+    };
+    let scale = "EZZ = { poly = [0.0, 0.03] }";
+    let shifted = write("shifted.toml", scale, "EZZ = { poly = [400.0, 0.03] }");
+    let output = path("o.ngc");
+    let compensated = |program: &str, model: &str, truth: &str| {
+        volcomp(&[
+            "nc",
+            program,
+            "-o",
+            &output,
+            "-m",
+            model,
+            "--truth",
+            truth,
+            "--verify",
+            "--json",
+            "--setup",
+            "examples/parts/old-mill-setup.toml",
+        ])
+    };
+    let ran = compensated("examples/parts/test-piece.ngc", &shifted, TRUTH);
+    assert!(ran.status.success(), "{ran:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&ran.stdout).expect("JSON");
+    let number = |when: &str, key: &str| answer["verified"][when][key].as_f64().expect("a number");
+    println!("{}", answer["verified"]);
+    assert!((number("after", "rms_um") - 400.0).abs() < 2.0, "{answer}");
+    assert!(number("before", "form_rms_um") > 5.0, "{answer}");
+    assert!(number("after", "form_rms_um") < 1.0, "{answer}");
+    assert!(number("after", "form_max_um") < 3.0, "{answer}");
+    let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(said.contains("the whole part lies elsewhere"), "{said}");
+
+    let hole = path("hole.ngc");
+    fs::write(&hole, "G81 X50 Y60 Z-12 R2 F150\nG80\nM2\n").expect("a file");
+    let ran = compensated(&hole, &shifted, TRUTH);
+    assert_eq!(ran.status.code(), Some(1), "{ran:?}");
+
+    // Nearer as a whole, by 400 µm, and askew by 400 µrad more than it is.
+    let far = write("far.toml", scale, "EZZ = { poly = [400.0, 0.03] }");
+    let text = fs::read_to_string(&shifted).expect("a file");
+    let bent = path("bent.toml");
+    fs::write(&bent, text.replace("EC0Y = 70.0", "EC0Y = -330.0")).expect("a file");
+    let ran = compensated("examples/parts/test-piece.ngc", &bent, &far);
+    assert_eq!(ran.status.code(), Some(1), "{ran:?}");
+    let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(
+        said.contains("beside the best rigid motion of the part"),
+        "{said}"
+    );
+}
+
+/// The mean correction judged on the machine: the place is right, the form stays.
+#[test]
+fn the_mean_correction_is_judged_as_well() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let result = folder.path().join("o.ngc");
+    let output = run(&result, &["--average", "--verify", "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let number = |when: &str, key: &str| answer["verified"][when][key].as_f64().expect("a number");
+    assert!(
+        number("after", "rms_um") < 0.5 * number("before", "rms_um"),
+        "{answer}"
+    );
+    let [before, after] = ["before", "after"].map(|when| number(when, "form_rms_um"));
+    assert!((before - after).abs() < 0.05, "{answer}");
+}
+
 #[test]
 fn what_is_wrong_is_told() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,0 +1,174 @@
+//! The part of `volcomp nc --verify`: the program and its result on the virtual machine, and whether the result is kept.
+
+use std::{
+    fs::File,
+    io::{BufReader, Write},
+    path::Path,
+};
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{
+    Alignment, Decimals, Deviation, Part, SetUp, Verification, Virtual, picture, verify,
+    verify_average,
+};
+
+use super::{
+    nc::{Arguments, Written, failure},
+    nc_part,
+};
+use crate::{
+    answers::nc::{NcDeviation, Verified},
+    failure::Failure,
+    output::OutputFile,
+};
+
+/// A program that is judged on a virtual machine.
+pub(super) struct OnTruth<'a> {
+    pub(super) arguments: &'a Arguments,
+    pub(super) model: (&'a Machine, &'a Temperatures),
+    pub(super) setup: &'a SetUp,
+    pub(super) part: Option<&'a Part>,
+}
+
+impl OnTruth<'_> {
+    /// The program and its result on the virtual machine; a result that is worse than the program is refused.
+    pub(super) fn verified(
+        &self,
+        made: &Written,
+        result: &Path,
+        notes: &mut Vec<String>,
+    ) -> Result<Verified, Failure> {
+        let arguments = self.arguments;
+        if arguments.truth.is_none() {
+            notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
+        }
+        let found = self.run(made, result)?;
+        if let Some(path) = &arguments.picture {
+            let inputs = [
+                (arguments.program.as_path(), "PROGRAM"),
+                (arguments.output.as_path(), "--output"),
+            ];
+            let mut file = OutputFile::open_beside(path, &inputs)?;
+            file.write_all(picture(&found).as_bytes())
+                .map_err(|e| Failure::in_file(path, e))?;
+            file.finish()?;
+        }
+        notes.extend(is_better(&found, arguments)?);
+        Ok(Verified {
+            motions: found.motions,
+            places: found.places,
+            before: deviation(&found.before),
+            after: deviation(&found.after),
+            best_fit: self.part.map(|part| part.alignment == Alignment::BestFit),
+            features: nc_part::document(&found.features),
+        })
+    }
+
+    fn run(&self, made: &Written, result: &Path) -> Result<Verification, Failure> {
+        let arguments = self.arguments;
+        let read;
+        let (truth, temperatures) = match &arguments.truth {
+            Some(path) => {
+                read = arguments.machine.spindle.read(path)?;
+                (&read.0, &read.1)
+            }
+            None => self.model,
+        };
+        let of = Virtual {
+            truth,
+            temperatures,
+            setup: self.setup,
+            most_blocks: arguments.max_blocks,
+            part: self.part,
+        };
+        let open = |path: &Path| {
+            let file = File::open(path).map_err(|e| Failure::in_file(path, e))?;
+            Ok::<_, Failure>(BufReader::new(file))
+        };
+        let (mut original, mut result) = (open(&arguments.program)?, open(result)?);
+        match made {
+            Written::Compensated(summary) => {
+                verify(&mut original, &mut result, &summary.shares, of)
+            }
+            Written::Averaged(_) => verify_average(&mut original, &mut result, of),
+        }
+        .map_err(|error| failure(&arguments.program, error))
+    }
+}
+
+/// A result that is worse than the program is not kept. Worse is one whose form is: beside the best rigid motion of the part the tool is
+/// further off by the root of the mean square, or in one place by more than twice as much. A model with another zero moves the part as a
+/// whole, which is no error of the part; where the tool is further off as a whole, the form must be better for it. Less than the tolerance
+/// and two steps of the words does not count.
+fn is_better(found: &Verification, arguments: &Arguments) -> Result<Option<String>, Failure> {
+    let Decimals { mm, inch, .. } = arguments.decimals;
+    let step_um = [(1e3, mm), (25.4e3, inch)]
+        .map(|(unit_um, decimals)| unit_um / 10_f64.powi(i32::from(decimals)));
+    let no_matter_um = arguments.tolerance + 2.0 * step_um[0].max(step_um[1]);
+    let Verification { before, after, .. } = found;
+    let is_worse = |rms: [f64; 2], max: [f64; 2]| {
+        rms[1] > rms[0] + no_matter_um || max[1] > 2.0 * max[0] + no_matter_um
+    };
+    let form_is_worse = is_worse(
+        [before.form_rms_um, after.form_rms_um],
+        [before.form_max_um, after.form_max_um],
+    );
+    let is_further = is_worse([before.rms_um, after.rms_um], [before.max_um, after.max_um]);
+    let form_is_better = after.form_rms_um < MUCH_BETTER * before.form_rms_um;
+    if !form_is_worse && (form_is_better || !is_further) {
+        return Ok(is_further.then(|| {
+            format!(
+                "with the result the whole part lies elsewhere, as with a model that has another zero: RMS {:.2} µm instead of {:.2} µm; beside its best rigid motion {:.2} µm instead of {:.2} µm",
+                after.rms_um, before.rms_um, after.form_rms_um, before.form_rms_um
+            )
+        }));
+    }
+    Err(Failure::Work(format!(
+        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm; beside the best rigid motion of the part at most {:.2} µm, RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm",
+        arguments.output.display(),
+        after.max_um,
+        after.line,
+        after.rms_um,
+        before.max_um,
+        before.rms_um,
+        after.form_max_um,
+        after.form_rms_um,
+        before.form_max_um,
+        before.form_rms_um
+    )))
+}
+
+/// A form that is better by less does not make up for a part that lies elsewhere: one or two places have no form.
+const MUCH_BETTER: f64 = 0.9;
+
+fn deviation(of: &Deviation) -> NcDeviation {
+    NcDeviation {
+        max_um: of.max_um,
+        rms_um: of.rms_um,
+        line: of.line,
+        tip_mm: of.tip_mm,
+        form_rms_um: of.form_rms_um,
+        form_max_um: of.form_max_um,
+    }
+}
+
+/// How far the tool is from where the program wants it, and the features of the part.
+pub(super) fn text(verified: &Verified) -> String {
+    let row = |name: &str, of: &NcDeviation| {
+        let [x, y, z] = of.tip_mm;
+        format!(
+            "{name:<8}{:>9.2}{:>9.2}{:>10.2}{:>9.2}   line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
+            of.max_um, of.rms_um, of.form_max_um, of.form_rms_um, of.line
+        )
+    };
+    let mut text = format!(
+        "\nDeviation of the tool from the programmed path, {} motions looked at; form:\nbeside the best rigid motion of the part, since how it lies is no error of it\n{:<8}{:>9}{:>9}{:>10}{:>9}   largest in\n",
+        verified.motions, "", "max µm", "RMS µm", "form max", "form RMS"
+    );
+    text.push_str(&row("before", &verified.before));
+    text.push_str(&row("after", &verified.after));
+    if let Some(best_fit) = verified.best_fit {
+        text += &nc_part::text(&verified.features, best_fit);
+    }
+    text
+}
