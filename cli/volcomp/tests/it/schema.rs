@@ -151,7 +151,14 @@ fn live_documents_follow_their_schemas() {
     validate("probe-list", &json(&["probe", "--list"]));
     let mill = ["-m", "examples/mill.toml", "--setup", "examples/setup.toml"];
     let averaged = [
-        &["nc", "examples/part.ngc", "--average", "-o", &program],
+        &[
+            "nc",
+            "examples/part.ngc",
+            "--average",
+            "--verify",
+            "-o",
+            &program,
+        ],
         &mill[..],
     ]
     .concat();

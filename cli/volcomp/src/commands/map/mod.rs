@@ -160,9 +160,9 @@ fn document(
         at: place(grid, &node),
         position_um: [x, y, z],
         rotation_urad: [a, b, c],
-        rms_um: beside.rms_um,
-        form_rms_um: beside.form_rms_um,
-        form_max_um: beside.form_max_um,
+        rms_um: 1e3 * beside.as_they_are.rms(),
+        form_rms_um: 1e3 * beside.left.rms(),
+        form_max_um: 1e3 * beside.left.max(),
         all_axes: None,
         uncertainty: largest.uncertainty.map(|(length, node)| {
             let [x, y, z, a, b, c] = node.uncertainty_in_file_units();

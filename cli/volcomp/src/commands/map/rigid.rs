@@ -15,22 +15,11 @@ const POSES: usize = 1000;
 /// Seed of the poses: they are the same each time.
 const SEED: u64 = 1;
 
-/// How large errors of position are as they are, and beside one rigid motion, µm.
+/// How large errors of position are as they are, and beside one rigid motion, mm.
 #[derive(Clone, Copy)]
 pub(super) struct Beside {
-    pub(super) rms_um: f64,
-    pub(super) form_rms_um: f64,
-    pub(super) form_max_um: f64,
-}
-
-impl Beside {
-    pub(super) fn new(as_they_are: &Lengths, left: &Lengths) -> Self {
-        Self {
-            rms_um: 1e3 * as_they_are.rms(),
-            form_rms_um: 1e3 * left.rms(),
-            form_max_um: 1e3 * left.max(),
-        }
-    }
+    pub(super) as_they_are: Lengths,
+    pub(super) left: Lengths,
 }
 
 /// The position part of an error.

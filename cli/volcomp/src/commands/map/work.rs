@@ -81,9 +81,14 @@ impl Work<'_> {
                 left
             };
             let chunks: Vec<Lengths> = starts.into_par_iter().map(of_chunk).collect();
-            chunks.iter().for_each(|chunk| left.merge(chunk));
+            for chunk in &chunks {
+                left.merge(chunk);
+            }
         }
-        Beside::new(&found.lengths, &left)
+        Beside {
+            as_they_are: found.lengths,
+            left,
+        }
     }
 
     fn chunk(
