@@ -10,8 +10,9 @@ use crate::{
     contradictions::{contradictions, noise_of_lines},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
-    locations::without_location,
+    locations::without_others,
     profile::Profile,
+    set_up::SetUp,
 };
 
 /// The fitted angular errors, and the machine with them.
@@ -26,11 +27,12 @@ pub(crate) struct Angular {
 
 /// Fits every angular error; `step` is called after each.
 ///
-/// `known` is the machine of the file with the errors that are known before: its location errors are taken off the
-/// readings of rotary axes.
+/// `known` is the machine of the file with the errors that are known before. What the location errors and the other axes of
+/// `whole` add is taken off the readings of rotary axes.
 pub(crate) fn angular(
     file: &CalibrationFile,
     known: &Machine,
+    (whole, set_up): (&Machine, &SetUp),
     mut step: impl FnMut(),
 ) -> Result<Angular, CalibrateError> {
     let mut result = Angular {
@@ -46,7 +48,7 @@ pub(crate) fn angular(
         for line in lines_of(file, error) {
             result.notes.extend(notes_of(line));
             let read = Profile::new(line, &joint)?;
-            profiles.push(without_location(read.clone(), known)?);
+            profiles.push(without_others(read.clone(), whole, set_up)?);
             as_read.push(read);
         }
         let told = contradictions(error, &as_read, &profiles, None)?;
@@ -74,7 +76,13 @@ mod tests {
         let mut file = file(vec![line("ECX", |q| 3.0 + 0.02 * q), line("EXX", |q| q)]);
         file.reference[0] = 200.0;
         let mut steps = 0;
-        let found = angular(&file, &file.machine, || steps += 1).unwrap();
+        let found = angular(
+            &file,
+            &file.machine,
+            (&file.machine, &SetUp::of(&file.machine, |_| None)),
+            || steps += 1,
+        )
+        .unwrap();
         assert_eq!(
             (steps, found.fitted.len()),
             (1, 1),

@@ -1,7 +1,10 @@
 //! The last stage: unknown errors from observations of the whole machine, with the measured ones held, and the measured
-//! ones fitted again without what the found ones add to their lines, until both settle.
+//! ones fitted again without what the found ones add to their lines, until both settle; where the lines contain so much of the
+//! unknowns that this leads nowhere soon, both together.
 
-use volcomp_identify::{Identification, Observations, Parameter, identify};
+use volcomp_identify::{
+    Follower, Identification, Observations, Parameter, identify_followed, machine_with,
+};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
@@ -13,8 +16,12 @@ const SETTLED: f64 = 0.01;
 const LEAST: f64 = 1e-6;
 /// What has not settled after so many rounds is an error.
 const ROUNDS: usize = 60;
+/// Where one round carries a larger share into the next, unknowns and lines do not settle by turns: they are found together.
+const TOGETHER_ABOVE: f64 = 0.9;
 /// A share that one round carries into the next that makes uncertainties more than a quarter larger.
 const WORTH_TELLING: f64 = 0.2;
+/// By how much an unknown is changed to see how the lines follow it, µm or µrad: they are nearly straight in it.
+const CHANGE: f64 = 10.0;
 
 /// Errors found from observations.
 #[derive(Clone, Debug)]
@@ -33,28 +40,31 @@ pub(crate) fn settled(
     mut known: Machine,
     mut stages: Stages,
 ) -> Result<(Identified, Stages, Vec<String>), CalibrateError> {
-    let on = |machine: &Machine, folds: usize| {
+    let on = |machine: &Machine, followers: &[Follower], folds: usize| {
         let mut observations = observations.clone();
         observations.machine = machine.clone();
         observations.folds = folds;
-        identify(&observations, |_, _| {})
+        identify_followed(&observations, followers, |_, _| {})
     };
     let mut notes = Vec::new();
+    let mut followers: Vec<Follower> = Vec::new();
     let mut before: Option<Vec<Parameter>> = None;
     let mut rounds = 0;
     let mut last_moved = None;
     let mut carried = 0.0_f64;
     loop {
         rounds += 1;
-        let found = on(&stages.machine, 0)?;
+        let found = on(&stages.machine, &followers, 0)?;
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
         // What one round changes in the lines, and with them in the next: beyond the noise of the numbers a constant share.
-        if let (Some(before), Some(moved)) = (last_moved, moved)
-            && moved > SETTLED
-        {
-            carried = carried.max(moved / before);
+        let share = match (last_moved, moved) {
+            (Some(before), Some(moved)) if moved > SETTLED => moved / before,
+            _ => 0.0,
+        };
+        if followers.is_empty() {
+            carried = carried.max(share);
         }
         last_moved = moved;
         for unknown in &observations.unknown {
@@ -67,29 +77,73 @@ pub(crate) fn settled(
         }
         stages = again;
         if rounds == ROUNDS {
-            // Where a change of the unknowns changes the lines nearly as much, the place where both stand still is no least
-            // squares answer, and the uncertainties with the lines held are not its.
             return Err(CalibrateError::NotSettled {
                 rounds,
                 moved: moved.unwrap_or_default(),
             });
         }
+        if followers.is_empty() && share > TOGETHER_ABOVE {
+            followers = following(file, observations, (&known, &stages), &found.parameters)?;
+        }
+        for follower in &mut followers {
+            let own = |parameter: &&Parameter| parameter.name == follower.parameter;
+            let value = found.parameters.iter().find(own).map(|own| own.value);
+            follower.value = value.unwrap_or_default();
+        }
         before = Some(found.parameters);
     }
-    if rounds > 1 {
+    if !followers.is_empty() {
+        notes.push(format!(
+            "the lines contain the unknowns: they were found together in {rounds} rounds, and the uncertainties of the unknowns are those with lines that follow them"
+        ));
+    } else if rounds > 1 {
         notes.push(format!(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
         ));
     }
-    if carried > WORTH_TELLING {
+    if followers.is_empty() && carried > WORTH_TELLING {
         let times = 1.0 / (1.0 - carried.min(0.99));
         notes.push(format!(
             "the lines contain the unknowns: each round moved them by {:.0} % of the one before. Their uncertainties are those with the lines held, and may be {times:.1} times as large",
             100.0 * carried
         ));
     }
-    let found = on(&stages.machine, observations.folds)?;
+    let found = on(&stages.machine, &followers, observations.folds)?;
     Ok((Identified { found, rounds }, stages, notes))
+}
+
+/// How the lines follow each unknown: they are fitted again with the unknown changed, from where all were found last.
+fn following(
+    file: &CalibrationFile,
+    observations: &Observations,
+    (known, stages): (&Machine, &Stages),
+    found: &[Parameter],
+) -> Result<Vec<Follower>, CalibrateError> {
+    let mut followers = Vec::new();
+    let values: Vec<(String, f64)> = found.iter().map(|p| (p.name.clone(), p.value)).collect();
+    for (place, parameter) in found.iter().enumerate() {
+        let mut changed = values.clone();
+        changed[place].1 += CHANGE;
+        let machine = machine_with(observations, &changed)?;
+        let mut there = known.clone();
+        for unknown in &observations.unknown {
+            take(&mut there, &machine, unknown.error)?;
+        }
+        // A number of a set-up changes nothing of the machine.
+        if there == *known {
+            continue;
+        }
+        let changed = Stages::of(file, &there, || ())?;
+        if !changed.is_as_measured(stages) {
+            followers.push(Follower {
+                parameter: parameter.name.clone(),
+                value: parameter.value,
+                machines: [stages.machine.clone(), changed.machine],
+                by: CHANGE,
+            });
+        }
+    }
+    Ok(followers)
 }
 
 /// The largest change of a determined parameter in its standard uncertainties.

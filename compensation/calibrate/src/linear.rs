@@ -11,8 +11,9 @@ use crate::{
     contradictions::{Tilts, contradictions},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
-    locations::without_location,
+    locations::without_others,
     profile::Profile,
+    set_up::SetUp,
 };
 
 /// A tilt that was not measured is named from this effect of 1 mrad on: a lever of 1 mm.
@@ -26,10 +27,11 @@ pub(crate) struct Linear<'a> {
     pub(crate) notes: Vec<String>,
 }
 
-/// Fits every linear error, with the tilts that the machine of `tilts` has; `step` is called after each.
+/// Fits every linear error, with the tilts that the machine of `tilts` has and what the other axes of `whole` add to rotary ones; `step` is called after each.
 pub(crate) fn linear<'a>(
     file: &'a CalibrationFile,
     tilts: &Tilts<'_>,
+    (whole, set_up): (&Machine, &SetUp),
     mut step: impl FnMut(),
 ) -> Result<Linear<'a>, CalibrateError> {
     let tilted = tilts.machine;
@@ -46,7 +48,7 @@ pub(crate) fn linear<'a>(
         for line in lines_of(file, error) {
             result.notes.extend(notes_of(line));
             let read = Profile::new(line, &joint)?;
-            let profile = without_abbe(without_location(read.clone(), tilted)?, tilted)?;
+            let profile = without_abbe(without_others(read.clone(), whole, set_up)?, tilted)?;
             as_read.push(read);
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
@@ -109,6 +111,7 @@ mod tests {
                 machine,
                 noise_urad,
             },
+            (machine, &SetUp::of(machine, |_| None)),
             || (),
         )
         .unwrap()

@@ -1,16 +1,14 @@
 //! What the location errors of a rotary axis add to readings that are taken against the commanded pose.
 
 use volcomp_kinematics::{
-    ErrorMotion, ErrorSource, Joint, Pose, Side, nalgebra::Vector3, rotation_about_axis,
-    rotation_from_vector, vector_from_rotation,
+    ErrorMotion, Joint, Pose, Side, rotation_about_axis, rotation_from_vector,
 };
-use volcomp_metrology::MotionKind;
-use volcomp_model::{Machine, ModelError, Temperatures};
-use volcomp_vocabulary::{AxisKind, Displacement, Urad};
+use volcomp_model::{Machine, ModelError};
+use volcomp_vocabulary::{AxisKind, Urad};
 
 use crate::{
-    abbe::measured_point, calibration_file::CalibrationFile, location_file::is_square,
-    profile::Profile, squares::set_square,
+    calibration_file::CalibrationFile, location_file::is_square, others::OtherErrors,
+    profile::Profile, set_up::SetUp, squares::set_square,
 };
 
 /// The machine of a calibration file with the location errors that the file states. The tilt of a squareness states all
@@ -47,45 +45,23 @@ pub(crate) fn displaced(joint: &Joint, location: &ErrorMotion, q_rad: f64) -> Po
     }
 }
 
-/// A profile of a rotary axis without what its location errors add; unchanged for a linear axis, and where the readings
-/// were taken against the axis itself.
-pub(crate) fn without_location<'a>(
+/// A profile of a rotary axis without what its location errors and the errors of the other axes add; unchanged for a linear
+/// axis, and where the readings were taken against the axis itself.
+pub(crate) fn without_others<'a>(
     mut profile: Profile<'a>,
     machine: &Machine,
+    set_up: &SetUp,
 ) -> Result<Profile<'a>, ModelError> {
     let line = profile.line;
-    let error = line.setup.error;
-    let index = machine.index_of(error.axis)?;
-    let joint = machine.chain().joints()[index];
-    if !line.holds_location || joint.kind == AxisKind::Linear {
+    if !line.holds_location || line.setup.error.axis.kind() == AxisKind::Linear {
         return Ok(profile);
     }
-    let none = Temperatures::new();
-    let location = machine.source(&none).location(index);
-    let point = measured_point(line, machine)?;
-    for (target, value) in profile.points.iter_mut().flatten() {
-        let q_rad = Displacement::from_coordinate(joint.kind, *target).mm_or_rad();
-        *value -= reading(&displaced(&joint, &location, q_rad), &joint, error, &point);
+    let others = OtherErrors::new(line, machine, set_up)?;
+    for branch in &mut profile.points {
+        let added = others.readings(branch.iter().map(|(target, _)| *target))?;
+        for ((_, value), added) in branch.iter_mut().zip(added) {
+            *value -= added;
+        }
     }
     Ok(profile)
-}
-
-/// What an instrument that measures `error` at a point (mm in the frame that carries the axis) reads of a displacement, µm
-/// or µrad.
-fn reading(
-    displaced: &Pose,
-    joint: &Joint,
-    error: volcomp_vocabulary::ErrorName,
-    point_mm: &Vector3<f64>,
-) -> f64 {
-    let (motion, micro) = if error.component.is_angular() {
-        (vector_from_rotation(&displaced.rotation), 1e6)
-    } else {
-        (displaced.transform_point(point_mm) - point_mm, 1e3)
-    };
-    micro
-        * match MotionKind::of(error) {
-            MotionKind::Positioning => motion.dot(&joint.direction),
-            _ => motion[error.component.mcs_index()],
-        }
 }

@@ -2,21 +2,24 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_kinematics::{ErrorSource, nalgebra::Vector3, vector_from_rotation};
-use volcomp_model::{Machine, ModelError, Temperatures};
+use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use crate::{abbe::held_state, calibration_file::Line, locations::displaced};
+use crate::{calibration_file::Line, others::OtherErrors, set_up::SetUp};
 
 /// The least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
 pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 
 /// The mean slope of the lines of each straightness error, from the slopes that were removed from them.
-pub(crate) fn slopes(removed: &[(&Line, Urad)], tilted: &Machine) -> Result<Slopes, ModelError> {
+pub(crate) fn slopes(
+    removed: &[(&Line, Urad)],
+    tilted: &Machine,
+    set_up: &SetUp,
+) -> Result<Slopes, ModelError> {
     let mut sums: BTreeMap<ErrorName, (Urad, f64)> = BTreeMap::new();
     for (line, slope) in removed {
         let (sum, count) = sums.entry(line.setup.error).or_default();
-        *sum = *sum + (*slope - held_slope(line, tilted)?);
+        *sum = *sum + (*slope - held_slope(line, tilted, set_up)?);
         *count += 1.0;
     }
     let mean = |(error, (sum, count)): (ErrorName, (Urad, f64))| {
@@ -27,35 +30,15 @@ pub(crate) fn slopes(removed: &[(&Line, Urad)], tilted: &Machine) -> Result<Slop
     sums.into_iter().map(mean).collect()
 }
 
-/// Slope that the tilts of the other axes give a line at their held positions.
-///
-/// A point of the tool, seen from the workpiece, goes along ε × u of every axis between the
-/// workpiece and the measured one; a point of the workpiece, seen from the tool, along −ε × u of
-/// every axis between the measured one and the tool.
-fn held_slope(line: &Line, tilted: &Machine) -> Result<Urad, ModelError> {
-    let index = tilted.index_of(line.setup.error.axis)?;
-    let joints = tilted.chain().joints();
-    let (tilting, sign) = if line.setup.point_is_on_tool_side(joints[index].side) {
-        (0..index, 1.0)
-    } else {
-        (index + 1..joints.len(), -1.0)
-    };
-    let state = held_state(line, tilted)?;
-    let none = Temperatures::new();
-    let source = tilted.source(&none);
-    // Errors are stated in the frame of what carries their axis; held rotary axes turn these frames.
-    let chain = tilted.chain();
-    let tilt_mcs = tilting.fold(Vector3::zeros(), |sum: Vector3<f64>, held| {
-        let carried = chain.carrier_pose(held, &state).rotation;
-        // A rotary axis that is held off 0 and whose line is tilted stands askew.
-        let askew = displaced(&joints[held], &source.location(held), state.q[held]);
-        let tilt = source.error_motion(held, &state).angular_rad;
-        sum + carried * (tilt + vector_from_rotation(&askew.rotation))
-    });
-    let own = chain.carrier_pose(index, &state).rotation;
-    let tilt = own.transpose() * tilt_mcs;
-    let slope = tilt.cross(&joints[index].direction) * sign;
-    Ok(Urad(slope[line.setup.error.component.mcs_index()] * 1e6))
+/// Slope of a line that all known errors of the machine give it at the held positions but those of its own travel: what
+/// a perfect instrument would read along an axis that is straight and points where it should.
+fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, ModelError> {
+    /// Half of a way over which the slope is read, mm; the reading is a straight line.
+    const REACH_MM: f64 = 500.0;
+    let others = OtherErrors::new(line, tilted, set_up)?;
+    let ends = others.readings([-REACH_MM, REACH_MM].into_iter())?;
+    let read = (ends[1] - ends[0]) / (2.0 * REACH_MM) * 1e3;
+    Ok(Urad(read + others.reference_slope_urad()))
 }
 
 #[cfg(test)]
@@ -72,7 +55,7 @@ mod tests {
         lines[0].setup.at[0] = 300.0;
         lines[1].setup.at[0] = 100.0;
         let removed = [(&lines[0], Urad(10.0)), (&lines[1], Urad(14.0))];
-        let found = slopes(&removed, &tilted).unwrap();
+        let found = slopes(&removed, &tilted, &SetUp::of(&tilted, |_| None)).unwrap();
         let slope = found[&name("EXY")];
         assert!((slope - Urad(16.0)).abs() < Urad(1e-9), "{slope}");
     }

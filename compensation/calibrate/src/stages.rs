@@ -2,20 +2,24 @@
 //! lines, squareness. Each passes the readings of a file once.
 
 use volcomp_model::Machine;
-use volcomp_vocabulary::{ErrorName, Urad};
+use volcomp_vocabulary::{AxisKind, ErrorName, Urad};
 
 use crate::{
     angular::angular,
-    calibration_file::CalibrationFile,
+    calibration_file::{CalibrationFile, Line},
     contradictions::Tilts,
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
     linear::linear,
     parallel_lines::from_parallel_lines,
+    set_up::SetUp,
     slopes::slopes,
     squares::{set_square, squares},
 };
+
+/// Passes over the lines after the first, at the most: what a rotary axis adds to the lines of another is small.
+const PASSES: usize = 4;
 
 /// What the lines of a file make of a machine.
 pub(crate) struct Stages {
@@ -32,9 +36,36 @@ impl Stages {
     pub(crate) fn of(
         file: &CalibrationFile,
         known: &Machine,
+        step: impl FnMut(),
+    ) -> Result<Self, CalibrateError> {
+        let set_up = SetUp::before_lines(file, known)?;
+        let mut stages = Self::once(file, known, (None, &set_up), step)?;
+        let sees_others =
+            |line: &Line| line.holds_location && line.setup.error.axis.kind() == AxisKind::Rotary;
+        if !file.measurements.iter().any(sees_others) {
+            return Ok(stages);
+        }
+        // Lines of rotary axes hold the errors of the axes that turn with them where these are held.
+        for _ in 0..PASSES {
+            let again = Self::once(file, known, (Some(&stages.machine), &set_up), || ())?;
+            let is_same = again.is_as_measured(&stages);
+            stages = again;
+            if is_same {
+                break;
+            }
+        }
+        Ok(stages)
+    }
+
+    /// One pass over the lines. What other axes add to lines of rotary axes is that of the machine `before`, of a pass before.
+    fn once(
+        file: &CalibrationFile,
+        known: &Machine,
+        (before, set_up): (Option<&Machine>, &SetUp),
         mut step: impl FnMut(),
     ) -> Result<Self, CalibrateError> {
-        let angular = angular(file, known, &mut step)?;
+        let whole = (before.unwrap_or(known), set_up);
+        let angular = angular(file, known, whole, &mut step)?;
         let parallel = from_parallel_lines(file, &angular.tilted)?;
         let mut noise_urad = angular.noise_urad;
         noise_urad.extend(&parallel.noise_urad);
@@ -42,8 +73,9 @@ impl Stages {
             machine: &parallel.tilted,
             noise_urad: &noise_urad,
         };
-        let linear = linear(file, &tilts, &mut step)?;
-        let slopes = slopes(&linear.removed, &parallel.tilted)?;
+        let whole = (before.unwrap_or(&parallel.tilted), set_up);
+        let linear = linear(file, &tilts, whole, &mut step)?;
+        let slopes = slopes(&linear.removed, &parallel.tilted, set_up)?;
         let mut squareness = squares(file, &slopes)?;
         let mut machine = parallel.tilted;
         for fitted in &linear.fitted {

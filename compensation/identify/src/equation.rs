@@ -19,6 +19,8 @@ struct Writer<'e> {
     jacobian: &'e mut DMatrix<f64>,
     params: &'e Params,
     unknowns: &'e Unknowns,
+    /// Location errors that follow unknowns.
+    following: &'e [(usize, usize, usize, f64)],
     /// The first equation.
     first: usize,
     /// One by the uncertainty.
@@ -36,6 +38,10 @@ impl Writer<'_> {
         }
         for &(axis, component, coefficient) in &self.unknowns.locations {
             let moved = tip.by_location[axis][component];
+            self.add(self.params.setup() + coefficient, &moved, directions);
+        }
+        for &(axis, component, coefficient, rate) in self.following {
+            let moved = tip.by_location[axis][component] * rate;
             self.add(self.params.setup() + coefficient, &moved, directions);
         }
     }
@@ -110,6 +116,10 @@ impl System {
                 *component_of(&mut errors.location[axis], component) =
                     values.coefficients[coefficient];
             }
+            for &(axis, component, coefficient, rate) in &self.following_locations {
+                *component_of(&mut errors.location[axis], component) +=
+                    rate * values.coefficients[coefficient];
+            }
         }
         let chain = self.machine.chain();
         let at_mm = stand.stand.tip_mm + offset;
@@ -134,6 +144,7 @@ impl System {
             jacobian: &mut equations.jacobian,
             params: &self.params,
             unknowns: &self.unknowns,
+            following: &self.following_locations,
             first: equations.places[place].0,
             weight: 1.0 / row.row.uncertainty_mm,
             polynomials,

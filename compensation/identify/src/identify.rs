@@ -9,6 +9,7 @@ use crate::{
     design::design,
     doubts::{contradiction, opposite, small_moves},
     error::IdentifyError,
+    followers::Follower,
     judge::{Figures, figures, judged, left_out, outliers},
     next::{Next, next},
     observations::{Observations, Row, Seen},
@@ -90,9 +91,24 @@ pub(crate) struct Fitted {
 /// No rows, too few or all alike, a frame that cannot be found, a search that does not end.
 pub fn identify(
     observations: &Observations,
+    progress: impl FnMut(usize, usize),
+) -> Result<Identification, IdentifyError> {
+    identify_followed(observations, &[], progress)
+}
+
+/// The same where other errors of the machine follow the unknowns: these are found by the residuals with all that follows
+/// them, and so is their covariance.
+///
+/// The machine that is found has the other errors as the observations had them.
+///
+/// # Errors
+/// As [`identify`].
+pub fn identify_followed(
+    observations: &Observations,
+    followers: &[Follower],
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Identification, IdentifyError> {
-    let system = System::new(observations)?;
+    let system = System::new(observations)?.followed_by(followers);
     let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
     check(&system, &rows)?;
     let fits = 1 + observations.folds;
@@ -146,6 +162,24 @@ pub fn identify(
         null,
         warnings,
     })
+}
+
+/// The machine of the observations with values of their unknown errors, by the names and in the units of the parameters; 0 where
+/// none is given.
+///
+/// # Errors
+/// What [`identify`] refuses of unknowns.
+pub fn machine_with(
+    observations: &Observations,
+    values: &[(String, f64)],
+) -> Result<Machine, IdentifyError> {
+    let system = System::new(observations)?;
+    let given = system.unknowns.coefficients.iter().map(|coefficient| {
+        let value = values.iter().find(|(name, _)| *name == coefficient.name);
+        value.map_or(0.0, |(_, value)| value / micro(coefficient.error.component))
+    });
+    let stated = Values::stated(&system.setup, given.collect());
+    machine_of(&system, &stated)
 }
 
 /// The names of the unknowns that are left at zero and are conventions: constants of curves and slopes of straightnesses.

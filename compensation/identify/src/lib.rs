@@ -12,6 +12,7 @@ mod doubts;
 mod draws;
 mod equation;
 mod error;
+mod followers;
 mod identify;
 mod judge;
 mod next;
@@ -39,7 +40,8 @@ mod values;
 pub use basis::Basis;
 pub use draws::Draws;
 pub use error::{Cause, FarFile, IdentifyError};
-pub use identify::{Identification, Parameter, identify};
+pub use followers::Follower;
+pub use identify::{Identification, Parameter, identify, identify_followed, machine_with};
 pub use judge::Figures;
 pub use next::Next;
 pub use observations::{

@@ -149,11 +149,13 @@ impl System {
                 .map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
             *place = at - turns;
         }
-        PreparedStand {
+        let mut prepared = PreparedStand {
             stand: *stand,
             within_turn,
             known,
             terms,
-        }
+        };
+        self.follow(&mut prepared);
+        prepared
     }
 }

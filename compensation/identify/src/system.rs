@@ -6,7 +6,8 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Coefficient, Role, Unknowns, micro},
     error::IdentifyError,
-    observations::{Observations, SetUp},
+    followers::Following,
+    observations::{Observations, Seen, SetUp},
     params::{self, Param, Params, Part},
     prepared::Rows,
     values::Values,
@@ -24,6 +25,10 @@ pub(crate) struct System {
     /// How many groups of parameters have a penalty each.
     pub(crate) groups: usize,
     pub(crate) setup: SetUp,
+    /// Errors that follow unknowns.
+    pub(crate) followers: Vec<Following>,
+    /// Axis, component, coefficient of every location error that follows an unknown, and what one unit of it makes.
+    pub(crate) following_locations: Vec<(usize, usize, usize, f64)>,
 }
 
 /// Residuals (one to three for each row) and their derivatives, both divided by the uncertainty.
@@ -85,6 +90,8 @@ impl System {
             groups: unknowns.groups + drifts,
             unknowns,
             setup: observations.setup.clone(),
+            followers: Vec::new(),
+            following_locations: Vec::new(),
         })
     }
 

@@ -2,7 +2,6 @@
 
 mod error;
 mod instrument;
-mod line_of_sight;
 mod measure;
 mod observation;
 mod observe;
@@ -16,8 +15,8 @@ mod wear;
 
 pub use error::{InstrumentError, ObservationError, ShopError};
 pub use instrument::{Imperfections, Instrument};
-pub use line_of_sight::LineOfSight;
 pub use observation::{Bar, Poses, Reads, Setting, ShopObservation};
 pub use plan::{Plan, PlannedPose};
 pub use shop::{CALIBRATED, Format, Shop, ShopLine, ShopLocation};
+pub use volcomp_calibrate::LineOfSight;
 pub use wear::{Wear, WearError, Worn};

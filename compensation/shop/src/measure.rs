@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, fmt::Write};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_calibrate::{HOLDS_LOCATION, Method};
-use volcomp_kinematics::{Form, Joint, State};
+use volcomp_calibrate::{HOLDS_LOCATION, LineOfSight, Method, SetUp};
+use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_metrology::{
     DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
     write_renishaw,
@@ -17,7 +17,6 @@ use volcomp_vocabulary::{Direction, ErrorName, Urad};
 use crate::{
     error::{InstrumentError, ShopError},
     instrument::bridge_targets,
-    line_of_sight::LineOfSight,
     shop::{Format, Shop, ShopLine, ShopLocation},
 };
 
@@ -171,6 +170,15 @@ impl Shop {
         alignments
     }
 
+    /// How the artefacts are set up: by the reference lines of the straightnesses as they are measured, else over 21 targets.
+    fn set_up(&self) -> SetUp {
+        SetUp::of(&self.truth, |error| {
+            let line = self.lines.iter().find(|line| line.setup.error == error)?;
+            let travel = self.truth.axis(error.axis)?.travel;
+            Some(line.instrument.targets_over(travel))
+        })
+    }
+
     /// A generator of its own for each line, so that a further line does not change the others.
     fn random(&self, stream: usize) -> ChaCha8Rng {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -188,21 +196,24 @@ impl Shop {
     ) -> Result<Measurement, ShopError> {
         let error = line.setup.error;
         let sight = LineOfSight::new(&self.truth, &line.setup)?;
+        // Without rotary axes it is a rigid motion of the workpiece, and no reading tells of it.
+        let turns = self.truth.axes().iter().any(|axis| axis.name.is_rotary());
+        let sight = if line.holds_location && turns {
+            sight.with_artefacts(&self.set_up())
+        } else {
+            sight
+        };
         let none = Temperatures::new();
-        let mut truth = self.truth.clone();
-        if !line.holds_location {
-            let own = |name: &ErrorName| name.location && name.axis == error.axis;
-            let own: Vec<ErrorName> = truth.locations().keys().copied().filter(own).collect();
-            for name in own {
-                truth.set_location(name, 0.0)?;
-            }
-        }
-        let errors = truth.source(&none);
+        let whole = self.truth.source(&none);
+        let errors = Seen {
+            of: &whole,
+            only: (!line.holds_location).then_some(sight.axis()),
+        };
         let travel = self.truth.axis(error.axis).map(|a| a.travel);
         let travel = travel.unwrap_or_default();
         let joint = self.truth.chain().joints()[self.truth.index_of(error.axis)?];
         let along_mcs = joint.direction[error.axis.mcs_index()].signum();
-        let slope_urad = alignment.0 * along_mcs + self.reference_slope_urad(line, &joint);
+        let slope_urad = alignment.0 * along_mcs + sight.reference_slope_urad(&errors);
         let perfect = |target: f64, direction: Direction| {
             let state = sight.state(target, direction);
             sight.reading(&errors, &state, &state) + slope_urad * 1e-3 * (target - travel[0])
@@ -252,23 +263,6 @@ impl Shop {
         })
     }
 
-    /// A straightness reference is aligned to the axes of the workpiece with all axes at zero: where
-    /// it stands on the tool side, the tool's rotation there is part of its alignment.
-    fn reference_slope_urad(&self, line: &ShopLine, joint: &Joint) -> f64 {
-        let name = line.setup.error;
-        if MotionKind::of(name) != MotionKind::Straightness
-            || line.setup.point_is_on_tool_side(joint.side)
-        {
-            return 0.0;
-        }
-        let none = Temperatures::new();
-        let at_zero = self
-            .truth
-            .error_at(&State::default(), Form::Exact, &none)
-            .rotation_rad;
-        at_zero.cross(&joint.direction)[name.component.mcs_index()] * 1e6
-    }
-
     /// The ending of a measurement file.
     fn ending(&self, holds_angles: bool) -> &'static str {
         match (self.format, holds_angles) {
@@ -290,5 +284,43 @@ impl Shop {
             Format::Renishaw => write_renishaw(&described),
         };
         (format!("{}.{ending}", line.name), text)
+    }
+}
+
+/// The errors that an instrument sees: all, or where it is centred on an axis itself only the motions of this one.
+struct Seen<S> {
+    of: S,
+    only: Option<usize>,
+}
+
+impl<S: ErrorSource> Seen<S> {
+    fn sees(&self, axis: usize) -> bool {
+        self.only.is_none_or(|only| only == axis)
+    }
+}
+
+impl<S: ErrorSource> ErrorSource for Seen<S> {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        if self.sees(axis) {
+            self.of.error_motion(axis, state)
+        } else {
+            ErrorMotion::ZERO
+        }
+    }
+
+    fn location(&self, axis: usize) -> ErrorMotion {
+        if self.only.is_none() {
+            self.of.location(axis)
+        } else {
+            ErrorMotion::ZERO
+        }
+    }
+
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        if self.only.is_none() {
+            self.of.assembly(axis)
+        } else {
+            ErrorMotion::ZERO
+        }
     }
 }

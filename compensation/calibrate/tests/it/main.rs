@@ -1,5 +1,6 @@
 //! Measurements computed from a truth machine's kinematics come back as its volumetric error.
 
+mod both_sides;
 mod fuzz_corpus;
 mod gantry;
 mod instrument;

@@ -1,5 +1,6 @@
 //! The virtual shop: what it makes, what it refuses, and against calibration, which reads what it makes.
 
+mod both_sides;
 mod coverage;
 mod example;
 mod figures;
@@ -9,6 +10,7 @@ mod locations;
 mod messages;
 mod observation_messages;
 mod observations;
+mod placed;
 mod plans;
 mod round_trip;
 mod volume;

@@ -1,6 +1,5 @@
 //! The readings of a perfect instrument along a line on a machine with errors.
 
-use volcomp_calibrate::Setup;
 use volcomp_kinematics::{
     Chain, ErrorSource, Pose, Side, State, actual_pose,
     nalgebra::{Matrix3, Vector3},
@@ -10,10 +9,13 @@ use volcomp_metrology::{MotionKind, Rides};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisKind, Direction, Displacement};
 
+use crate::{set_up::SetUp, setup::Setup};
+
 /// A measured line laid through a machine: the tool side relative to the workpiece side at the
 /// measured point, from the whole chain with every error in it.
 #[derive(Clone, Debug)]
 pub struct LineOfSight<'a> {
+    machine: &'a Machine,
     chain: &'a Chain,
     setup: &'a Setup,
     /// The held axes, the measured one at 0.
@@ -23,6 +25,8 @@ pub struct LineOfSight<'a> {
     carried: Pose,
     /// The measured point m, mm in MCS with the measured axis at 0.
     point_mcs: Vector3<f64>,
+    /// Where the artefacts stand on the workpiece side and on the tool side.
+    artefacts: [Pose; 2],
 }
 
 impl<'a> LineOfSight<'a> {
@@ -39,13 +43,28 @@ impl<'a> LineOfSight<'a> {
         let carried = chain.carrier_pose(axis, &held);
         let own_point = carried.transform_point(&chain.joints()[axis].point_mm);
         Ok(Self {
+            machine,
             chain,
             setup,
             held,
             axis,
             carried,
             point_mcs: setup.point_mcs.map_or(own_point, Vector3::from),
+            artefacts: [Pose::identity(); 2],
         })
+    }
+
+    /// The same line with artefacts that are set up on the machine, in place of ones that stand along the workpiece axes and
+    /// the tool's.
+    #[must_use]
+    pub fn with_artefacts(mut self, set_up: &SetUp) -> Self {
+        self.artefacts = [set_up.workpiece, set_up.tool];
+        self
+    }
+
+    /// The index of the measured axis.
+    pub fn axis(&self) -> usize {
+        self.axis
     }
 
     /// The ideal command for a coordinate of the measured axis (mm or deg), approached in a direction.
@@ -64,12 +83,9 @@ impl<'a> LineOfSight<'a> {
         let [workpiece, tool] = self.sides(target);
         let measured = self.measured_point_mcs(target);
         let on_tool = tool.inverse().transform_point(&measured);
-        let actual = actual_pose(self.chain, errors, command);
+        let actual = self.actual(errors, command);
         let ideal = workpiece * tool;
-        // The instrument stands along the axis as the held axes have turned it: its components are those in which
-        // the errors of the axis are stated.
-        let to_frame: Matrix3<f64> =
-            self.carried.rotation.transpose() * workpiece.rotation.transpose();
+        let to_frame = self.to_frame(&workpiece);
         let name = self.setup.error;
         let (motion, micro) = if name.component.is_angular() {
             let turned = actual.rotation * ideal.rotation.transpose();
@@ -83,6 +99,49 @@ impl<'a> LineOfSight<'a> {
                 MotionKind::Positioning => motion.dot(&self.chain.joints()[self.axis].direction),
                 _ => motion[name.component.mcs_index()],
             }
+    }
+
+    /// The slope that a straightness shows because its reference stands on the tool side, µrad: the turn of that reference. 0
+    /// where the measured point is on the tool side and the reference on the workpiece, and for all other errors.
+    pub fn reference_slope_urad(&self, errors: &impl ErrorSource) -> f64 {
+        let name = self.setup.error;
+        let joint = &self.chain.joints()[self.axis];
+        if MotionKind::of(name) != MotionKind::Straightness
+            || self.setup.point_is_on_tool_side(joint.side)
+        {
+            return 0.0;
+        }
+        let [workpiece, _] = self.sides(&self.held);
+        let turn = self.to_frame(&workpiece) * self.reference_turn(errors);
+        turn.cross(&joint.direction)[name.component.mcs_index()] * 1e6
+    }
+
+    /// How far a straightness reference on the tool side is turned against the workpiece, rad in workpiece axes: it was aligned
+    /// to the workpiece with the linear axes at 0 (or at the end of their travel that is nearest to it) and the rotary axes where
+    /// they are held, and holds what the errors turn the tool by there.
+    fn reference_turn(&self, errors: &impl ErrorSource) -> Vector3<f64> {
+        let mut aligned = self.held;
+        for (axis, q) in self.machine.axes().iter().zip(&mut aligned.q) {
+            if axis.name.kind() == AxisKind::Linear {
+                let [low, high] = axis.travel;
+                *q = 0.0_f64.max(low).min(high);
+            }
+        }
+        let ideal = self.chain.ideal_pose(&aligned);
+        let actual = self.actual(errors, &aligned);
+        vector_from_rotation(&(actual.rotation * ideal.rotation.transpose()))
+    }
+
+    /// The tool side as the artefacts have it.
+    fn actual(&self, errors: &impl ErrorSource, command: &State) -> Pose {
+        let [workpiece, tool] = self.artefacts;
+        workpiece * actual_pose(self.chain, errors, command) * tool
+    }
+
+    /// Workpiece axes to the frame in which the errors of the axis are stated: the instrument stands along the axis as the
+    /// held axes have turned it. `workpiece` is the ideal pose of the workpiece side.
+    fn to_frame(&self, workpiece: &Pose) -> Matrix3<f64> {
+        self.carried.rotation.transpose() * workpiece.rotation.transpose()
     }
 
     /// Where the measured point is: it moves with the component that it stands on.

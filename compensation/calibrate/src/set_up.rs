@@ -1,0 +1,199 @@
+//! How the artefacts of measured lines are set up on a machine: nobody sees the machine coordinate system, there are only the axes
+//! to set them up by.
+
+use volcomp_curve::{Curve, ErrorCurve, Field};
+use volcomp_kinematics::{
+    ErrorMotion, ErrorSource, Pose, State, actual_pose,
+    nalgebra::{Matrix3, Vector3},
+};
+use volcomp_metrology::{MotionKind, ReferenceLine};
+use volcomp_model::{Machine, ModelError, Temperatures};
+use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES};
+
+use crate::{calibration_file::CalibrationFile, fitted::measured};
+
+/// Targets of a straightness that nobody measured.
+const TARGETS: usize = 21;
+/// A direction whose part across another one is smaller is parallel to it.
+const PARALLEL_BELOW: f64 = 0.02;
+
+/// Where the artefacts stand on the workpiece side and on the tool side: with them the machine has no error where all
+/// axes are at 0.
+///
+/// An artefact on the workpiece side lies along the reference lines of X and Y and in the place where the tool tip is at 0; what the
+/// tool carries is aligned to it there. So no reading depends on the constants of error motions and the slopes of
+/// straightnesses, which are conventions.
+#[derive(Clone, Copy, Debug)]
+pub struct SetUp {
+    /// The workpiece axes in the artefact on the workpiece side.
+    pub workpiece: Pose,
+    /// The artefact on the tool side in tool axes.
+    pub tool: Pose,
+}
+
+impl SetUp {
+    /// The set-up on the machine of a calibration file as it is known before its lines: what these measure is zero where they
+    /// are zero, and a straightness is without its line.
+    pub(crate) fn before_lines(
+        file: &CalibrationFile,
+        known: &Machine,
+    ) -> Result<Self, ModelError> {
+        let mut machine = known.clone();
+        for error in measured(file) {
+            if machine.error(error).is_some() {
+                machine.set_error(
+                    error,
+                    ErrorCurve::Single(Field::Curve(Curve::Constant(0.0))),
+                )?;
+            }
+        }
+        Ok(Self::of(&machine, |_| None))
+    }
+
+    /// The set-up with all axes at 0, or at the end of their travel that is nearest to it. The reference line of a
+    /// straightness is the one through its targets, 21 over the travel where `targets` gives none.
+    pub fn of(machine: &Machine, targets: impl Fn(ErrorName) -> Option<Vec<f64>>) -> Self {
+        let mut zero = State::default();
+        for (axis, q) in machine.axes().iter().zip(&mut zero.q) {
+            let [low, high] = axis.travel;
+            let at = 0.0_f64.max(low).min(high);
+            *q = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
+        }
+        let errors = ReferenceLines::of(machine, zero, targets);
+        let chain = machine.chain();
+        let tip = chain.tool_tip_mm();
+        let (actual, ideal) = (actual_pose(chain, &errors, &zero), chain.ideal_pose(&zero));
+        let directions = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
+        let directions = directions.filter_map(|name| {
+            let mut moved = zero;
+            moved.q[machine.index_of(name).ok()?] += 1.0;
+            let to = chain.ideal_pose(&moved).transform_point(&tip);
+            let actual_to = actual_pose(chain, &errors, &moved).transform_point(&tip);
+            Some([
+                to - ideal.transform_point(&tip),
+                actual_to - actual.transform_point(&tip),
+            ])
+        });
+        // Where there are no two linear axes the tool stands for them.
+        let of_tool =
+            (0..3).map(|k| [&ideal, &actual].map(|pose| pose.rotation.column(k).into_owned()));
+        let turned = Pose::about_point(turn(directions.chain(of_tool)), Vector3::zeros());
+        let there = (turned * actual).transform_point(&tip);
+        let workpiece = Pose::from_translation(ideal.transform_point(&tip) - there) * turned;
+        Self {
+            workpiece,
+            tool: (workpiece * actual).inverse() * ideal,
+        }
+    }
+}
+
+/// Equal targets over a travel.
+fn over([low, high]: [f64; 2]) -> Vec<f64> {
+    let share = |target: usize| target as f64 / (TARGETS - 1) as f64;
+    (0..TARGETS)
+        .map(|target| low + (high - low) * share(target))
+        .collect()
+}
+
+/// The rotation that takes the actual directions of two axes to the nominal ones, the first exactly: nominal and actual ones
+/// of axes in the order in which they count.
+fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
+    let mut frames = [Matrix3::identity(); 2];
+    let mut found = 0;
+    for pair in directions {
+        let across = |place: usize| {
+            let first: Vector3<f64> = frames[place].column(0).into();
+            match found {
+                0 => pair[place],
+                _ => pair[place] - first * first.dot(&pair[place]),
+            }
+        };
+        let across = [across(0), across(1)];
+        if across[0].norm() < PARALLEL_BELOW {
+            continue;
+        }
+        for (frame, across) in frames.iter_mut().zip(across) {
+            frame.set_column(found, &across.normalize());
+        }
+        found += 1;
+        if found == 2 {
+            break;
+        }
+    }
+    let [nominal, actual] = frames.map(|mut frame| {
+        let third = frame.column(0).cross(&frame.column(1));
+        frame.set_column(2, &third);
+        frame
+    });
+    nominal * actual.transpose()
+}
+
+/// A machine on which every axis goes along its reference lines and has the errors that it has at zero.
+struct ReferenceLines {
+    zero: State,
+    motions: [ErrorMotion; MAX_AXES],
+    locations: [ErrorMotion; MAX_AXES],
+    assemblies: [ErrorMotion; MAX_AXES],
+    /// Slopes of the straightnesses, mm/mm.
+    slopes: [Vector3<f64>; MAX_AXES],
+}
+
+impl ReferenceLines {
+    fn of(machine: &Machine, zero: State, targets: impl Fn(ErrorName) -> Option<Vec<f64>>) -> Self {
+        let none = Temperatures::new();
+        let source = machine.source(&none);
+        let mut lines = Self {
+            zero,
+            motions: [ErrorMotion::ZERO; MAX_AXES],
+            locations: [ErrorMotion::ZERO; MAX_AXES],
+            assemblies: [ErrorMotion::ZERO; MAX_AXES],
+            slopes: [Vector3::zeros(); MAX_AXES],
+        };
+        for (index, axis) in machine.axes().iter().enumerate() {
+            lines.motions[index] = source.error_motion(index, &zero);
+            lines.locations[index] = source.location(index);
+            lines.assemblies[index] = source.assembly(index);
+            for component in Component::ALL {
+                let error = ErrorName::motion(component, axis.name);
+                if MotionKind::of(error) != MotionKind::Straightness {
+                    continue;
+                }
+                let k = component.mcs_index();
+                let point = |target: f64| {
+                    let mut state = zero;
+                    state.q[index] = target;
+                    (
+                        target,
+                        source.error_motion(index, &state).linear_mm[k] * 1e3,
+                    )
+                };
+                let targets = targets(error)
+                    .unwrap_or_else(|| over(axis.travel))
+                    .into_iter();
+                let points: Vec<(f64, f64)> = targets.map(point).collect();
+                // A travel of no length has no line.
+                if let Ok(line) = ReferenceLine::least_squares(&points) {
+                    lines.motions[index].linear_mm[k] = line.value_um(zero.q[index]) * 1e-3;
+                    lines.slopes[index][k] = line.slope_um_per_mm * 1e-3;
+                }
+            }
+        }
+        lines
+    }
+}
+
+impl ErrorSource for ReferenceLines {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        let mut motion = self.motions[axis];
+        motion.linear_mm += self.slopes[axis] * (state.q[axis] - self.zero.q[axis]);
+        motion
+    }
+
+    fn location(&self, axis: usize) -> ErrorMotion {
+        self.locations[axis]
+    }
+
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        self.assemblies[axis]
+    }
+}

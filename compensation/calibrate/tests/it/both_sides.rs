@@ -1,0 +1,98 @@
+//! Readings of straightness lines on both sides of `b`, from products of homogeneous matrices that this file writes out, on a
+//! machine whose file keeps a constant turn of a rotary axis.
+
+use std::{fmt::Write as _, fs};
+
+use volcomp_calibrate::{CalibrationFile, calibrate};
+
+type M = [[f64; 4]; 4];
+
+/// The constant of ECC that the machine file keeps, and the squareness, rad.
+const TURN: f64 = 100e-6;
+const SQUARE: f64 = 22e-6;
+/// A point on the table and one on the tool, mm.
+const ON_TABLE: [f64; 4] = [250.0, 120.0, 40.0, 1.0];
+const ON_TOOL: [f64; 4] = [30.0, -20.0, 60.0, 1.0];
+
+fn product(a: &M, b: &M) -> M {
+    std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
+}
+
+fn image(m: &M, p: [f64; 4]) -> [f64; 4] {
+    std::array::from_fn(|i| (0..4).map(|k| m[i][k] * p[k]).sum())
+}
+
+fn shift(x: f64, y: f64) -> M {
+    [
+        [1.0, 0.0, 0.0, x],
+        [0.0, 1.0, 0.0, y],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+}
+
+fn about_z(angle: f64) -> M {
+    let (s, c) = angle.sin_cos();
+    [
+        [c, -s, 0.0, 0.0],
+        [s, c, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+}
+
+/// `w X' b Y Z C B t` with X and Y moving: the tool in workpiece axes. Y goes to −X as it goes, and C, which stands at 0, holds its
+/// constant turn.
+fn tool(x: f64, y: f64) -> M {
+    let slide = shift(-SQUARE.sin() * y, SQUARE.cos() * y);
+    product(&product(&shift(x, 0.0), &slide), &about_z(TURN))
+}
+
+/// The way back: the workpiece in tool axes.
+fn table(x: f64, y: f64) -> M {
+    let slide = shift(SQUARE.sin() * y, -SQUARE.cos() * y);
+    product(&product(&about_z(-TURN), &slide), &shift(-x, 0.0))
+}
+
+/// EYX, µm: a point of the table passes by a straightedge in the spindle that was laid along the X of the workpiece. The tool is
+/// further along Y than it should be where the point is further back.
+fn eyx(x: f64) -> f64 {
+    let aligned = about_z(TURN);
+    let across = |x: f64| image(&aligned, image(&table(x, 0.0), ON_TABLE))[1];
+    (across(0.0) - across(x)) * 1e3
+}
+
+/// EXY, µm: a point of the tool goes along a straightedge on the table.
+fn exy(y: f64) -> f64 {
+    (image(&tool(0.0, y), ON_TOOL)[0] - image(&tool(0.0, 0.0), ON_TOOL)[0]) * 1e3
+}
+
+#[test]
+fn a_kept_turn_of_the_tool_is_no_squareness() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("written");
+        path
+    };
+    let file = |name: &str, reading: fn(f64) -> f64| {
+        let mut csv = String::from("target,deviation\n");
+        for step in 0..=5 {
+            let target = 100.0 * f64::from(step);
+            writeln!(csv, "{target},{:.9}", reading(target)).expect("a String");
+        }
+        write(name, &csv);
+    };
+    file("eyx.csv", eyx);
+    file("exy.csv", exy);
+    let geometry = "structure = \"w X' b Y Z C B t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\nC.travel = [-90, 90]\nB.travel = [-90, 90]\n";
+    let lines = "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\nunit = \"um\"\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\nunit = \"um\"\n[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 0.0\n";
+    for kept in ["", "[errors]\nECC = 100.0\n"] {
+        write("machine.toml", &format!("{geometry}{kept}"));
+        let calibration = write("calibration.toml", lines);
+        let file = CalibrationFile::read(&calibration).expect("read");
+        let found = calibrate(&file, |_, _| {}).expect("calibrated");
+        let (_, value) = found.squareness[0];
+        assert!((value.0 - SQUARE * 1e6).abs() < 0.01, "{kept}: {value}");
+    }
+}
