@@ -7,7 +7,7 @@ use crate::{
     coefficients::{Coefficient, Role, Unknowns, micro},
     error::IdentifyError,
     followers::Following,
-    observations::{Observations, Seen, SetUp},
+    observations::{Observations, SetUp},
     params::{self, Param, Params, Part},
     prepared::Rows,
     values::Values,
