@@ -2,15 +2,16 @@
 
 use crate::{
     NcError,
-    block::Word,
+    block::{LAST, Manner, OTHER, Word},
     circle::Written,
     coordinates::Axes,
-    edits::write_word,
     legs::{Leg, Writes},
     line::Line,
     motion::{Arc, Move},
     parts::{Part, words_of},
+    polar::polar_writes,
     rewrite::Rewriter,
+    script::Shape,
     stretches::in_plane,
     words::{Number, each},
 };
@@ -32,6 +33,7 @@ impl Rewriter {
             .all(|axis| self.interpreter.known[axis]);
         let (radius, _) = arc.start(&from);
         if !known || radius == 0.0 {
+            self.puts_pole_back(line, out);
             self.is_uncorrected(motion);
             return Ok(());
         }
@@ -50,7 +52,11 @@ impl Rewriter {
             let at = arc.place(&from, &to, stretch.to);
             let machine = frame.to_machine(&at);
             self.corrector.goes(&machine);
+            let middle = arc.place(&from, &to, 0.5);
+            let keeps_polar =
+                motion.polar && !splits && self.keeps_polar(&[from, middle, to], &carried);
             let writes = each(|axis| match splits {
+                _ if motion.polar && axis < 2 => polar_writes(keeps_polar),
                 // Each part needs its end.
                 true if axis == first || axis == second => Writes::Always,
                 true => Writes::Anew,
@@ -83,13 +89,18 @@ impl Rewriter {
                     break;
                 }
             }
-            let Some((words, circle, after)) = found else {
+            let Some((words, mut circle, after)) = found else {
                 return Err(NcError::NotCompensated {
                     line: line.number,
                     what: "an arc so small that its correction makes another arc of it, with these decimals of its words: --decimals allows more of them".to_owned(),
                 });
             };
             carried = after;
+            let (shape, centre) = self.shape_of_arc(keeps_polar, arc, &mut circle, line);
+            if shape == Shape::AsItIs {
+                carried[..2].fill(0.0);
+            }
+            self.notes_superposed(&words, motion, line);
             circle.edit(&mut self.edits);
             let share = stretch.to - stretch.from;
             let part = Part {
@@ -99,6 +110,8 @@ impl Rewriter {
                 words: &motion.words,
                 others: &circle.others,
                 feed: splits.then(|| self.feed_of_part(share)).flatten(),
+                shape,
+                before: &centre,
             };
             self.write_part(&part, line, out);
             before = at;
@@ -120,8 +133,10 @@ impl Rewriter {
     ) {
         let is_arc = |word: &Word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0));
         let words = &line.block.words;
-        let says_more = |word: &Word| matches!(word.letter, b'G' | b'M' | b'T') && !is_arc(word);
-        if words.iter().any(says_more) || !line.block.assignments.is_empty() {
+        let says_more =
+            |word: &Word| matches!(word.letter, b'G' | b'M' | b'T' | OTHER | LAST) && !is_arc(word);
+        let says_others = !line.block.assignments.is_empty() || !line.block.commands.is_empty();
+        if words.iter().any(says_more) || says_others {
             return;
         }
         let turns = self.corrector.goes(sets_out);
@@ -132,6 +147,7 @@ impl Rewriter {
         let from = frame.to_program(&motion.from);
         let stays = Move {
             words: [None; 9],
+            incremental: [!self.interpreter.modal.absolute; 9],
             to: motion.from,
             ..motion.clone()
         };
@@ -153,9 +169,19 @@ impl Rewriter {
         self.carried = frame.moved_in_machine(&from, &carried);
         let feed = self.feed_of_part(0.0);
         self.begin_line(line, out);
-        out.extend_from_slice(b"G1");
-        for word in words_of(&words.numbers, feed) {
-            write_word(word, out);
+        out.extend_from_slice(match line.script.keyword(Shape::Straight) {
+            [] => b"G1",
+            keyword => keyword,
+        });
+        for word in words_of(&words.numbers, &[Manner::Modal; 9], feed) {
+            line.script.write_word(&word, out);
+        }
+        if line.script.is_heidenhain()
+            && let Some(feed) = line.block.word(b'F')
+        {
+            // It may be the first one.
+            out.push(b' ');
+            out.extend_from_slice(&line.text[feed.at..feed.text.end]);
         }
         out.extend_from_slice(line.more);
         self.ends_part(0.0);

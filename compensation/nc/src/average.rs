@@ -8,10 +8,11 @@ use crate::{
     Job, NcError,
     coordinates::{Axes, LETTERS},
     correction::Corrector,
-    edits::write_word,
+    dialect::Dialect,
     modal::SYSTEMS,
     motion::{Path, half_deep},
-    setup::NAMES,
+    script::{NewWord, Script},
+    setup::name_of_offset,
     verify::{Made, WAITING, is_end, motions},
     words::Number,
 };
@@ -86,6 +87,12 @@ pub fn average(
             "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
         ));
     }
+    if job.dialect != Dialect::Rs274 {
+        return Err(refused(
+            1,
+            "a mean correction is put into work offsets by G10, which only RS-274 has",
+        ));
+    }
     let mut sums = [Sums::default(); SYSTEMS];
     at_places(program, job, |system, delta| sums[system].take(delta))?;
     let means = sums.map(|of| of.sum.map(|sum| sum / (of.places as f64).max(1.0)));
@@ -104,7 +111,7 @@ pub fn average(
             line: 1,
             what: format!(
                 "the set-up does not state the work offset {}, which is to get the mean correction",
-                NAMES[system]
+                name_of_offset(system)
             ),
         })?;
         let words = std::array::from_fn(|i| {
@@ -112,7 +119,7 @@ pub fn average(
             Number::nearest(value, job.decimals.of(i, unit))
         });
         averages.push(Average {
-            system: NAMES[system].to_owned(),
+            system: name_of_offset(system),
             places: of.places,
             mean_mm: means[system],
             left_um: left[system].um(),
@@ -138,8 +145,15 @@ fn at_places(
     let mut corrector = job.corrector.clone();
     thread::scope(|scope| {
         let (to, all) = sync_channel::<Made>(WAITING);
-        let run =
-            scope.spawn(move || motions(&mut &program[..], &ideal, job.setup, job.most_blocks, to));
+        let run = scope.spawn(move || {
+            motions(
+                &mut &program[..],
+                &ideal,
+                job.setup,
+                (Dialect::Rs274, job.most_blocks),
+                to,
+            )
+        });
         let mut found = Ok(());
         while let Ok(made) = all.recv() {
             corrector.goes(&made.motion.to);
@@ -224,7 +238,8 @@ fn write(
         text.extend_from_slice(format!("G10 L2 P{}", system + 1).as_bytes());
         for (letter, number) in LETTERS.into_iter().zip(words) {
             if let Some(number) = number {
-                write_word((letter, *number), &mut text);
+                let word = NewWord::plain((letter, *number));
+                Script::default().write_word(&word, &mut text);
             }
         }
         text.extend_from_slice(end);

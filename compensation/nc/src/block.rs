@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::{
+    command::Command,
     expression::{Expressions, Read},
     fault::Fault,
     parameters::Value,
@@ -21,7 +22,29 @@ pub(crate) struct Word {
     pub(crate) value: Value,
     /// The decimals of a plain number; `None`: it was computed.
     pub(crate) decimals: Option<u8>,
+    pub(crate) manner: Manner,
 }
+
+/// What the value of a coordinate is, where its word says so itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Manner {
+    /// What is switched on.
+    #[default]
+    Modal,
+    /// A place: `AC(..)`.
+    Absolute,
+    /// A way: `IC(..)`, `IX`.
+    Incremental,
+    /// The place of a rotary axis, to which it goes by the shorter way: `DC(..)`.
+    Shortest,
+}
+
+/// The letter of words that mean nothing for coordinates, but must be executed with their motion: a coolant that is switched on.
+pub(crate) const OTHER: u8 = b'!';
+/// The same where it is done at the end of the motion: a stop. Of a motion in parts it belongs to the last one.
+pub(crate) const LAST: u8 = b'&';
+/// The letters of polar coordinates, the distance from the pole and the angle.
+pub(crate) const POLAR: [u8; 2] = *b"@^";
 
 /// A parameter that a block sets once its other words are read.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +79,17 @@ pub(crate) enum Begins {
 pub(crate) struct Block {
     pub(crate) words: Vec<Word>,
     pub(crate) assignments: Vec<Assignment>,
+    /// What its language says in words that RS-274 has no code for.
+    pub(crate) commands: Vec<Command>,
     pub(crate) begins: Begins,
+    /// The number of the block, where each block must have the next one, and where it stands.
+    pub(crate) number: Option<(Range<usize>, u64)>,
+    /// The word that says how the motion goes, where added lines need one, too.
+    pub(crate) keyword: Range<usize>,
+    /// Numbers have decimal commas; `None`: it has no decimals.
+    pub(crate) comma: Option<bool>,
+    /// The mark with which the operator may have it skipped.
+    pub(crate) skip: Range<usize>,
     /// Where a further word may be put: behind the last one.
     pub(crate) end: usize,
 }
@@ -64,15 +97,14 @@ pub(crate) struct Block {
 impl Block {
     /// Reads a line without its end of line. O-words are read elsewhere: none may be in it.
     pub(crate) fn read(&mut self, line: &[u8], expressions: &Expressions<'_>) -> Result<(), Fault> {
-        self.words.clear();
-        self.assignments.clear();
-        self.begins = Begins::Nothing;
+        self.clear();
         let mut scanner = Scanner::new(line);
         let mut end = 0;
         match scanner.peek() {
             Some(b'/') => {
                 scanner.next();
                 self.begins = Begins::Slash;
+                self.skip = scanner.at() - 1..scanner.at();
                 end = scanner.at();
             }
             Some(b'%') => {
@@ -110,6 +142,7 @@ impl Block {
                         text: from..scanner.at(),
                         value,
                         decimals,
+                        manner: Manner::Modal,
                     });
                 }
                 other => {
@@ -121,6 +154,19 @@ impl Block {
             }
         }
         Ok(())
+    }
+
+    /// A line that says nothing.
+    pub(crate) fn clear(&mut self) {
+        self.words.clear();
+        self.assignments.clear();
+        self.commands.clear();
+        self.begins = Begins::Nothing;
+        self.skip = 0..0;
+        self.number = None;
+        self.keyword = 0..0;
+        self.comma = None;
+        self.end = 0;
     }
 
     /// `#12 = 3` or `#<name> = 3`, whose `#` is passed.

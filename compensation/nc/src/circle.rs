@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use crate::{
     coordinates::Axes,
     edits::Edits,
+    given::centre_is_absolute,
     line::Line,
     motion::Arc,
     moves::centre_of,
@@ -52,6 +53,30 @@ pub(crate) struct CircleWords {
 }
 
 impl CircleWords {
+    /// The numbers of the centre, which stand in a line of their own.
+    pub(crate) fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
+        let found = letters.map(|letter| {
+            let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
+            let replaced = replaced.map(|(.., number)| *number);
+            let others = self.others.iter().find(|(of, _)| *of == letter);
+            replaced.or(others.map(|(_, number)| *number))
+        });
+        self.replaced.retain(|(of, ..)| !letters.contains(of));
+        self.others.retain(|(of, _)| !letters.contains(of));
+        found
+    }
+
+    /// Whether it has a radius.
+    pub(crate) fn has_radius(&self) -> bool {
+        let in_line = self.replaced.iter().any(|(letter, ..)| *letter == b'R');
+        in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
+    }
+
+    /// Whether the radius of the line goes.
+    pub(crate) fn lets_radius_go(&self) -> bool {
+        !self.removed.is_empty()
+    }
+
     pub(crate) fn edit(&self, edits: &mut Edits) {
         for (letter, place, number) in &self.replaced {
             edits.set(*letter, *place, *number);
@@ -134,17 +159,22 @@ impl Rewriter {
         line: Line<'_>,
     ) -> Option<(CircleWords, [f64; 2])> {
         let modal = &self.interpreter.modal;
-        let (unit, absolute) = (modal.unit_mm, modal.centre_absolute);
+        let unit = modal.unit_mm;
         let mut words = CircleWords::default();
         let mut said = [0.0; 2];
         if written.arc.by_radius && written.place.unwrap_or(0) == 0 {
             words.removed.extend(line.place_of(b'R'));
         }
         for (i, letter) in modal.plane.centre_letters().into_iter().enumerate() {
-            let base = if absolute { 0.0 } else { start[i] };
+            let place = line.place_of(letter);
+            let manner = line.word(place).map(|word| word.manner);
+            let base = if centre_is_absolute(manner, modal) {
+                0.0
+            } else {
+                start[i]
+            };
             let value = (letter, (centre[i] - base) / unit);
-            said[i] =
-                base + unit * self.word(written, value, line.place_of(letter), line, &mut words)?;
+            said[i] = base + unit * self.word(written, value, place, line, &mut words)?;
         }
         Some((words, said))
     }
@@ -160,7 +190,8 @@ impl Rewriter {
     ) -> Option<f64> {
         let decimals = self.decimals.of(0, self.interpreter.modal.unit_mm);
         let word = line.word(place);
-        let before = word.and_then(|word| word.value).unwrap_or(0.0);
+        let said = self.pole_along(letter);
+        let before = word.and_then(|word| word.value).or(said).unwrap_or(0.0);
         let changes = (value - before).abs() >= 0.5 * of_steps(1, decimals);
         let is_missing = letter != b'R' && written.arc.by_radius;
         if !changes && written.place.is_none() && !is_missing {

@@ -145,7 +145,7 @@ impl Frame {
 }
 
 /// X and Y turned about Z.
-fn turned(at: &Axes, angle_deg: f64) -> Axes {
+pub(crate) fn turned(at: &Axes, angle_deg: f64) -> Axes {
     if angle_deg == 0.0 {
         return *at;
     }

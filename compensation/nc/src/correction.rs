@@ -279,6 +279,13 @@ impl Corrector {
         }
     }
 
+    /// Rotary axes are where they were, which has another number now, deg.
+    pub(crate) fn wraps(&mut self, by: &Axes) {
+        for (furthest, by) in self.furthest.iter_mut().zip(by) {
+            *furthest += by;
+        }
+    }
+
     /// The axes go to this place: from now on they come from that side. Whether one of them turns.
     pub(crate) fn goes(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {

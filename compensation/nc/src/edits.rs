@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::{block::Word, line::Line, words::Number};
+use crate::{block::Word, line::Line, script::NewWord, words::Number};
 
 /// Changes of a line.
 #[derive(Clone, Debug, Default)]
@@ -43,11 +43,24 @@ impl Edits {
     /// Writes the line with its edits.
     pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
         let (text, block) = (line.text, line.block);
-        let mut at = 0;
+        let (mut at, mut added) = (0, false);
+        // Further words stand before what follows their place.
+        let add = |at: &mut usize, out: &mut Vec<u8>| {
+            out.extend_from_slice(&text[*at..block.end]);
+            *at = block.end;
+            for word in &self.added {
+                line.script.write_word(&NewWord::plain(*word), out);
+            }
+        };
         let mut put = |range: &Range<usize>, number: Option<Number>, out: &mut Vec<u8>| {
+            if !added && range.start >= block.end {
+                add(&mut at, out);
+                added = true;
+            }
             out.extend_from_slice(&text[at..range.start]);
             if let Some(number) = number {
-                number.write(out);
+                let has_sign = !text[range.clone()].first().is_some_and(u8::is_ascii_digit);
+                line.script.write_number(number, has_sign, out);
             }
             at = range.end;
         };
@@ -62,11 +75,10 @@ impl Edits {
                 put(range, *number, out);
             }
         }
-        out.extend_from_slice(&text[at..block.end]);
-        for word in &self.added {
-            write_word(*word, out);
+        if !added {
+            add(&mut at, out);
         }
-        out.extend_from_slice(&text[block.end..]);
+        out.extend_from_slice(&text[at..]);
     }
 
     /// What is done to the word at a place of the block.
@@ -85,13 +97,4 @@ impl Edits {
         let replaced = self.replaced.iter().rev().find(|(of, _)| *of == place);
         replaced.map(|(_, number)| (word.text.clone(), Some(*number)))
     }
-}
-
-/// Writes a word behind what is there: with a blank, unless it begins a line.
-pub(crate) fn write_word((letter, number): (u8, Number), out: &mut Vec<u8>) {
-    if !matches!(out.last(), None | Some(b'\n' | b'/')) {
-        out.push(b' ');
-    }
-    out.push(letter);
-    number.write(out);
 }

@@ -46,8 +46,9 @@ const OPERATORS: [&[(&str, Operator)]; 5] = [
     &[("**", Operator::Power)],
 ];
 
+/// What is done with two values.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Operator {
+pub(crate) enum Operator {
     And,
     Xor,
     Or,
@@ -63,6 +64,10 @@ enum Operator {
     Over,
     Modulo,
     Power,
+    /// The whole part of a quotient.
+    WholeOver,
+    /// What is left of a division, with the sign of its dividend.
+    Rest,
 }
 
 /// Reads values of a block; parameters have the values that they had before it.
@@ -308,7 +313,7 @@ impl<'p> Expressions<'p> {
     }
 }
 
-fn finite(value: f64, column: usize) -> Result<f64, Fault> {
+pub(crate) fn finite(value: f64, column: usize) -> Result<f64, Fault> {
     if value.is_finite() {
         return Ok(value);
     }
@@ -318,7 +323,7 @@ fn finite(value: f64, column: usize) -> Result<f64, Fault> {
     })
 }
 
-fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fault> {
+pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fault> {
     let truth = |truth: bool| f64::from(u8::from(truth));
     // Numbers that are computed are equal where they differ by their last digits only.
     let equal = (a - b).abs() < 1e-6;
@@ -342,6 +347,8 @@ fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fau
             if rest < 0.0 { rest + b.abs() } else { rest }
         }
         Operator::Power => a.powf(b),
+        Operator::WholeOver => (a / b).trunc(),
+        Operator::Rest => a % b,
     };
     finite(value, column)
 }

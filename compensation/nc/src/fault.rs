@@ -50,6 +50,16 @@ pub enum Fault {
         /// Its name.
         name: String,
     },
+    /// A word that may move the axes by a rule that is not followed.
+    #[error("column {column}: {found} is not followed: {why}")]
+    NotFollowed {
+        /// Counted from 1.
+        column: usize,
+        /// As it is written.
+        found: String,
+        /// What it does, or why it is not known.
+        why: &'static str,
+    },
     /// A letter twice in a block, or two codes of the same group.
     #[error("{found} stands beside {other} in one block, of which only one may")]
     Twice {

@@ -2,9 +2,10 @@
 
 use crate::{
     NcError,
-    block::{Block, Word},
+    block::{Block, Manner, Word},
     coordinates::{Axes, axis_of},
     fault::Fault,
+    modal::Modal,
 };
 
 /// Larger numbers are no coordinates of a machine tool, and lose their decimals.
@@ -63,9 +64,20 @@ impl<'a> Given<'a> {
         self.block.word(letter).is_some()
     }
 
+    /// The word of an axis.
+    pub(crate) fn word(&self, axis: usize) -> Option<&'a Word> {
+        self.block.words.get(self.places[axis]?)
+    }
+
+    /// Whether the centre of an arc along the axis of a letter is a place, not a way from its beginning.
+    pub(crate) fn centre_is_absolute(&self, letter: u8, modal: &Modal) -> bool {
+        let word = self.block.word(letter);
+        centre_is_absolute(word.map(|word| word.manner), modal)
+    }
+
     /// The value of an axis, in the unit of its word.
     pub(crate) fn axis(&self, axis: usize) -> Result<Option<f64>, NcError> {
-        let word = self.places[axis].and_then(|place| self.block.words.get(place));
+        let word = self.word(axis);
         word.map(|word| self.value_of(word)).transpose()
     }
 
@@ -108,6 +120,15 @@ impl<'a> Given<'a> {
             line: self.line,
             what: what.to_owned(),
         }
+    }
+}
+
+/// Whether the word of a centre is a place.
+pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool {
+    match manner.unwrap_or_default() {
+        Manner::Modal => modal.centre_absolute,
+        Manner::Incremental => false,
+        Manner::Absolute | Manner::Shortest => true,
     }
 }
 

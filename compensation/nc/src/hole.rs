@@ -9,6 +9,7 @@ use crate::{
     number::of_steps,
     parts::Part,
     rewrite::Rewriter,
+    script::Shape,
     words::{Number, each},
 };
 
@@ -86,6 +87,8 @@ impl Rewriter {
             words: &motion.words,
             others: &[],
             feed: None,
+            shape: Shape::Straight,
+            before: &[],
         };
         self.write_part(&part, line, out);
         self.carried = frame.moved_in_machine(&end, &carried);

@@ -9,8 +9,10 @@ use crate::{
     block::{Block, Parameter},
     codes::{Codes, Refusal, UnknownCode, text},
     coordinates::{Axes, Frame, name_of},
+    cycles::Cycle,
+    dialect::Dialect,
     given::{Given, whole},
-    modal::{CentrePoint, Code, FeedMode, Modal, Plane},
+    modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane},
     motion::Move,
     notes::Notes,
     parameters::Parameters,
@@ -34,6 +36,12 @@ pub(crate) struct Outcome {
     pub(crate) stores_home: Option<usize>,
     /// Compensating the radius of the tool begins or ends here (G40 to G42.1).
     pub(crate) switches_radius: bool,
+    /// Its words are machine coordinates (SUPA).
+    pub(crate) in_machine: bool,
+    /// It says the pole: along which of X and Y relative to where the tool is.
+    pub(crate) pole: Option<[bool; 2]>,
+    /// A cycle that passes on as it is.
+    pub(crate) cycle: Option<Cycle>,
 }
 
 /// State: everything that a program has set, and where its axes are.
@@ -48,6 +56,10 @@ pub(crate) struct Interpreter {
     /// The offset of each tool.
     pub(crate) tools: HashMap<u32, Axes>,
     pub(crate) notes: Notes,
+    pub(crate) dialect: Dialect,
+    /// The tool that M6 has put into the spindle, and whether the program has an M6.
+    pub(crate) in_spindle: Option<u32>,
+    pub(crate) changes_tools: bool,
     machine: Arc<Machine>,
     /// With the tool that is in the spindle; `None` on machines whose control has no centre point to move.
     tip: Option<Arc<Tip>>,
@@ -55,9 +67,18 @@ pub(crate) struct Interpreter {
 
 impl Interpreter {
     /// Before the first line of a program for a machine.
-    pub(crate) fn new(setup: &SetUp, machine: Arc<Machine>) -> Result<Self, NcError> {
+    pub(crate) fn new(
+        setup: &SetUp,
+        machine: Arc<Machine>,
+        dialect: Dialect,
+    ) -> Result<Self, NcError> {
         let (position, known) = setup.start();
-        let modal = setup.modal();
+        let mut modal = setup.modal();
+        match dialect {
+            Dialect::Siemens => modal.system = G500,
+            Dialect::Heidenhain => modal.centre_absolute = true,
+            Dialect::Rs274 => {}
+        }
         let tip = Tip::new(&machine).map(Arc::new);
         if modal.centre_point != CentrePoint::Off && tip.is_none() {
             return Err(NcError::NoCentrePoint);
@@ -70,6 +91,9 @@ impl Interpreter {
             parameters: Parameters::default(),
             tools: setup.tools(),
             notes: Notes::default(),
+            dialect,
+            in_spindle: None,
+            changes_tools: false,
             machine,
             tip,
         })
@@ -122,7 +146,7 @@ impl Interpreter {
 
     /// Executes a block that was read; `line` is counted from 1.
     pub(crate) fn execute(&mut self, block: &Block, line: usize) -> Result<Outcome, NcError> {
-        let codes = Codes::of(block).map_err(|refusal| refused(refusal, block, line))?;
+        let mut codes = Codes::of(block).map_err(|refusal| refused(refusal, block, line))?;
         let given = Given::new(block, line)?;
         let mut outcome = Outcome {
             repeats: 1,
@@ -132,7 +156,9 @@ impl Interpreter {
             ..Outcome::default()
         };
         self.switch(&codes, &given)?;
-        let uses_words = self.not_modal(&codes, &given, &mut outcome)?;
+        let mut uses_words = self.commands(&given, &mut outcome)?;
+        codes.in_machine |= outcome.in_machine;
+        uses_words |= self.not_modal(&codes, &given, &mut outcome)?;
         if !uses_words && codes.calls.is_none() {
             self.motion(&codes, &given, &mut outcome)?;
         } else if let Some(motion) = codes.motion() {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::{
+    block::Manner,
     coordinates::{Axes, LETTERS},
     line::Line,
     motion::Move,
@@ -36,6 +37,8 @@ pub(crate) enum Writes {
     Never,
     /// Where its number changes.
     IfChanged,
+    /// Where it is to leave the place where it stands: in a line of its own, which has no word yet.
+    IfMoves,
     /// Whatever its number is, if the block has it: the motion is in parts.
     Anew,
     /// Also if the block does not have it.
@@ -91,6 +94,7 @@ impl Rewriter {
                 continue;
             }
             let written = match word {
+                _ if writes == Writes::IfMoves => None,
                 Some(word) => Some(Written {
                     decimals: word.decimals.unwrap_or(0),
                     anew: writes != Writes::IfChanged,
@@ -117,6 +121,7 @@ impl Rewriter {
         let modal = &self.interpreter.modal;
         let decimals = self.decimals.of(axis, modal.unit_mm);
         let incremental = leg.motion.incremental[axis];
+        let manner = leg.line.manner(leg.motion.words[axis]);
         let known = self.interpreter.known[axis];
         let corrects = self.corrects(axis);
         let mut delta = match corrects {
@@ -143,6 +148,7 @@ impl Rewriter {
             scale: modal.scale(axis),
             decimals,
             incremental,
+            in_one_turn: manner == Manner::Shortest,
             written,
             may_be_added: known && corrects,
         }

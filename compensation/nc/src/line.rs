@@ -1,6 +1,9 @@
 //! A line of a program: its text, and the block that was read from it.
 
-use crate::block::{Block, Word};
+use crate::{
+    block::{Block, Manner, Word},
+    script::Script,
+};
 
 /// A line that is compensated.
 #[derive(Clone, Copy, Debug)]
@@ -12,12 +15,31 @@ pub(crate) struct Line<'a> {
     pub(crate) more: &'static [u8],
     /// Counted from 1.
     pub(crate) number: usize,
+    pub(crate) script: Script,
 }
 
 impl<'a> Line<'a> {
     /// The word at a place of the block.
     pub(crate) fn word(self, place: Option<usize>) -> Option<&'a Word> {
         self.block.words.get(place?)
+    }
+
+    /// What a further word is that stands for the same as the one at a place of the block.
+    pub(crate) fn manner(self, place: Option<usize>) -> Manner {
+        self.word(place).map_or(Manner::Modal, |word| word.manner)
+    }
+
+    /// How an arc turns, where its line says that behind its coordinates: with a blank before it.
+    pub(crate) fn direction(self) -> &'static [u8] {
+        if !self.script.is_heidenhain() {
+            return b"";
+        }
+        let is_clockwise = |word: &Word| word.letter == b'G' && word.value == Some(2.0);
+        if self.block.words.iter().any(is_clockwise) {
+            b" DR-"
+        } else {
+            b" DR+"
+        }
     }
 
     /// The place of the first word with this letter.

@@ -3,12 +3,18 @@
 use std::sync::Arc;
 
 use crate::{
-    coordinates::{Axes, Frame},
+    coordinates::{Axes, Frame, turned},
+    cycles::Cycle,
     tip::{Tip, TipFrame},
 };
 
-/// The work offsets of G54 to G59.3.
-pub(crate) const SYSTEMS: usize = 9;
+/// The work offsets of RS-274: G54 to G59.3. The first four are those of SINUMERIK, too.
+pub(crate) const RS274_SYSTEMS: usize = 9;
+/// Behind them those that SINUMERIK has: G505 to G599, and G500.
+pub(crate) const G505: usize = RS274_SYSTEMS;
+pub(crate) const G500: usize = G505 + 95;
+/// All of them.
+pub(crate) const SYSTEMS: usize = G500 + 1;
 
 /// A G or M code in tenths: 431 is G43.1.
 pub(crate) type Code = u16;
@@ -70,6 +76,22 @@ pub(crate) struct WorkOffset {
     pub(crate) rotation_deg: f64,
 }
 
+/// What a program shifts and turns its coordinates by, besides the work offset: what is last is nearest to the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Programmed {
+    pub(crate) by: Axes,
+    pub(crate) angle_deg: f64,
+}
+
+impl Programmed {
+    /// Shifts the coordinates by a way in those that hold.
+    pub(crate) fn shift(&mut self, by: &Axes) {
+        for (sum, by) in self.by.iter_mut().zip(turned(by, self.angle_deg)) {
+            *sum += by;
+        }
+    }
+}
+
 /// What is kept of a canned cycle from hole to hole, in the coordinates of the program, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sticky {
@@ -107,6 +129,18 @@ pub(crate) struct Modal {
     pub(crate) centre_point: CentrePoint,
     /// The rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
+    /// TRANS and ROT.
+    pub(crate) programmed: Programmed,
+    /// The centre of arcs and polar coordinates, where a block of its own says it: a place in X and Y.
+    pub(crate) pole: Option<[f64; 2]>,
+    /// Rotary axes go the shorter way (M126).
+    pub(crate) shorter: bool,
+    /// The block goes on in the next line.
+    pub(crate) goes_on: bool,
+    /// The cycle that is done where one is called.
+    pub(crate) defined: Option<Cycle>,
+    /// A cycle that is done behind each motion.
+    pub(crate) each_motion: Option<Cycle>,
     /// The radius of the tool is compensated: 410 or 420.
     pub(crate) radius: Option<Code>,
     /// A cycle comes back to where it began, not to its clearance plane.
@@ -135,6 +169,12 @@ impl Default for Modal {
             tool_offset: [0.0; 9],
             centre_point: CentrePoint::Off,
             rotation: None,
+            programmed: Programmed::default(),
+            pole: None,
+            shorter: false,
+            goes_on: false,
+            defined: None,
+            each_motion: None,
             radius: None,
             comes_back: true,
             sticky: Sticky::default(),
@@ -149,11 +189,16 @@ impl Modal {
     pub(crate) fn frame(&self, tip: Option<&Arc<Tip>>) -> Frame {
         let work = &self.offsets[self.system.min(SYSTEMS - 1)];
         let (rotation_deg, centre) = self.rotation.unwrap_or((work.rotation_deg, [0.0; 2]));
+        let mut work = work.offset;
+        let Programmed { by, angle_deg } = &self.programmed;
+        for (work, by) in work.iter_mut().zip(turned(by, rotation_deg)) {
+            *work += by;
+        }
         Frame {
-            work: work.offset,
+            work,
             shift: if self.shifted { self.shift } else { [0.0; 9] },
             tool: self.tool_offset,
-            rotation_deg,
+            rotation_deg: rotation_deg + angle_deg,
             centre,
             tip: tip
                 .filter(|_| self.centre_point != CentrePoint::Off)

@@ -2,14 +2,20 @@
 
 use crate::{
     NcError,
+    block::{Manner, POLAR},
     codes::{Codes, text},
-    coordinates::Axes,
+    coordinates::{Axes, is_rotary},
+    dialect::Dialect,
     given::{Given, whole},
     interpret::{Interpreter, Outcome},
-    modal::{Code, Sticky},
+    modal::{CentrePoint, Code, Sticky},
     motion::{Arc, Move, Path},
     notes::Note,
+    words::each,
 };
+
+/// A rotary axis that goes the shorter way and is this near to half a turn, deg, might go the other way round with its correction.
+const HALF_TURN_DEG: f64 = 0.5;
 
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
@@ -26,13 +32,14 @@ impl Interpreter {
         given: &Given<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        if given.has(b'@') || given.has(b'^') {
+        let polar = POLAR.into_iter().any(|letter| given.has(letter));
+        if polar && self.dialect != Dialect::Heidenhain {
             return Err(given.refused("polar coordinates (@ and ^)"));
         }
         if let Some(code) = codes.motion() {
             self.set_motion(code);
         }
-        let has_words = given.names_axes();
+        let has_words = given.names_axes() || polar;
         let Some(code) = self.modal.motion else {
             if has_words {
                 return Err(given.refused("axis words without a motion that takes them"));
@@ -57,19 +64,35 @@ impl Interpreter {
                 Path::Other
             }
         };
-        let incremental = !self.modal.absolute && !codes.in_machine;
+        let manner = |axis: usize| given.word(axis).map_or(Manner::Modal, |word| word.manner);
+        let incremental: Axes<bool> = each(|axis| match manner(axis) {
+            Manner::Modal => !self.modal.absolute && !codes.in_machine,
+            Manner::Incremental => true,
+            Manner::Absolute | Manner::Shortest => false,
+        });
         let mut motion = Move {
             path,
             from: self.position,
-            to: self.end(given, codes.in_machine, incremental)?,
+            to: self.end(given, codes.in_machine, &incremental)?,
             words: given.places,
-            incremental: [incremental; 9],
+            incremental,
             in_machine: codes.in_machine,
+            polar,
+            wraps: [0.0; 9],
         };
+        for axis in 0..9 {
+            let shorter = self.modal.shorter && is_rotary(axis) && motion.words[axis].is_some();
+            if manner(axis) == Manner::Shortest || shorter && !motion.incremental[axis] {
+                self.goes_shorter(axis, &mut motion, given)?;
+            }
+        }
         if matches!(code, 20 | 30) {
             motion.path = Path::Arc(self.arc(code, given, &motion.to)?);
         } else if (730..=890).contains(&code) {
             self.hole(given, &mut motion, outcome)?;
+        }
+        if polar {
+            self.knows_polar(given);
         }
         // Where a probing move ends is only known at the machine.
         let is_probe = (380..=389).contains(&code);
@@ -81,12 +104,61 @@ impl Interpreter {
         if code != 331 {
             self.position = motion.to;
         }
+        if codes.in_machine && self.dialect != Dialect::Rs274 {
+            self.suppresses(&motion, given)?;
+        }
         outcome.motion = Some(motion);
         Ok(())
     }
 
+    /// A rotary axis goes to its place by the shorter way: it begins at the number from which that leads there.
+    fn goes_shorter(
+        &self,
+        axis: usize,
+        motion: &mut Move,
+        given: &Given<'_>,
+    ) -> Result<(), NcError> {
+        if !is_rotary(axis) {
+            return Err(given.refused("the shorter way (DC) of an axis that does not turn"));
+        }
+        let way = motion.to[axis] - motion.from[axis];
+        let turns = 360.0 * (way / 360.0).round();
+        if self.known[axis] && (way - turns).abs() > 180.0 - HALF_TURN_DEG {
+            return Err(given.refused(
+                "half a turn by the shorter way (DC, M126), which its correction would turn round",
+            ));
+        }
+        motion.from[axis] += turns;
+        motion.wraps[axis] = turns;
+        Ok(())
+    }
+
+    /// Machine coordinates at a SINUMERIK control (G53, G153, SUPA) and at a HEIDENHAIN control (M91): whether the length of the tool counts there is a setting of the
+    /// control.
+    fn suppresses(&mut self, motion: &Move, given: &Given<'_>) -> Result<(), NcError> {
+        if motion.incremental.contains(&true) || !self.modal.absolute {
+            return Err(given.refused("machine coordinates (G53, G153, SUPA, M91) that are ways"));
+        }
+        if self.modal.centre_point != CentrePoint::Off {
+            return Err(given.refused(
+                "machine coordinates (G53, G153, SUPA, M91) while TRAORI or M128 is on: switch it off before",
+            ));
+        }
+        for axis in 0..9 {
+            if motion.words[axis].is_some() && self.modal.tool_offset[axis] != 0.0 {
+                self.known[axis] = false;
+            }
+        }
+        Ok(())
+    }
+
     /// Where the words of a motion lead, in the coordinates of the machine.
-    fn end(&self, given: &Given<'_>, in_machine: bool, incremental: bool) -> Result<Axes, NcError> {
+    fn end(
+        &self,
+        given: &Given<'_>,
+        in_machine: bool,
+        incremental: &Axes<bool>,
+    ) -> Result<Axes, NcError> {
         if in_machine {
             let mut end = self.position;
             for (axis, value) in given.axes()? {
@@ -96,9 +168,13 @@ impl Interpreter {
         }
         let before = self.program_position();
         let mut end = before;
+        let polar = self.polar_end(given, &before)?;
+        if let Some(at) = polar {
+            end[..2].copy_from_slice(&at);
+        }
         for (axis, value) in given.axes()? {
             let value = value * self.modal.scale(axis);
-            end[axis] = if incremental {
+            end[axis] = if incremental[axis] {
                 before[axis] + value
             } else {
                 value
@@ -109,7 +185,8 @@ impl Interpreter {
         let words = &given.places;
         let turns = self.frame.rotation_deg != 0.0 && (words[0].is_some() || words[1].is_some());
         Ok(std::array::from_fn(|axis| {
-            let goes_along = axis < 2 && turns || axis < 3 && self.frame.tip.is_some();
+            let goes_along =
+                axis < 2 && (turns || polar.is_some()) || axis < 3 && self.frame.tip.is_some();
             if words[axis].is_some() || goes_along {
                 to[axis]
             } else {
@@ -140,12 +217,15 @@ impl Interpreter {
                 centre_of(start, end, radius, clockwise).map_err(|what| given.refused(what))?,
                 true,
             ),
+            (None, [None, None]) if self.modal.pole.is_some() => {
+                (self.modal.pole.unwrap_or_default(), false)
+            }
             (None, [None, None]) => {
                 return Err(given.refused("an arc without a centre and without a radius R"));
             }
             (None, ways) => {
                 let centre = std::array::from_fn(|i| {
-                    let base = if self.modal.centre_absolute {
+                    let base = if given.centre_is_absolute(letters[i], &self.modal) {
                         0.0
                     } else {
                         start[i]

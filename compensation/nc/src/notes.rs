@@ -8,6 +8,10 @@ use std::{collections::BTreeMap, fmt};
 pub enum Note {
     /// The tool with this number has no length in the set-up: zero was taken.
     NoToolLength(u32),
+    /// A tool that has a name: its length was taken as zero.
+    NamedTool,
+    /// An arc gets the coordinate of an axis that is not of its plane.
+    Superposed,
     /// A motion of this code passes on as it is.
     PassedOn(String),
     /// The place of G28.1 or G30.1 is not known, since the axes were not all named before.
@@ -31,6 +35,14 @@ impl fmt::Display for Note {
             Self::NoToolLength(tool) => write!(
                 f,
                 "the length of tool {tool} is not in the set-up: zero was taken"
+            ),
+            Self::NamedTool => write!(
+                f,
+                "the set-up has tools by their numbers only: the length of the tool that is taken here was taken as zero"
+            ),
+            Self::Superposed => write!(
+                f,
+                "arcs get a coordinate beside those of their plane (a straight motion on top of the arc), which older controls may not take"
             ),
             Self::PassedOn(code) => write!(f, "motions of {code} pass on without a correction"),
             Self::HomeUnknown => write!(

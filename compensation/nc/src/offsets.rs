@@ -6,7 +6,7 @@ use crate::{
     codes::Codes,
     given::Given,
     interpret::{Interpreter, Outcome},
-    modal::{Code, Plane, SYSTEMS},
+    modal::{Code, Plane, RS274_SYSTEMS},
     motion::{Move, Path},
     notes::Note,
 };
@@ -119,7 +119,7 @@ impl Interpreter {
             Some(2 | 20) => {
                 let system = match place {
                     Some(0) | None => self.modal.system,
-                    Some(system) if system as usize <= SYSTEMS => system as usize - 1,
+                    Some(system) if system as usize <= RS274_SYSTEMS => system as usize - 1,
                     Some(_) => {
                         return Err(given.refused("G10 with a P that is no work offset, 1 to 9"));
                     }
@@ -192,6 +192,8 @@ impl Interpreter {
             },
             incremental: [false; 9],
             in_machine: true,
+            polar: false,
+            wraps: [0.0; 9],
         });
         Ok(())
     }

@@ -73,6 +73,12 @@ impl Parameters {
         values.numbered.get(&number).copied().unwrap_or(Some(0.0))
     }
 
+    /// The value of a numbered parameter, if the program has set it.
+    pub(crate) fn set_number(&self, number: u32) -> Option<Value> {
+        let values = self.values(Self::is_local(number));
+        values.numbered.get(&number).copied()
+    }
+
     pub(crate) fn set_numbered(&mut self, number: u32, value: Value) {
         let values = self.values_mut(Self::is_local(number));
         values.numbered.insert(number, value);

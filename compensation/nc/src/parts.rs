@@ -1,12 +1,12 @@
 //! The lines in which a motion is written: one for each of its parts.
 
 use crate::{
-    block::{Begins, Word},
+    block::{Begins, LAST, Manner, Word},
     coordinates::{Axes, LETTERS},
-    edits::write_word,
     line::Line,
     modal::FeedMode,
     rewrite::Rewriter,
+    script::{NewWord, Shape},
     words::Number,
 };
 
@@ -21,6 +21,9 @@ pub(crate) struct Part<'a> {
     /// Words behind these in a line of its own: the circle of an arc.
     pub(crate) others: &'a [(u8, Number)],
     pub(crate) feed: Option<Number>,
+    pub(crate) shape: Shape,
+    /// A line that must stand before it, without its end: the centre of an arc.
+    pub(crate) before: &'a [u8],
 }
 
 impl Rewriter {
@@ -40,7 +43,10 @@ impl Rewriter {
         if part.share < 1.0 {
             self.ends_part(part.share);
         }
-        let stops = |word: &&Word| word.letter == b'M' && word.value.is_some_and(is_stop);
+        let script = line.script;
+        let stops = |word: &&Word| {
+            word.letter == LAST || word.letter == b'M' && word.value.is_some_and(is_stop)
+        };
         if part.place == 0 {
             for (axis, number) in part.numbers.iter().enumerate() {
                 if let Some(number) = number {
@@ -55,22 +61,43 @@ impl Rewriter {
                 let stops = words.filter(|(_, word)| stops(word));
                 self.edits.removed.extend(stops.map(|(place, _)| place));
             }
+            if !part.before.is_empty() {
+                self.counts.added += 1;
+                out.extend_from_slice(part.before);
+                out.extend_from_slice(line.more);
+            }
+            self.goes_as(part.shape, line);
             self.edits.write(line, out);
             return;
         }
         out.extend_from_slice(line.more);
-        self.begin_line(line, out);
-        for word in words_of(part.numbers, part.feed) {
-            write_word(word, out);
+        if !part.before.is_empty() {
+            self.counts.added += 1;
+            out.extend_from_slice(part.before);
+            out.extend_from_slice(line.more);
         }
-        for word in part.others {
-            write_word(*word, out);
+        self.begin_line(line, out);
+        out.extend_from_slice(script.keyword(part.shape));
+        let manners = part.words.map(|place| line.manner(place));
+        for word in words_of(part.numbers, &manners, part.feed) {
+            script.write_word(&word, out);
+        }
+        for &(letter, number) in part.others {
+            let manner = line.manner(line.place_of(letter));
+            let word = NewWord {
+                letter,
+                manner,
+                number,
+            };
+            script.write_word(&word, out);
+        }
+        if part.shape != Shape::Straight {
+            out.extend_from_slice(line.direction());
         }
         if part.share == 1.0 {
             for word in line.block.words.iter().filter(stops) {
-                if let Some(number) = word.value.and_then(|code| Number::nearest(code, 0)) {
-                    write_word((b'M', number), out);
-                }
+                out.push(b' ');
+                out.extend_from_slice(&line.text[word.at..word.text.end]);
             }
         }
     }
@@ -78,7 +105,7 @@ impl Rewriter {
     /// A line is added.
     pub(crate) fn begin_line(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
         if line.block.begins == Begins::Slash {
-            out.push(b'/');
+            out.extend_from_slice(&line.text[line.block.skip.clone()]);
         }
         self.counts.added += 1;
     }
@@ -94,11 +121,18 @@ impl Rewriter {
 /// The words of axes, and F behind them.
 pub(crate) fn words_of(
     numbers: &Axes<Option<Number>>,
+    manners: &Axes<Manner>,
     feed: Option<Number>,
-) -> impl Iterator<Item = (u8, Number)> {
-    let numbers = LETTERS.into_iter().zip(*numbers);
-    let numbers = numbers.filter_map(|(letter, number)| Some((letter, number?)));
-    numbers.chain(feed.map(|feed| (b'F', feed)))
+) -> impl Iterator<Item = NewWord> {
+    let words = LETTERS.into_iter().zip(*manners).zip(*numbers);
+    let words = words.filter_map(|((letter, manner), number)| {
+        Some(NewWord {
+            letter,
+            manner,
+            number: number?,
+        })
+    });
+    words.chain(feed.map(|feed| NewWord::plain((b'F', feed))))
 }
 
 /// Whether an M code stops the program once the motion of its block has ended.

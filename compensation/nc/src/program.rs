@@ -5,6 +5,7 @@ use std::io::{BufRead, Read, Write};
 use crate::{
     Counts, Decimals, NcError, Notes,
     correction::Corrector,
+    dialect::Dialect,
     flow::{OLine, o_line, program_line},
     rewrite::Rewriter,
     rounding::Strategy,
@@ -39,6 +40,8 @@ pub struct Job<'a> {
     pub corrector: &'a Corrector,
     /// What the program relies on and does not say itself.
     pub setup: &'a SetUp,
+    /// The language of the program.
+    pub dialect: Dialect,
     /// How coordinates are written.
     pub decimals: Decimals,
     /// How the numbers of split lines are rounded.
@@ -56,6 +59,7 @@ impl<'a> Job<'a> {
         Self {
             corrector,
             setup,
+            dialect: Dialect::Rs274,
             decimals: Decimals::default(),
             strategy: Strategy::Plain,
             most_blocks: 10_000_000,
@@ -77,7 +81,7 @@ pub fn compensate(
     job: Job<'_>,
     seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
-    let mut rewriter = Rewriter::new(job.setup, job.corrector.clone(), job.decimals)?;
+    let mut rewriter = Rewriter::new(job.setup, job.corrector.clone(), job.decimals, job.dialect)?;
     rewriter.strategy = job.strategy;
     rewriter.shares = job.keep_shares.then(Vec::new);
     execute(input, output, rewriter, job.most_blocks, seen)
@@ -103,7 +107,8 @@ pub(crate) fn execute(
         }
         let (line, end) = text.split_at(length_of(&text));
         if ended {
-            output.write_all(&text)?;
+            rewriter.after_end(&text, &mut out);
+            output.write_all(&out)?;
             continue;
         }
         if let Some(column) = line.iter().position(|byte| *byte == 0) {
@@ -113,15 +118,16 @@ pub(crate) fn execute(
                 byte: 0,
             });
         }
-        let is_followed = match o_line(line) {
-            Some(OLine::Program(_)) => {
-                rewriter.counts.lines += 1;
-                output.write_all(&text)?;
-                continue;
-            }
-            Some(_) => true,
-            None => program_line(line).is_some(),
-        };
+        let is_followed = rewriter.dialect() == Dialect::Rs274
+            && match o_line(line) {
+                Some(OLine::Program(_)) => {
+                    rewriter.counts.lines += 1;
+                    output.write_all(&text)?;
+                    continue;
+                }
+                Some(_) => true,
+                None => program_line(line).is_some(),
+            };
         if is_followed {
             // From here on lines are executed in another order than they stand.
             let rest = read_rest(input, text, number)?;

@@ -10,8 +10,9 @@ use crate::{
     block::{Begins, Block, Parameter},
     coordinates::{Axes, LETTERS},
     correction::{Corrector, Seen},
+    dialect::Dialect,
     edits::Edits,
-    expression::Expressions,
+    heidenhain::{block_number, renumber},
     interpret::{Interpreter, Outcome},
     line::Line,
     motion::{Move, Path},
@@ -19,6 +20,7 @@ use crate::{
     number::of_steps,
     parameters::Parameters,
     rounding::Strategy,
+    script::Script,
     setup::SetUp,
     verify::Made,
     words::{Decimals, Number},
@@ -80,6 +82,10 @@ pub(crate) struct Rewriter {
     /// What of it is in the places of G28 and G30.
     carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
+    /// The pole that the control has, in the coordinates of the program, mm.
+    pub(crate) pole: Option<[f64; 2]>,
+    /// Numbers have decimal commas.
+    comma: bool,
     pub(crate) computed: Computed,
     /// Lines end with a carriage return, too.
     crlf: bool,
@@ -97,9 +103,11 @@ impl Rewriter {
         setup: &SetUp,
         corrector: Corrector,
         decimals: Decimals,
+        dialect: Dialect,
     ) -> Result<Self, NcError> {
+        let machine = Arc::clone(corrector.machine());
         Ok(Self {
-            interpreter: Interpreter::new(setup, Arc::clone(corrector.machine()))?,
+            interpreter: Interpreter::new(setup, machine, dialect)?,
             corrector,
             seen: Seen::default(),
             decimals,
@@ -110,6 +118,8 @@ impl Rewriter {
             carried_at_initial: None,
             carried_at_home: [[0.0; 9]; 2],
             contour: Contour::None,
+            pole: None,
+            comma: false,
             computed: Computed::Kept,
             crlf: false,
             counts: Counts::default(),
@@ -118,6 +128,11 @@ impl Rewriter {
             block: Block::default(),
             edits: Edits::default(),
         })
+    }
+
+    /// The language of the program.
+    pub(crate) fn dialect(&self) -> Dialect {
+        self.interpreter.dialect
     }
 
     /// Whether the line that was read last is a percent sign.
@@ -139,28 +154,47 @@ impl Rewriter {
         if !end.is_empty() {
             self.crlf = end.len() == 2;
         }
-        let expressions = Expressions::new(&self.interpreter);
-        let read = block.read(text, &expressions);
-        let reads_correction = self.carries(&expressions.axes_read())
-            || self.computed != Computed::Kept && expressions.has_read_returned();
-        let ends = match read {
-            Ok(()) => {
+        let dialect = self.dialect();
+        let (begins, added) = (out.len(), self.counts.added);
+        let ends = match dialect.read(&mut block, text, number, &self.interpreter) {
+            Ok(reads) => {
+                let reads_correction =
+                    self.carries(&reads.axes) || self.computed != Computed::Kept && reads.returned;
+                self.comma = block.comma.unwrap_or(self.comma);
                 let block = &block;
                 let line = Line {
                     block,
                     text,
                     more: if self.crlf { b"\r\n" } else { b"\n" },
                     number,
+                    script: Script {
+                        dialect,
+                        comma: self.comma,
+                    },
                 };
                 self.block(line, reads_correction, out)
             }
-            Err(fault) => Err(NcError::Block {
-                line: number,
-                fault,
-            }),
+            Err(error) => Err(error),
         };
+        if let Some((place, number)) = &block.number
+            && self.counts.added > 0
+        {
+            renumber(out, begins, place.start, number + added);
+        }
         self.block = block;
         ends
+    }
+
+    /// A line behind the end of the program, with its end: only the number of its block may change.
+    pub(crate) fn after_end(&self, text: &[u8], out: &mut Vec<u8>) {
+        out.clear();
+        out.extend_from_slice(text);
+        if self.dialect() == Dialect::Heidenhain
+            && self.counts.added > 0
+            && let Some((place, number)) = block_number(text)
+        {
+            renumber(out, 0, place.start, number + self.counts.added);
+        }
     }
 
     fn block(
@@ -186,9 +220,14 @@ impl Rewriter {
         }
         self.contour = match self.interpreter.modal.radius {
             _ if outcome.switches_radius => Contour::Switches,
+            // Each end of a motion would be drilled.
+            _ if self.interpreter.modal.each_motion.is_some() => Contour::Switches,
             Some(_) => Contour::Follows,
             None => Contour::None,
         };
+        if let Some(relative) = outcome.pole {
+            self.takes_pole(relative);
+        }
         self.edits.clear();
         if self.computed == Computed::Written || reads_correction {
             self.write_values(line.block, reads_correction);
@@ -202,6 +241,7 @@ impl Rewriter {
         } else if let Some(words) = &outcome.presets {
             self.presets(words, line);
         }
+        self.after_cycles(&outcome, line)?;
         // A motion that is corrected has written its lines.
         if out.len() == length {
             self.edits.write(line, out);
@@ -311,6 +351,7 @@ impl Rewriter {
         out: &mut Vec<u8>,
     ) -> Result<(), NcError> {
         self.note_axes(motion, line);
+        self.corrector.wraps(&motion.wraps);
         match motion.path {
             _ if motion.in_machine => self.is_uncorrected(motion),
             Path::Other | Path::Home(_) => self.is_uncorrected(motion),

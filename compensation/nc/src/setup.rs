@@ -6,16 +6,23 @@ use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
     coordinates::{Axes, axis_of},
-    modal::{CentrePoint, Modal, SYSTEMS, WorkOffset},
+    modal::{CentrePoint, G500, G505, Modal, RS274_SYSTEMS, SYSTEMS, WorkOffset},
 };
 
-/// The names of the work offsets.
-pub(crate) const NAMES: [&str; SYSTEMS] = [
-    "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
-];
+/// The name of a work offset.
+pub(crate) fn name_of_offset(system: usize) -> String {
+    const NAMES: [&str; RS274_SYSTEMS] = [
+        "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
+    ];
+    match NAMES.get(system) {
+        Some(name) => (*name).to_owned(),
+        None if system == G500 => "G500".to_owned(),
+        None => format!("G{}", 505 + system - G505),
+    }
+}
 
 /// What a program relies on and does not say itself. Lengths are mm, angles deg; what is not given is zero.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
     offsets: [WorkOffset; SYSTEMS],
     /// Which of them it states.
@@ -25,6 +32,20 @@ pub struct SetUp {
     start: Option<(Axes, Axes<bool>)>,
     inch: bool,
     centre_point: bool,
+}
+
+impl Default for SetUp {
+    fn default() -> Self {
+        Self {
+            offsets: [WorkOffset::default(); SYSTEMS],
+            stated: [false; SYSTEMS],
+            tools: BTreeMap::new(),
+            homes: [[0.0; 9]; 2],
+            start: None,
+            inch: false,
+            centre_point: false,
+        }
+    }
 }
 
 impl SetUp {
@@ -50,8 +71,10 @@ impl SetUp {
                 setup.centre_point = on.truth()?;
             }
             if let Some(offsets) = root.section("work_offset")? {
-                offsets.allow(&NAMES)?;
-                for (place, name) in NAMES.iter().enumerate() {
+                let names: Vec<String> = (0..SYSTEMS).map(name_of_offset).collect();
+                let allowed: Vec<&str> = names.iter().map(String::as_str).collect();
+                offsets.allow(&allowed)?;
+                for (place, name) in names.iter().enumerate() {
                     let Some(offset) = offsets.section(name)? else {
                         continue;
                     };

@@ -6,7 +6,9 @@ use crate::{
     line::Line,
     motion::Move,
     parts::Part,
+    polar::polar_writes,
     rewrite::{Contour, Rewriter},
+    script::Shape,
     words::{between, each},
 };
 
@@ -183,6 +185,12 @@ impl Rewriter {
         if !turns_on_the_way {
             self.corrector.goes(&motion.to);
         }
+        let keeps_polar = motion.polar && !splits && self.keeps_polar(&[from, end], &carried);
+        let shape = if keeps_polar {
+            Shape::AsItIs
+        } else {
+            Shape::Straight
+        };
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
@@ -209,10 +217,11 @@ impl Rewriter {
             };
             let writes = each(|axis| {
                 let is_new = place == 0 || motion.incremental[axis] || to[axis] != before[axis];
-                if splits && is_new {
-                    Writes::Anew
-                } else {
-                    Writes::IfChanged
+                match splits {
+                    _ if motion.polar && axis < 2 => polar_writes(keeps_polar),
+                    true if is_new => Writes::Anew,
+                    true => Writes::IfMoves,
+                    false => Writes::IfChanged,
                 }
             });
             let leg = Leg {
@@ -226,6 +235,9 @@ impl Rewriter {
                 rounded: together.as_ref().map(|deltas| deltas[place]),
             };
             let words = self.words_to(&leg, &mut carried);
+            if keeps_polar {
+                carried[..2].fill(0.0);
+            }
             if place > 0 && share == passed && words.numbers.iter().all(Option::is_none) {
                 // There is nothing to take up.
                 continue;
@@ -238,6 +250,8 @@ impl Rewriter {
                 words: &motion.words,
                 others: &[],
                 feed,
+                shape,
+                before: &[],
             };
             self.write_part(&part, line, out);
             (before, passed) = (to, share);

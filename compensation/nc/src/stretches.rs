@@ -200,23 +200,30 @@ impl Rewriter {
             return false;
         };
         // The box of all places of the part, and how far the correction may be from a straight one within it.
-        let [mut low, mut high] = [start.0; 2];
-        for (_, (at, _)) in &places {
-            low = each(|axis| low[axis].min(at[axis]));
-            high = each(|axis| high[axis].max(at[axis]));
-        }
+        let frame = &self.interpreter.frame;
         let (radius, _) = arc.start(from);
         let bulge = radius * (1.0 - (0.5 * turns / count).cos());
-        for axis in [first, second] {
-            low[axis] -= bulge;
-            high[axis] += bulge;
-        }
-        let frame = &self.interpreter.frame;
-        let curved = self.corrector.bound_mm(
-            &frame.to_machine(&low),
-            &frame.to_machine(&high),
-            self.bulge_mm(&low, &high),
-        );
+        let boxed = |turned: bool, of: &dyn Fn(&Axes) -> Axes| {
+            let [mut low, mut high] = [of(&start.0); 2];
+            for (_, (at, _)) in &places {
+                let at = of(at);
+                low = each(|axis| low[axis].min(at[axis]));
+                high = each(|axis| high[axis].max(at[axis]));
+            }
+            for axis in 0..3 {
+                if turned || axis == first || axis == second {
+                    low[axis] -= bulge;
+                    high[axis] += bulge;
+                }
+            }
+            (low, high)
+        };
+        let (low, high) = boxed(false, &|at| *at);
+        let bulge_mm = self.bulge_mm(&low, &high);
+        // The corners of a turned box are not those of the box about the turned arc.
+        let turned = frame.rotation_deg != 0.0 || frame.tip.is_some();
+        let (low, high) = boxed(turned, &|at| frame.to_machine(at));
+        let curved = self.corrector.bound_mm(&low, &high, bulge_mm);
         if 2.0 * curved > tolerance {
             return false;
         }

@@ -14,6 +14,7 @@ use crate::{
     Decimals, NcError,
     coordinates::{Axes, Frame},
     correction::Corrector,
+    dialect::Dialect,
     inspect::{Collector, Inspected},
     motion::{Move, Path, half_deep},
     part_file::Part,
@@ -123,6 +124,8 @@ pub struct Virtual<'a> {
     pub setup: &'a SetUp,
     /// Blocks that are executed at the most.
     pub most_blocks: u64,
+    /// The language of the programs.
+    pub dialect: Dialect,
     /// The part whose features are to be inspected.
     pub part: Option<&'a Part>,
 }
@@ -170,8 +173,24 @@ fn compare(
         let (to_result, results) = sync_channel(WAITING);
         let ideal = &ideal;
         let runs = [
-            scope.spawn(move || motions(original, ideal, of.setup, of.most_blocks, to_original)),
-            scope.spawn(move || motions(result, ideal, of.setup, of.most_blocks, to_result)),
+            scope.spawn(move || {
+                motions(
+                    original,
+                    ideal,
+                    of.setup,
+                    (of.dialect, of.most_blocks),
+                    to_original,
+                )
+            }),
+            scope.spawn(move || {
+                motions(
+                    result,
+                    ideal,
+                    of.setup,
+                    (of.dialect, of.most_blocks),
+                    to_result,
+                )
+            }),
         ];
         let compared = Comparison::new(truth, of.part).all(&originals, &results, shares);
         // Whoever still sends is told that nobody listens.
@@ -197,10 +216,10 @@ pub(crate) fn motions(
     program: &mut impl BufRead,
     ideal: &Corrector,
     setup: &SetUp,
-    most_blocks: u64,
+    (dialect, most_blocks): (Dialect, u64),
     to: SyncSender<Made>,
 ) -> Result<(), NcError> {
-    let mut rewriter = Rewriter::new(setup, ideal.clone(), Decimals::default())?;
+    let mut rewriter = Rewriter::new(setup, ideal.clone(), Decimals::default(), dialect)?;
     rewriter.tells = Some(to);
     execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
     Ok(())
@@ -281,6 +300,7 @@ impl Comparison {
     ) -> Result<Verification, NcError> {
         while let Ok(original) = originals.recv() {
             self.truth.take_tool(&original.tool)?;
+            self.truth.wraps(&original.motion.wraps);
             let mut passed = 0.0;
             while passed < 1.0 {
                 let (Ok(result), Some(share)) = (results.recv(), shares.next()) else {

@@ -72,6 +72,19 @@ impl Number {
         Some(number)
     }
 
+    /// The same place of an axis that turns, from 0 to less than 360.
+    pub(crate) fn in_one_turn(self) -> Option<Self> {
+        let turn = steps(360.0, self.decimals)?;
+        Some(Self {
+            steps: self.steps.rem_euclid(turn),
+            ..self
+        })
+    }
+
+    pub(crate) fn is_negative(self) -> bool {
+        self.steps < 0
+    }
+
     pub(crate) fn value(self) -> f64 {
         of_steps(self.steps, self.decimals)
     }
@@ -95,6 +108,8 @@ pub(crate) struct OnItsWay {
     pub(crate) scale: f64,
     pub(crate) decimals: u8,
     pub(crate) incremental: bool,
+    /// Its word is a place within one turn.
+    pub(crate) in_one_turn: bool,
     pub(crate) written: Option<Written>,
     /// A word may be added for it.
     pub(crate) may_be_added: bool,
@@ -134,6 +149,10 @@ impl OnItsWay {
         let decimals = self.decimals.max(written.decimals);
         let number = Number::nearest(wanted / self.scale, decimals);
         let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+        let number = match number {
+            Some(number) if self.in_one_turn => number.in_one_turn(),
+            _ => number,
+        };
         (number, carried)
     }
 }

@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Job, SetUp, compensate};
+use volcomp_nc::{Corrector, Dialect, Job, SetUp, compensate};
 
 const TRAVELS: &str = "structure = \"w X' b Y Z t\"
 axes.X.travel = [-500.0, 500.0]
@@ -25,15 +25,17 @@ thread_local! {
 
 fuzz_target!(|program: &[u8]| {
     CORRECTORS.with(|[plain, worn]| {
-        let run = |corrector: &Corrector| {
-            let mut out = Vec::new();
-            let setup = SetUp::default();
-            let job = Job { most_blocks: 20_000, ..Job::new(corrector, &setup) };
-            compensate(&mut &program[..], &mut out, job, |_| Ok(())).map(|_| out)
-        };
-        if let Ok(same) = run(plain) {
-            assert_eq!(same, program);
-            let _ = run(worn);
+        for dialect in [Dialect::Rs274, Dialect::Siemens, Dialect::Heidenhain] {
+            let run = |corrector: &Corrector| {
+                let mut out = Vec::new();
+                let setup = SetUp::default();
+                let job = Job { dialect, most_blocks: 20_000, ..Job::new(corrector, &setup) };
+                compensate(&mut &program[..], &mut out, job, |_| Ok(())).map(|_| out)
+            };
+            if let Ok(same) = run(plain) {
+                assert_eq!(same, program);
+                let _ = run(worn);
+            }
         }
     });
 });

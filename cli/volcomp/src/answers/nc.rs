@@ -8,6 +8,8 @@ use serde::Serialize;
 pub(crate) struct Nc {
     /// The file that was written.
     pub(crate) file: String,
+    /// The language of the program: `rs274`, `siemens` or `heidenhain`.
+    pub(crate) dialect: String,
     /// Lines of the program that were read.
     pub(crate) lines: u64,
     /// Motions in them.

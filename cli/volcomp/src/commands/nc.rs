@@ -9,7 +9,8 @@ use std::{
 
 use volcomp_document::read_text;
 use volcomp_nc::{
-    Average, Corrector, Decimals, Job, NcError, SetUp, Strategy, Summary, average, compensate,
+    Average, Corrector, Decimals, Dialect, Job, NcError, SetUp, Strategy, Summary, average,
+    compensate,
 };
 
 use super::{Answer, machine_notes, nc_part, nc_verified, nc_verified::OnTruth};
@@ -23,7 +24,7 @@ use crate::{
 
 /// An NC program in, the same program with the correction in its coordinates out
 ///
-/// RS-274 as LinuxCNC and FANUC controls read it. Every byte that is no changed coordinate comes out as it went in. A line is
+/// RS-274 as LinuxCNC and FANUC controls read it, the language of SINUMERIK controls, or the conversational one of HEIDENHAIN controls. Every byte that is no changed coordinate comes out as it went in. A line is
 /// split only where the correction bends by more than the tolerance; arcs stay arcs where the corrected circle fits.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -38,6 +39,10 @@ pub(crate) struct Arguments {
     /// it is taken as zero
     #[arg(long, value_name = "FILE")]
     setup: Option<PathBuf>,
+    /// The language of the program; by default by the end of its name: siemens for .mpf and .spf, heidenhain for .h, otherwise
+    /// rs274
+    #[arg(long, value_enum)]
+    dialect: Option<Language>,
     /// How far a motion may be from where it belongs before it is split, µm
     #[arg(long, value_name = "UM", default_value_t = 1.0)]
     pub(super) tolerance: f64,
@@ -67,6 +72,25 @@ pub(crate) struct Arguments {
     /// A picture of the path and of the deviations, a thousandfold (SVG)
     #[arg(long, value_name = "FILE", requires = "verify")]
     pub(super) picture: Option<PathBuf>,
+}
+
+/// The language of a program.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Language {
+    Rs274,
+    Siemens,
+    Heidenhain,
+}
+
+impl Arguments {
+    pub(super) fn dialect(&self) -> Dialect {
+        match self.dialect {
+            Some(Language::Rs274) => Dialect::Rs274,
+            Some(Language::Siemens) => Dialect::Siemens,
+            Some(Language::Heidenhain) => Dialect::Heidenhain,
+            None => Dialect::of_file(&self.program),
+        }
+    }
 }
 
 /// How the numbers of split lines are rounded.
@@ -131,6 +155,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let job = Job {
         corrector: &corrector,
         setup: &setup,
+        dialect: arguments.dialect(),
         decimals: arguments.decimals,
         strategy: match arguments.strategy {
             Rounding::Plain => Strategy::Plain,
@@ -172,7 +197,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     output.finish()?;
     match made {
-        Written::Compensated(summary) => answer(&arguments.output, &summary, verified, notes),
+        Written::Compensated(summary) => {
+            let dialect = arguments.dialect();
+            answer(&arguments.output, dialect, &summary, verified, notes)
+        }
         Written::Averaged(found) => averaged(&arguments.output, &found, verified, notes),
     }
 }
@@ -193,6 +221,7 @@ pub(super) fn failure(program: &Path, error: NcError) -> Failure {
 
 fn answer(
     output: &Path,
+    dialect: Dialect,
     summary: &Summary,
     verified: Option<Verified>,
     more: Vec<String>,
@@ -200,6 +229,7 @@ fn answer(
     let counts = &summary.counts;
     let document = Nc {
         file: output.display().to_string(),
+        dialect: dialect.name().to_owned(),
         lines: counts.lines,
         motions: counts.motions,
         changed: counts.changed,

@@ -79,6 +79,7 @@ impl OnTruth<'_> {
             temperatures,
             setup: self.setup,
             most_blocks: arguments.max_blocks,
+            dialect: arguments.dialect(),
             part: self.part,
         };
         let open = |path: &Path| {

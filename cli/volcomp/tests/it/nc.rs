@@ -39,6 +39,75 @@ fn the_example_is_better_afterwards() {
     assert!(fs::read_to_string(picture).is_ok_and(|svg| svg.starts_with("<svg")));
 }
 
+/// The language is told by the end of the name; what is written is better, too.
+#[test]
+fn the_example_of_sinumerik_is_better_afterwards() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let result = folder.path().join("o.mpf");
+    let result = result.to_str().expect("a path in UTF-8");
+    let mut call = vec![
+        "nc",
+        "examples/part.mpf",
+        "-o",
+        result,
+        "-m",
+        "examples/mill.toml",
+    ];
+    call.extend(["--setup", "examples/setup.toml", "--verify", "--json"]);
+    let output = volcomp(&call);
+    assert!(output.status.success(), "{output:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(answer["dialect"], "siemens");
+    let max = |which: &str| {
+        answer["verified"][which]["max_um"]
+            .as_f64()
+            .expect("a number")
+    };
+    assert!(max("before") > 10.0 && max("after") < 1.5, "{answer}");
+    let text = fs::read_to_string(result).expect("the result");
+    assert!(
+        text.contains("=IC(") && text.contains("CYCLE81(10, 0, 2, -12)"),
+        "{text}"
+    );
+    // As RS-274 it is none.
+    call.extend(["--dialect", "rs274"]);
+    assert!(!volcomp(&call).status.success());
+}
+
+#[test]
+fn the_example_of_heidenhain_is_better_afterwards() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let result = folder.path().join("o.h");
+    let result = result.to_str().expect("a path in UTF-8");
+    let mut call = vec![
+        "nc",
+        "examples/part.h",
+        "-o",
+        result,
+        "-m",
+        "examples/mill.toml",
+    ];
+    call.extend(["--setup", "examples/setup.toml", "--verify", "--json"]);
+    let output = volcomp(&call);
+    assert!(output.status.success(), "{output:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(answer["dialect"], "heidenhain");
+    let max = |which: &str| {
+        answer["verified"][which]["max_um"]
+            .as_f64()
+            .expect("a number")
+    };
+    assert!(max("before") > 10.0 && max("after") < 1.5, "{answer}");
+    let text = fs::read_to_string(result).expect("the result");
+    for (number, line) in (0..).zip(text.lines().filter(|line| !line.starts_with(' '))) {
+        let found: Option<i32> = line
+            .split(' ')
+            .next()
+            .and_then(|number| number.parse().ok());
+        assert_eq!(found, Some(number), "{text}");
+    }
+}
+
 /// The real errors are the other way round: with the result the tool is twice as far off.
 #[test]
 fn a_worse_result_is_not_kept() {

@@ -199,6 +199,7 @@ fn ways_of_the_centre_point_are_within_the_tolerance() {
         temperatures: &Temperatures::new(),
         setup: &setup,
         most_blocks: 1000,
+        dialect: volcomp_nc::Dialect::Rs274,
         part: None,
     };
     let (mut program, mut result) = (program.as_bytes(), out.as_bytes());
@@ -253,6 +254,7 @@ fn play_is_taken_up_where_an_axis_turns() {
         temperatures: &Temperatures::new(),
         setup: &SetUp::parse(setup, "setup.toml").expect("a set-up"),
         most_blocks: 1000,
+        dialect: volcomp_nc::Dialect::Rs274,
         part: None,
     };
     let (mut original, mut result) = (program.as_bytes(), out.as_bytes());

@@ -1,7 +1,7 @@
 //! A machine without errors changes no byte, whatever the program.
 
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Job, NcError, SetUp, Summary, compensate};
+use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, Summary, compensate};
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
@@ -115,10 +115,15 @@ fn what_cannot_be_read_says_where_and_why() {
 #[test]
 fn kept_inputs_come_out_byte_for_byte() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/corpus/nc");
-    let mut taken = 0;
+    let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
+    let (mut taken, mut taken_in_others) = (0, 0);
     for entry in std::fs::read_dir(folder).expect("the kept inputs") {
         let path = entry.expect("an entry").path();
         let program = std::fs::read(&path).expect("readable");
+        for dialect in [Dialect::Siemens, Dialect::Heidenhain] {
+            let taken = crate::drawn::comes_out_as_it_is(&machine, dialect, &program);
+            taken_in_others += usize::from(taken.is_ok());
+        }
         if let Ok((out, _)) = compensated("", &program) {
             taken += 1;
             assert_eq!(
@@ -130,4 +135,5 @@ fn kept_inputs_come_out_byte_for_byte() {
         }
     }
     assert!(taken >= 2, "only {taken} were taken");
+    assert!(taken_in_others >= 2, "only {taken_in_others} were taken");
 }

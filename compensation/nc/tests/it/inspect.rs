@@ -33,6 +33,7 @@ tool = {{ tip = [0, 0, 0] }}
         temperatures: &temperatures,
         setup: &setup,
         most_blocks: 10_000,
+        dialect: volcomp_nc::Dialect::Rs274,
         part: Some(&part),
     };
     let found = verify(

@@ -2,11 +2,14 @@
 
 mod arcs;
 mod average;
+mod drawn;
 mod five_axes;
 mod flow;
 mod floyd;
+mod heidenhain;
 mod identity;
 mod inspect;
+mod siemens;
 mod straight;
 mod traps;
 mod verify;

@@ -130,3 +130,16 @@ fn play_is_taken_up_before_an_axis_goes_back() {
     );
     assert_eq!(lines(&play(0.4), program).len(), 4);
 }
+
+/// A line along X whose Y is off in its middle only: where it ends Y must be back, although its word says what it said before.
+#[test]
+fn an_axis_that_stands_still_comes_back_at_the_end_of_a_split_line() {
+    let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
+    let (out, _) =
+        crate::identity::compensated(bent, b"G0 X0 Y0 Z0\nG1 F100 X200 Y0\n").expect("taken");
+    let text = String::from_utf8(out).expect("text");
+    assert_eq!(
+        text,
+        "G0 X0 Y0 Z0\nG1 F100 X100.000 Y-0.020\nX200.000 Y0.000\n"
+    );
+}

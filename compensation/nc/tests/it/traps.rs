@@ -24,6 +24,7 @@ fn verified(errors: &str, program: &str) -> Result<(String, Summary, f64), NcErr
         temperatures: &none,
         setup: &setup,
         most_blocks: 100_000,
+        dialect: volcomp_nc::Dialect::Rs274,
         part: None,
     };
     let mut original = program.as_bytes();

@@ -24,6 +24,7 @@ fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcE
         temperatures: &none,
         setup: &setup,
         most_blocks: 10_000,
+        dialect: volcomp_nc::Dialect::Rs274,
         part: None,
     };
     verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of)
@@ -72,6 +73,7 @@ fn a_result_of_another_program_is_told() {
         temperatures: &none,
         setup: &setup,
         most_blocks: 10_000,
+        dialect: volcomp_nc::Dialect::Rs274,
         part: None,
     };
     let mut original = "G0 X1\nG0 X2\n".as_bytes();

@@ -1,0 +1,593 @@
+//! SINUMERIK: the same paths as in RS-274, in several manners; what is written, and what is refused.
+
+use std::fmt::Write as _;
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, compensate};
+
+use crate::{
+    drawn::{
+        Draw, Step, Way, comes_out_as_it_is, judged, leads_to_the_same_places, path, same_places,
+        worn,
+    },
+    identity::TRAVELS,
+};
+
+const SEEDS: u64 = 64;
+
+fn header() -> String {
+    "%_N_DRAWN_MPF\nG71 G90 G54 G17 ; as RS-274\nF1000\n".to_owned()
+}
+
+/// The words of the circle of an arc, in the manner of a number that is drawn.
+fn circle(draw: &mut Draw, step: &Step, centre: [f64; 2], turns: f64) -> String {
+    let [i, j] = [centre[0] - step.from[0], centre[1] - step.from[1]];
+    match draw.below(3) {
+        0 => format!("I{i:.6} J={j:.6}"),
+        1 => format!("I=AC({:.6}) J=AC({:.6})", centre[0], centre[1]),
+        // A radius says where the centre is where the arc is neither flat nor near half a turn.
+        _ if (0.8..2.4).contains(&turns.abs()) => format!("CR={:.6}", i.hypot(j)),
+        _ => format!("J=IC({j:.6}) I{i:.6}"),
+    }
+}
+
+fn code(way: Way) -> u32 {
+    match way {
+        Way::Rapid => 0,
+        Way::Line => 1,
+        Way::Arc(_, turns) if turns < 0.0 => 2,
+        Way::Arc(..) => 3,
+    }
+}
+
+#[test]
+fn absolute_words() {
+    let machine = worn(6.0);
+    for seed in 0..SEEDS {
+        let draw = &mut Draw::new(seed);
+        let path = path(draw, 12);
+        let mut text = header();
+        for (place, step) in path.iter().enumerate() {
+            let [x, y, z] = step.to;
+            let circle = match step.way {
+                Way::Arc(centre, turns) => circle(draw, step, centre, turns),
+                _ => format!("Z={z:.6}"),
+            };
+            let code = code(step.way);
+            writeln!(text, "N{place}0 G{code} X{x:.6}Y={y:.6} {circle} ; {place}")
+                .expect("a string");
+        }
+        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+    }
+}
+
+#[test]
+fn incremental_words() {
+    let machine = worn(6.0);
+    for seed in 0..SEEDS {
+        let draw = &mut Draw::new(1000 + seed);
+        let path = path(draw, 12);
+        let mut text = header();
+        for step in &path {
+            let modal = ["G90", "G91"][draw.below(2)];
+            let mut word = |axis: usize| {
+                let name = ["X", "Y", "Z"][axis];
+                let (to, by) = (step.to[axis], step.to[axis] - step.from[axis]);
+                match (draw.below(2), modal) {
+                    (0, "G90") => format!("{name}{to:.6}"),
+                    (0, _) => format!("{name}=AC({to:.6})"),
+                    (_, "G90") => format!("{name}=IC({by:.6})"),
+                    (_, _) => format!("{name}{by:.6}"),
+                }
+            };
+            let (x, y, z) = (word(0), word(1), word(2));
+            let rest = match step.way {
+                Way::Arc(centre, turns) => circle(draw, step, centre, turns),
+                _ => z,
+            };
+            writeln!(text, "{modal}\nG{} {x} {y} {rest}", code(step.way)).expect("a string");
+        }
+        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+    }
+}
+
+/// A frame of the plane, as mathematics has it: turned, then shifted.
+#[derive(Clone, Copy)]
+struct Frame {
+    angle: f64,
+    by: [f64; 3],
+}
+
+impl Frame {
+    fn turn(angle: f64, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = angle.sin_cos();
+        [cos * x - sin * y, sin * x + cos * y]
+    }
+
+    /// This frame with another one in it.
+    fn then(self, other: Self) -> Self {
+        let [x, y] = Self::turn(self.angle, [other.by[0], other.by[1]]);
+        Self {
+            angle: self.angle + other.angle,
+            by: [self.by[0] + x, self.by[1] + y, self.by[2] + other.by[2]],
+        }
+    }
+
+    /// A place of the workpiece in this frame.
+    fn inside(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        let [x, y] = Self::turn(-self.angle, [x - self.by[0], y - self.by[1]]);
+        [x, y, z - self.by[2]]
+    }
+}
+
+#[test]
+fn frames_in_their_order() {
+    const NONE: Frame = Frame {
+        angle: 0.0,
+        by: [0.0; 3],
+    };
+    // An axis that a turned frame moves by the rounding of its words must not turn for that.
+    let machine = worn(0.0);
+    for seed in 0..SEEDS {
+        let draw = &mut Draw::new(2000 + seed);
+        let path = path(draw, 14);
+        let (mut text, mut frame) = (header(), NONE);
+        for step in &path {
+            if draw.below(2) == 0 {
+                let by: [f64; 3] = std::array::from_fn(|_| draw.thousandths(-50.0, 50.0));
+                let shift = Frame { angle: 0.0, by };
+                let degrees = draw.thousandths(-170.0, 170.0);
+                let turn = Frame {
+                    angle: degrees.to_radians(),
+                    by: [0.0; 3],
+                };
+                let [x, y, z] = by;
+                let added = draw.below(6);
+                frame = match added {
+                    0 => shift,
+                    1 | 2 => frame.then(shift),
+                    3 => turn,
+                    4 => frame.then(turn),
+                    _ => NONE,
+                };
+                let line = match added {
+                    0 => format!("TRANS X{x} Y={y} Z{z}"),
+                    1 | 2 => format!("ATRANS X={x} Y{y} Z={z} ; on top"),
+                    3 => format!("ROT RPL={degrees}"),
+                    4 => format!("AROT Z{degrees}"),
+                    _ => ["TRANS", "ROT"][draw.below(2)].to_owned(),
+                };
+                writeln!(text, "{line}").expect("a string");
+            }
+            let inside = Step {
+                way: step.way,
+                from: frame.inside(step.from),
+                to: frame.inside(step.to),
+            };
+            let [x, y, z] = inside.to;
+            let rest = match step.way {
+                Way::Arc([i, j], turns) => {
+                    let [i, j, _] = frame.inside([i, j, 0.0]);
+                    circle(draw, &inside, [i, j], turns)
+                }
+                _ => String::new(),
+            };
+            writeln!(text, "G{} X{x:.6} Y{y:.6} Z{z:.6} {rest}", code(step.way)).expect("a string");
+        }
+        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+    }
+}
+
+#[test]
+fn r_parameters() {
+    let machine = worn(6.0);
+    for seed in 0..SEEDS {
+        let draw = &mut Draw::new(3000 + seed);
+        let path = path(draw, 12);
+        let mut text = header() + "DEF REAL HALF=0.5, DEPTH\n";
+        for step in &path {
+            let [x, y, z] = step.to;
+            let rest = match step.way {
+                Way::Arc(centre, turns) => circle(draw, step, centre, turns),
+                _ => "Z=DEPTH".to_owned(),
+            };
+            let more = draw.thousandths(-20.0, 20.0);
+            writeln!(text, "R1={:.6} R[2]={:.6}\nDEPTH={z:.6}", x - more, 2.0 * y)
+                .expect("a string");
+            let code = code(step.way);
+            writeln!(
+                text,
+                "G{code} X=R1+({more}) Y=R2*HALF+POT(3)-9*SIN(90) {rest}"
+            )
+            .expect("a string");
+        }
+        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+    }
+}
+
+/// TRAORI is M428: the same numbers, to the last digit.
+#[test]
+fn traori_has_the_numbers_of_m428() {
+    let example = include_str!("../../../../examples/table-tilting.toml");
+    let machine = Machine::parse(example, "m.toml").expect("a good machine");
+    for seed in 0..SEEDS {
+        let draw = &mut Draw::new(4000 + seed);
+        let mut lines = vec!["G54 G90 G0 X300 Y250 Z-100 A-10 C0 F2000".to_owned()];
+        let on = draw.below(4);
+        for place in 0..8 {
+            if place == on {
+                lines.push("ON".to_owned());
+            }
+            let [x, y] = [
+                draw.thousandths(260.0, 340.0),
+                draw.thousandths(210.0, 290.0),
+            ];
+            let [z, a] = [
+                draw.thousandths(-250.0, -100.0),
+                draw.thousandths(-80.0, -5.0),
+            ];
+            let c = draw.thousandths(-300.0, 300.0);
+            let code = draw.below(2);
+            lines.push(format!("G{code} X{x} Y{y} Z{z} A{a} C{c}"));
+        }
+        lines.push("OFF".to_owned());
+        lines.push("G0 X300 Y250 Z-50 A0 C0".to_owned());
+        let text = lines.join("\n") + "\n";
+        let in_rs274 = text.replace("ON", "M428").replace("OFF", "M429");
+        let in_siemens = text.replace("ON", "TRAORI(1)").replace("OFF", "TRAFOOF");
+        let setup = "[work_offset.G54]\nX = 1.0\nY = 2.0\nZ = -3.0\n";
+        let (expected, _, of_rs274) =
+            judged(&machine, setup, Dialect::Rs274, &in_rs274).expect("taken");
+        let (found, _, of_siemens) =
+            judged(&machine, setup, Dialect::Siemens, &in_siemens).expect("taken");
+        let expected = expected
+            .replace("M428", "TRAORI(1)")
+            .replace("M429", "TRAFOOF");
+        assert_eq!(found, expected, "{seed}");
+        same_places(&of_siemens, &of_rs274, &in_siemens, &found);
+    }
+}
+
+fn compensated(errors: &str, setup: &str, program: &str) -> Result<(String, Vec<String>), NcError> {
+    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
+    written(&machine, setup, program)
+}
+
+fn written(
+    machine: &Machine,
+    setup: &str,
+    program: &str,
+) -> Result<(String, Vec<String>), NcError> {
+    let corrector = Corrector::new(machine, &Temperatures::new(), 0.001)?;
+    let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
+    let mut out = Vec::new();
+    let job = Job {
+        dialect: Dialect::Siemens,
+        ..Job::new(&corrector, &setup)
+    };
+    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
+    let notes = summary.notes.by_line().into_iter();
+    let notes = notes
+        .map(|(line, note)| format!("{line}: {note}"))
+        .collect();
+    Ok((String::from_utf8(out).expect("text"), notes))
+}
+
+/// X is 100 µm/m too long: each place is known on paper, and each word keeps its manner.
+#[test]
+fn words_keep_their_manner() {
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    for (program, expected) in [
+        ("G90 G0 X100\n", "G90 G0 X99.990\n"),
+        ("G0 X=100 ; there\n", "G0 X=99.990 ; there\n"),
+        ("N10 G1 X=AC( 100 ) F=R9\n", "N10 G1 X=AC( 99.990 ) F=R9\n"),
+        (
+            "G0 X0\nX=IC(100)\nX=IC(-100.0)\n",
+            "G0 X0\nX=IC(99.990)\nX=IC(-99.990)\n",
+        ),
+        (
+            "G0 X0\nG91 X100\nX=AC(200) X=AC(200)\n",
+            "line 3: X stands beside X in one block, of which only one may",
+        ),
+        (
+            "G0 X0\nG91 X100\nX=AC(200)\nX100\n",
+            "G0 X0\nG91 X99.990\nX=AC(199.980)\nX99.990\n",
+        ),
+        ("R1=40 R2=60\nG0 X=R1+R2\n", "R1=40 R2=60\nG0 X=99.990\n"),
+        (
+            "DEF REAL LENGTH=50\nG0X=LENGTH*2\n",
+            "DEF REAL LENGTH=50\nG0X=99.990\n",
+        ),
+        ("G0 X=1EX2\n", "G0 X=99.990\n"),
+        ("TRANS X100\nG0 X0\n", "TRANS X100\nG0 X-0.010\n"),
+        ("G70 G0 X10\nG71 X254\n", "G70 G0 X9.9990\nG71 X253.975\n"),
+        ("/2 N5 G0 X100 M17\nX200\n", "/2 N5 G0 X99.990 M17\nX200\n"),
+        (
+            "G0 X0 Y0\nG2 X20 Y0 CR=10\nX0 I=AC(10) J0\n",
+            "G0 X0 Y0\nG2 X19.998 Y0 CR=9.999\nX0 I=AC(9.999) J-0.001\n",
+        ),
+        ("G4 F3\nG0 X100 F5\n", "G4 F3\nG0 X99.990 F5\n"),
+        ("G25 X100\nG0 X100\n", "G25 X100\nG0 X99.990\n"),
+        ("STAGE: G0 X100\n", "STAGE: G0 X99.990\n"),
+    ] {
+        let found = match compensated(scale, "", program) {
+            Ok((found, _)) => found,
+            Err(error) => error.to_string(),
+        };
+        assert_eq!(found, expected, "{program}");
+    }
+}
+
+/// A bent guideway splits a line: the added lines have the manner of the words, the mark of a skipped block, and the stop at their end.
+#[test]
+fn added_lines_keep_the_manner() {
+    let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
+    let program = "G0 X0 Y0 Z0\n/1 N10 G1 X=IC(200) Y=AC(0) F500 M0\n";
+    let (text, _) = compensated(bent, "", program).expect("taken");
+    assert_eq!(
+        text,
+        "G0 X0 Y0 Z0\n/1 N10 G1 X=IC(100.000) Y=AC(-0.020) F500\n/1 X=IC(100.000) Y=AC(0.000) M0\n"
+    );
+}
+
+/// DC goes by the shorter way, whatever whole turns the axis has made, and stays within one turn.
+#[test]
+fn the_shorter_way() {
+    let machine = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
+    let machine = Machine::parse(machine, "m.toml").expect("a good machine");
+    // 0.006 deg.
+    let program = "G0 X0 Y0 Z0 A350\nA=DC(10)\nA=DC(0)\nA=DC(359.9)\nA=IC(-10)\n";
+    let (text, _) = written(&machine, "", program).expect("taken");
+    assert_eq!(
+        text,
+        "G0 X0 Y0 Z0 A349.994\nA=DC(9.994)\nA=DC(359.994)\nA=DC(359.894)\nA=IC(-10)\n"
+    );
+    let error = written(&machine, "", "G0 X0 Y0 Z0 A0\nA=DC(180)\n").expect_err("refused");
+    assert!(error.to_string().contains("half a turn"), "{error}");
+    let error = written(&machine, "", "G0 X=DC(5)\n").expect_err("refused");
+    assert!(error.to_string().contains("does not turn"), "{error}");
+}
+
+#[test]
+fn offsets_and_tools() {
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEXZ = { poly = [0.0, 0.1] }\n";
+    let setup =
+        "[work_offset.G54]\nX = 100.0\n[work_offset.G505]\nX = 300.0\n[tool.3]\nZ = 200.0\n";
+    for (program, expected) in [
+        // 10 µm for 100 mm.
+        (
+            "G0 Z0 X0\nG54 X0\nG505 X0\nG500 X0\n",
+            "G0 Z0 X0\nG54 X-0.010\nG505 X-0.030\nG500 X0\n",
+        ),
+        (
+            "G54 G0 Z0 X0\nSUPA X100\nX0\n",
+            "G54 G0 Z0 X-0.010\nSUPA X100\nX-0.010\n",
+        ),
+        (
+            "T3 M6\nG0 Z0 X0\nD0\nZ0 X0\n",
+            "T3 M6\nG0 Z0 X-0.020\nD0\nZ0 X0\n",
+        ),
+        ("T=3\nD1\nG0 Z0 X0\n", "T=3\nD1\nG0 Z0 X-0.020\n"),
+    ] {
+        let (text, notes) = compensated(scale, setup, program).expect("taken");
+        assert_eq!(text, expected, "{notes:?}");
+    }
+    let (_, notes) = compensated(scale, setup, "T=\"DRILL\" M6\nG0 X1\n").expect("taken");
+    assert!(notes[0].contains("by their numbers"), "{notes:?}");
+}
+
+/// Cycles pass on; where they leave the tool the next motion finds it.
+#[test]
+fn cycles_pass_on() {
+    let errors = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEZX = { poly = [0.0, 0.1] }\n";
+    let program = "G0 X100 Y0 Z50\nCYCLE81(20, 0, 2, -10)\nX200\nMCALL CYCLE82(30,0,2,-5,,1)\nG1 X300 F100\nX400\nMCALL\nPOCKET3(50,0,2,-5,40,30,5,0,0,0)\nX100\n";
+    let (text, notes) = compensated(errors, "", program).expect("taken");
+    assert_eq!(
+        text,
+        "G0 X99.990 Y0 Z49.990\nCYCLE81(20, 0, 2, -10)\nX199.980 Z19.980\nMCALL CYCLE82(30,0,2,-5,,1)\nG1 X299.970 F100 Z19.970\nX399.960 Z29.960\nMCALL\nPOCKET3(50,0,2,-5,40,30,5,0,0,0)\nX99.990\n"
+    );
+    let passed = |name: &str| {
+        notes
+            .iter()
+            .any(|note| note.contains(&format!("motions of {name} pass on")))
+    };
+    assert!(
+        passed("CYCLE81") && passed("CYCLE82") && passed("POCKET3"),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn what_is_not_followed_says_where_and_why() {
+    for (line, expected) in [
+        (
+            "IF R1>5 GOTOF END",
+            "column 1: IF is not followed: which lines are executed after it",
+        ),
+        ("N10 GOTOB START", "column 5: GOTOB is not followed"),
+        ("WHILE R1<5", "column 1: WHILE is not followed"),
+        ("REPEAT L1 P=3", "column 1: REPEAT is not followed"),
+        (
+            "L100",
+            "column 1: L100 is not followed: it may be a subprogram",
+        ),
+        ("G0 X1 CONTOUR", "column 7: CONTOUR is not followed"),
+        (
+            "CONTOUR(5)",
+            "column 1: CONTOUR is not followed: it may be a subprogram",
+        ),
+        (
+            "CYCLE800(1,\"T\")",
+            "column 1: CYCLE800 is not followed: frames other than",
+        ),
+        (
+            "ROT X30",
+            "column 5: X is not followed: only rotations about Z",
+        ),
+        ("SCALE X2", "column 1: SCALE is not followed"),
+        ("MIRROR X0", "column 1: MIRROR is not followed"),
+        ("BSPLINE X1", "column 1: BSPLINE is not followed: a curve"),
+        ("G1 X1 RND=2", "column 7: RND is not followed: a rounded"),
+        ("G1 X1 CHF=2", "column 7: CHF is not followed"),
+        ("G2 X1 I1 TURN=2", "column 10: TURN is not followed"),
+        ("CIP X1 Y1 I1=5 J1=3", "column 1: CIP is not followed"),
+        (
+            "G1 A3=0 B3=0 C3=1",
+            "column 4: A3 is not followed: directions",
+        ),
+        (
+            "G0 C=ACP(10)",
+            "column 6: ACP is not followed: a rotary axis that comes from one side",
+        ),
+        ("G0 C=ACN(10)", "column 6: ACN is not followed"),
+        ("ORIWKS", "column 1: ORIWKS is not followed: orientations"),
+        ("G1 AP=30 RP=5", "column 4: AP is not followed: polar"),
+        ("G111 X1", "column 1: G111 is not followed: polar"),
+        ("TRANSMIT", "column 1: TRANSMIT is not followed"),
+        ("TRAORI(2)", "column 1: TRAORI is not followed"),
+        ("G0 X1=5", "column 4: X1 is not followed: an axis"),
+        ("G0 Q1=5", "column 4: Q1 is not followed: an axis"),
+        (
+            "G33 Z5 K1",
+            "column 1: G33 is not followed: it moves axes by a rule of its own",
+        ),
+        ("G75 Z0", "column 1: G75 is not followed"),
+        (
+            "G123",
+            "column 1: G123 is not followed: it is not known here",
+        ),
+        ("POS[X]=5", "column 1: POS is not followed"),
+        ("$P_UIFR[1]=CTRANS(X,5)", "column 1: $ is not followed"),
+        ("G0 G1 X1", "G1 stands beside G0"),
+        ("G0 X", "column 4: expected a number"),
+        (
+            "G0 X=R1+",
+            "column 8: expected a number, a parameter or a function after this operator",
+        ),
+        ("G0 X=R77", "the value of X is only known at the machine"),
+        (
+            "G0 X=$AA_IW[X]",
+            "the value of X is only known at the machine",
+        ),
+        ("G0 X=1/0", "column 7: this calculation has no result"),
+        (
+            "R1=5 X=R1",
+            "column 8: a parameter that the same block sets before",
+        ),
+        ("G2 X10", "an arc without a centre and without a radius"),
+        (
+            "G91 SUPA G0 X0",
+            "machine coordinates (G53, G153, SUPA, M91) that are ways",
+        ),
+        ("G0 X1 &", "column 7: found '&'"),
+        ("D2", "a cutting edge other than D0 and D1"),
+        ("EX", "column 1: EX is not followed"),
+    ] {
+        let error = compensated("", "", &format!("G0 X0 Y0 Z0\n{line}\n")).expect_err(line);
+        let text = error.to_string();
+        let found = text.strip_prefix("line 2: ").unwrap_or_default();
+        assert!(found.starts_with(expected), "{line}: {text}");
+    }
+}
+
+#[test]
+fn odd_programs_come_out_byte_for_byte() {
+    let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
+    let programs: [&[u8]; 10] = [
+        b"",
+        b"%_N_PART_MPF\r\n;$PATH=/_N_WKS_DIR/_N_PART_WPD\r\nN10 G71 G90\r\nn20 g1 x10y=20f100 ; caf\xe9 IF GOTO\r\n",
+        b"PROC PART(REAL DEPTH) SAVE DISPLOF\nEXTERN OTHER(REAL)\nDEF REAL A1=5, B2, F[5]\nDEF STRING[20] NAME=\"a;b\"\nMSG(\"IF; X10 (\")\nRET\n",
+        b"/ N5 G0 X10\n/3 Y5\nSTART: X20 ;label\n:10 G1 X30 F=500\n",
+        b"T1 D1 M6\nS1=2000 M1=3\nG96 S200 LIMS=3000\nG0 X=IC(1) Y=AC(2)\nM3 S1000 M8\nSPOS=90\n",
+        b"G17 G64 SOFT FFWON COMPCAD CTOL=0.01\nG641 ADIS=0.5\nCYCLE832(0.01,_FINISH,1)\nG1 X5 F100\nFGROUP(X,Y)\nFGREF[C]=10\n",
+        b"G1 G41 X10 Y10 F100\nX20\nG3 X30 Y20 CR=10\nG1 G40 X0 Y0\n",
+        b"TRANS X10\nAROT RPL=30\nG0 X5 Y5\nATRANS Z5\nG2 X7 Y5 I1 J0 F100\nROT\nG500 SUPA G0 Z0 D0\nM30\nIF ELSE not read [[[\n",
+        b"R1=5*(3+SIN(30))/2 R[2]=POT(3) R3=1.5EX-3\nR4=ATAN2(3,4) DIV 2 MOD 3\nG0 X=R1 Y=-R3 Z=MINVAL(R2,5)\n",
+        b"G93 G1 X5 F2\nG94 F100\nG95 F0.1\nG4 F2\nG25 S100\nWORKPIECE(,,,\"BOX\",0)\nMCALL CYCLE83(50,0,2,-20)\nX5 Y5\nMCALL",
+    ];
+    for program in programs {
+        let text = String::from_utf8_lossy(program);
+        comes_out_as_it_is(&machine, Dialect::Siemens, program)
+            .unwrap_or_else(|error| panic!("{error}\n{text}"));
+    }
+}
+
+/// Lines that are put together at random: no panic; a machine without errors gives back what is taken, and what a worn machine
+/// writes is taken again.
+#[test]
+fn random_lines_come_out_byte_for_byte() {
+    const PIECES: [&str; 48] = [
+        "G0",
+        "G1",
+        "G2",
+        "G3",
+        "G90",
+        "G91",
+        "X10",
+        "Y-5.5",
+        "Z=IC(3)",
+        "X=AC(7)",
+        "I5",
+        "J=AC(2)",
+        "CR=12",
+        "F100",
+        "M8",
+        "M30",
+        "TRANS",
+        "ATRANS",
+        "ROT RPL=30",
+        "AROT Z=15",
+        "G54",
+        "G505",
+        "G500",
+        "SUPA",
+        "R1=5",
+        "X=R1*2",
+        "T1",
+        "D1",
+        "D0",
+        "M6",
+        "; comment",
+        "N10",
+        "/",
+        "G17",
+        "G18",
+        "G70",
+        "G71",
+        "G41",
+        "G40",
+        "CYCLE81(10,0,2,-5)",
+        "MCALL CYCLE82(5,0,2,-5)",
+        "MCALL",
+        "STAGE:",
+        "G4 F2",
+        "G93",
+        "MSG(\"X\")",
+        "C=DC(5)",
+        "\"",
+    ];
+    let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
+    let worn = worn(6.0);
+    let mut taken = 0;
+    for seed in 0..4000 {
+        let draw = &mut Draw::new(5000 + seed);
+        let mut text = String::new();
+        for _ in 0..=draw.below(6) {
+            for _ in 0..=draw.below(4) {
+                text.push_str(PIECES[draw.below(PIECES.len())]);
+                text.push_str(["", " ", " "][draw.below(3)]);
+            }
+            text.push('\n');
+        }
+        if comes_out_as_it_is(&ideal, Dialect::Siemens, text.as_bytes()).is_err() {
+            continue;
+        }
+        taken += 1;
+        if let Ok((result, _)) = written(&worn, "", &text)
+            && let Err(error) = written(&ideal, "", &result)
+        {
+            panic!("{error}\n{text}\n{result}");
+        }
+    }
+    assert!(taken > 300, "only {taken} were taken");
+}
