@@ -58,6 +58,9 @@ fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     Some(pose_of.into_iter().map(|pose| part[pose]).collect())
 }
 
+/// The figures of rows that were left out, and in how many parts.
+pub(crate) type LeftOut = Option<(Figures, usize)>;
+
 /// What is left of rows that were left out of the fit, in so many parts by pose; everything, penalties included, is
 /// found anew from the others. A note in place of it where the poses are too few.
 pub(crate) fn left_out(
@@ -66,7 +69,7 @@ pub(crate) fn left_out(
     rows: &Rows,
     start: &Values,
     mut done: impl FnMut(usize),
-) -> Result<(Option<(Figures, usize)>, Option<String>), IdentifyError> {
+) -> Result<(LeftOut, Option<String>), IdentifyError> {
     let folds = observations.folds;
     if folds < 2 {
         return Ok((None, None));

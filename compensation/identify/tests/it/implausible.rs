@@ -360,11 +360,14 @@ fn axes_are_headed_by_their_letter_alone_or_with_the_unit() {
     assert!(value(&found_as_headed, "EX0C").0.abs() < 1.0);
     assert_eq!(found_as_headed.warnings, [""; 0]);
     // A column `x` that nobody reads beside `X mm`: noted, not taken for X.
-    let beside: String = rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ())
+    let mut beside = String::new();
+    for (k, line) in rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ())
         .lines()
         .enumerate()
-        .map(|(k, line)| format!("{line},{}\n", if k == 0 { "x" } else { "7" }))
-        .collect();
+    {
+        let added = if k == 0 { "x" } else { "7" };
+        beside += &format!("{line},{added}\n");
+    }
     let beside = found(&beside).expect("found");
     assert_eq!(beside.warnings.len(), 1, "{:?}", beside.warnings);
     assert!(beside.warnings[0].ends_with("columns that are not used: x"));
