@@ -366,7 +366,9 @@ fn axes_are_headed_by_their_letter_alone_or_with_the_unit() {
         .enumerate()
     {
         let added = if k == 0 { "x" } else { "7" };
-        beside += &format!("{line},{added}\n");
+        for text in [line, ",", added, "\n"] {
+            beside.push_str(text);
+        }
     }
     let beside = found(&beside).expect("found");
     assert_eq!(beside.warnings.len(), 1, "{:?}", beside.warnings);
