@@ -68,6 +68,8 @@ pub(crate) fn angular(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use volcomp_vocabulary::AxisName;
+
     use crate::testing::{file, line, name};
 
     /// ECX = 3 + 0.02 q is zero at the reference q = 200: 0.02 (q − 200).
@@ -79,7 +81,10 @@ mod tests {
         let found = angular(
             &file,
             &file.machine,
-            (&file.machine, &SetUp::of(&file.machine, |_| None)),
+            (
+                &file.machine,
+                &SetUp::of(&file.machine, &[], [AxisName::X, AxisName::Y], |_| None),
+            ),
             || steps += 1,
         )
         .unwrap();

@@ -123,8 +123,7 @@ impl<'a> LineOfSight<'a> {
         let mut aligned = self.held;
         for (axis, q) in self.machine.axes().iter().zip(&mut aligned.q) {
             if axis.name.kind() == AxisKind::Linear {
-                let [low, high] = axis.travel;
-                *q = 0.0_f64.max(low).min(high);
+                *q = axis.nearest_zero();
             }
         }
         let ideal = self.chain.ideal_pose(&aligned);

@@ -99,6 +99,8 @@ fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use volcomp_vocabulary::AxisName;
+
     use crate::testing::{file, line, machine};
     use std::collections::BTreeMap;
 
@@ -111,7 +113,10 @@ mod tests {
                 machine,
                 noise_urad,
             },
-            (machine, &SetUp::of(machine, |_| None)),
+            (
+                machine,
+                &SetUp::of(machine, &[], [AxisName::X, AxisName::Y], |_| None),
+            ),
             || (),
         )
         .unwrap()

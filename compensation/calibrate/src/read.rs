@@ -7,7 +7,7 @@ use volcomp_identify::Observations;
 use volcomp_metrology::{
     DeviationUnit, Measurement, MetrologyError, MotionKind, ReadingUnit, ReferenceKind, read_file,
 };
-use volcomp_model::Machine;
+use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
@@ -53,11 +53,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     root.allow_in(FileKind::Calibration, &keys)?;
     let machine_file = folder.join(root.require("machine")?.text()?);
     let machine = Machine::read(&machine_file)?;
-    let mut reference: Vec<f64> = machine
-        .axes()
-        .iter()
-        .map(|axis| nearest_zero(axis.travel))
-        .collect();
+    let mut reference: Vec<f64> = machine.axes().iter().map(Axis::nearest_zero).collect();
     if let Some(section) = root.section("reference")? {
         set_coordinates(&mut reference, &section, &machine)?;
     }
@@ -143,11 +139,6 @@ fn check_once(
         )));
     }
     Ok(())
-}
-
-/// 0, or the travel end nearest to it.
-fn nearest_zero([low, high]: [f64; 2]) -> f64 {
-    0.0_f64.clamp(low, high)
 }
 
 fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError> {

@@ -8,9 +8,9 @@ use volcomp_kinematics::{
 };
 use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_model::{Machine, ModelError, Temperatures};
-use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES, Urad};
 
-use crate::{calibration_file::CalibrationFile, fitted::measured};
+use crate::{calibration_file::CalibrationFile, fitted::measured, squares::set_square};
 
 /// Targets of a straightness that nobody measured.
 const TARGETS: usize = 21;
@@ -18,22 +18,22 @@ const TARGETS: usize = 21;
 const PARALLEL_BELOW: f64 = 0.02;
 
 /// Where the artefacts stand on the workpiece side and on the tool side: with them the machine has no error where all
-/// axes are at 0.
+/// axes are at `reference`.
 ///
-/// An artefact on the workpiece side lies along the reference lines of X and Y and in the place where the tool tip is at 0; what the
-/// tool carries is aligned to it there. So no reading depends on the constants of error motions and the slopes of
+/// An artefact on the workpiece side lies along the reference lines of the reference axes and in the place where the tool tip is at
+/// `reference`; what the tool carries is aligned to it there. So no reading depends on the constants of error motions and the slopes of
 /// straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct SetUp {
-    /// The workpiece axes in the artefact on the workpiece side.
+    /// The workpiece axes in the artefact on the workpiece side, mm.
     pub workpiece: Pose,
-    /// The artefact on the tool side in tool axes.
+    /// The artefact on the tool side in tool axes, mm.
     pub tool: Pose,
 }
 
 impl SetUp {
-    /// The set-up on the machine of a calibration file as it is known before its lines: what these measure is zero where they
-    /// are zero, and a straightness is without its line.
+    /// The set-up on the machine of a calibration file as it is known before its lines. Measured errors count as zero here: positioning
+    /// and angular curves are zero at `reference`, straightness curves have no line, and squareness is not known yet.
     pub(crate) fn before_lines(
         file: &CalibrationFile,
         known: &Machine,
@@ -47,24 +47,37 @@ impl SetUp {
                 )?;
             }
         }
-        Ok(Self::of(&machine, |_| None))
+        for square in &file.squareness {
+            set_square(&mut machine, file.reference_axes, square.error, Urad(0.0))?;
+        }
+        Ok(Self::of(
+            &machine,
+            &file.reference,
+            file.reference_axes,
+            |_| None,
+        ))
     }
 
-    /// The set-up with all axes at 0, or at the end of their travel that is nearest to it. The reference line of a
-    /// straightness is the one through its targets, 21 over the travel where `targets` gives none.
-    pub fn of(machine: &Machine, targets: impl Fn(ErrorName) -> Option<Vec<f64>>) -> Self {
+    /// The set-up with the axes at `reference` (mm or deg, in machine order; an axis that it lacks stands at 0) along the reference lines of two
+    /// axes. The reference line of a straightness is the one through its targets (mm), 21 over the travel where `targets` gives
+    /// none.
+    pub fn of(
+        machine: &Machine,
+        reference: &[f64],
+        reference_axes: [AxisName; 2],
+        targets: impl Fn(ErrorName) -> Option<Vec<f64>>,
+    ) -> Self {
         let mut zero = State::default();
-        for (axis, q) in machine.axes().iter().zip(&mut zero.q) {
-            let [low, high] = axis.travel;
-            let at = 0.0_f64.max(low).min(high);
-            *q = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
+        for ((axis, q), at) in machine.axes().iter().zip(&mut zero.q).zip(reference) {
+            *q = Displacement::from_coordinate(axis.name.kind(), *at).mm_or_rad();
         }
         let errors = ReferenceLines::of(machine, zero, targets);
         let chain = machine.chain();
         let tip = chain.tool_tip_mm();
         let (actual, ideal) = (actual_pose(chain, &errors, &zero), chain.ideal_pose(&zero));
-        let directions = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
-        let directions = directions.filter_map(|name| {
+        let others = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
+        let others = others.filter(|axis| !reference_axes.contains(axis));
+        let directions = reference_axes.into_iter().chain(others).filter_map(|name| {
             let mut moved = zero;
             moved.q[machine.index_of(name).ok()?] += 1.0;
             let to = chain.ideal_pose(&moved).transform_point(&tip);

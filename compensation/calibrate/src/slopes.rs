@@ -44,6 +44,8 @@ fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, Mod
 #[cfg(test)]
 mod tests {
     use super::*;
+    use volcomp_vocabulary::AxisName;
+
     use crate::testing::{line, machine, name};
 
     /// Two lines of Y with slopes of 10 and 14 µrad, seen from a table that X has yawed by 6 µrad at X = 300 and by
@@ -55,7 +57,12 @@ mod tests {
         lines[0].setup.at[0] = 300.0;
         lines[1].setup.at[0] = 100.0;
         let removed = [(&lines[0], Urad(10.0)), (&lines[1], Urad(14.0))];
-        let found = slopes(&removed, &tilted, &SetUp::of(&tilted, |_| None)).unwrap();
+        let found = slopes(
+            &removed,
+            &tilted,
+            &SetUp::of(&tilted, &[], [AxisName::X, AxisName::Y], |_| None),
+        )
+        .unwrap();
         let slope = found[&name("EXY")];
         assert!((slope - Urad(16.0)).abs() < Urad(1e-9), "{slope}");
     }

@@ -100,13 +100,23 @@ fn drawn(
             *q = (*q / STEP_MM).round() * STEP_MM;
         }
         let at = Displacement::new(axis.name.kind(), *q).mm_or_deg();
-        if axis.modulo.is_none() && !axis.contains(at) {
+        if !axis.may_stand_at(at) {
             return None;
         }
     }
     let is_new = |known: &Row| {
-        let apart = known.stand.state.q.iter().zip(&row.stand.state.q);
-        let moved = apart.into_iter().any(|(a, b)| (a - b).abs() > SAME_BELOW);
+        let places = known.stand.state.q.iter().zip(&row.stand.state.q);
+        let moved = system
+            .machine
+            .axes()
+            .iter()
+            .zip(places)
+            .any(|(axis, (a, b))| {
+                // Whole turns of an axis that goes round are no other pose.
+                let turn = axis.modulo.map(f64::to_radians);
+                let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
+                (a - b - turns).abs() > SAME_BELOW
+            });
         moved || known.stand.tip_mm != row.stand.tip_mm
     };
     rows.iter().all(is_new).then_some(row)

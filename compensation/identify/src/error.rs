@@ -126,7 +126,7 @@ pub enum IdentifyError {
 /// A file with rows that are further from the nominal machine than machines miss.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, {typical_mm:.1} mm in the middle, expected at most {limit_mm} mm: {}",
+    "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, median {typical_mm:.1} mm, expected at most {limit_mm} mm: {}",
     self.why()
 )]
 pub struct FarFile {

@@ -121,7 +121,7 @@ pub(crate) fn judged(
         let expected = (1e-3 * fitted.rms_um).max(stated.fold(0.0, f64::max));
         if usual > TIMES * expected {
             notes.push(format!(
-                "{}: its judged rows are {:.1} µm in the middle from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
+                "{}: its judged rows are {:.1} µm (median) from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
                 observation.file,
                 1e3 * usual,
                 fitted.rms_um
@@ -131,7 +131,7 @@ pub(crate) fn judged(
         let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
         notes.extend(far.take(SHOWN).map(|(row, size)| {
             format!(
-                "{}:{}: this judged row is {:.1} µm from what was found, the others {:.1} µm in the middle: is it a slip?",
+                "{}:{}: this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
                 observation.file,
                 row.line,
                 1e3 * size,

@@ -27,7 +27,7 @@ const MOST: f64 = 0.75;
 /// millimetre is what the errors of a machine make.
 const ALIKE: f64 = 2.0;
 const ALIKE_MM: f64 = 0.1;
-/// Of many absurd files only so many are tried one by one: each takes a fit for every cause.
+/// So many absurd files are tried one by one before what was found counts: each takes a fit for every cause.
 const ONE_BY_ONE: usize = 4;
 
 /// A file with rows that are too far away.
@@ -38,11 +38,10 @@ struct Absurd {
     causes: Vec<Cause>,
 }
 
-/// Rows with a cause taken away from some files, and how far they are then.
+/// Rows with a cause taken away from some files.
 struct Trial {
     cause: Cause,
     rows: Vec<Row>,
-    sizes: Vec<f64>,
     /// Absurd rows that are explained less others that became absurd.
     score: isize,
     /// The median of the rows that are explained, mm.
@@ -129,20 +128,23 @@ fn explained(
         // All that are open at once, and each for itself: a machine file may be wrong, or one file of rows.
         let mut sets = vec![open.clone()];
         if open.len() > 1 {
-            sets.extend(open.iter().take(ONE_BY_ONE).map(|place| vec![*place]));
+            sets.extend(open.iter().map(|place| vec![*place]));
         }
         let mut trials: Vec<Trial> = Vec::new();
-        for set in sets {
-            let tried = causes.iter().filter_map(|cause| {
-                trial(system, observations, (&now, &before), &absurd, &set, cause)
-            });
-            // Each round gives a file its causes, so that the rounds end.
-            trials.extend(tried.filter(|trial| {
-                trial
-                    .explained
-                    .iter()
-                    .any(|place| trial.changed.contains(place))
-            }));
+        for some in sets.chunks(1 + ONE_BY_ONE) {
+            for set in some {
+                let tried = causes.iter().filter_map(|cause| {
+                    trial(system, observations, (&now, &before), &absurd, set, cause)
+                });
+                // Each round gives a file its causes, so that the rounds end.
+                trials.extend(tried.filter(|trial| {
+                    let explained = &trial.explained;
+                    explained.iter().any(|place| trial.changed.contains(place))
+                }));
+            }
+            if !trials.is_empty() {
+                break;
+            }
         }
         let better = |a: &&Trial, b: &&Trial| {
             let fewer = || b.changed.len().cmp(&a.changed.len());
@@ -171,7 +173,11 @@ fn explained(
             file.causes.clone_from(&alike);
             now[file.own.clone()].clone_from_slice(&best.rows[file.own.clone()]);
         }
-        before.clone_from(&best.sizes);
+        let prepared = system.prepare(now.iter());
+        let Ok(values) = start(system, observations, &prepared) else {
+            return absurd;
+        };
+        before = sizes(system, &prepared, &values);
         // What others did to a set-up is gone with their cause.
         absurd.retain(|file| {
             !file.causes.is_empty() || file.own.clone().any(|row| before[row] > LIMIT_MM)
@@ -227,7 +233,6 @@ fn trial(
         left_mm: median(&left),
         explained: (0..absurd.len()).filter(is_open).collect(),
         changed: set.to_vec(),
-        sizes,
         rows,
     })
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_document::{
     CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text,
 };
@@ -88,7 +89,17 @@ fn decode(
     let machine = Machine::parse(&read(&machine_file)?, &machine_file.display().to_string())?;
     let mut found = observations(root, machine, folder, read)?;
     found.files.insert(0, machine_file);
-    let odd = found.machine.notes();
+    let mut odd = found.machine.notes();
+    odd.extend(found.unknown.iter().filter_map(|unknown| {
+        let name = unknown.error;
+        let is_curve = |curve: &ErrorCurve| {
+            !matches!(curve, ErrorCurve::Single(Field::Curve(Curve::Constant(_))))
+        };
+        let is_dropped = unknown.basis.is_some() && found.machine.error(name).is_some_and(is_curve);
+        is_dropped.then(|| {
+            format!("the curve of {name} in the machine file is dropped: {name} is unknown here")
+        })
+    }));
     found.notes.splice(0..0, odd);
     Ok(found)
 }

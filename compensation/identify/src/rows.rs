@@ -246,8 +246,7 @@ fn read_stand(
         let stated = &machine.axes()[index];
         if let Err(what) = stated.check_coordinate(found) {
             let [low, high] = stated.travel;
-            let beyond = (low - found).max(found - high);
-            if beyond > NEVER_BEYOND * (high - low) {
+            if stated.beyond_travel(found) > NEVER_BEYOND * (high - low) {
                 return Err(cell.error(format!("{what}: is it another unit, or another machine?")));
             }
             outside.push(format!("line {}: {axis}: {what}", row.line()));

@@ -52,6 +52,19 @@ impl Axis {
         Some([usual(low)?, usual(high)?])
     }
 
+    /// 0, or the end of the travel that is nearest to it, mm or deg.
+    pub fn nearest_zero(&self) -> f64 {
+        let [low, high] = self.travel;
+        0.0_f64.max(low).min(high)
+    }
+
+    /// How far a coordinate, mm or deg, is beyond the travel, after whole periods of `modulo`; negative within it.
+    pub fn beyond_travel(&self, coordinate: f64) -> f64 {
+        let [low, high] = self.travel;
+        let at = self.looked_up(coordinate);
+        (low - at).max(at - high)
+    }
+
     /// Whether a coordinate, mm or deg, lies in the travel, but for rounding.
     pub fn contains(&self, coordinate: f64) -> bool {
         is_within(self.travel, coordinate)

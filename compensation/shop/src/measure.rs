@@ -11,8 +11,8 @@ use volcomp_metrology::{
     DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
     write_renishaw,
 };
-use volcomp_model::Temperatures;
-use volcomp_vocabulary::{Direction, ErrorName, Urad};
+use volcomp_model::{Axis, Temperatures};
+use volcomp_vocabulary::{AxisName, Direction, ErrorName, Urad};
 
 use crate::{
     error::{InstrumentError, ShopError},
@@ -172,10 +172,16 @@ impl Shop {
 
     /// How the artefacts are set up: by the reference lines of the straightnesses as they are measured, else over 21 targets.
     fn set_up(&self) -> SetUp {
-        SetUp::of(&self.truth, |error| {
+        let axes = self.truth.axes().iter();
+        let reference: Vec<f64> = axes.map(Axis::nearest_zero).collect();
+        let reference_axes = [AxisName::X, AxisName::Y];
+        SetUp::of(&self.truth, &reference, reference_axes, |error| {
             let line = self.lines.iter().find(|line| line.setup.error == error)?;
             let travel = self.truth.axis(error.axis)?.travel;
-            Some(line.instrument.targets_over(travel))
+            Some(match line.setup.method {
+                Method::Direct => line.instrument.targets_over(travel),
+                Method::Angular { bridge_mm, .. } => bridge_targets(travel, bridge_mm),
+            })
         })
     }
 

@@ -93,7 +93,11 @@ fn of_curves(name: ErrorName, found: &Machine, machine: &Machine) -> f64 {
                 let [a, b] = curves.map(|curve| {
                     curve.map_or(0.0, |curve| curve.value(own, &coordinates, Some(branch)))
                 });
-                largest = largest.max((a - b).abs());
+                let by = (a - b).abs();
+                if by.is_nan() {
+                    return by;
+                }
+                largest = largest.max(by);
             }
         }
     }

@@ -135,7 +135,8 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
 /// Refuses a folder in which a file would be written over one that the shop reads.
 fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
     let mut names = shop.file_names();
-    if names.iter().any(|name| name == "observations.toml") {
+    let writes = |wanted: &str| names.iter().any(|name| name == wanted);
+    if writes("calibration.toml") && writes("observations.toml") {
         // The next command writes it.
         names.push(CALIBRATED.to_owned());
     }

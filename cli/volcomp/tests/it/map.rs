@@ -233,7 +233,6 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
         "{unknown}"
     );
     let [known, unknown] = [&known["all_axes"], &unknown["all_axes"]];
-    println!("{known}\n{unknown}");
     assert_eq!(known["poses"], 1000);
     assert!(number(known, "form_rms_um") < 0.05, "{known}");
     assert!(number(unknown, "form_rms_um") > 10.0, "{unknown}");

@@ -190,6 +190,17 @@ file = \"b.csv\"
 point = [0, 0, -50]
 ";
     let found = lab.identify(observed).expect("found");
-    let next = found.next;
-    assert!(next.is_none_or(|next| next.pose[0].0 == AxisName::C));
+    // All lengths are alike, so that the axis goes through the point.
+    let own = found.parameters.iter().find(|p| p.name == "EX0C");
+    let own = own.expect("an unknown");
+    assert!(own.determined && own.value.abs() < 0.1, "{own:?}");
+    if let Some(next) = found.next {
+        let (axis, at) = next.pose[0];
+        assert_eq!(axis, AxisName::C);
+        let measured = [0.0, 30.0, 60.0, 90.0, 120.0, 150.0, -30.0, -60.0];
+        assert!(
+            (-180.0..=180.0).contains(&at) && !measured.contains(&at),
+            "{at}"
+        );
+    }
 }

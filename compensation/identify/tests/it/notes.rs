@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use volcomp_identify::IdentifyError;
+
 use crate::lab::{Lab, Noise, value};
 
 const MACHINE: &str = "structure = \"w b X Y t\"
@@ -58,13 +60,8 @@ fn too_few_numbers_are_noted() {
         "folds = 0\nunknown = [\"EC0Y\"]",
         &["t.csv", "u.csv"],
     ));
-    if let Ok(thin) = thin {
-        let thin = thin.warnings.join("\n");
-        assert!(
-            thin.contains("u.csv: 3 numbers for 6 unknowns of its own set-up say nothing"),
-            "{thin}"
-        );
-    }
+    let thin = thin.expect_err("one point makes no frame");
+    assert!(matches!(thin, IdentifyError::Frame { .. }), "{thin}");
     lab.write("u.csv", "X,Y,length_mm\n0,0,100\n100,0,141.4\n0,100,0.1\n");
     let bar = format!(
         "{}[[observation]]\nkind = \"distance\"\nfile = \"u.csv\"\npoint = \"unknown\"\n",
@@ -77,6 +74,23 @@ fn too_few_numbers_are_noted() {
         ),
         "{bar}"
     );
+}
+
+/// A curve that was fitted to lines and is unknown here again was dropped without a word.
+#[test]
+fn a_curve_that_is_dropped_is_noted() {
+    let lab = Lab::new(&format!(
+        "{MACHINE}\n[errors]\nEXX = {{ poly = [0.0, 0.01] }}\n"
+    ));
+    lab.write("t.csv", &points(30, 0.0, 1.0));
+    let told = |unknown: &str| {
+        words(&lab, &observed(unknown, &["t.csv"]))
+            .contains("the curve of EXX in the machine file is dropped")
+    };
+    assert!(told(
+        "unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }]"
+    ));
+    assert!(!told("unknown = [\"EC0Y\"]"));
 }
 
 #[test]
