@@ -9,7 +9,10 @@ use volcomp_metrology::form::{
 
 use volcomp_model::{RigidMotion, RigidSums, kinematics::nalgebra::Vector3};
 
-use crate::part_file::{Alignment, Measured, Part, PartFeature};
+use crate::{
+    part_file::{Alignment, Measured, Part, PartFeature},
+    vector::{cross, dot},
+};
 
 /// Points of a feature that are kept at the most: evenly spread.
 const MOST_POINTS: usize = 2000;
@@ -246,16 +249,4 @@ fn found(feature: &PartFeature, nominal: &Form, form: &Form, datum: Option<&Form
             .map(|(found, wanted)| um(found - wanted)),
         coaxiality_um: datum.and_then(|datum| distance(form.axis.as_ref()?, datum)),
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }

@@ -55,6 +55,7 @@ mod siemens;
 mod straight;
 mod stretches;
 mod tip;
+mod vector;
 mod verify;
 mod words;
 

@@ -6,7 +6,10 @@
 //! price on the change of the correction. The shortest way through it is the plan; the grid is refined about it until its step is
 //! that of the control, whose own places are the candidates of the last round.
 
-use crate::shortest::through;
+use crate::{
+    shortest::through,
+    vector::{cross, dot},
+};
 
 /// A place in space, mm.
 pub type Place = [f64; 3];
@@ -306,18 +309,6 @@ fn sub(a: Place, b: Place) -> Place {
 
 fn scale(a: Place, by: f64) -> Place {
     a.map(|x| x * by)
-}
-
-fn dot(a: Place, b: Place) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn cross(a: Place, b: Place) -> Place {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
 
 fn length(a: Place) -> f64 {
