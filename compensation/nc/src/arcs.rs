@@ -10,7 +10,7 @@ use crate::{
     motion::{Arc, Move},
     parts::{Part, words_of},
     polar::polar_writes,
-    rewrite::Rewriter,
+    rewrite::{Contour, Rewriter},
     script::Shape,
     stretches::in_plane,
     words::{Number, each},
@@ -39,10 +39,9 @@ impl Rewriter {
         }
         let stretches = self.stretches(arc, [&from, &to]);
         let splits = stretches.len() > 1;
-        if let Some(first) = stretches.first() {
-            let sets_out = frame.to_machine(&arc.place(&from, &to, first.to));
-            self.take_up(motion, arc, &sets_out, line, out);
-        }
+        let mut next = 0;
+        let turned = self.turn_up_to(&mut next, 0.0);
+        self.take_up(motion, arc, turned, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
         // The end of a closed circle is its beginning, whatever the correction there should be.
@@ -51,7 +50,16 @@ impl Rewriter {
         for (place, stretch) in stretches.iter().enumerate() {
             let at = arc.place(&from, &to, stretch.to);
             let machine = frame.to_machine(&at);
-            self.corrector.goes(&machine);
+            let mut code = None;
+            if place > 0
+                && self.turn_up_to(&mut next, stretch.from)
+                && self.contour == Contour::None
+            {
+                let here = [&before, &carried];
+                let taken_up = self.take_up_here(motion, stretch.from, here, line, out);
+                carried = taken_up.unwrap_or(carried);
+                code = taken_up.and_then(|_| code_of(arc));
+            }
             let middle = arc.place(&from, &to, 0.5);
             let keeps_polar =
                 motion.polar && !splits && self.keeps_polar(&[from, middle, to], &carried);
@@ -109,6 +117,7 @@ impl Rewriter {
                 numbers: &words.numbers,
                 words: &motion.words,
                 others: &circle.others,
+                code,
                 feed: splits.then(|| self.feed_of_part(share)).flatten(),
                 shape,
                 before: &centre,
@@ -117,17 +126,17 @@ impl Rewriter {
             before = at;
         }
         self.carried = frame.moved_in_machine(&to, &carried);
-        self.is_settled = true;
+        self.has_moved(motion);
         Ok(())
     }
 
-    /// Where the axes lack a correction at the beginning of an arc that sets out for this place of theirs, a line before it takes
-    /// that up: only where nothing else that the line of the arc says comes too late for it.
+    /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up: only where nothing else that the
+    /// line of the arc says comes too late for it.
     fn take_up(
         &mut self,
         motion: &Move,
         arc: &Arc,
-        sets_out: &Axes,
+        turned: bool,
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
@@ -139,35 +148,64 @@ impl Rewriter {
         if words.iter().any(says_more) || says_others {
             return;
         }
-        let turns = self.corrector.goes(sets_out);
-        if !self.lacks_correction(motion, turns) {
+        if !self.lacks_correction(motion, turned) {
             return;
         }
         let frame = self.interpreter.frame.clone();
         let from = frame.to_program(&motion.from);
+        let carried = frame.moved_in_program(&motion.from, &self.carried);
+        let Some(carried) = self.take_up_here(motion, 0.0, [&from, &carried], line, out) else {
+            return;
+        };
+        self.carried = frame.moved_in_machine(&from, &carried);
+        // From now on G1 is what coordinates alone stand for.
+        if !line.block.words.iter().any(is_arc) {
+            let code = code_of(arc);
+            self.edits.added.extend(code.map(|code| (b'G', code)));
+        }
+        // The time that F stands for is that of the arc alone.
+        let feed = self.feed_of_part(1.0);
+        if line.place_of(b'F').is_none() {
+            self.edits.added.extend(feed.map(|feed| (b'F', feed)));
+        }
+    }
+
+    /// A line that takes up what the axes lack at a share of the motion, with the place there in the program and what they carry
+    /// there; what they carry then. `None`: there is nothing to take up.
+    fn take_up_here(
+        &mut self,
+        motion: &Move,
+        share: f64,
+        [from, carried]: [&Axes; 2],
+        line: Line<'_>,
+        out: &mut Vec<u8>,
+    ) -> Option<Axes> {
+        let here = self.interpreter.frame.to_machine(from);
         let stays = Move {
             words: [None; 9],
             incremental: [!self.interpreter.modal.absolute; 9],
-            to: motion.from,
+            to: here,
             ..motion.clone()
         };
         let leg = Leg {
             motion: &stays,
             line,
-            from,
-            to: from,
-            at: motion.from,
+            from: *from,
+            to: *from,
+            at: here,
             writes: [Writes::IfChanged; 9],
             keeps: [false; 9],
             rounded: None,
         };
-        let mut carried = frame.moved_in_program(&motion.from, &self.carried);
+        let mut carried = *carried;
         let words = self.words_to(&leg, &mut carried);
         if words.numbers.iter().all(Option::is_none) {
-            return;
+            return None;
         }
-        self.carried = frame.moved_in_machine(&from, &carried);
         let feed = self.feed_of_part(0.0);
+        if share > 0.0 {
+            out.extend_from_slice(line.more);
+        }
         self.begin_line(line, out);
         out.extend_from_slice(match line.script.keyword(Shape::Straight) {
             [] => b"G1",
@@ -176,25 +214,23 @@ impl Rewriter {
         for word in words_of(&words.numbers, &[Manner::Modal; 9], feed) {
             line.script.write_word(&word, out);
         }
-        if line.script.is_heidenhain()
+        if share == 0.0
+            && line.script.is_heidenhain()
             && let Some(feed) = line.block.word(b'F')
         {
             // It may be the first one.
             out.push(b' ');
             out.extend_from_slice(&line.text[feed.at..feed.text.end]);
         }
-        out.extend_from_slice(line.more);
-        self.ends_part(0.0);
-        // From now on G1 is what coordinates alone stand for.
-        if !line.block.words.iter().any(is_arc) {
-            let code = if arc.turns_by < 0.0 { 2.0 } else { 3.0 };
-            let number = Number::nearest(code, 0);
-            self.edits.added.extend(number.map(|number| (b'G', number)));
+        if share == 0.0 {
+            out.extend_from_slice(line.more);
         }
-        // The time that F stands for is that of the arc alone.
-        if feed.is_some() && line.place_of(b'F').is_none() {
-            let whole = self.feed_of_part(1.0);
-            self.edits.added.extend(whole.map(|feed| (b'F', feed)));
-        }
+        self.ends_part(share);
+        Some(carried)
     }
+}
+
+/// G2 or G3.
+fn code_of(arc: &Arc) -> Option<Number> {
+    Number::nearest(if arc.turns_by < 0.0 { 2.0 } else { 3.0 }, 0)
 }

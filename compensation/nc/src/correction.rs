@@ -12,9 +12,11 @@ use volcomp_model::{
 
 use crate::{
     NcError,
+    carriage::Carriages,
     coordinates::{Axes, AxisPlaces, is_rotary, name_of},
-    play::turned_after,
+    play::Play,
     tip::with_tool,
+    turns::{Turn, side_of},
 };
 
 /// Curves are compiled to 1 nm.
@@ -84,6 +86,7 @@ pub struct Corrector {
     only_linear: bool,
     bidirectional: bool,
     approach: Axes<Option<Direction>>,
+    play: Arc<Play>,
     /// Travel against its direction after which each axis counts as turned, mm and deg.
     turned_after: Axes<f64>,
     /// The furthest place of each axis in its direction.
@@ -145,6 +148,7 @@ impl Corrector {
         }
         let joints = machine.chain().joints();
         let tool = Arc::new(tool);
+        let play = Play::of(machine, &places);
         Ok(Self {
             machine: Arc::new(machine.clone()),
             temperatures: temperatures.clone(),
@@ -158,7 +162,8 @@ impl Corrector {
             corrects,
             travels,
             approach: [None; MAX_AXES],
-            turned_after: turned_after(machine),
+            turned_after: std::array::from_fn(|axis| play.turned_after(axis)),
+            play: Arc::new(play),
             furthest: [0.0; MAX_AXES],
             split_beyond_mm: tolerance_mm,
             version: 0,
@@ -239,9 +244,45 @@ impl Corrector {
         state
     }
 
-    /// An axis counts as turned as soon as it goes back.
-    pub(crate) fn turns_at_once(&mut self) {
-        self.turned_after = [1e-7; MAX_AXES];
+    /// Whether the carriage of any axis lags.
+    pub(crate) fn has_play(&self) -> bool {
+        self.play.any
+    }
+
+    /// How far the carriage of each axis lags at these coordinates from one direction to the other, mm or deg.
+    pub(crate) fn lost(&self, at: &Axes) -> Axes {
+        if !self.play.any {
+            return [0.0; MAX_AXES];
+        }
+        let machine = &self.tool.machine;
+        let coordinates = machine.curve_coordinates(&self.places.state(at));
+        let coordinates = &coordinates[..machine.axes().len()];
+        std::array::from_fn(|axis| self.play.lost(axis, coordinates))
+    }
+
+    /// The state of the model with the drives at a place and the carriages where they are.
+    fn carried(&self, at: &Axes, carriages: &Carriages) -> State {
+        if !self.play.any {
+            return self.state(at);
+        }
+        let lost = self.lost(at);
+        let (mut there, mut approach) = (*at, self.approach);
+        for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
+            // The flank that is nearer: its curves hold, and what is missing to it is a way of the axis.
+            let off = carriages.off[axis];
+            (approach[axis], there[axis]) = match off {
+                0.0 => (None, at[axis]),
+                _ if off < 0.0 => (Some(Direction::Positive), at[axis] + off + 0.5 * lost[axis]),
+                _ => (Some(Direction::Negative), at[axis] + off - 0.5 * lost[axis]),
+            };
+        }
+        let mut state = self.places.state(&there);
+        for (axis, approach) in approach.into_iter().enumerate() {
+            if let Some(place) = self.places.of_axis(axis) {
+                state.approach[place] = approach;
+            }
+        }
+        state
     }
 
     /// Travel against its direction after which an axis counts as turned, mm or deg.
@@ -259,22 +300,28 @@ impl Corrector {
         (self.approach, self.furthest) = (approach, furthest);
     }
 
-    /// The axes set out from a place for another one: those that go further than what counts as turning come from that side from
-    /// here on.
-    pub(crate) fn faces(&mut self, from: &Axes, to: &Axes) {
+    /// The axes begin here, with no direction yet.
+    pub(crate) fn begins(&mut self, at: &Axes) {
+        self.approach = [None; MAX_AXES];
+        let more = self.without_play(at);
+        self.furthest = std::array::from_fn(|axis| at[axis] + more[axis]);
+    }
+
+    /// Whether the carriage of an axis lags somewhere.
+    pub(crate) fn lags(&self, axis: usize) -> bool {
+        self.play.has(axis)
+    }
+
+    /// From which side an axis comes, and its furthest place.
+    pub(crate) fn side(&self, axis: usize) -> (Option<Direction>, f64) {
+        (self.approach[axis], self.furthest[axis])
+    }
+
+    /// The axes have been so far, each in its direction.
+    pub(crate) fn reaches(&mut self, furthest: &Axes) {
         for axis in 0..MAX_AXES {
-            let way = to[axis] - from[axis];
-            if !self.bidirectional || way.abs() <= self.turned_after[axis] {
-                continue;
-            }
-            let side = Some(if way > 0.0 {
-                Direction::Positive
-            } else {
-                Direction::Negative
-            });
-            if self.approach[axis] != side {
-                (self.approach[axis], self.furthest[axis]) = (side, from[axis]);
-                self.version += 1;
+            if self.has(axis) {
+                self.furthest[axis] = furthest[axis];
             }
         }
     }
@@ -286,27 +333,53 @@ impl Corrector {
         }
     }
 
+    /// An axis turns.
+    pub(crate) fn turn(&mut self, turn: &Turn) {
+        if self.approach[turn.axis] != Some(turn.side) {
+            self.version += 1;
+        }
+        self.approach[turn.axis] = Some(turn.side);
+        self.furthest[turn.axis] = turn.furthest;
+    }
+
+    /// What is added to the axes at a place besides their play: the carriage of an axis that lags goes with it, and where that turns, the
+    /// play is to be taken up. 0 for the others, whose direction is that of the command without its correction.
+    pub(crate) fn without_play(&self, at: &Axes) -> Axes {
+        if !self.play.any {
+            return [0.0; MAX_AXES];
+        }
+        let (delta, lost) = (self.at(at).delta, self.lost(at));
+        std::array::from_fn(|axis| {
+            if !self.lags(axis) || !self.corrects[axis] {
+                return 0.0;
+            }
+            match self.approach[axis] {
+                Some(Direction::Positive) => delta[axis] - 0.5 * lost[axis],
+                Some(Direction::Negative) => delta[axis] + 0.5 * lost[axis],
+                None => delta[axis],
+            }
+        })
+    }
+
     /// The axes go to this place: from now on they come from that side. Whether one of them turns.
     pub(crate) fn goes(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
             return false;
         }
         let before = self.approach;
+        let more = self.without_play(to);
         for axis in 0..MAX_AXES {
             let after = self.turned_after[axis];
-            let way = to[axis] - self.furthest[axis];
+            let here = to[axis] + more[axis];
+            let way = here - self.furthest[axis];
             let on = match self.approach[axis] {
                 Some(Direction::Positive) => way > 0.0 || way < -after,
                 Some(Direction::Negative) => way < 0.0 || way > after,
                 None => way.abs() > after,
             };
             if on && way != 0.0 {
-                self.furthest[axis] = to[axis];
-                self.approach[axis] = Some(if way > 0.0 {
-                    Direction::Positive
-                } else {
-                    Direction::Negative
-                });
+                self.furthest[axis] = here;
+                self.approach[axis] = Some(side_of(way));
             }
         }
         let turns = self.approach != before;
@@ -374,25 +447,30 @@ impl Corrector {
         chain.ideal_tip_mm(&self.places.state(at)).into()
     }
 
-    /// Where a point of the tool is, `above_mm` above its tip along its axis: of the ideal machine and with the errors, by the exact model;
-    /// mm from the workpiece origin in workpiece axes.
-    pub(crate) fn on_tool_mm(&self, at: &Axes, above_mm: f64) -> [[f64; 3]; 2] {
+    /// Where a point of the tool is, `above_mm` above its tip along its axis, by the exact model; mm from the workpiece origin in
+    /// workpiece axes.
+    pub(crate) fn on_tool_mm(&self, at: &Axes, carriages: &Carriages, above_mm: f64) -> [f64; 3] {
         let chain = self.tool.machine.chain();
-        let state = self.state(at);
         let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
         let source = self.tool.machine.source(&self.temperatures);
-        let poses = [
-            chain.ideal_pose(&state),
-            actual_pose(chain, &source, &state),
-        ];
-        poses.map(|pose| (pose.transform_point(&point) - chain.workpiece_origin_mm()).into())
+        let pose = actual_pose(chain, &source, &self.carried(at, carriages));
+        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
     }
 
-    /// How far from there it is with the errors, by the exact model, mm.
-    pub(crate) fn error_mm(&self, at: &Axes) -> [f64; 3] {
+    /// Where it is on the ideal machine.
+    pub(crate) fn ideal_on_tool_mm(&self, at: &Axes, above_mm: f64) -> [f64; 3] {
+        let chain = self.tool.machine.chain();
+        let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
+        let pose = chain.ideal_pose(&self.places.state(at));
+        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
+    }
+
+    /// Where the tip is with the errors, by the exact model, mm from the workpiece origin in workpiece axes.
+    pub(crate) fn actual_tip_mm(&self, at: &Axes, carriages: &Carriages) -> [f64; 3] {
         let (machine, temperatures) = (&self.tool.machine, &self.temperatures);
-        let error = machine.error_at(&self.state(at), Form::Exact, temperatures);
-        error.position_mm.into()
+        let state = self.carried(at, carriages);
+        let error = machine.error_at(&state, Form::Exact, temperatures);
+        (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
     }
 
     /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line

@@ -79,7 +79,7 @@ impl Rewriter {
             let at = self.interpreter.position;
             self.corrector.goes(&at);
             self.carried = frame.moved_in_machine(&frame.to_program(&at), &carried);
-            self.is_settled = false;
+            self.unsettles();
         }
         Ok(())
     }

@@ -86,6 +86,7 @@ impl Rewriter {
             numbers: &words.numbers,
             words: &motion.words,
             others: &[],
+            code: None,
             feed: None,
             shape: Shape::Straight,
             before: &[],
@@ -93,7 +94,7 @@ impl Rewriter {
         self.write_part(&part, line, out);
         self.carried = frame.moved_in_machine(&end, &carried);
         // The tool may be above the hole, with the correction of its middle.
-        self.is_settled = false;
+        self.unsettles();
         Ok(())
     }
 

@@ -20,6 +20,8 @@ pub(crate) struct Part<'a> {
     pub(crate) words: &'a Axes<Option<usize>>,
     /// Words behind these in a line of its own: the circle of an arc.
     pub(crate) others: &'a [(u8, Number)],
+    /// G2 or G3 before them, where another code has come in between.
+    pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
     /// A line that must stand before it, without its end: the centre of an arc.
@@ -78,6 +80,10 @@ impl Rewriter {
         }
         self.begin_line(line, out);
         out.extend_from_slice(script.keyword(part.shape));
+        // Where each motion says how it goes, its keyword has said it.
+        if let Some(code) = part.code.filter(|_| !script.is_heidenhain()) {
+            script.write_word(&NewWord::plain((b'G', code)), out);
+        }
         let manners = part.words.map(|place| line.manner(place));
         for word in words_of(part.numbers, &manners, part.feed) {
             script.write_word(&word, out);

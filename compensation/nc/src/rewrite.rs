@@ -22,6 +22,7 @@ use crate::{
     rounding::Strategy,
     script::Script,
     setup::SetUp,
+    turns::Turns,
     verify::Made,
     words::{Decimals, Number},
 };
@@ -62,6 +63,15 @@ pub(crate) enum Contour {
     Follows,
 }
 
+/// Whether the correction that the axes carry is the one that belongs to where they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Settled {
+    Yes,
+    No,
+    /// It is not, since an axis has turned.
+    Turned,
+}
+
 /// State: a program that is read, and the correction that its axes carry.
 #[derive(Clone, Debug)]
 pub(crate) struct Rewriter {
@@ -73,8 +83,9 @@ pub(crate) struct Rewriter {
     pub(crate) strategy: Strategy,
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
-    /// That is the correction that belongs to where they are.
-    pub(crate) is_settled: bool,
+    pub(crate) settled: Settled,
+    /// Where axes turn on the motion that is being written.
+    pub(crate) turns: Turns,
     /// What of it stands in the plane R of the cycle that is kept from hole to hole, mm.
     pub(crate) carried_by_cycle: Option<f64>,
     /// What of it was in the axis of its depth where the first hole of a row began, mm.
@@ -105,15 +116,18 @@ impl Rewriter {
         decimals: Decimals,
         dialect: Dialect,
     ) -> Result<Self, NcError> {
-        let machine = Arc::clone(corrector.machine());
+        let interpreter = Interpreter::new(setup, Arc::clone(corrector.machine()), dialect)?;
+        let mut corrector = corrector;
+        corrector.begins(&interpreter.position);
         Ok(Self {
-            interpreter: Interpreter::new(setup, machine, dialect)?,
+            interpreter,
             corrector,
             seen: Seen::default(),
             decimals,
             strategy: Strategy::Plain,
             carried: [0.0; 9],
-            is_settled: false,
+            settled: Settled::No,
+            turns: Turns::default(),
             carried_by_cycle: None,
             carried_at_initial: None,
             carried_at_home: [[0.0; 9]; 2],
@@ -211,7 +225,9 @@ impl Rewriter {
             });
         }
         let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;
-        self.is_settled &= !other_tool;
+        if other_tool {
+            self.unsettles();
+        }
         if self.interpreter.modal.sticky.initial.is_none() {
             (self.carried_by_cycle, self.carried_at_initial) = (None, None);
         }
@@ -356,10 +372,7 @@ impl Rewriter {
             _ if motion.in_machine => self.is_uncorrected(motion),
             Path::Other | Path::Home(_) => self.is_uncorrected(motion),
             Path::Rapid => {
-                for share in self.turning_points(motion) {
-                    let at = self.place_of(motion, share);
-                    self.corrector.goes(&at);
-                }
+                self.turns = self.turns_of(motion);
                 self.straight(motion, &[1.0], line, out);
             }
             Path::Line => {
@@ -404,10 +417,30 @@ impl Rewriter {
         }
     }
 
+    /// A motion has been written: the axes have done what they do on it.
+    pub(crate) fn has_moved(&mut self, motion: &Move) {
+        let turns = std::mem::take(&mut self.turns);
+        if self.corrector.is_bidirectional() {
+            self.corrector.reaches(&turns.furthest);
+        }
+        self.settled = if self.corrector.goes(&motion.to) {
+            Settled::Turned
+        } else {
+            Settled::Yes
+        };
+    }
+
+    /// The correction that the axes carry may be that of another place, or of another tool.
+    pub(crate) fn unsettles(&mut self) {
+        if self.settled == Settled::Yes {
+            self.settled = Settled::No;
+        }
+    }
+
     /// A motion that passes on as it is: its axes carry no correction afterwards, but those whose words are ways.
     pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
         self.corrector.goes(&motion.to);
-        self.is_settled = false;
+        self.settled = Settled::No;
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {
             self.carried

@@ -4,18 +4,20 @@ use crate::{
     coordinates::{Axes, is_rotary},
     legs::{Leg, Writes},
     line::Line,
-    motion::Move,
+    motion::{Move, Path},
     parts::Part,
     polar::polar_writes,
-    rewrite::{Contour, Rewriter},
+    rewrite::{Contour, Rewriter, Settled},
     script::Shape,
+    turns::{Turns, steps_of},
     words::{between, each},
 };
 
 /// A motion is split into so many parts at the most.
 pub(crate) const MOST_PARTS: usize = 4096;
-/// In so many equal parts a motion of the centre point is looked at for axes that turn.
-const LOOKED_AT: u32 = 64;
+/// After each so many mm or deg a motion is looked at for axes that turn, so often at the most.
+const LOOKED_AT_EACH: f64 = 5.0;
+const MOST_LOOKED_AT: f64 = 64.0;
 
 impl Rewriter {
     /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1. A first part that
@@ -23,27 +25,89 @@ impl Rewriter {
     /// takes up the play of an axis that turns there.
     pub(crate) fn parts(&mut self, motion: &Move) -> Vec<f64> {
         let mut parts = Vec::new();
+        self.turns = self.turns_of(motion);
         let is_known = (0..9).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis));
         if !is_known || self.contour == Contour::Switches {
             parts.push(1.0);
             return parts;
         }
-        let turns_at = self.turning_points(motion);
         let sides = self.corrector.sides();
-        let mut begins = 0.0;
-        for (place, ends) in turns_at.iter().copied().chain([1.0]).enumerate() {
-            let at = self.place_of(motion, ends);
-            let turns = self.corrector.goes(&at);
-            if place > 0 || self.lacks_correction(motion, turns) {
-                parts.push(begins);
-            }
+        let (mut begins, mut next) = (0.0, 0);
+        let turned = self.turn_up_to(&mut next, 0.0);
+        if self.lacks_correction(motion, turned) {
+            parts.push(0.0);
+        }
+        while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share)
+            && self.contour == Contour::None
+        {
             self.split(motion, [begins, ends], &mut parts);
+            self.turn_up_to(&mut next, ends);
+            parts.push(ends);
             begins = ends;
         }
-        if !turns_at.is_empty() {
-            self.corrector.put_back(sides);
-        }
+        self.split(motion, [begins, 1.0], &mut parts);
+        self.corrector.put_back(sides);
         parts
+    }
+
+    /// The axes turn that turn up to this share of the motion, from the next turn on. Whether there is any.
+    pub(crate) fn turn_up_to(&mut self, next: &mut usize, share: f64) -> bool {
+        let first = *next;
+        while let Some(turn) = self
+            .turns
+            .turns
+            .get(*next)
+            .filter(|turn| turn.share <= share)
+        {
+            self.corrector.turn(turn);
+            *next += 1;
+        }
+        *next > first
+    }
+
+    /// Where axes turn on a straight motion.
+    pub(crate) fn turns_of(&self, motion: &Move) -> Turns {
+        if !self.corrector.is_bidirectional() {
+            return Turns::default();
+        }
+        let frame = &self.interpreter.frame;
+        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+        // What is added to an axis that stands may turn on the way, too.
+        let least = if self.corrector.has_play() {
+            let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
+            (ways.fold(0.0, f64::max) / LOOKED_AT_EACH).min(MOST_LOOKED_AT)
+        } else {
+            1.0
+        };
+        let steps = steps_of(self.bulge_mm(&from, &to)).max(least);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 1024"
+        )]
+        let steps = steps.ceil().max(1.0) as u32;
+        if motion.path == Path::Rapid {
+            // It is not split: the carriages go as the control leads them from the one corrected place to the other.
+            let [from, to] = [&motion.from, &motion.to].map(|at| {
+                let more = frame.moved_in_program(at, &self.corrector.without_play(at));
+                let at = frame.to_program(at);
+                each(|axis| at[axis] + more[axis])
+            });
+            let carriages = |share| frame.to_machine(&between(&from, &to, share));
+            return self.corrector.turns(steps, |share| {
+                let (at, carriage) = (self.place_of(motion, share), carriages(share));
+                each(|axis| {
+                    if self.corrector.lags(axis) {
+                        carriage[axis]
+                    } else {
+                        at[axis]
+                    }
+                })
+            });
+        }
+        let nominal = |share| self.place_of(motion, share);
+        self.corrector
+            .turns(steps, self.corrector.carriages(steps, nominal))
     }
 
     /// The axes at a share of a straight motion.
@@ -54,60 +118,6 @@ impl Rewriter {
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         frame.to_machine(&between(&from, &to, share))
-    }
-
-    /// Where linear axes with play turn while the centre point of the tool goes straight, from 0 to 1.
-    pub(crate) fn turning_points(&self, motion: &Move) -> Vec<f64> {
-        let frame = &self.interpreter.frame;
-        let mut found = Vec::new();
-        if frame.tip.is_none()
-            || !self.corrector.is_bidirectional()
-            || self.contour != Contour::None
-        {
-            return found;
-        }
-        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        // An axis that turns is at least so far from its straight way.
-        let least = (0..3).map(|axis| self.corrector.turned_after(axis));
-        if self.bulge_mm(&from, &to) <= least.fold(f64::INFINITY, f64::min) {
-            return found;
-        }
-        let at = |share: f64| frame.to_machine(&between(&from, &to, share));
-        let share = |place: u32| f64::from(place) / f64::from(LOOKED_AT);
-        let places: Vec<Axes> = (0..=LOOKED_AT).map(|place| at(share(place))).collect();
-        for axis in 0..3 {
-            let turned_after = self.corrector.turned_after(axis);
-            // The sign of the motion, and the furthest place of it.
-            let (mut sign, mut furthest) = (0.0, 0);
-            for place in 1..=LOOKED_AT {
-                let way = |from: u32| places[place as usize][axis] - places[from as usize][axis];
-                if sign == 0.0 {
-                    if way(0).abs() > turned_after {
-                        (sign, furthest) = (way(0).signum(), place);
-                    }
-                } else if sign * way(furthest) > 0.0 {
-                    furthest = place;
-                } else if sign * way(furthest) < -turned_after {
-                    // By thirds around it: one extremum is there.
-                    let (mut low, mut high) =
-                        (share(furthest.saturating_sub(1)), share(furthest + 1));
-                    for _ in 0..40 {
-                        let (first, second) = ((2.0 * low + high) / 3.0, (low + 2.0 * high) / 3.0);
-                        if sign * at(first)[axis] < sign * at(second)[axis] {
-                            low = first;
-                        } else {
-                            high = second;
-                        }
-                    }
-                    found.push(0.5 * (low + high));
-                    (sign, furthest) = (-sign, place);
-                }
-            }
-        }
-        found.retain(|share| (1e-6..1.0 - 1e-6).contains(share));
-        found.sort_by(f64::total_cmp);
-        found.dedup_by(|a, b| *a - *b < 1e-6);
-        found
     }
 
     /// Appends the parts between two shares of a straight motion.
@@ -154,13 +164,23 @@ impl Rewriter {
         self.seen = seen;
     }
 
-    /// Whether the axes stand further from where a motion is to begin than the tolerance and the rounding of words let them: an
-    /// axis `turns`, and its play is to be taken up; another tool is in the spindle; or the axes came here without a correction.
+    /// Whether the axes stand further from where a motion is to begin than they may: where an axis `turns`, than words round, since
+    /// its play is to be taken up; with another tool in the spindle, or where the axes came here without a correction, than the
+    /// tolerance and the rounding of words let them.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
-        if self.is_settled && !turns || self.contour != Contour::None {
+        if self.settled == Settled::Yes && !turns || self.contour != Contour::None {
             return false;
         }
         let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
+        if turns || self.settled == Settled::Turned {
+            let frame = &self.interpreter.frame;
+            let [wanted, carried] =
+                [&delta, &self.carried].map(|by| frame.moved_in_program(&motion.from, by));
+            return (0..9).any(|axis| {
+                let missing = (wanted[axis] - carried[axis]).abs();
+                !is_rotary(axis) && missing >= 0.5 * self.step_mm()
+            });
+        }
         let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects(*axis));
         let squared: f64 = linear
             .map(|axis| (delta[axis] - self.carried[axis]).powi(2))
@@ -181,10 +201,11 @@ impl Rewriter {
         let [from, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
-        let turns_on_the_way = parts.windows(2).any(|pair| pair[0] == pair[1]);
-        if !turns_on_the_way {
-            self.corrector.goes(&motion.to);
-        }
+        let mut next = 0;
+        // What is not taken up by a block of its own is spread over the motion.
+        let is_cut =
+            (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
+        self.turn_up_to(&mut next, if is_cut { 0.0 } else { 1.0 });
         let keeps_polar = motion.polar && !splits && self.keeps_polar(&[from, end], &carried);
         let shape = if keeps_polar {
             Shape::AsItIs
@@ -194,17 +215,7 @@ impl Rewriter {
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
-            if turns_on_the_way {
-                // What takes up the play sets out for the end of the next part, and for the place where the next axis turns.
-                let rest = parts[place..].windows(2);
-                let mut turns = rest.filter(|pair| pair[0] == pair[1] && pair[0] > passed);
-                let turns = turns.next().map_or(1.0, |pair| pair[0]);
-                let [here, there] = [passed, turns].map(|share| self.place_of(motion, share));
-                self.corrector.faces(&here, &there);
-                let ends = parts[place..].iter().find(|ends| **ends > passed);
-                let sets_out = self.place_of(motion, ends.copied().unwrap_or(1.0));
-                self.corrector.goes(&sets_out);
-            }
+            self.turn_up_to(&mut next, passed);
             let to = if is_last {
                 end
             } else {
@@ -217,8 +228,9 @@ impl Rewriter {
             };
             let writes = each(|axis| {
                 let is_new = place == 0 || motion.incremental[axis] || to[axis] != before[axis];
+                let only_takes_up = place > 0 && share == passed;
                 match splits {
-                    _ if motion.polar && axis < 2 => polar_writes(keeps_polar),
+                    _ if motion.polar && axis < 2 && !only_takes_up => polar_writes(keeps_polar),
                     true if is_new => Writes::Anew,
                     true => Writes::IfMoves,
                     false => Writes::IfChanged,
@@ -249,6 +261,7 @@ impl Rewriter {
                 numbers: &words.numbers,
                 words: &motion.words,
                 others: &[],
+                code: None,
                 feed,
                 shape,
                 before: &[],
@@ -257,6 +270,6 @@ impl Rewriter {
             (before, passed) = (to, share);
         }
         self.carried = self.interpreter.frame.moved_in_machine(&end, &carried);
-        self.is_settled = true;
+        self.has_moved(motion);
     }
 }

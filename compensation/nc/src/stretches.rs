@@ -1,6 +1,6 @@
 //! The parts in which an arc is written: each of them still an arc.
 
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::f64::consts::{FRAC_PI_4, PI};
 
 use crate::{
     bow::{Bow, sag_of},
@@ -9,16 +9,22 @@ use crate::{
     number::of_steps,
     rewrite::Rewriter,
     straight::MOST_PARTS,
+    turns::Turns,
     words::each,
 };
 
 /// Errors that are straight within a part of an arc leave a deviation from its circle that is 0 at both ends and in the
 /// middle and has one bend between each two of these: it is nowhere larger than so many times what it is at the quarters.
 const BETWEEN_QUARTERS: f64 = 1.15;
-/// An arc is looked at by so many quarters at the most.
-const MOST_QUARTERS: u32 = 4096;
+/// In so many equal parts a turn is looked at for axes that turn, and an arc of many turns at the most.
+const LOOKED_AT: u32 = 64;
+const MOST_LOOKED_AT: f64 = 4096.0;
+/// An axis of the plane that goes by half of this beside its turning point is taken for standing.
+const HARDLY_MM: f64 = 5e-4;
 /// Parts of an arc that are shorter than so many steps of its words are not split any further.
 const SHORTEST_IN_STEPS: f64 = 20.0;
+/// And an axis that turns does not make shorter ones.
+const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
 
 /// A part of an arc that stays one arc: where it begins and ends, from 0 to 1 of the whole arc.
 #[derive(Clone, Copy, Debug)]
@@ -102,15 +108,15 @@ impl Rewriter {
 
     /// The parts in which an arc is written.
     pub(crate) fn stretches(&mut self, arc: &Arc, [from, to]: [&Axes; 2]) -> Vec<Stretch> {
-        let frame = self.interpreter.frame.clone();
         let mut stretches = Vec::new();
-        let mut open = self.turn_to_turn(arc, from);
+        self.turns = self.turns_of_arc(arc, [from, to]);
+        let mut open = self.turn_to_turn();
         let sides = self.corrector.sides();
+        let mut next = 0;
         let (radius, _) = arc.start(from);
         let shortest = SHORTEST_IN_STEPS * self.step_mm();
         while let Some(stretch) = open.pop() {
-            let end = frame.to_machine(&arc.place(from, to, stretch.to));
-            self.corrector.goes(&end);
+            self.turn_up_to(&mut next, stretch.from);
             let is_short = stretch.turns(arc) * radius < shortest;
             let are_many = stretches.len() + open.len() >= MOST_PARTS;
             if is_short || are_many || self.fits(arc, [from, to], stretch) {
@@ -131,46 +137,53 @@ impl Rewriter {
         stretches
     }
 
-    /// The parts of an arc in which no axis changes its direction, the first one last: the whole arc where that changes nothing. An
-    /// axis that goes back by less than what counts as turning does not change it.
-    fn turn_to_turn(&self, arc: &Arc, from: &Axes) -> Vec<Stretch> {
-        let mut parts = vec![Stretch { from: 0.0, to: 1.0 }];
+    /// Where axes turn on an arc.
+    fn turns_of_arc(&self, arc: &Arc, [from, to]: [&Axes; 2]) -> Turns {
         if !self.corrector.is_bidirectional() {
-            return parts;
+            return Turns::default();
         }
-        let (radius, start) = arc.start(from);
-        let turned = self.interpreter.frame.rotation_deg.to_radians();
-        // The first quarter beyond the beginning, in the coordinates of the machine.
-        let begins = (start + turned) / FRAC_PI_2;
-        let sign = arc.turns_by.signum();
-        let next = if sign > 0.0 {
-            begins.floor() + 1.0
-        } else {
-            begins.ceil() - 1.0
+        let frame = &self.interpreter.frame;
+        let steps = f64::from(LOOKED_AT) * (arc.turns_by.abs() / (2.0 * PI)).max(1.0);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a few thousand at the most"
+        )]
+        let steps = steps.ceil().min(MOST_LOOKED_AT) as u32;
+        let place = |share: f64| match share {
+            0.0 => frame.to_machine(from),
+            1.0 => frame.to_machine(to),
+            _ => frame.to_machine(&arc.place(from, to, share)),
         };
-        // How far the axis goes that turns at a quarter, this angle away from it: the first one of the plane on its own line
-        // through the centre, the second one at right angles to that.
-        let goes = |quarter: f64, angle: f64| {
-            let axis = arc.axes[usize::from(quarter.rem_euclid(2.0) > 0.5)];
-            radius * (1.0 - angle.abs().min(PI).cos()) > self.corrector.turned_after(axis)
-        };
-        for place in 0..MOST_QUARTERS {
-            let quarter = next + sign * f64::from(place);
-            let angle = (quarter - begins) * FRAC_PI_2;
-            let share = angle / arc.turns_by;
-            if share >= 1.0 {
-                break;
+        let carriages = self.corrector.carriages(steps, place);
+        let mut found = self.corrector.turns(steps, carriages);
+        // No part is so short that what takes up the play makes another arc of it; beside its turning point an axis hardly moves.
+        let (radius, _) = arc.start(from);
+        let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
+        let shortest = shortest / (radius * arc.turns_by.abs());
+        found.keep_before(1.0 - shortest);
+        let mut passed = 0.0;
+        for turn in &mut found.turns {
+            if turn.share - passed < shortest {
+                turn.share = passed;
             }
-            if !goes(quarter, angle) || !goes(quarter, arc.turns_by - angle) {
-                continue;
+            passed = turn.share;
+        }
+        found
+    }
+
+    /// The parts of an arc in which no axis turns, the first one last.
+    fn turn_to_turn(&self) -> Vec<Stretch> {
+        let mut parts = vec![Stretch { from: 0.0, to: 1.0 }];
+        for turn in &self.turns.turns {
+            let Some(last) = parts.last_mut() else { break };
+            if turn.share > last.from {
+                last.to = turn.share;
+                parts.push(Stretch {
+                    from: turn.share,
+                    to: 1.0,
+                });
             }
-            if let Some(last) = parts.last_mut() {
-                last.to = share;
-            }
-            parts.push(Stretch {
-                from: share,
-                to: 1.0,
-            });
         }
         parts.reverse();
         parts

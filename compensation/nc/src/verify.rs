@@ -12,6 +12,7 @@ use volcomp_model::{
 
 use crate::{
     Decimals, NcError,
+    carriage::{Carriages, places, steps},
     coordinates::{Axes, Frame},
     correction::Corrector,
     dialect::Dialect,
@@ -21,7 +22,8 @@ use crate::{
     program::execute,
     rewrite::Rewriter,
     setup::SetUp,
-    words::between,
+    turns::{SAME, Turns},
+    words::{between, each},
 };
 
 /// Motions that wait between two threads.
@@ -228,6 +230,11 @@ pub(crate) fn motions(
 /// State: the virtual machine, and what was found.
 struct Comparison {
     truth: Corrector,
+    /// With the original and with the compensated program.
+    before: Carriages,
+    after: Carriages,
+    /// Where axes turn on the rest of the motion that is looked at.
+    turns: Turns,
     found: Verification,
     cut: Option<Collector>,
     /// Of so many places one is kept.
@@ -280,11 +287,12 @@ fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
 }
 
 impl Comparison {
-    fn new(mut truth: Corrector, part: Option<&Part>) -> Self {
-        // Where the play of an axis is to be taken up, that is done at once.
-        truth.turns_at_once();
+    fn new(truth: Corrector, part: Option<&Part>) -> Self {
         Self {
             truth,
+            before: Carriages::default(),
+            after: Carriages::default(),
+            turns: Turns::default(),
             found: Verification::default(),
             cut: part.cloned().map(Collector::new),
             stride: 1,
@@ -298,14 +306,25 @@ impl Comparison {
         results: &Receiver<Made>,
         shares: &mut dyn Iterator<Item = f64>,
     ) -> Result<Verification, NcError> {
+        let mut is_first = true;
         while let Ok(original) = originals.recv() {
+            if std::mem::take(&mut is_first) {
+                // Before a rotary axis gets another number.
+                let Move { from, wraps, .. } = &original.motion;
+                let begins = each(|axis| from[axis] - wraps[axis]);
+                self.truth.begins(&begins);
+                self.before = Carriages::at(&begins);
+                self.after = self.before.clone();
+            }
             self.truth.take_tool(&original.tool)?;
             self.truth.wraps(&original.motion.wraps);
+            self.before.wraps(&original.motion.wraps);
             let mut passed = 0.0;
             while passed < 1.0 {
                 let (Ok(result), Some(share)) = (results.recv(), shares.next()) else {
                     return Err(other_motions(original.line));
                 };
+                self.after.wraps(&result.motion.wraps);
                 self.part(&original, &result, [passed, share]);
                 passed = share;
             }
@@ -336,12 +355,17 @@ impl Comparison {
         let path = original.motion.path;
         if original.motion.in_machine || path == Path::Other {
             self.truth.goes(&original.motion.to);
+            self.before.go(&self.truth, &original.motion.to);
+            self.after.go(&self.truth, &result.motion.to);
             return;
         }
         self.found.motions += u64::from(to == 1.0);
         let only_end = matches!(path, Path::Rapid | Path::Hole { .. });
         if to == from {
             // The play of an axis is taken up.
+            for place in places(&self.truth, result, [0.0, 1.0]) {
+                self.after.go(&self.truth, &place);
+            }
             return;
         }
         // A circle that stays one block is to show its form.
@@ -351,6 +375,12 @@ impl Comparison {
             _ => PLACES_OF_PART,
         };
         let first = if only_end { last } else { 1 };
+        if from == 0.0 {
+            let steps = steps(&self.truth, original, 1.0);
+            let turns = |share| place_of(original, share);
+            self.turns = self.truth.turns(steps, turns);
+        }
+        let (mut passed, mut passed_of_part) = (from, 0.0);
         for place in first..=last {
             let of_part = f64::from(place) / f64::from(last);
             let share = if place == last {
@@ -360,37 +390,61 @@ impl Comparison {
             };
             let wanted = place_of(original, share);
             let commanded = place_of(result, of_part);
-            // The side from which an axis comes is that of the programmed motion: a correction of some µm against it is
-            // taken up by the play of the axis.
-            self.truth.goes(&wanted);
+            // The side from which an axis comes is that of the programmed motion; a carriage that lags is where its drive left it.
+            if from == 0.0 && place == first && !only_end {
+                self.cut(original, &place_of(original, 0.0), &place_of(result, 0.0));
+            }
+            let turned = self.turns.turns.iter();
+            // A part that ends where an axis turns ends before it does, however the two shares are rounded.
+            let turned = turned.take_while(|turn| only_end || turn.share < share - SAME);
+            let count = turned.map(|turn| self.truth.turn(turn)).count();
+            self.turns.turns.drain(..count);
+            for place in places(&self.truth, original, [passed, share]) {
+                self.before.go(&self.truth, &place);
+            }
+            for place in places(&self.truth, result, [passed_of_part, of_part]) {
+                self.after.go(&self.truth, &place);
+            }
+            (passed, passed_of_part) = (share, of_part);
             let tip = self.truth.ideal_tip_mm(&wanted);
-            let um = |at: &Axes| -> [f64; 3] {
-                let (ideal, error) = (self.truth.ideal_tip_mm(at), self.truth.error_mm(at));
-                std::array::from_fn(|i| 1e3 * (ideal[i] + error[i] - tip[i]))
+            let um = |at: &Axes, carriages: &Carriages| -> [f64; 3] {
+                let actual = self.truth.actual_tip_mm(at, carriages);
+                std::array::from_fn(|i| 1e3 * (actual[i] - tip[i]))
             };
             let found = Place {
                 line: original.line,
                 tip_mm: tip,
-                before_um: um(&wanted),
-                after_um: um(&commanded),
+                before_um: um(&wanted, &self.before),
+                after_um: um(&commanded, &self.after),
                 begins: only_end,
             };
-            if let Some(cut) = self.cut.as_mut().filter(|_| path != Path::Rapid) {
-                let truth = &self.truth;
-                let mut take = |wanted: &Axes, commanded: &Axes| {
-                    cut.take(original.line, only_end, |above_mm| {
-                        let [wanted_mm, before] = truth.on_tool_mm(wanted, above_mm);
-                        let [_, after] = truth.on_tool_mm(commanded, above_mm);
-                        [wanted_mm, before, after]
-                    });
-                };
-                if from == 0.0 && place == first && !only_end {
-                    take(&place_of(original, 0.0), &place_of(result, 0.0));
-                }
-                take(&wanted, &commanded);
-            }
+            self.cut(original, &wanted, &commanded);
             self.keep(found);
         }
+        if to == 1.0 {
+            self.truth.reaches(&self.turns.furthest);
+            self.truth.goes(&original.motion.to);
+        }
+    }
+
+    /// What the tool cuts where it is.
+    fn cut(&mut self, original: &Made, wanted: &Axes, commanded: &Axes) {
+        let path = original.motion.path;
+        let Some(cut) = self.cut.as_mut().filter(|_| path != Path::Rapid) else {
+            return;
+        };
+        let truth = &self.truth;
+        cut.take(
+            original.line,
+            matches!(path, Path::Hole { .. }),
+            |above_mm| {
+                [
+                    truth.ideal_on_tool_mm(wanted, above_mm),
+                    truth.on_tool_mm(wanted, &self.before, above_mm),
+                    truth.on_tool_mm(commanded, &self.after, above_mm),
+                ]
+            },
+        );
     }
 
     fn keep(&mut self, place: Place) {
@@ -416,7 +470,7 @@ impl Comparison {
 }
 
 /// The axes at a share of a motion.
-fn place_of(made: &Made, share: f64) -> Axes {
+pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
     let Made { motion, frame, .. } = made;
     let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
     match motion.path {

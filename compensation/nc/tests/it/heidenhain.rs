@@ -57,8 +57,12 @@ fn step_lines(draw: &mut Draw, step: &Step, words: &str) -> Vec<String> {
 
 #[test]
 fn absolute_words() {
-    let machine = worn(6.0);
-    for seed in 0..SEEDS {
+    // X runs ahead, or its carriage lags.
+    let machines = [6.0, -6.0].map(worn);
+    for (machine, seed) in machines
+        .iter()
+        .flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
+    {
         let draw = &mut Draw::new(10_000 + seed);
         let path = path(draw, 12);
         let mut lines = Vec::new();
@@ -71,7 +75,7 @@ fn absolute_words() {
             lines.extend(step_lines(draw, step, &words));
         }
         let text = program(&lines);
-        let result = leads_to_the_same_places(&machine, &path, Dialect::Heidenhain, &text);
+        let result = leads_to_the_same_places(machine, &path, Dialect::Heidenhain, &text);
         is_numbered(&result);
     }
 }
@@ -170,8 +174,11 @@ fn q_parameters() {
 #[test]
 fn polar_coordinates() {
     // An axis that polar coordinates move by the rounding of their words must not turn for that.
-    let machine = worn(0.0);
-    for seed in 0..SEEDS {
+    let machines = [0.0, -6.0].map(worn);
+    for (machine, seed) in machines
+        .iter()
+        .flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
+    {
         let draw = &mut Draw::new(14_000 + seed);
         let path = path(draw, 12);
         let mut lines = Vec::new();
@@ -210,7 +217,7 @@ fn polar_coordinates() {
             };
             lines.push(format!("LP {distance} {turned} Z{z:+.6} {feed}"));
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Heidenhain, &program(&lines));
+        leads_to_the_same_places(machine, &path, Dialect::Heidenhain, &program(&lines));
     }
 }
 

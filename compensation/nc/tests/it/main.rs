@@ -9,6 +9,7 @@ mod floyd;
 mod heidenhain;
 mod identity;
 mod inspect;
+mod play;
 mod siemens;
 mod straight;
 mod traps;

@@ -42,8 +42,12 @@ fn code(way: Way) -> u32 {
 
 #[test]
 fn absolute_words() {
-    let machine = worn(6.0);
-    for seed in 0..SEEDS {
+    // X runs ahead, or its carriage lags.
+    let machines = [6.0, -6.0].map(worn);
+    for (machine, seed) in machines
+        .iter()
+        .flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
+    {
         let draw = &mut Draw::new(seed);
         let path = path(draw, 12);
         let mut text = header();
@@ -57,7 +61,7 @@ fn absolute_words() {
             writeln!(text, "N{place}0 G{code} X{x:.6}Y={y:.6} {circle} ; {place}")
                 .expect("a string");
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+        leads_to_the_same_places(machine, &path, Dialect::Siemens, &(text + "M30\n"));
     }
 }
 
