@@ -48,7 +48,7 @@ pub use line_of_sight::LineOfSight;
 pub use location_file::{decode_location_errors, is_square};
 pub use not_measured::not_observed;
 pub use read::{HOLDS_LOCATION, decode_holds_location};
-pub use set_up::SetUp;
+pub use set_up::{SetUp, location_seen};
 pub use setup::{Method, Setup};
 pub use setup_file::decode_motion;
 pub use varied::LineScatter;

@@ -1,10 +1,13 @@
 //! How the artefacts of measured lines are set up on a machine: nobody sees the machine coordinate system, there are only the axes
 //! to set them up by.
 
+use core::f64::consts::{FRAC_PI_2, PI};
+
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_kinematics::{
     ErrorMotion, ErrorSource, Pose, State, actual_pose,
     nalgebra::{Matrix3, Vector3},
+    vector_from_rotation,
 };
 use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_model::{Machine, ModelError, Temperatures};
@@ -67,10 +70,7 @@ impl SetUp {
         reference_axes: [AxisName; 2],
         targets: impl Fn(ErrorName) -> Option<Vec<f64>>,
     ) -> Self {
-        let mut zero = State::default();
-        for ((axis, q), at) in machine.axes().iter().zip(&mut zero.q).zip(reference) {
-            *q = Displacement::from_coordinate(axis.name.kind(), *at).mm_or_rad();
-        }
+        let zero = state_at(machine, reference);
         let errors = ReferenceLines::of(machine, zero, targets);
         let chain = machine.chain();
         let tip = chain.tool_tip_mm();
@@ -98,6 +98,53 @@ impl SetUp {
             tool: (workpiece * actual).inverse() * ideal,
         }
     }
+}
+
+/// Where the line of a rotary axis lies (mm, rad; relative to the nominal one, in MCS at machine zero) as an instrument finds it that is set up
+/// as [`SetUp::of`] says: with all axes at `reference`, seen from the tool tip and along the reference lines of the reference
+/// axes. It is what `[[location]]` of a calibration file states.
+///
+/// # Errors
+/// An axis that the machine does not have.
+pub fn location_seen(
+    machine: &Machine,
+    axis: AxisName,
+    reference: &[f64],
+    reference_axes: [AxisName; 2],
+    targets: impl Fn(ErrorName) -> Option<Vec<f64>>,
+) -> Result<ErrorMotion, ModelError> {
+    let index = machine.index_of(axis)?;
+    let seen = SetUp::of(machine, reference, reference_axes, &targets).workpiece;
+    let zero = state_at(machine, reference);
+    let errors = ReferenceLines::of(machine, zero, &targets);
+    let chain = machine.chain();
+    let joint = &chain.joints()[index];
+    let before = chain.joints()[..index].iter().zip(&zero.q);
+    let before = before.fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(*q));
+    let to_axis = before.inverse() * seen;
+    // A turn of the axis alone, as the workpiece sees it, in the frame in which the axis is stated at machine zero.
+    let turned_by = |angle_rad: f64| {
+        let mut turned = zero;
+        turned.q[index] += angle_rad;
+        let pose = |state: &State| actual_pose(chain, &errors, state);
+        to_axis * pose(&turned) * pose(&zero).inverse() * to_axis.inverse()
+    };
+    // What a quarter of a turn is about has the direction of the axis, and half a turn carries a point to the other side of it.
+    let direction = vector_from_rotation(&turned_by(FRAC_PI_2).rotation) / FRAC_PI_2;
+    let point = joint.point_mm;
+    Ok(ErrorMotion {
+        linear_mm: 0.5 * (turned_by(PI).transform_point(&point) - point),
+        angular_rad: joint.direction.cross(&direction),
+    })
+}
+
+/// The command at coordinates in mm or deg; an axis that they lack stands at 0.
+fn state_at(machine: &Machine, reference: &[f64]) -> State {
+    let mut state = State::default();
+    for ((axis, q), at) in machine.axes().iter().zip(&mut state.q).zip(reference) {
+        *q = Displacement::from_coordinate(axis.name.kind(), *at).mm_or_rad();
+    }
+    state
 }
 
 /// Equal targets over a travel.

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_calibrate::{HOLDS_LOCATION, LineOfSight, Method, SetUp};
+use volcomp_calibrate::{HOLDS_LOCATION, LineOfSight, Method, SetUp, location_seen};
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_metrology::{
     DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
@@ -131,8 +131,21 @@ impl Shop {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(FIRST_LOCATION + index as u64);
         let share: f64 = StandardNormal.sample(&mut random);
-        let value = self.truth.locations().get(&error).copied();
-        let read = value.unwrap_or_default() + location.noise * share;
+        let (reference, axes) = self.reference();
+        let seen = location_seen(&self.truth, error.axis, &reference, axes, |error| {
+            self.targets_of(error)
+        });
+        // A shop is read with errors of axes that its truth has.
+        let seen = seen.unwrap_or_default();
+        let place = error.component.mcs_index();
+        let value = if error.component.is_angular() {
+            seen.angular_rad[place] * 1e6
+        } else {
+            seen.linear_mm[place] * 1e3
+        };
+        // To a millionth of a µm or µrad: the rounding of a product of poses is no reading.
+        let value = (value * 1e6).round() / 1e6;
+        let read = value + location.noise * share;
         let unit = error.component.unit();
         let uncertainty = if location.noise > 0.0 {
             format!("uncertainty_{unit} = {:?}\n", location.noise)
@@ -170,18 +183,30 @@ impl Shop {
         alignments
     }
 
+    /// The axes at which and along which artefacts are set up.
+    fn reference(&self) -> (Vec<f64>, [AxisName; 2]) {
+        let axes = self.truth.axes().iter();
+        (
+            axes.map(Axis::nearest_zero).collect(),
+            [AxisName::X, AxisName::Y],
+        )
+    }
+
+    /// The targets at which a straightness is measured, mm; `None` where it is not.
+    fn targets_of(&self, error: ErrorName) -> Option<Vec<f64>> {
+        let line = self.lines.iter().find(|line| line.setup.error == error)?;
+        let travel = self.truth.axis(error.axis)?.travel;
+        Some(match line.setup.method {
+            Method::Direct => line.instrument.targets_over(travel),
+            Method::Angular { bridge_mm, .. } => bridge_targets(travel, bridge_mm),
+        })
+    }
+
     /// How the artefacts are set up: by the reference lines of the straightnesses as they are measured, else over 21 targets.
     fn set_up(&self) -> SetUp {
-        let axes = self.truth.axes().iter();
-        let reference: Vec<f64> = axes.map(Axis::nearest_zero).collect();
-        let reference_axes = [AxisName::X, AxisName::Y];
-        SetUp::of(&self.truth, &reference, reference_axes, |error| {
-            let line = self.lines.iter().find(|line| line.setup.error == error)?;
-            let travel = self.truth.axis(error.axis)?.travel;
-            Some(match line.setup.method {
-                Method::Direct => line.instrument.targets_over(travel),
-                Method::Angular { bridge_mm, .. } => bridge_targets(travel, bridge_mm),
-            })
+        let (reference, axes) = self.reference();
+        SetUp::of(&self.truth, &reference, axes, |error| {
+            self.targets_of(error)
         })
     }
 

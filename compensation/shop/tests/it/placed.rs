@@ -208,8 +208,28 @@ fn a_value_holds_with_all_axes_at_the_reference() {
             }
         }
         let more = values(&truth, structure, 7);
-        let (truth, found) = round_trip(folder.path(), &truth, "", &shop, &more);
-        let left = compare(&truth, &found.machine, 1000, 4);
+        let (as_it_is, found) = round_trip(folder.path(), &truth, "", &shop, &more);
+        let left = compare(&as_it_is, &found.machine, 1000, 4);
         assert!(left.position_um < 0.02, "{structure}: {left:?}");
+        // The shop reads the same values.
+        for [linear, angular] in [
+            ["EY0A\", \"EZ0A", "EB0A\", \"EC0A"],
+            ["EX0B\", \"EZ0B", "EA0B\", \"EC0B"],
+            ["EX0C\", \"EY0C", "EA0C\", \"EB0C"],
+        ] {
+            if structure.contains(&linear[3..4]) {
+                writeln!(
+                    shop,
+                    "[[location]]\nerrors = [\"{linear}\"]\n[[location]]\nerrors = [\"{angular}\"]"
+                )
+                .expect("a String");
+            }
+        }
+        let (truth, found) = round_trip(folder.path(), &truth, "", &shop, "");
+        let left = compare(&truth, &found.machine, 1000, 4);
+        assert!(
+            left.position_um < 0.02,
+            "{structure}, read by the shop: {left:?}"
+        );
     }
 }
