@@ -61,10 +61,11 @@ impl Rewriter {
                 code = taken_up.and_then(|_| code_of(arc));
             }
             let middle = arc.place(&from, &to, 0.5);
-            let keeps_polar =
-                motion.polar && !splits && self.keeps_polar(&[from, middle, to], &carried);
+            let keeps_polar = motion.polar.is_some()
+                && !splits
+                && self.keeps_polar(&[from, middle, to], &carried);
             let writes = each(|axis| match splits {
-                _ if motion.polar && axis < 2 => polar_writes(keeps_polar),
+                _ if motion.polar.is_some() && axis < 2 => polar_writes(keeps_polar),
                 // Each part needs its end.
                 true if axis == first || axis == second => Writes::Always,
                 true => Writes::Anew,
@@ -120,6 +121,7 @@ impl Rewriter {
                 code,
                 feed: splits.then(|| self.feed_of_part(share)).flatten(),
                 shape,
+                polar: motion.polar,
                 before: &centre,
             };
             self.write_part(&part, line, out);
@@ -207,6 +209,11 @@ impl Rewriter {
             out.extend_from_slice(line.more);
         }
         self.begin_line(line, out);
+        if self.interpreter.modal.polar.is_some() && !self.polar_is_off {
+            // The words of this line are X and Y.
+            out.extend_from_slice(b"G15 ");
+            self.polar_is_off = true;
+        }
         out.extend_from_slice(match line.script.keyword(Shape::Straight) {
             [] => b"G1",
             keyword => keyword,

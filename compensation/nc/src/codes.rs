@@ -3,7 +3,7 @@
 use crate::{block::Block, fault::Fault, modal::Code};
 
 /// Codes that may not stand in one block, each group with its name.
-const GROUPS: [(&str, &[Code]); 13] = [
+const GROUPS: [(&str, &[Code]); 14] = [
     (
         "motion",
         &[
@@ -29,6 +29,7 @@ const GROUPS: [(&str, &[Code]); 13] = [
     ),
     ("return of cycles", &[980, 990]),
     ("rotation", &[680, 690]),
+    ("polar coordinates", &[150, 160]),
 ];
 /// Codes that move nothing and mean nothing for coordinates: the path mode, the speed of the spindle, an exact stop.
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
@@ -138,6 +139,9 @@ impl Codes {
     }
     pub(crate) fn rotation(&self) -> Option<Code> {
         self.groups[12]
+    }
+    pub(crate) fn polar(&self) -> Option<Code> {
+        self.groups[13]
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{
     NcError,
-    block::{Block, Manner, Word},
+    block::{Block, Manner, POLAR, Word},
     coordinates::{Axes, axis_of},
     fault::Fault,
     modal::Modal,
@@ -17,23 +17,36 @@ pub(crate) struct Given<'a> {
     pub(crate) block: &'a Block,
     /// The place of the word of each axis in the block.
     pub(crate) places: Axes<Option<usize>>,
+    /// The places of the distance from the pole and of the angle about it, where the block has polar coordinates.
+    pub(crate) polar: Option<[Option<usize>; 2]>,
     /// The number of the line, counted from 1.
     pub(crate) line: usize,
 }
 
 impl<'a> Given<'a> {
+    /// What a block says; `are_polar`: its X and Y words are a distance and an angle.
+    ///
     /// # Errors
     /// A letter that stands twice.
-    pub(crate) fn new(block: &'a Block, line: usize) -> Result<Self, NcError> {
+    pub(crate) fn new(block: &'a Block, line: usize, are_polar: bool) -> Result<Self, NcError> {
         let mut places = [None; 9];
+        let mut polar = [None; 2];
         let mut seen = 0_u32;
         for (place, word) in block.words.iter().enumerate() {
             if let Some(axis) = axis_of(word.letter) {
                 places[axis] = Some(place);
             }
             let letter = word.letter;
-            if letter.is_ascii_uppercase() && letter != b'G' && letter != b'M' {
-                let bit = 1 << (letter - b'A');
+            let of_polar = POLAR.iter().position(|of| *of == letter);
+            if let Some(of) = of_polar {
+                polar[of] = Some(place);
+            }
+            if letter.is_ascii_uppercase() && letter != b'G' && letter != b'M' || of_polar.is_some()
+            {
+                let bit = match of_polar {
+                    Some(of) => 1 << (26 + of),
+                    None => 1 << (letter - b'A'),
+                };
                 if seen & bit != 0 {
                     let name = char::from(letter).to_string();
                     return Err(NcError::Block {
@@ -47,9 +60,13 @@ impl<'a> Given<'a> {
                 seen |= bit;
             }
         }
+        if are_polar {
+            polar = [places[0].take(), places[1].take()];
+        }
         Ok(Self {
             block,
             places,
+            polar: (polar != [None; 2]).then_some(polar),
             line,
         })
     }
@@ -101,7 +118,13 @@ impl<'a> Given<'a> {
         Ok(self.letter(letter)?.and_then(|value| whole(value, 99_999)))
     }
 
-    fn value_of(&self, word: &Word) -> Result<f64, NcError> {
+    /// The word of the distance (0) or of the angle (1) of polar coordinates.
+    pub(crate) fn polar_word(&self, of: usize) -> Option<&'a Word> {
+        self.block.words.get(self.polar?[of]?)
+    }
+
+    /// The value of a word, in its unit.
+    pub(crate) fn value_of(&self, word: &Word) -> Result<f64, NcError> {
         let letter = char::from(word.letter);
         let value = word.value.ok_or(NcError::OnlyAtMachine {
             line: self.line,

@@ -8,6 +8,7 @@ use crate::{
     motion::{Move, half_deep},
     number::of_steps,
     parts::Part,
+    polar::polar_writes,
     rewrite::Rewriter,
     script::Shape,
     words::{Number, each},
@@ -44,7 +45,12 @@ impl Rewriter {
                 });
             }
         }
+        let keeps_polar =
+            motion.polar.is_some() && self.keeps_polar(&[half_deep(&end, depth, places)], &carried);
         let mut writes = [Writes::IfChanged; 9];
+        if motion.polar.is_some() {
+            writes[..2].fill(polar_writes(keeps_polar));
+        }
         writes[depth] = Writes::Never;
         let leg = Leg {
             motion,
@@ -57,6 +63,9 @@ impl Rewriter {
             rounded: None,
         };
         let words = self.words_to(&leg, &mut carried);
+        if keeps_polar {
+            carried[..2].fill(0.0);
+        }
         if self.interpreter.known[depth] && self.corrector.corrects(depth) {
             let initial = self.interpreter.modal.sticky.initial;
             let initial = initial.unwrap_or(before[depth]);
@@ -88,7 +97,12 @@ impl Rewriter {
             others: &[],
             code: None,
             feed: None,
-            shape: Shape::Straight,
+            shape: if keeps_polar {
+                Shape::AsItIs
+            } else {
+                Shape::Straight
+            },
+            polar: motion.polar,
             before: &[],
         };
         self.write_part(&part, line, out);

@@ -36,6 +36,8 @@ pub(crate) struct Outcome {
     pub(crate) stores_home: Option<usize>,
     /// Compensating the radius of the tool begins or ends here (G40 to G42.1).
     pub(crate) switches_radius: bool,
+    /// X and Y are a distance and an angle from here on, or places again (G16, G15).
+    pub(crate) switches_polar: bool,
     /// Its words are machine coordinates (SUPA).
     pub(crate) in_machine: bool,
     /// It says the pole: along which of X and Y relative to where the tool is.
@@ -147,12 +149,18 @@ impl Interpreter {
     /// Executes a block that was read; `line` is counted from 1.
     pub(crate) fn execute(&mut self, block: &Block, line: usize) -> Result<Outcome, NcError> {
         let mut codes = Codes::of(block).map_err(|refusal| refused(refusal, block, line))?;
-        let given = Given::new(block, line)?;
+        match codes.polar() {
+            Some(160) => self.modal.polar = Some([None; 2]),
+            Some(150) => self.modal.polar = None,
+            _ => {}
+        }
+        let given = Given::new(block, line, self.takes_polar(&codes))?;
         let mut outcome = Outcome {
             repeats: 1,
             ends: codes.ends,
             calls: codes.calls,
             switches_radius: codes.radius().is_some(),
+            switches_polar: codes.polar().is_some(),
             ..Outcome::default()
         };
         self.switch(&codes, &given)?;

@@ -133,6 +133,8 @@ pub(crate) struct Modal {
     pub(crate) programmed: Programmed,
     /// The centre of arcs and polar coordinates, where a block of its own says it: a place in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
+    /// X and Y words are the distance from zero and the angle (G16), with those that were said last, mm and deg.
+    pub(crate) polar: Option<[Option<f64>; 2]>,
     /// Rotary axes go the shorter way (M126).
     pub(crate) shorter: bool,
     /// The block goes on in the next line.
@@ -171,6 +173,7 @@ impl Default for Modal {
             rotation: None,
             programmed: Programmed::default(),
             pole: None,
+            polar: None,
             shorter: false,
             goes_on: false,
             defined: None,

@@ -54,8 +54,8 @@ pub(crate) struct Move {
     pub(crate) incremental: Axes<bool>,
     /// Its words are the coordinates of the machine (G53, G28).
     pub(crate) in_machine: bool,
-    /// Its place in the plane is said by polar coordinates.
-    pub(crate) polar: bool,
+    /// The places in the block of the distance and the angle of polar coordinates, where they say its place in the plane.
+    pub(crate) polar: Option<[Option<usize>; 2]>,
     /// Whole turns by which `from` is another number for where a rotary axis was before, deg.
     pub(crate) wraps: Axes,
 }

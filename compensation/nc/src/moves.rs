@@ -2,7 +2,7 @@
 
 use crate::{
     NcError,
-    block::{Manner, POLAR},
+    block::Manner,
     codes::{Codes, text},
     coordinates::{Axes, is_rotary},
     dialect::Dialect,
@@ -32,10 +32,8 @@ impl Interpreter {
         given: &Given<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        let polar = POLAR.into_iter().any(|letter| given.has(letter));
-        if polar && self.dialect != Dialect::Heidenhain {
-            return Err(given.refused("polar coordinates (@ and ^)"));
-        }
+        let polar = given.polar.is_some();
+        self.check_polar(codes, given)?;
         if let Some(code) = codes.motion() {
             self.set_motion(code);
         }
@@ -77,7 +75,7 @@ impl Interpreter {
             words: given.places,
             incremental,
             in_machine: codes.in_machine,
-            polar,
+            polar: given.polar,
             wraps: [0.0; 9],
         };
         for axis in 0..9 {
@@ -92,7 +90,7 @@ impl Interpreter {
             self.hole(given, &mut motion, outcome)?;
         }
         if polar {
-            self.knows_polar(given);
+            self.knows_polar(given)?;
         }
         // Where a probing move ends is only known at the machine.
         let is_probe = (380..=389).contains(&code);
@@ -296,6 +294,11 @@ impl Interpreter {
                 .ok_or_else(|| given.refused("a cycle with an L that is no number of holes"))?,
             None => 1,
         };
+        if repeats > 1 && given.polar.is_some() && incremental {
+            return Err(
+                given.refused("a row of holes by L in G91 whose way is said by polar coordinates")
+            );
+        }
         outcome.repeats = repeats;
         motion.path = Path::Hole {
             bottom,

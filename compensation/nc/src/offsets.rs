@@ -174,6 +174,11 @@ impl Interpreter {
             given.axis(axis)?;
         }
         let all = !given.names_axes();
+        if !all && self.modal.polar.is_some() {
+            return Err(given.refused(
+                "a place on the way home (G28, G30) under G16, which controls read in different ways: say G15 before",
+            ));
+        }
         let from = self.position;
         for (axis, place) in given.places.iter().enumerate() {
             if all || place.is_some() {
@@ -192,7 +197,7 @@ impl Interpreter {
             },
             incremental: [false; 9],
             in_machine: true,
-            polar: false,
+            polar: None,
             wraps: [0.0; 9],
         });
         Ok(())

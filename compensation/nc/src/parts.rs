@@ -24,6 +24,8 @@ pub(crate) struct Part<'a> {
     pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
+    /// The words of polar coordinates that the block has.
+    pub(crate) polar: Option<[Option<usize>; 2]>,
     /// A line that must stand before it, without its end: the centre of an arc.
     pub(crate) before: &'a [u8],
 }
@@ -68,7 +70,7 @@ impl Rewriter {
                 out.extend_from_slice(part.before);
                 out.extend_from_slice(line.more);
             }
-            self.goes_as(part.shape, line);
+            self.goes_as(part.shape, part.polar, line);
             self.edits.write(line, out);
             return;
         }

@@ -1,17 +1,21 @@
-//! Arcs about a pole that stands in a block of its own, and polar coordinates: LP, CP, C and CC of HEIDENHAIN controls.
+//! Polar coordinates: LP, CP, C and CC of HEIDENHAIN controls, whose pole stands in a block of its own, @ and ^ of LinuxCNC, and G16 of
+//! FANUC controls, under which X and Y are the distance from zero and the angle.
 //!
 //! The pole is a place. With a correction each arc has a centre of its own, and gets a pole before it where the one that the control
 //! has is another. Polar coordinates about such a pole would lead elsewhere: they are written as X and Y.
 
 use crate::{
     NcError,
-    block::{Manner, POLAR},
+    block::{Manner, Word},
     circle::CircleWords,
+    codes::Codes,
     coordinates::Axes,
+    dialect::Dialect,
     given::Given,
     interpret::Interpreter,
     legs::{Words, Writes},
     line::Line,
+    modal::Plane,
     motion::{Arc, Move},
     notes::Note,
     number::of_steps,
@@ -28,31 +32,95 @@ pub(crate) fn polar_writes(keeps: bool) -> Writes {
 }
 
 impl Interpreter {
+    /// Whether the X and Y words of a block are polar coordinates: those of motions are, under G16.
+    pub(crate) fn takes_polar(&self, codes: &Codes) -> bool {
+        let says_no_place = codes.not_modal().is_some() || codes.rotation().is_some();
+        self.modal.polar.is_some() && !codes.in_machine && !says_no_place
+    }
+
+    /// # Errors
+    /// What a control makes of polar coordinates is not known here.
+    pub(crate) fn check_polar(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        let under_g16 = self.modal.polar.is_some();
+        if given.polar.is_none() && !under_g16 {
+            return Ok(());
+        }
+        if self.modal.plane != Plane::Xy && (given.polar.is_some() || given.names_axes()) {
+            return Err(given.refused("polar coordinates outside the plane of X and Y (G17)"));
+        }
+        if self.dialect != Dialect::Rs274 || given.polar.is_none() {
+            return Ok(());
+        }
+        if codes.in_machine {
+            return Err(given.refused("polar coordinates that are machine coordinates (G53)"));
+        }
+        let motion = codes.motion().or(self.modal.motion);
+        let is_arc = matches!(motion, Some(20 | 30));
+        if is_arc && under_g16 && (given.has(b'I') || given.has(b'J')) {
+            return Err(given.refused(
+                "an arc with a centre under G16, which controls read in different ways: write it with R",
+            ));
+        }
+        if under_g16 && self.is_way(given.polar_word(0)) {
+            return Err(given.refused(
+                "a distance under G16 in G91, which controls count from different places: write it in G90",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether a word of polar coordinates is a way from where the tool is.
+    fn is_way(&self, word: Option<&Word>) -> bool {
+        word.is_some_and(|word| match word.manner {
+            Manner::Incremental => true,
+            Manner::Modal => !self.modal.absolute,
+            Manner::Absolute | Manner::Shortest => false,
+        })
+    }
+
     /// Where polar coordinates lead, in the coordinates of the program, mm; `None`: the block has none.
     pub(crate) fn polar_end(
         &self,
         given: &Given<'_>,
         before: &Axes,
     ) -> Result<Option<[f64; 2]>, NcError> {
-        let [distance, angle] = POLAR.map(|letter| given.block.word(letter));
-        if distance.is_none() && angle.is_none() {
+        if given.polar.is_none() {
             return Ok(None);
         }
         if given.places[0].is_some() || given.places[1].is_some() {
             return Err(given.refused("X or Y beside polar coordinates"));
         }
-        let pole = self.modal.pole.ok_or_else(|| given.refused(NO_POLE))?;
+        if let Some(polar) = self.modal.polar {
+            let [Some(radius), Some(angle_deg)] = self.said(polar, given)? else {
+                return Err(given.refused(
+                    "polar coordinates under G16 before both the distance and the angle have been said",
+                ));
+            };
+            let (sin, cos) = angle_deg.to_radians().sin_cos();
+            return Ok(Some([radius * cos, radius * sin]));
+        }
+        let pole = match self.dialect {
+            // Those of LinuxCNC, @ and ^, are about the zero of the coordinates that hold.
+            Dialect::Rs274 => [0.0; 2],
+            _ => self.modal.pole.ok_or_else(|| given.refused(NO_POLE))?,
+        };
         let from = [before[0] - pole[0], before[1] - pole[1]];
+        let [distance, angle] = [0, 1].map(|of| given.polar_word(of));
+        let needs_angle = angle.is_none_or(|_| self.is_way(angle));
+        if self.dialect == Dialect::Rs274 && needs_angle && from == [0.0; 2] {
+            return Err(given.refused("polar coordinates whose angle counts from a tool at zero"));
+        }
         let unit = self.modal.unit_mm;
         let mut radius = from[0].hypot(from[1]);
-        if let Some(value) = given.letter(POLAR[0])? {
-            let is_way = distance.is_some_and(|word| word.manner == Manner::Incremental);
-            radius = value * unit + if is_way { radius } else { 0.0 };
+        if let Some(word) = distance {
+            let is_way = self.is_way(distance);
+            radius = given.value_of(word)? * unit + if is_way { radius } else { 0.0 };
         }
         let start_deg = from[1].atan2(from[0]).to_degrees();
         let mut angle_deg = start_deg;
-        if let Some(value) = given.letter(POLAR[1])? {
-            let is_way = angle.is_some_and(|word| word.manner == Manner::Incremental);
+        if let Some(word) = angle {
+            let value = given.value_of(word)?;
+            let is_way = self.is_way(angle);
             angle_deg = value + if is_way { start_deg } else { 0.0 };
             if is_way && distance.is_none() && (value / 360.0).fract() == 0.0 {
                 // Whole turns end where they begin, to the last digit.
@@ -63,15 +131,41 @@ impl Interpreter {
         Ok(Some([pole[0] + radius * cos, pole[1] + radius * sin]))
     }
 
-    /// It is known where a motion ends whose polar coordinates are both places.
-    pub(crate) fn knows_polar(&mut self, given: &Given<'_>) {
-        let is_place = |letter: u8| {
-            let word = given.block.word(letter);
-            word.is_some_and(|word| word.manner != Manner::Incremental)
+    /// The distance (mm) and the angle (deg) under G16, once a block has said its own.
+    fn said(
+        &self,
+        [mut distance, mut angle]: [Option<f64>; 2],
+        given: &Given<'_>,
+    ) -> Result<[Option<f64>; 2], NcError> {
+        if let Some(word) = given.polar_word(0) {
+            distance = Some(given.value_of(word)? * self.modal.scale(0));
+        }
+        if let Some(word) = given.polar_word(1) {
+            let value = given.value_of(word)?;
+            angle = if self.is_way(Some(word)) {
+                angle.map(|angle| angle + value)
+            } else {
+                Some(value)
+            };
+        }
+        Ok([distance, angle])
+    }
+
+    /// A motion has ended that polar coordinates led: where is known if both are places.
+    pub(crate) fn knows_polar(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+        let is_place = |of: usize| {
+            given
+                .polar_word(of)
+                .is_some_and(|word| !self.is_way(Some(word)))
         };
-        if POLAR.into_iter().all(is_place) {
+        let is_known = is_place(0) && is_place(1);
+        if let Some(polar) = self.modal.polar {
+            self.modal.polar = Some(self.said(polar, given)?);
+            self.known[..2].fill(true);
+        } else if is_known {
             self.known[..2].fill(true);
         }
+        Ok(())
     }
 }
 
@@ -93,6 +187,7 @@ impl Rewriter {
         let half_mm = 0.5 * unit_mm * of_steps(1, self.decimals.of(0, unit_mm));
         let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
         self.has_pole_of_program()
+            && !self.polar_is_off
             && is_small(carried)
             && places.iter().all(|at| is_small(&self.delta_in_program(at)))
     }
@@ -125,7 +220,12 @@ impl Rewriter {
         line: Line<'_>,
     ) -> (Shape, Vec<u8>) {
         if !line.script.is_heidenhain() {
-            return (Shape::Centre, Vec::new());
+            let shape = if keeps_polar {
+                Shape::AsItIs
+            } else {
+                Shape::Centre
+            };
+            return (shape, Vec::new());
         }
         let centre = circle.take_centre([b'I', b'J']);
         if keeps_polar {
@@ -175,20 +275,38 @@ impl Rewriter {
         self.edits.write(line, out);
     }
 
-    /// The line of the program gets the word for the way in which its motion is written.
-    pub(crate) fn goes_as(&mut self, shape: Shape, line: Line<'_>) {
-        let keyword = line.block.keyword.clone();
-        if shape == Shape::AsItIs || keyword.is_empty() {
+    /// The line of the program gets the word for the way in which its motion is written, and loses its polar coordinates where
+    /// that is by X and Y.
+    pub(crate) fn goes_as(
+        &mut self,
+        shape: Shape,
+        polar: Option<[Option<usize>; 2]>,
+        line: Line<'_>,
+    ) {
+        if shape == Shape::AsItIs {
             return;
         }
+        let keyword = line.block.keyword.clone();
         let length = line.script.keyword(shape).len();
         if length < keyword.len() {
             // LP, CP and CR become L and C.
             let rest = keyword.start + length..keyword.end;
             self.edits.ranges.push((rest, None));
         }
-        let polar = POLAR.into_iter().filter_map(|letter| line.place_of(letter));
-        self.edits.removed.extend(polar);
+        let Some(polar) = polar else { return };
+        self.edits.removed.extend(polar.into_iter().flatten());
+        if self.interpreter.modal.polar.is_none() {
+            return;
+        }
+        // The control reads X and Y as places from here on, until the program says G16 again.
+        let is_g16 = |word: &Word| word.letter == b'G' && word.value == Some(16.0);
+        let place = line.block.words.iter().position(is_g16);
+        if let Some(code) = Number::nearest(15.0, 0)
+            && (place.is_some() || !self.polar_is_off)
+        {
+            self.edits.set(b'G', place, code);
+        }
+        self.polar_is_off = true;
     }
 
     /// A note where an arc gets the coordinate of an axis that it did not have.

@@ -95,6 +95,8 @@ pub(crate) struct Rewriter {
     pub(crate) contour: Contour,
     /// The pole that the control has, in the coordinates of the program, mm.
     pub(crate) pole: Option<[f64; 2]>,
+    /// It has been told to read X and Y as places again where the program has polar coordinates (G16).
+    pub(crate) polar_is_off: bool,
     /// Numbers have decimal commas.
     comma: bool,
     pub(crate) computed: Computed,
@@ -133,6 +135,7 @@ impl Rewriter {
             carried_at_home: [[0.0; 9]; 2],
             contour: Contour::None,
             pole: None,
+            polar_is_off: false,
             comma: false,
             computed: Computed::Kept,
             crlf: false,
@@ -241,6 +244,9 @@ impl Rewriter {
             Some(_) => Contour::Follows,
             None => Contour::None,
         };
+        if outcome.switches_polar {
+            self.polar_is_off = false;
+        }
         if let Some(relative) = outcome.pole {
             self.takes_pole(relative);
         }

@@ -206,7 +206,8 @@ impl Rewriter {
         let is_cut =
             (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
         self.turn_up_to(&mut next, if is_cut { 0.0 } else { 1.0 });
-        let keeps_polar = motion.polar && !splits && self.keeps_polar(&[from, end], &carried);
+        let keeps_polar =
+            motion.polar.is_some() && !splits && self.keeps_polar(&[from, end], &carried);
         let shape = if keeps_polar {
             Shape::AsItIs
         } else {
@@ -230,7 +231,9 @@ impl Rewriter {
                 let is_new = place == 0 || motion.incremental[axis] || to[axis] != before[axis];
                 let only_takes_up = place > 0 && share == passed;
                 match splits {
-                    _ if motion.polar && axis < 2 && !only_takes_up => polar_writes(keeps_polar),
+                    _ if motion.polar.is_some() && axis < 2 && !only_takes_up => {
+                        polar_writes(keeps_polar)
+                    }
                     true if is_new => Writes::Anew,
                     true => Writes::IfMoves,
                     false => Writes::IfChanged,
@@ -264,6 +267,7 @@ impl Rewriter {
                 code: None,
                 feed,
                 shape,
+                polar: motion.polar,
                 before: &[],
             };
             self.write_part(&part, line, out);

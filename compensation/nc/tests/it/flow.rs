@@ -2,7 +2,7 @@
 
 use crate::identity::compensated;
 
-fn text(errors: &str, program: &str) -> String {
+pub(crate) fn text(errors: &str, program: &str) -> String {
     let (out, _) = compensated(errors, program.as_bytes()).expect("compensated");
     String::from_utf8(out).expect("text")
 }

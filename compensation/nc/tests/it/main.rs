@@ -10,6 +10,7 @@ mod heidenhain;
 mod identity;
 mod inspect;
 mod play;
+mod polar;
 mod siemens;
 mod straight;
 mod traps;
