@@ -60,10 +60,8 @@ impl Rewriter {
                 carried = taken_up.unwrap_or(carried);
                 code = taken_up.and_then(|_| code_of(arc));
             }
-            let middle = arc.place(&from, &to, 0.5);
-            let keeps_polar = motion.polar.is_some()
-                && !splits
-                && self.keeps_polar(&[from, middle, to], &carried);
+            let places = [from, arc.place(&from, &to, 0.5), to];
+            let keeps_polar = !splits && self.keeps_polar(motion, &places, &carried);
             let writes = each(|axis| match splits {
                 _ if motion.polar.is_some() && axis < 2 => polar_writes(keeps_polar),
                 // Each part needs its end.

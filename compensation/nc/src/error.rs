@@ -1,5 +1,7 @@
 //! Why a program is not compensated.
 
+use std::path::{Path, PathBuf};
+
 use crate::fault::Fault;
 
 /// Why a program is not compensated: the line, what was found, and what was expected.
@@ -73,10 +75,43 @@ pub enum NcError {
         /// What does not fit.
         what: String,
     },
+    /// What is wrong is in a file with subroutines.
+    #[error("{}: {error}", file.display())]
+    InFile {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong in it.
+        error: Box<NcError>,
+    },
     /// The program or its correction cannot be read or written.
     #[error(transparent)]
     Io(#[from] std::io::Error),
     /// The machine has no axis, or cannot be compiled.
     #[error(transparent)]
     Machine(#[from] volcomp_model::ModelError),
+}
+
+impl NcError {
+    /// The same error in this file.
+    pub(crate) fn in_file(self, file: &Path) -> Self {
+        Self::InFile {
+            file: file.to_owned(),
+            error: Box::new(self),
+        }
+    }
+
+    /// The same error at this line.
+    pub(crate) fn at_line(mut self, number: usize) -> Self {
+        match &mut self {
+            Self::Block { line, .. }
+            | Self::UnknownCode { line, .. }
+            | Self::NotCompensated { line, .. }
+            | Self::OnlyAtMachine { line, .. }
+            | Self::LongLine { line, .. }
+            | Self::Binary { line, .. }
+            | Self::Flow { line, .. } => *line = number,
+            Self::NoCentrePoint | Self::InFile { .. } | Self::Io(_) | Self::Machine(_) => {}
+        }
+        self
+    }
 }

@@ -1,8 +1,12 @@
 //! O-words: which line is executed after which. They are matched once, before anything is executed.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, ops::Range, path::PathBuf};
 
-use crate::{NcError, scan::Scanner};
+use crate::{
+    NcError,
+    scan::Scanner,
+    subroutines::{Listing, is_file_of, is_file_of_number},
+};
 
 /// What an O-word does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,7 +174,7 @@ pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
     })
 }
 
-/// A program with O-words whose beginnings and ends were found. Lines are counted from 0.
+/// A program with O-words whose beginnings and ends were found. Listing are counted from 0.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flow {
     pub(crate) statements: HashMap<usize, Statement>,
@@ -178,27 +182,33 @@ pub(crate) struct Flow {
     partner: HashMap<usize, usize>,
     /// For an `if` and an `elseif`, the line of the next branch, or of the end.
     pub(crate) next_branch: HashMap<usize, usize>,
-    subs: HashMap<String, usize>,
+    /// Where each subroutine begins, by its file, 0 being the program, and its name.
+    subs: HashMap<(usize, String), usize>,
     /// Where each program with a number begins.
-    programs: HashMap<u32, usize>,
+    programs: HashMap<(usize, u32), usize>,
+    /// The files that the program calls: their places from 1, and their lines.
+    files: Vec<(usize, PathBuf, Range<usize>)>,
 }
 
 impl Flow {
-    /// Matches the O-words of these lines, the first of which has this number.
-    pub(crate) fn new(lines: &[&[u8]], first: usize) -> Result<Self, NcError> {
+    /// Matches the O-words of a program and of the files that it calls.
+    pub(crate) fn new(lines: &Listing<'_>) -> Result<Self, NcError> {
         let mut flow = Self::default();
         let mut open: Vec<(usize, usize)> = Vec::new();
-        for (place, line) in lines.iter().enumerate() {
-            let wrong = |what: String| NcError::Flow {
-                line: first + place,
-                what,
-            };
+        let mut in_file = 0;
+        for (place, (line, _)) in lines.lines.iter().enumerate() {
+            let wrong = |what: String| lines.at(place, NcError::Flow { line: 0, what });
+            let (file, _) = lines.file_of(place);
+            if file != in_file {
+                Self::all_have_ended(&open, lines)?;
+                in_file = file;
+            }
             let mut statement = match o_line(line) {
                 Some(OLine::Statement(statement)) => statement,
                 Some(OLine::Wrong(what)) => return Err(wrong(what.to_owned())),
                 Some(OLine::Program(number)) => {
                     if let Some(number) = number
-                        && flow.programs.insert(number, place).is_some()
+                        && flow.programs.insert((file, number), place).is_some()
                     {
                         return Err(wrong(format!("the program O{number} stands twice")));
                     }
@@ -250,7 +260,7 @@ impl Flow {
                             "the subroutine o{name} begins in something that has not ended"
                         )));
                     }
-                    if flow.subs.insert(name.clone(), place).is_some() {
+                    if flow.subs.insert((file, name.clone()), place).is_some() {
                         return Err(wrong(format!("the subroutine o{name} stands twice")));
                     }
                     open.push((place, place));
@@ -262,13 +272,19 @@ impl Flow {
             }
             flow.statements.insert(place, statement);
         }
-        if let Some((begin, _)) = open.last() {
-            return Err(NcError::Flow {
-                line: first + begin,
-                what: "what begins here does not end in the program".to_owned(),
-            });
+        Self::all_have_ended(&open, lines)?;
+        for (file, path, places) in lines.files() {
+            flow.files.push((file, path.to_owned(), places));
         }
         Ok(flow)
+    }
+
+    fn all_have_ended(open: &[(usize, usize)], lines: &Listing<'_>) -> Result<(), NcError> {
+        let Some((begin, _)) = open.last() else {
+            return Ok(());
+        };
+        let what = "what begins here does not end in the program".to_owned();
+        Err(lines.at(*begin, NcError::Flow { line: 0, what }))
     }
 
     /// Where what begins at a line ends, or what ends there begins.
@@ -276,14 +292,25 @@ impl Flow {
         self.partner.get(&line).copied().unwrap_or(line)
     }
 
-    /// Where a subroutine begins.
-    pub(crate) fn sub(&self, name: &str) -> Option<usize> {
-        self.subs.get(name).copied()
+    /// Where a subroutine begins that a line of this file calls: in the same file, in the program, or in a file of its own.
+    pub(crate) fn sub(&self, name: &str, file: usize) -> Option<usize> {
+        let own = (self.files.iter()).filter(|(_, path, _)| is_file_of(path, name));
+        let files = [file, 0].into_iter().chain(own.map(|(file, ..)| *file));
+        let mut found = files.filter_map(|file| self.subs.get(&(file, name.to_owned())));
+        found.next().copied()
     }
 
-    /// Where the program of this number begins.
-    pub(crate) fn program(&self, number: u32) -> Option<usize> {
-        self.programs.get(&number).copied()
+    /// The first line of the program of this number that a line of this file calls.
+    pub(crate) fn program(&self, number: u32, file: usize) -> Option<usize> {
+        let numbered = [file, 0].map(|file| self.programs.get(&(file, number)).copied());
+        if let Some(begin) = numbered.into_iter().flatten().next() {
+            return Some(begin + 1);
+        }
+        // A file of its own may do without the number in it.
+        let mut own = (self.files.iter()).filter(|(_, path, _)| is_file_of_number(path, number));
+        let (file, _, places) = own.next()?;
+        let begin = self.programs.get(&(*file, number));
+        Some(begin.map_or(places.start, |begin| begin + 1))
     }
 
     /// The end of the `if` to which a branch belongs.

@@ -45,8 +45,7 @@ impl Rewriter {
                 });
             }
         }
-        let keeps_polar =
-            motion.polar.is_some() && self.keeps_polar(&[half_deep(&end, depth, places)], &carried);
+        let keeps_polar = self.keeps_polar(motion, &[half_deep(&end, depth, places)], &carried);
         let mut writes = [Writes::IfChanged; 9];
         if motion.polar.is_some() {
             writes[..2].fill(polar_writes(keeps_polar));

@@ -21,6 +21,7 @@ use crate::{
 };
 
 /// What a block did.
+#[expect(clippy::struct_excessive_bools, reason = "each is an event of its own")]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,

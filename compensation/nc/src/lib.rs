@@ -55,6 +55,7 @@ pub mod shortest;
 mod siemens;
 mod straight;
 mod stretches;
+mod subroutines;
 mod tip;
 mod turns;
 mod vector;

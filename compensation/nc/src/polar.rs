@@ -181,12 +181,13 @@ impl Rewriter {
             .map(|pole| pole[place] / self.interpreter.modal.unit_mm)
     }
 
-    /// Whether a motion in polar coordinates needs no correction in their plane, at any of these places and where it begins.
-    pub(crate) fn keeps_polar(&self, places: &[Axes], carried: &Axes) -> bool {
+    /// Whether a motion is in polar coordinates that need no correction in their plane, at any of these places and where it begins.
+    pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
         let unit_mm = self.interpreter.modal.unit_mm;
         let half_mm = 0.5 * unit_mm * of_steps(1, self.decimals.of(0, unit_mm));
         let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
-        self.has_pole_of_program()
+        motion.polar.is_some()
+            && self.has_pole_of_program()
             && !self.polar_is_off
             && is_small(carried)
             && places.iter().all(|at| is_small(&self.delta_in_program(at)))

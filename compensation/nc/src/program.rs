@@ -9,8 +9,9 @@ use crate::{
     flow::{OLine, o_line, program_line},
     rewrite::Rewriter,
     rounding::Strategy,
-    run::{Lines, run},
+    run::run,
     setup::SetUp,
+    subroutines::{Listing, load},
 };
 
 /// A longer line is refused.
@@ -22,7 +23,7 @@ const MOST_IN_MEMORY: usize = 256 << 20;
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Summary {
-    /// Lines, motions and changes.
+    /// Listing, motions and changes.
     pub counts: Counts,
     /// What a user should know, each once.
     pub notes: Notes,
@@ -73,7 +74,7 @@ impl<'a> Job<'a> {
 /// the work. A program with O-words is executed; the others are streamed.
 ///
 /// # Errors
-/// Lines that cannot be read or compensated, each with its number, and what reading and writing say. What was written
+/// Listing that cannot be read or compensated, each with its number, and what reading and writing say. What was written
 /// before is no whole program.
 pub fn compensate(
     input: &mut impl BufRead,
@@ -134,10 +135,8 @@ pub(crate) fn execute(
             let mut lines = split_lines(&rest);
             let after_end = end_by_percent(&lines, percents);
             let not_read = lines.split_off(after_end);
-            let lines = Lines {
-                lines,
-                first: number,
-            };
+            let files = load(&lines, &rewriter.folders)?;
+            let lines = Listing::new(lines, number, &files)?;
             let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
             for (line, end) in not_read {
                 output.write_all(line)?;
@@ -200,7 +199,7 @@ fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> usize {
 }
 
 /// Each line and its end.
-fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
+pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
     let lines = text.split_inclusive(|byte| *byte == b'\n');
     lines.map(|line| line.split_at(length_of(line))).collect()
 }

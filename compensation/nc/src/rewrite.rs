@@ -2,6 +2,7 @@
 
 use std::{
     io,
+    path::PathBuf,
     sync::{Arc, mpsc::SyncSender},
 };
 
@@ -100,6 +101,8 @@ pub(crate) struct Rewriter {
     /// Numbers have decimal commas.
     comma: bool,
     pub(crate) computed: Computed,
+    /// Where files with subroutines are.
+    pub(crate) folders: Arc<[PathBuf]>,
     /// Lines end with a carriage return, too.
     crlf: bool,
     pub(crate) counts: Counts,
@@ -138,6 +141,7 @@ impl Rewriter {
             polar_is_off: false,
             comma: false,
             computed: Computed::Kept,
+            folders: setup.folders().into(),
             crlf: false,
             counts: Counts::default(),
             shares: None,

@@ -11,18 +11,11 @@ use crate::{
     parameters::{HAS_RETURNED, RETURNED, Value},
     rewrite::{Computed, Rewriter},
     scan::Scanner,
+    subroutines::Listing,
 };
 
 /// Subroutines that call one another, so many at the most.
 const DEEPEST: usize = 100;
-
-/// Lines of a program with O-words.
-pub(crate) struct Lines<'t> {
-    /// Each line and its end.
-    pub(crate) lines: Vec<(&'t [u8], &'t [u8])>,
-    /// The number of the first one.
-    pub(crate) first: usize,
-}
 
 /// What is done with lines as they are executed.
 trait Sink {
@@ -34,7 +27,7 @@ trait Sink {
 
 /// State of the execution.
 struct Run<'r, 't> {
-    lines: &'r Lines<'t>,
+    lines: &'r Listing<'t>,
     flow: &'r Flow,
     most: u64,
     rewriter: Rewriter,
@@ -51,27 +44,28 @@ struct Call {
     /// Where a program that is called by its number begins, and how often it is still to be executed; `None`: an O-word called
     /// it, with parameters of its own.
     program: Option<(usize, u64)>,
+    /// The file in which it stands, 0 being the program.
+    file: usize,
 }
 
 /// Executes the lines and writes them with their corrections; gives the state at the end and where that was.
 pub(crate) fn run(
     rewriter: Rewriter,
-    lines: &Lines<'_>,
+    lines: &Listing<'_>,
     most: u64,
     output: &mut impl Write,
 ) -> Result<(Rewriter, bool), NcError> {
-    let plain: Vec<&[u8]> = lines.lines.iter().map(|(line, _)| *line).collect();
-    let flow = Flow::new(&plain, lines.first)?;
+    let flow = Flow::new(lines)?;
     let mut before = rewriter.clone();
-    let mut recorded = Recorded::new(plain.len());
+    let mut recorded = Recorded::new(lines);
     let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
     if recorded.conflicts.contains(&true) {
         // A call that is written out returns nothing to the control.
         before.computed = Computed::ReturnedWritten;
-        recorded = Recorded::new(plain.len());
+        recorded = Recorded::new(lines);
         Run::new(before.clone(), lines, &flow, most).go(&mut recorded)?;
     } else {
-        for (place, (line, end)) in lines.lines.iter().enumerate() {
+        for (place, (line, end)) in lines.lines[..lines.own].iter().enumerate() {
             let text = recorded.texts[place].as_deref();
             output.write_all(text.unwrap_or(line))?;
             output.write_all(end)?;
@@ -97,7 +91,7 @@ pub(crate) fn run(
 }
 
 impl<'r, 't> Run<'r, 't> {
-    fn new(rewriter: Rewriter, lines: &'r Lines<'t>, flow: &'r Flow, most: u64) -> Self {
+    fn new(rewriter: Rewriter, lines: &'r Listing<'t>, flow: &'r Flow, most: u64) -> Self {
         Self {
             lines,
             flow,
@@ -112,12 +106,24 @@ impl<'r, 't> Run<'r, 't> {
     fn go(mut self, sink: &mut impl Sink) -> Result<(Rewriter, bool), NcError> {
         let (mut at, mut executed) = (0, 0_u64);
         let mut text = Vec::new();
-        while let Some((line, end)) = self.lines.lines.get(at) {
+        loop {
+            if let Some(call) = self.calls.last()
+                && (at >= self.lines.lines.len() || self.lines.file_of(at).0 != call.file)
+            {
+                return Err(self.wrong(at - 1, "the subprogram ends here without M99".to_owned()));
+            }
+            let Some((line, end)) = self.lines.lines.get(at) else {
+                break;
+            };
             executed += 1;
             if executed > self.most {
                 return Err(self.wrong(at, format!("more than {} blocks are executed (a loop without an end?); --max-blocks allows more", self.most)));
             }
             if self.calls.is_empty() {
+                if at >= self.lines.own {
+                    // The program has ended.
+                    break;
+                }
                 sink.at(at)?;
             }
             if let Some(statement) = self.flow.statements.get(&at) {
@@ -129,9 +135,23 @@ impl<'r, 't> Run<'r, 't> {
                 at += 1;
                 continue;
             }
+            let (_, file) = self.lines.file_of(at);
+            if file.is_some() && line.trim_ascii_start().starts_with(b"%") {
+                at += 1;
+                continue;
+            }
             text.clear();
-            let number = self.lines.first + at;
-            let ends = self.rewriter.line(line, end, number, &mut text)?;
+            // What is said about a line in another file is said about the line of the program that calls it.
+            let place = match (file, self.calls.first()) {
+                (Some(_), Some(call)) => call.back - 1,
+                _ => at,
+            };
+            let number = self.lines.first + place;
+            let ends = self.rewriter.line(line, end, number, &mut text);
+            let ends = ends.map_err(|error| match file {
+                Some(_) => self.lines.at(at, error),
+                None => error,
+            })?;
             sink.executed(at, &text)?;
             if ends {
                 return Ok((self.rewriter, true));
@@ -142,10 +162,7 @@ impl<'r, 't> Run<'r, 't> {
     }
 
     fn wrong(&self, at: usize, what: String) -> NcError {
-        NcError::Flow {
-            line: self.lines.first + at,
-            what,
-        }
+        self.lines.at(at, NcError::Flow { line: 0, what })
     }
 
     /// The line after one with an O-word.
@@ -246,10 +263,10 @@ impl<'r, 't> Run<'r, 't> {
     }
 
     fn call_program(&mut self, at: usize, number: u32, times: u64) -> Result<usize, NcError> {
-        let Some(begin) = self.flow.program(number) else {
+        let Some(begin) = self.flow.program(number, self.lines.file_of(at).0) else {
             return Err(self.wrong(
                 at,
-                format!("the program O{number} is not behind this line: subprograms in files of their own are not followed"),
+                format!("the program O{number} is neither in this file nor in a file such as O{number:04} or {number}.nc in a folder of --subroutines"),
             ));
         };
         if times == 0 {
@@ -258,9 +275,10 @@ impl<'r, 't> Run<'r, 't> {
         self.deeper(at)?;
         self.calls.push(Call {
             back: at + 1,
-            program: Some((begin + 1, times)),
+            program: Some((begin, times)),
+            file: self.lines.file_of(begin).0,
         });
-        Ok(begin + 1)
+        Ok(begin)
     }
 
     /// The line after the call of a subroutine that ends here.
@@ -269,6 +287,7 @@ impl<'r, 't> Run<'r, 't> {
         let Some(Call {
             back,
             program: None,
+            ..
         }) = self.calls.pop()
         else {
             return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
@@ -294,6 +313,7 @@ impl<'r, 't> Run<'r, 't> {
             Some(Call {
                 back,
                 program: Some(_),
+                ..
             }) => {
                 let back = *back;
                 self.calls.pop();
@@ -315,12 +335,12 @@ impl<'r, 't> Run<'r, 't> {
     }
 
     fn call(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
-        let Some(begin) = self.flow.sub(&statement.name) else {
+        let Some(begin) = self.flow.sub(&statement.name, self.lines.file_of(at).0) else {
             return Err(self.wrong(
                 at,
                 format!(
-                    "the subroutine o<{}> is not in this program",
-                    statement.name
+                    "the subroutine o<{name}> is neither in this program nor as {name}.ngc in a folder of --subroutines",
+                    name = statement.name
                 ),
             ));
         };
@@ -330,6 +350,7 @@ impl<'r, 't> Run<'r, 't> {
         self.calls.push(Call {
             back: at + 1,
             program: None,
+            file: self.lines.file_of(begin).0,
         });
         Ok(begin + 1)
     }
@@ -381,26 +402,33 @@ impl<'r, 't> Run<'r, 't> {
 }
 
 /// What each line becomes, and which become different things from time to time.
-struct Recorded {
+struct Recorded<'r, 't> {
+    lines: &'r Listing<'t>,
     texts: Vec<Option<Vec<u8>>>,
     conflicts: Vec<bool>,
 }
 
-impl Recorded {
-    fn new(lines: usize) -> Self {
+impl<'r, 't> Recorded<'r, 't> {
+    fn new(lines: &'r Listing<'t>) -> Self {
         Self {
-            texts: vec![None; lines],
-            conflicts: vec![false; lines],
+            lines,
+            texts: vec![None; lines.lines.len()],
+            conflicts: vec![false; lines.lines.len()],
         }
     }
 }
 
-impl Sink for Recorded {
+impl Sink for Recorded<'_, '_> {
     fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
         match &self.texts[place] {
             Some(before) if before != text => self.conflicts[place] = true,
             Some(_) => {}
-            None => self.texts[place] = Some(text.to_vec()),
+            None => {
+                // A line of another file stays as it is: other programs call it, too.
+                let may_change = place < self.lines.own;
+                self.conflicts[place] |= !may_change && text != self.lines.lines[place].0;
+                self.texts[place] = Some(text.to_vec());
+            }
         }
         Ok(())
     }
@@ -412,9 +440,9 @@ impl Sink for Recorded {
 
 /// Writes the program; what the main program calls or repeats is held until it is known whether a line with a conflict is in it.
 struct Unrolled<'a, W> {
-    lines: &'a Lines<'a>,
+    lines: &'a Listing<'a>,
     flow: &'a Flow,
-    recorded: &'a Recorded,
+    recorded: &'a Recorded<'a, 'a>,
     output: &'a mut W,
     /// The next line of the text that is to be written.
     next: usize,
@@ -428,7 +456,7 @@ struct Unrolled<'a, W> {
 impl<W: Write> Unrolled<'_, W> {
     /// The lines of the text up to this one, as they are, or with what they always become.
     fn write_to(&mut self, end: usize) -> Result<(), NcError> {
-        while self.next < end.min(self.lines.lines.len()) {
+        while self.next < end.min(self.lines.own) {
             let (line, end_of_line) = self.lines.lines[self.next];
             let always = self.recorded.texts[self.next].as_deref();
             let text = always.filter(|_| !self.recorded.conflicts[self.next]);
@@ -446,9 +474,7 @@ impl<W: Write> Unrolled<'_, W> {
         };
         self.write_to(begin)?;
         if self.conflicts {
-            for (line, end_of_line) in
-                &self.lines.lines[begin..=end.min(self.lines.lines.len() - 1)]
-            {
+            for (line, end_of_line) in &self.lines.lines[begin..=end.min(self.lines.own - 1)] {
                 // Of the comments that controls know only ( ) is one on those that have M98: there ; ends a block.
                 let of_program = program_line(line).is_some();
                 if of_program {
@@ -477,7 +503,7 @@ impl<W: Write> Unrolled<'_, W> {
 
     fn finish(&mut self) -> Result<(), NcError> {
         self.close()?;
-        self.write_to(self.lines.lines.len())
+        self.write_to(self.lines.own)
     }
 }
 

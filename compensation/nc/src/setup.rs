@@ -1,6 +1,9 @@
 //! The set-up of a machine that a program relies on: work offsets, tool lengths, and where the axes stand at its beginning.
 
-use std::collections::{BTreeMap, HashMap};
+use std::{
+    collections::{BTreeMap, HashMap},
+    path::PathBuf,
+};
 
 use volcomp_model::document::{Document, InputError, Section};
 
@@ -32,6 +35,7 @@ pub struct SetUp {
     start: Option<(Axes, Axes<bool>)>,
     inch: bool,
     centre_point: bool,
+    folders: Vec<PathBuf>,
 }
 
 impl Default for SetUp {
@@ -44,6 +48,7 @@ impl Default for SetUp {
             start: None,
             inch: false,
             centre_point: false,
+            folders: Vec::new(),
         }
     }
 }
@@ -110,6 +115,18 @@ impl SetUp {
             }
             Ok(setup)
         })
+    }
+
+    /// Subroutines that a program calls and does not have itself are looked for in these folders, in their order: o&lt;name&gt; in `name.ngc`,
+    /// the program of `M98 P1000` in files such as `O1000` or `1000.nc`.
+    #[must_use]
+    pub fn with_subroutines(mut self, folders: Vec<PathBuf>) -> Self {
+        self.folders = folders;
+        self
+    }
+
+    pub(crate) fn folders(&self) -> &[PathBuf] {
+        &self.folders
     }
 
     pub(crate) fn modal(&self) -> Modal {

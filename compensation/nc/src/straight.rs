@@ -206,8 +206,7 @@ impl Rewriter {
         let is_cut =
             (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
         self.turn_up_to(&mut next, if is_cut { 0.0 } else { 1.0 });
-        let keeps_polar =
-            motion.polar.is_some() && !splits && self.keeps_polar(&[from, end], &carried);
+        let keeps_polar = !splits && self.keeps_polar(motion, &[from, end], &carried);
         let shape = if keeps_polar {
             Shape::AsItIs
         } else {

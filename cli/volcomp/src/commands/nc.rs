@@ -39,6 +39,10 @@ pub(crate) struct Arguments {
     /// it is taken as zero
     #[arg(long, value_name = "FILE")]
     setup: Option<PathBuf>,
+    /// A folder of subroutines that the program calls and does not have itself: name.ngc for o<name>, O1000 or 1000.nc for
+    /// M98 P1000; may be given several times
+    #[arg(long, value_name = "DIR")]
+    subroutines: Vec<PathBuf>,
     /// The language of the program; by default by the end of its name: siemens for .mpf and .spf, heidenhain for .h, otherwise
     /// rs274
     #[arg(long, value_enum)]
@@ -128,6 +132,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Some(path) => SetUp::parse(&read_text(path)?, &path.display().to_string())?,
         None => SetUp::default(),
     };
+    let setup = setup.with_subroutines(arguments.subroutines.clone());
     let program = &arguments.program;
     let file = File::open(program).map_err(|e| Failure::in_file(program, e))?;
     if file.metadata().is_ok_and(|about| about.is_dir()) {

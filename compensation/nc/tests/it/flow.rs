@@ -110,7 +110,7 @@ fn what_does_not_fit_together_says_so() {
         ),
         (
             "O1 call\n",
-            "line 1: the subroutine o<1> is not in this program",
+            "line 1: the subroutine o<1> is neither in this program nor as 1.ngc in a folder of --subroutines",
         ),
         (
             "O1 sub\nO1 call\nO1 endsub\nO1 call\n",
@@ -184,7 +184,11 @@ fn subprograms_that_cannot_be_followed_are_refused() {
         error.to_string()
     };
     for (program, line, expected) in [
-        ("M98 P7\nM30\n", 1, "the program O7 is not behind this line"),
+        (
+            "M98 P7\nM30\n",
+            1,
+            "the program O7 is neither in this file nor in a file such as O0007 or 7.nc",
+        ),
         ("G0 X0\nM99\n", 2, "M99 ends no subprogram"),
         ("M98 P7\nM30\nO7\nM98 P7\nM99\n", 4, "call one another"),
         ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "stands twice"),

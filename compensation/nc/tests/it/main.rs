@@ -13,5 +13,6 @@ mod play;
 mod polar;
 mod siemens;
 mod straight;
+mod subroutines;
 mod traps;
 mod verify;
