@@ -44,7 +44,7 @@ fn distances_and_angles_of_linuxcnc() {
             let [radius, angle] = [distance(step.to), angle_deg(step.to)];
             let [by, turn] = [radius - distance(step.from), angle - angle_deg(step.from)];
             let is_line = !matches!(step.way, Way::Arc(..));
-            program += &match draw.below(3) {
+            let text = match draw.below(3) {
                 0 => line(step, &format!("X{:.6} Y{:.6}", step.to[0], step.to[1])),
                 1 if place > 0 && is_line => {
                     let dz = step.to[2] - step.from[2];
@@ -53,6 +53,7 @@ fn distances_and_angles_of_linuxcnc() {
                 }
                 _ => line(step, &format!("@{radius:.9} ^{angle:.9}")),
             };
+            program += &text;
         }
         let machine = worn(play);
         leads_to_the_same_places(&machine, &path, Dialect::Rs274, &(program.clone() + "M2\n"));
