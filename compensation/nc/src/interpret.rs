@@ -25,8 +25,8 @@ use crate::{
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
-    /// How often its motion is done, one after the other.
-    pub(crate) repeats: u32,
+    /// The further holes of a row that is written by L in G91.
+    pub(crate) row: Vec<Move>,
     /// Its axis words say where the axes stand (G92, G10 L20): they are the words at these places.
     pub(crate) presets: Option<Axes<Option<usize>>>,
     /// The program ends here.
@@ -157,7 +157,6 @@ impl Interpreter {
         }
         let given = Given::new(block, line, self.takes_polar(&codes))?;
         let mut outcome = Outcome {
-            repeats: 1,
             ends: codes.ends,
             calls: codes.calls,
             switches_radius: codes.radius().is_some(),

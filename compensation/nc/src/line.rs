@@ -53,3 +53,10 @@ impl<'a> Line<'a> {
 pub(crate) fn end_of_more(end: &[u8]) -> &[u8] {
     if end.is_empty() { b"\n" } else { end }
 }
+
+/// Writes a line as a comment that every control of RS-274 knows.
+pub(crate) fn write_comment(line: &[u8], out: &mut Vec<u8>) {
+    out.push(b'(');
+    out.extend(line.iter().filter(|byte| !b"()".contains(byte)));
+    out.push(b')');
+}

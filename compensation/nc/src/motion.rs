@@ -41,6 +41,15 @@ pub(crate) fn half_deep(hole: &Axes, depth: usize, [bottom, clearance]: [f64; 2]
     at
 }
 
+/// The polar coordinates of a motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Polar {
+    /// The places of the distance and of the angle in the block.
+    pub(crate) words: [Option<usize>; 2],
+    /// They count from where the tool is.
+    pub(crate) from_here: bool,
+}
+
 /// A motion of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {
@@ -54,8 +63,8 @@ pub(crate) struct Move {
     pub(crate) incremental: Axes<bool>,
     /// Its words are the coordinates of the machine (G53, G28).
     pub(crate) in_machine: bool,
-    /// The places in the block of the distance and the angle of polar coordinates, where they say its place in the plane.
-    pub(crate) polar: Option<[Option<usize>; 2]>,
+    /// Where polar coordinates say its place in the plane.
+    pub(crate) polar: Option<Polar>,
     /// Whole turns by which `from` is another number for where a rotary axis was before, deg.
     pub(crate) wraps: Axes,
 }

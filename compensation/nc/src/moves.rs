@@ -75,7 +75,7 @@ impl Interpreter {
             words: given.places,
             incremental,
             in_machine: codes.in_machine,
-            polar: given.polar,
+            polar: self.polar_of(given),
             wraps: [0.0; 9],
         };
         for axis in 0..9 {
@@ -100,7 +100,7 @@ impl Interpreter {
             }
         }
         if code != 331 {
-            self.position = motion.to;
+            self.position = outcome.row.last().map_or(motion.to, |last| last.to);
         }
         if codes.in_machine && self.dialect != Dialect::Rs274 {
             self.suppresses(&motion, given)?;
@@ -294,32 +294,44 @@ impl Interpreter {
                 .ok_or_else(|| given.refused("a cycle with an L that is no number of holes"))?,
             None => 1,
         };
-        if repeats > 1 && given.polar.is_some() && incremental {
-            return Err(
-                given.refused("a row of holes by L in G91 whose way is said by polar coordinates")
-            );
-        }
-        outcome.repeats = repeats;
         motion.path = Path::Hole {
             bottom,
             clearance,
             depth,
         };
         let mut end = self.frame.to_program(&motion.to);
-        if incremental {
-            for axis in 0..9 {
-                if axis != depth && given.places[axis].is_some() {
-                    let way = end[axis] - before[axis];
-                    end[axis] = before[axis] + f64::from(repeats) * way;
-                }
-            }
-        }
         end[depth] = if self.modal.comes_back {
             initial.max(clearance)
         } else {
             clearance
         };
         motion.to = self.frame.to_machine(&end);
+        if !incremental {
+            // Each of them is the same hole.
+            return Ok(());
+        }
+        let way = each(|axis| match given.places[axis] {
+            Some(_) if axis != depth => end[axis] - before[axis],
+            _ => 0.0,
+        });
+        for _ in 1..repeats {
+            let from = self.frame.to_machine(&end);
+            if given.polar.is_some() {
+                self.knows_polar(given)?;
+            }
+            if let Some(place) = self.polar_end(given, &end)? {
+                end[..2].copy_from_slice(&place);
+            }
+            for (end, way) in end.iter_mut().zip(way) {
+                *end += way;
+            }
+            outcome.row.push(Move {
+                from,
+                to: self.frame.to_machine(&end),
+                wraps: [0.0; 9],
+                ..motion.clone()
+            });
+        }
         Ok(())
     }
 }

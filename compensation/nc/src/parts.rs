@@ -5,6 +5,7 @@ use crate::{
     coordinates::{Axes, LETTERS},
     line::Line,
     modal::FeedMode,
+    motion::Polar,
     rewrite::Rewriter,
     script::{NewWord, Shape},
     words::Number,
@@ -24,8 +25,7 @@ pub(crate) struct Part<'a> {
     pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
-    /// The words of polar coordinates that the block has.
-    pub(crate) polar: Option<[Option<usize>; 2]>,
+    pub(crate) polar: Option<Polar>,
     /// A line that must stand before it, without its end: the centre of an arc.
     pub(crate) before: &'a [u8],
 }

@@ -16,7 +16,7 @@ use crate::{
     legs::{Words, Writes},
     line::Line,
     modal::Plane,
-    motion::{Arc, Move},
+    motion::{Arc, Move, Polar},
     notes::Note,
     number::of_steps,
     rewrite::Rewriter,
@@ -67,6 +67,18 @@ impl Interpreter {
             ));
         }
         Ok(())
+    }
+
+    /// The polar coordinates of a block, if it has any.
+    pub(crate) fn polar_of(&self, given: &Given<'_>) -> Option<Polar> {
+        let words = given.polar?;
+        let says_place = |of: usize| {
+            let word = given.polar_word(of);
+            word.is_some() && !self.is_way(word)
+        };
+        // Under G16 they count from what was said before, not from the place of the tool.
+        let from_here = self.modal.polar.is_none() && !(says_place(0) && says_place(1));
+        Some(Polar { words, from_here })
     }
 
     /// Whether a word of polar coordinates is a way from where the tool is.
@@ -183,13 +195,21 @@ impl Rewriter {
 
     /// Whether a motion is in polar coordinates that need no correction in their plane, at any of these places and where it begins.
     pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
+        let Some(polar) = motion.polar else {
+            return false;
+        };
         let unit_mm = self.interpreter.modal.unit_mm;
         let half_mm = 0.5 * unit_mm * of_steps(1, self.decimals.of(0, unit_mm));
         let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
-        motion.polar.is_some()
+        // What counts from where the tool is goes on with what it is off there.
+        let begins = if polar.from_here {
+            carried[..2].iter().all(|by| by.abs() < 1e-9)
+        } else {
+            is_small(carried)
+        };
+        begins
             && self.has_pole_of_program()
             && !self.polar_is_off
-            && is_small(carried)
             && places.iter().all(|at| is_small(&self.delta_in_program(at)))
     }
 
@@ -278,12 +298,7 @@ impl Rewriter {
 
     /// The line of the program gets the word for the way in which its motion is written, and loses its polar coordinates where
     /// that is by X and Y.
-    pub(crate) fn goes_as(
-        &mut self,
-        shape: Shape,
-        polar: Option<[Option<usize>; 2]>,
-        line: Line<'_>,
-    ) {
+    pub(crate) fn goes_as(&mut self, shape: Shape, polar: Option<Polar>, line: Line<'_>) {
         if shape == Shape::AsItIs {
             return;
         }
@@ -295,7 +310,7 @@ impl Rewriter {
             self.edits.ranges.push((rest, None));
         }
         let Some(polar) = polar else { return };
-        self.edits.removed.extend(polar.into_iter().flatten());
+        self.edits.removed.extend(polar.words.into_iter().flatten());
         if self.interpreter.modal.polar.is_none() {
             return;
         }

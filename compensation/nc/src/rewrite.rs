@@ -14,7 +14,8 @@ use crate::{
     dialect::Dialect,
     edits::Edits,
     heidenhain::{block_number, renumber},
-    interpret::{Interpreter, Outcome},
+    hole::InRow,
+    interpret::Interpreter,
     line::Line,
     motion::{Move, Path},
     notes::Note,
@@ -259,10 +260,15 @@ impl Rewriter {
             self.write_values(line.block, reads_correction);
         }
         let length = out.len();
-        if let Some(motion) = &outcome.motion {
+        if let Some(motion) = &outcome.motion
+            && !outcome.row.is_empty()
+        {
+            let holes: Vec<&Move> = [motion].into_iter().chain(&outcome.row).collect();
+            self.row(&holes, line, out)?;
+        } else if let Some(motion) = &outcome.motion {
             self.counts.motions += 1;
             self.tell(motion, line.number)?;
-            self.motion(motion, &outcome, line, out)?;
+            self.motion(motion, line, out)?;
             self.ends_part(1.0);
         } else if let Some(words) = &outcome.presets {
             self.presets(words, line);
@@ -353,7 +359,7 @@ impl Rewriter {
     }
 
     /// Tells whoever wants to know what the program does.
-    fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
+    pub(crate) fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
         let Some(tells) = &self.tells else {
             return Ok(());
         };
@@ -369,13 +375,7 @@ impl Rewriter {
         told.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 
-    fn motion(
-        &mut self,
-        motion: &Move,
-        outcome: &Outcome,
-        line: Line<'_>,
-        out: &mut Vec<u8>,
-    ) -> Result<(), NcError> {
+    fn motion(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) -> Result<(), NcError> {
         self.note_axes(motion, line);
         self.corrector.wraps(&motion.wraps);
         match motion.path {
@@ -396,14 +396,14 @@ impl Rewriter {
                 depth,
             } => {
                 let places = [bottom, clearance];
-                self.hole(motion, depth, places, outcome.repeats, line, out)?;
+                self.hole(motion, depth, places, InRow::ALONE, line, out);
             }
         }
         Ok(())
     }
 
     /// Notes axes that the machine lacks or that leave their travel.
-    fn note_axes(&mut self, motion: &Move, line: Line<'_>) {
+    pub(crate) fn note_axes(&mut self, motion: &Move, line: Line<'_>) {
         let has_tip = self.interpreter.frame.tip.is_some();
         for axis in 0..9 {
             let letter = char::from(LETTERS[axis]);

@@ -7,7 +7,7 @@ use crate::{
     NcError,
     expression::Expressions,
     flow::{Flow, Keyword, Statement, program_line},
-    line::end_of_more,
+    line::{end_of_more, write_comment},
     parameters::{HAS_RETURNED, RETURNED, Value},
     rewrite::{Computed, Rewriter},
     scan::Scanner,
@@ -478,13 +478,9 @@ impl<W: Write> Unrolled<'_, W> {
                 // Of the comments that controls know only ( ) is one on those that have M98: there ; ends a block.
                 let of_program = program_line(line).is_some();
                 if of_program {
-                    self.output.write_all(b"(")?;
-                    let text: Vec<u8> = (line.iter())
-                        .filter(|byte| !b"()".contains(byte))
-                        .copied()
-                        .collect();
-                    self.output.write_all(&text)?;
-                    self.output.write_all(b")")?;
+                    let mut comment = Vec::new();
+                    write_comment(line, &mut comment);
+                    self.output.write_all(&comment)?;
                 } else {
                     self.output.write_all(b";")?;
                     self.output.write_all(line)?;

@@ -11,6 +11,7 @@ mod identity;
 mod inspect;
 mod play;
 mod polar;
+mod rows;
 mod siemens;
 mod straight;
 mod subroutines;

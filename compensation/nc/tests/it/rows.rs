@@ -1,0 +1,90 @@
+//! Rows of holes by L in G91: each hole is where it is without the row.
+
+use std::fmt::Write as _;
+
+use volcomp_nc::Dialect;
+
+use crate::{
+    drawn::{Draw, judged, worn},
+    flow::text,
+};
+
+const SETUP: &str = "[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
+
+/// A row by ways of X and Y, or by polar coordinates, against its holes one by one in G90.
+#[test]
+fn each_hole_is_where_it_is_alone() {
+    for seed in 0..96 {
+        let draw = &mut Draw::new(5000 + seed);
+        let number = |draw: &mut Draw, most: f64| draw.thousandths(-most, most);
+        let [x, y] = [number(draw, 100.0), number(draw, 100.0) + 150.0];
+        let count = 1 + draw.below(5);
+        let back = ["G98", "G99"][draw.below(2)];
+        let deep = -draw.thousandths(1.0, 9.0);
+        let mut row = format!("G90 G0 X{x} Y{y} Z20\n");
+        let mut alone = row.clone();
+        let is_polar = draw.below(2) == 0;
+        let [dx, dy] = [number(draw, 20.0), number(draw, 20.0)];
+        let [by, turn] = [number(draw, 10.0), number(draw, 15.0)];
+        let way = match is_polar {
+            true => format!("@{by:.3} ^{turn:.3}"),
+            false => format!("X{dx:.3} Y{dy:.3}"),
+        };
+        writeln!(row, "{back} G91 G81 {way} R-12.5 Z{deep:.3} L{count} F100").expect("a string");
+        let (mut at, bottom) = ([x, y], 7.5 + deep);
+        for place in 0..count {
+            at = if is_polar {
+                let angle = at[1].atan2(at[0]) + turn.to_radians();
+                let radius = at[0].hypot(at[1]) + by;
+                [radius * angle.cos(), radius * angle.sin()]
+            } else {
+                [at[0] + dx, at[1] + dy]
+            };
+            let words = match place {
+                0 => format!("{back} G81 R7.5 Z{bottom:.3} F100 "),
+                _ => String::new(),
+            };
+            writeln!(alone, "{words}X{:.6} Y{:.6}", at[0], at[1]).expect("a string");
+        }
+        let behind = "G80 G90\nG0 X10 Y20 Z30\nM2\n";
+        (row, alone) = (row + behind, alone + behind);
+        let machine = worn([6.0, -6.0][draw.below(2)]);
+        let taken =
+            |program: &str| judged(&machine, SETUP, Dialect::Rs274, program).expect("taken");
+        let ((result, _, found), (_, _, expected)) = (taken(&row), taken(&alone));
+        assert_eq!(found.path.len(), expected.path.len(), "{row}{alone}");
+        for (found, expected) in found.path.iter().zip(&expected.path) {
+            for axis in 0..3 {
+                let off_mm = (found.tip_mm[axis] - expected.tip_mm[axis]).abs();
+                assert!(off_mm < 2e-6, "{found:?} {expected:?} {row}");
+                let off_um = (found.after_um[axis] - expected.after_um[axis]).abs();
+                assert!(off_um < 0.15, "{found:?} {expected:?} {row} {result}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_row_is_written_out_where_its_holes_need_different_corrections() {
+    let program = "G0 X0 Y0 Z10\nG91 G81 X100 R-5 Z-5 L3 F100 (a row)\nG80\nM2\n";
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    assert_eq!(
+        text(scale, program),
+        "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X99.990 R-5 Z-5 F100 (a row)\nX99.990\nX99.990\nG80\nM2\n"
+    );
+    // The axes carry the same correction before: the row stays.
+    let constant = "[errors]\nEXX = { poly = [10.0] }\n";
+    assert_eq!(text(constant, program), program.replace("X0", "X-0.010"));
+    // The first hole is where the correction begins: its way alone differs.
+    let step = "[errors]\nEXX = { table = [[0, 0], [100, -10], [1000, -10]], interpolation = \"linear\" }\n";
+    assert_eq!(
+        text(step, program),
+        "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X100.010 R-5 Z-5 F100 (a row)\nX100.000\nX100.000\nG80\nM2\n"
+    );
+    // Their heights differ.
+    let bent = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
+    assert_eq!(
+        text(bent, program),
+        "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X100 R-5.010 Z-5 F100 (a row)\nX100.000 R-5.020\nX100.000 R-5.030\nG80\nM2\n"
+    );
+}
