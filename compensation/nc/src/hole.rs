@@ -69,12 +69,13 @@ impl Rewriter {
             let end = frame.to_program(&hole.to);
             let middle = frame.to_machine(&half_deep(&end, depth, [bottom, clearance]));
             corrector.goes(&middle);
+            if hole.polar.is_some() && !self.keeps_polar(hole, &[], &carried) {
+                return false;
+            }
             let delta = frame.moved_in_program(&middle, &corrector.at(&middle).delta);
             (0..9).all(|axis| {
-                let carried = match axis == depth {
-                    true => self.carried_by_cycle.unwrap_or(carried[axis]),
-                    false => carried[axis],
-                };
+                let by_cycle = self.carried_by_cycle.filter(|_| axis == depth);
+                let carried = by_cycle.unwrap_or(carried[axis]);
                 let half = 0.5 * of_steps(1, self.decimals.of(axis, unit_mm));
                 let off = (delta[axis] - carried) / self.interpreter.modal.scale(axis);
                 off.abs() < half || !self.corrector.has(axis)

@@ -26,9 +26,10 @@ fn each_hole_is_where_it_is_alone() {
         let is_polar = draw.below(2) == 0;
         let [dx, dy] = [number(draw, 20.0), number(draw, 20.0)];
         let [by, turn] = [number(draw, 10.0), number(draw, 15.0)];
-        let way = match is_polar {
-            true => format!("@{by:.3} ^{turn:.3}"),
-            false => format!("X{dx:.3} Y{dy:.3}"),
+        let way = if is_polar {
+            format!("@{by:.3} ^{turn:.3}")
+        } else {
+            format!("X{dx:.3} Y{dy:.3}")
         };
         writeln!(row, "{back} G91 G81 {way} R-12.5 Z{deep:.3} L{count} F100").expect("a string");
         let (mut at, bottom) = ([x, y], 7.5 + deep);
@@ -86,5 +87,31 @@ fn a_row_is_written_out_where_its_holes_need_different_corrections() {
     assert_eq!(
         text(bent, program),
         "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X100 R-5.010 Z-5 F100 (a row)\nX100.000 R-5.020\nX100.000 R-5.030\nG80\nM2\n"
+    );
+}
+
+/// The tool is a little beside where the row begins: its ways by angles are those of the program, not those of the first hole.
+#[test]
+fn a_row_by_angles_begins_beside_its_circle() {
+    let slight = "[errors]\nEXX = { poly = [0.3] }\n";
+    let program = "G0 X100.0005 Y0 Z10\nG91 G81 ^30 R-5 Z-5 L3 F100\nG80\nM2\n";
+    let result = text(slight, program);
+    let mut at = [100.0005, 0.0];
+    for line in result.lines().filter(|line| !line.starts_with('(')) {
+        for (axis, letter) in ['X', 'Y'].into_iter().enumerate() {
+            let word = line.split(' ').find_map(|word| word.strip_prefix(letter));
+            if let Some(value) = word.map(|value| value.parse::<f64>().expect("a number")) {
+                at[axis] = if line.starts_with("G0 ") {
+                    value
+                } else {
+                    at[axis] + value
+                };
+            }
+        }
+    }
+    let is_kept = result == program;
+    assert!(
+        is_kept || at[0].abs() < 1e-3 && (at[1] - 100.0).abs() < 1e-3,
+        "{result}{at:?}"
     );
 }
