@@ -244,6 +244,11 @@ impl Interpreter {
                 CentrePoint::Off | CentrePoint::Switched => {}
             }
         }
+        if codes.own_kinematics && self.modal.centre_point == CentrePoint::Switched {
+            return Err(given.refused(
+                "M430 after M428, which switches LinuxCNC to kinematics of its user that are not known here: write M429 before",
+            ));
+        }
         match codes.centre_point {
             Some(true) => self.switch_centre_point(CentrePoint::Switched, given)?,
             Some(false) => self.modal.centre_point = CentrePoint::Off,

@@ -266,3 +266,21 @@ fn play_is_taken_up_where_an_axis_turns() {
         .filter(|pair| pair[0] == pair[1] && pair[0] > 0.0);
     assert!(inner.count() > 0, "{:?}", summary.shares);
 }
+
+/// LinuxCNC's M430 switches to kinematics that nobody but its user knows.
+#[test]
+fn own_kinematics_after_m428_are_refused() {
+    let mut machine = machine(LENGTH);
+    machine.clear_errors();
+    let taken = |program: &str| {
+        crate::drawn::comes_out_as_it_is(&machine, volcomp_nc::Dialect::Rs274, program.as_bytes())
+    };
+    for good in ["M430\nG1 X1 F1\n", "M428\nG1 X1 F1\nM429\nM430\nG1 X2\n"] {
+        taken(good).expect("taken");
+    }
+    let error = taken("M428\nG1 X1 F1\nM430\nG1 X2\n").expect_err("refused");
+    assert!(
+        error.to_string().starts_with("line 3: M430 after M428"),
+        "{error}"
+    );
+}
