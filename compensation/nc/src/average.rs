@@ -1,8 +1,12 @@
-//! The simplest correction: the mean over all places where a program cuts, moved into its work offset.
+//! The simplest correction: the mean over all places where a program cuts, or over what was measured at a row of balls, moved into its work
+//! offsets.
 
 use std::{io::Write, sync::mpsc::sync_channel, thread};
 
-use volcomp_model::Thermal;
+use volcomp_model::{
+    Thermal,
+    kinematics::nalgebra::{Matrix3, Vector3},
+};
 
 use crate::{
     Job, NcError,
@@ -28,12 +32,65 @@ pub struct Average {
     pub places: u64,
     /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
     pub mean_mm: [f64; 3],
-    /// How far single places are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
+    /// How far single places, or readings, are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
     pub left_um: [f64; 2],
     /// The same without any correction, µm.
     pub before_um: [f64; 2],
     /// The work offset with the mean, mm in machine coordinates, rounded to the decimals of the job.
     pub offset_mm: [f64; 3],
+}
+
+/// An error of the machine that was measured: how far the tip is from where it belongs, along a direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Unit direction, in workpiece axes.
+    pub direction: [f64; 3],
+    /// The actual minus the nominal place of the tip along it, mm.
+    pub error_mm: f64,
+}
+
+/// Of what the mean correction is the mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MeanOf<'a> {
+    /// The correction of the machine at the places where the program cuts.
+    Places,
+    /// What was measured, by least squares; a direction along which nothing was measured stays uncorrected.
+    Readings(&'a [Reading]),
+}
+
+/// A direction whose share of the readings is smaller than this was not measured.
+const NOT_MEASURED: f64 = 1e-6;
+
+/// The error that explains the readings best, mm, of which only axes that correct take their part, and the largest and the root of the mean square of readings, with it and without, µm.
+fn mean_of(readings: &[Reading], corrects: [bool; 3]) -> (Vector3<f64>, [[f64; 2]; 2]) {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for reading in readings {
+        let along = Vector3::from(reading.direction);
+        normal += along * along.transpose();
+        right += along * reading.error_mm;
+    }
+    let of = normal.symmetric_eigen();
+    let least = NOT_MEASURED * of.eigenvalues.max();
+    let mut mean = Vector3::zeros();
+    for (value, along) in of.eigenvalues.iter().zip(of.eigenvectors.column_iter()) {
+        if *value > least {
+            mean += along * (along.dot(&right) / value);
+        }
+    }
+    for (mean, corrects) in mean.iter_mut().zip(corrects) {
+        if !corrects {
+            *mean = 0.0;
+        }
+    }
+    let sums = [mean, Vector3::zeros()].map(|by| {
+        let mut sums = Sums::default();
+        for reading in readings {
+            let left = reading.error_mm - by.dot(&Vector3::from(reading.direction));
+            sums.take([left, 0.0, 0.0]);
+        }
+        sums.um()
+    });
+    (mean, sums)
 }
 
 /// The sums over the places of one work offset.
@@ -80,6 +137,7 @@ pub fn average(
     program: &[u8],
     output: &mut impl Write,
     job: Job<'_>,
+    of: MeanOf<'_>,
 ) -> Result<Vec<Average>, NcError> {
     if !job.corrector.is_only_linear() {
         return Err(refused(
@@ -95,7 +153,17 @@ pub fn average(
     }
     let mut sums = [Sums::default(); SYSTEMS];
     at_places(program, job, |system, delta| sums[system].take(delta))?;
-    let means = sums.map(|of| of.sum.map(|sum| sum / (of.places as f64).max(1.0)));
+    let measured = match of {
+        MeanOf::Places => None,
+        MeanOf::Readings(readings) => {
+            let corrects = std::array::from_fn(|axis| job.corrector.corrects(axis));
+            Some(mean_of(readings, corrects))
+        }
+    };
+    let means = sums.map(|of| match &measured {
+        None => of.sum.map(|sum| sum / (of.places as f64).max(1.0)),
+        Some((mean, _)) => (-mean).into(),
+    });
     let mut left = [Sums::default(); SYSTEMS];
     at_places(program, job, |system, delta| {
         left[system].take(std::array::from_fn(|i| delta[i] - means[system][i]));
@@ -122,8 +190,8 @@ pub fn average(
             system: name_of_offset(system),
             places: of.places,
             mean_mm: means[system],
-            left_um: left[system].um(),
-            before_um: of.um(),
+            left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
+            before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
             offset_mm: words.map(|word| word.map_or(f64::NAN, |word| unit * word.value())),
         });
         offsets.push((system, words));

@@ -62,7 +62,7 @@ mod vector;
 mod verify;
 mod words;
 
-pub use average::{Average, average};
+pub use average::{Average, MeanOf, Reading, average};
 pub use correction::Corrector;
 pub use dialect::Dialect;
 pub use error::NcError;

@@ -21,6 +21,7 @@ pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
 pub(crate) mod nc;
+mod nc_ball_row;
 mod nc_part;
 mod nc_verified;
 mod outside;

@@ -9,11 +9,11 @@ use std::{
 
 use volcomp_document::read_text;
 use volcomp_nc::{
-    Average, Corrector, Decimals, Dialect, Job, NcError, SetUp, Strategy, Summary, average,
+    Average, Corrector, Decimals, Dialect, Job, MeanOf, NcError, SetUp, Strategy, Summary, average,
     compensate,
 };
 
-use super::{Answer, machine_notes, nc_part, nc_verified, nc_verified::OnTruth};
+use super::{Answer, machine_notes, nc_ball_row, nc_part, nc_verified, nc_verified::OnTruth};
 use crate::{
     answers::nc::{AverageOffset, Nc, NcAverage, NcNote, Verified},
     failure::Failure,
@@ -64,6 +64,10 @@ pub(crate) struct Arguments {
     /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets
     #[arg(long, requires = "setup")]
     average: bool,
+    /// Take the mean of what was measured instead: of the readings of the ball rows of this observations file, whose `origin` and
+    /// `direction` are stated
+    #[arg(long, value_name = "FILE", requires = "average")]
+    ball_row: Option<PathBuf>,
     /// Run the program and its result through the virtual machine, and print how far the tool is from where it belongs
     #[arg(long)]
     verify: bool,
@@ -148,6 +152,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     ];
     inputs.extend(arguments.setup.as_deref().map(|path| (path, "--setup")));
     inputs.extend(arguments.truth.as_deref().map(|path| (path, "--truth")));
+    inputs.extend(
+        arguments
+            .ball_row
+            .as_deref()
+            .map(|path| (path, "--ball-row")),
+    );
     inputs.extend(arguments.inspect.as_deref().map(|path| (path, "--inspect")));
     let part = arguments
         .inspect
@@ -176,8 +186,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             return Err(Failure::in_file(program, what));
         }
         let text = std::fs::read(program).map_err(|e| Failure::in_file(program, e))?;
+        let readings = (arguments.ball_row.as_deref())
+            .map(nc_ball_row::readings)
+            .transpose()?;
+        let of = (readings.as_deref()).map_or(MeanOf::Places, MeanOf::Readings);
         Written::Averaged(
-            average(&text, &mut output, job).map_err(|error| failure(program, error))?,
+            average(&text, &mut output, job, of).map_err(|error| failure(program, error))?,
         )
     } else {
         let bar = byte_bar(length);

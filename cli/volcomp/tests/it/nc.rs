@@ -265,3 +265,48 @@ fn the_mean_correction_is_in_the_work_offset() {
     assert_eq!(kept, original.lines().collect::<Vec<_>>());
     assert_eq!(added.len(), 2, "{text}");
 }
+
+/// A bar along X whose place is stated: its readings go into the work offset; one whose place is unknown says nothing.
+#[test]
+fn the_mean_of_a_ball_row_is_in_the_work_offset() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let in_folder = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("a file");
+        path.to_str().expect("a path in UTF-8").to_owned()
+    };
+    let machine = root().join("examples/mill.toml");
+    let observations = |place: &str| {
+        format!(
+            "machine = {:?}\nunknown = [{{ error = \"EC0Y\" }}]\n[[observation]]\nkind = \"ball-row\"\nfile = \"bar.csv\"\nuncertainty_um = 0.5\nrow = \"row.csv\"\n{place}",
+            machine.display().to_string()
+        )
+    };
+    in_folder("row.csv", "ball,distance_mm\nA,0\nB,100\nC,200\n");
+    in_folder(
+        "bar.csv",
+        "X,Y,Z,ball,along_um,side1_um\n100,100,100,A,4,-7\n200,100,100,B,6,-7\n300,100,100,C,11,-7\n",
+    );
+    let stated = in_folder(
+        "stated.toml",
+        &observations("origin = [100, 100, 100]\ndirection = [1, 0, 0]\nside1 = [0, 1, 0]\n"),
+    );
+    let result = folder.path().join("o.ngc");
+    let output = run(&result, &["--average", "--ball-row", &stated, "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let mean: Vec<f64> =
+        serde_json::from_value(answer["offsets"][0]["mean_um"].clone()).expect("numbers");
+    for (found, expected) in mean.iter().zip([-7.0, 7.0, 0.0]) {
+        assert!((found - expected).abs() < 1e-9, "{answer}");
+    }
+    let left = answer["offsets"][0]["left_max_um"]
+        .as_f64()
+        .expect("a number");
+    assert!((left - 4.0).abs() < 1e-9, "{answer}");
+    let unknown = in_folder("unknown.toml", &observations(""));
+    let output = run(&result, &["--average", "--ball-row", &unknown]);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("bar.csv has an unknown `origin`"), "{said}");
+}

@@ -1,19 +1,33 @@
 //! The mean correction in the work offset, against means that are known on paper.
 
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Average, Corrector, Job, NcError, SetUp, average};
+use volcomp_nc::{Average, Corrector, Job, MeanOf, NcError, Reading, SetUp, average};
 
 use crate::identity::TRAVELS;
 
 const SETUP: &str = "[work_offset.G54]\nX = 100\nY = 50\nZ = -20.5\n[work_offset.G55]\nX = 300\n[start]\nX = 0\nY = 0\nZ = 0\n";
 
 fn run(errors: &str, setup: &str, program: &str) -> Result<(String, Vec<Average>), NcError> {
+    run_of(errors, setup, program, MeanOf::Places)
+}
+
+fn run_of(
+    errors: &str,
+    setup: &str,
+    program: &str,
+    of: MeanOf<'_>,
+) -> Result<(String, Vec<Average>), NcError> {
     let machine =
         Machine::parse(&format!("{TRAVELS}[errors]\n{errors}"), "m.toml").expect("a machine");
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001)?;
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
     let mut out = Vec::new();
-    let found = average(program.as_bytes(), &mut out, Job::new(&corrector, &setup))?;
+    let found = average(
+        program.as_bytes(),
+        &mut out,
+        Job::new(&corrector, &setup),
+        of,
+    )?;
     Ok((String::from_utf8(out).expect("text"), found))
 }
 
@@ -107,4 +121,46 @@ fn what_has_no_mean_is_refused() {
     );
     let wrong = message(errors, SETUP, "G1 X\n");
     assert!(wrong.starts_with("line 1: column 4"), "{wrong}");
+}
+
+/// Readings along X, twice as many along a slanting direction, and none along Y beside it: worked out by hand.
+#[test]
+fn the_mean_of_what_was_measured() {
+    let at = |direction: [f64; 3], um: f64| Reading {
+        direction,
+        error_mm: 1e-3 * um,
+    };
+    let program = "G90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\n";
+    // Along X 10 and 14, mean 12; along Z -6: what is left of them is 2, 2 and 0.
+    let readings = [
+        at([1.0, 0.0, 0.0], 10.0),
+        at([1.0, 0.0, 0.0], 14.0),
+        at([0.0, 0.0, -1.0], 6.0),
+    ];
+    let taken = |errors: &str, readings: &[Reading]| {
+        run_of(errors, SETUP, program, MeanOf::Readings(readings)).expect("averaged")
+    };
+    let (out, found) = taken("EXX = { poly = [50.0] }\n", &readings);
+    assert!(
+        out.starts_with("G21\nG10 L2 P1 X99.988 Y50.000 Z-20.494\n"),
+        "{out}"
+    );
+    let near =
+        |found: [f64; 2], expected: [f64; 2]| (0..2).all(|i| (found[i] - expected[i]).abs() < 1e-9);
+    let rms = |of: [f64; 3]| (of.iter().map(|x| x * x).sum::<f64>() / 3.0).sqrt();
+    assert!(
+        near(found[0].left_um, [2.0, rms([2.0, 2.0, 0.0])]),
+        "{found:?}"
+    );
+    assert!(
+        near(found[0].before_um, [14.0, rms([10.0, 14.0, 6.0])]),
+        "{found:?}"
+    );
+    // Between X and Y only: half of it belongs to each.
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let (out, _) = taken("", &[at([half, half, 0.0], 20.0 * half)]);
+    assert!(
+        out.contains("G10 L2 P1 X99.990 Y49.990 Z-20.500\n"),
+        "{out}"
+    );
 }
