@@ -289,7 +289,7 @@ fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     );
     let stated = in_folder(
         "stated.toml",
-        &observations("origin = [100, 100, 100]\ndirection = [1, 0, 0]\nside1 = [0, 1, 0]\n"),
+        &observations("origin = [100, 100, -20]\ndirection = [1, 0, 0]\nside1 = [0, 1, 0]\n"),
     );
     let result = folder.path().join("o.ngc");
     let output = run(&result, &["--average", "--ball-row", &stated, "--json"]);
