@@ -173,6 +173,7 @@ pub(crate) fn read_measurement(
         | MetrologyError::TooLarge { .. } => value.error(error.to_string()).into(),
         inside => CalibrateError::from(inside),
     })?;
+    readings.check_directions()?;
     Ok((file, readings))
 }
 

@@ -88,11 +88,12 @@ pub struct Iso230Part2 {
 /// No readings, readings that are not finite, or a target lacking in a direction that was run.
 pub fn evaluate(measurement: &Measurement) -> Result<Iso230Part2, MetrologyError> {
     check_readings(measurement)?;
+    measurement.check_directions()?;
     let targets = measurement
         .by_target()
         .iter()
-        .map(|readings| target_row(measurement, readings))
-        .collect::<Result<Vec<_>, _>>()?;
+        .map(target_row)
+        .collect::<Vec<_>>();
     let forward = direction_summary(targets.iter().map(|row| row.forward));
     let backward = direction_summary(targets.iter().map(|row| row.backward));
     let both = direction_summary(targets.iter().flat_map(|row| [row.forward, row.backward]));
@@ -149,32 +150,18 @@ fn check_readings(measurement: &Measurement) -> Result<(), MetrologyError> {
     }
 }
 
-fn target_row(
-    measurement: &Measurement,
-    readings: &TargetReadings,
-) -> Result<TargetRow, MetrologyError> {
-    let target = readings.target;
-    let approach = |direction| match approach(&readings.deviations(direction)) {
-        None if measurement.has(direction) => Err(MetrologyError::TargetLacking {
-            name: measurement.name.clone(),
-            target,
-            direction,
-        }),
-        found => Ok(found),
-    };
-    let (forward, backward) = (
-        approach(Direction::Positive)?,
-        approach(Direction::Negative)?,
-    );
+fn target_row(readings: &TargetReadings) -> TargetRow {
+    let [forward, backward] =
+        Direction::BOTH.map(|direction| approach(&readings.deviations(direction)));
     let pair = forward.zip(backward);
-    Ok(TargetRow {
-        target,
+    TargetRow {
+        target: readings.target,
         forward,
         backward,
         reversal: pair.map(|(up, down)| up.mean - down.mean),
         repeatability: pair.and_then(|(up, down)| bidirectional_repeatability(&up, &down)),
         mean: pair.map(|(up, down)| f64::midpoint(up.mean, down.mean)),
-    })
+    }
 }
 
 fn approach(deviations: &[f64]) -> Option<Approach> {

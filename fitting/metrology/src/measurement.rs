@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::Direction;
 
-use crate::ReadingUnit;
+use crate::{MetrologyError, ReadingUnit};
 
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,6 +149,26 @@ impl Measurement {
     /// Whether any reading was taken in this direction.
     pub fn has(&self, direction: Direction) -> bool {
         self.readings.iter().any(|r| r.direction == direction)
+    }
+
+    /// Looks whether each target was read in each direction that was run: with a target lacking in one of them, means over
+    /// both directions jump by half of the reversal value there.
+    ///
+    /// # Errors
+    /// The first target that lacks a direction.
+    pub fn check_directions(&self) -> Result<(), MetrologyError> {
+        for readings in self.by_target() {
+            for direction in Direction::BOTH {
+                if readings.of(direction).is_empty() && self.has(direction) {
+                    return Err(MetrologyError::TargetLacking {
+                        name: self.name.clone(),
+                        target: readings.target,
+                        direction,
+                    });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// All deviations at one target in one direction, in the order of the readings.

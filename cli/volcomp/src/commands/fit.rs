@@ -81,6 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         )));
     }
     let mut measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
+    measurement.check_directions().map_err(|e| reading(&e))?;
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));

@@ -478,3 +478,27 @@ fn stated_values_have_the_size_of_a_machine() {
         assert!(told(-1200.0) && !told(-900.0), "{table}");
     }
 }
+
+/// Of a target that was read in one direction only the mean would be half of the reversal off.
+#[test]
+fn a_target_that_lacks_a_direction_is_refused() {
+    let folder = folder_of_two_axes();
+    let good = written(&folder, "good.toml", GOOD);
+    let rows = "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n100,1,-,5\n50,1,-,4\n0,1,-,3\n";
+    written(&folder, "a.csv", rows);
+    let run = || calibrate(&CalibrationFile::read(&good)?, |_, _| {});
+    run().expect("each target in both directions");
+    written(&folder, "a.csv", &rows.replace("100,1,-,5\n", ""));
+    let error = run().expect_err("refused").to_string();
+    assert!(
+        error.contains("a.csv: target 100: found no reading in direction -"),
+        "{error}"
+    );
+    // One direction throughout is no lack.
+    written(
+        &folder,
+        "a.csv",
+        "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n",
+    );
+    run().expect("one direction");
+}
