@@ -3,7 +3,11 @@
 use volcomp_kinematics::{NoSolution, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerAxis, is_within};
 
-use crate::{error::ModelError, machine::Machine};
+use crate::{
+    error::ModelError,
+    free_axis::{Target, nearest_to_zero},
+    machine::Machine,
+};
 
 /// Solutions at the most: an axis that may turn many times has one for each turn.
 const MOST_SOLUTIONS: usize = 1000;
@@ -16,8 +20,11 @@ pub struct Reached {
     pub solutions: Vec<State>,
     /// Whether the pose is singular: a rotary axis has no part in the direction of the tool.
     pub singular: bool,
-    /// The rotary axes without a part in it: each stands at its coordinate nearest to 0, and any other does as well.
+    /// The rotary axes without a part in it, in the order of `ranges`.
     pub free: Vec<AxisName>,
+    /// For each free axis the ranges in which it may stand, rad, so that the other axes are within their travels: of one turn, the
+    /// one that is nearest to 0. There is a solution for each range, where the axis is nearest to 0.
+    pub ranges: Vec<Vec<[f64; 2]>>,
     /// The axes that keep solutions out: those that would leave their travel.
     pub outside: Vec<AxisName>,
     /// What cannot be reached whatever the travels; only where there is no solution.
@@ -73,8 +80,29 @@ impl Machine {
             };
             for pointing in found {
                 if let Some(place) = pointing.free {
+                    let target = Target {
+                        tip_mm: &tip,
+                        direction: &direction,
+                        pair: &pair,
+                        held: &held,
+                        travel: &travel,
+                    };
+                    let ranges = self.free_ranges(place, &target);
+                    let at =
+                        |range: &[f64; 2]| self.with_free(nearest_to_zero(*range), place, &target);
+                    for state in ranges.iter().filter_map(at) {
+                        self.add_turns(&state, &mut reached)?;
+                    }
                     reached.singular = true;
-                    note(&mut reached.free, self.axes()[place].name);
+                    let name = self.axes()[place].name;
+                    if !reached.free.contains(&name) {
+                        reached.free.push(name);
+                        reached.ranges.push(ranges.clone());
+                    }
+                    if !ranges.is_empty() {
+                        continue;
+                    }
+                    // Which axes keep it out is said of the free axis nearest to 0.
                 }
                 match self.chain().reaching(&tip, &pointing.state, &travel) {
                     Ok(state) => self.add_turns(&state, &mut reached)?,

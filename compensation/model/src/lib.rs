@@ -10,6 +10,7 @@ mod error;
 mod error_rules;
 mod evaluation;
 mod file_names;
+mod free_axis;
 mod inverse;
 mod machine;
 mod machine_file;

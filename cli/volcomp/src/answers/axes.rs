@@ -13,9 +13,12 @@ pub(crate) struct Axes {
     pub(crate) solutions: Vec<ByAxis>,
     /// Whether a rotary axis has no part in the direction of the tool at this pose.
     pub(crate) singular: bool,
-    /// The rotary axes without a part in it: they stand at their coordinate nearest to 0, and any other does as well.
+    /// The rotary axes without a part in it.
     #[schemars(with = "Vec<String>")]
     pub(crate) free: Vec<AxisName>,
+    /// For each of these the ranges in which it may stand, deg, so that all other axes are within their travels: of one turn. There is
+    /// a solution for each range, where the axis is nearest to 0.
+    pub(crate) free_ranges: Vec<Vec<[f64; 2]>>,
     /// Axes that would leave their travel in further solutions.
     #[schemars(with = "Vec<String>")]
     pub(crate) outside_travel: Vec<AxisName>,

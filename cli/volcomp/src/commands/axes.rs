@@ -51,6 +51,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         solutions: reached.solutions.iter().map(by_axis).collect(),
         singular: reached.singular,
         free: reached.free.clone(),
+        free_ranges: (reached.ranges.iter())
+            .map(|ranges| {
+                ranges
+                    .iter()
+                    .map(|range| range.map(f64::to_degrees))
+                    .collect()
+            })
+            .collect(),
         outside_travel: reached.outside.clone(),
         unreachable: reached
             .missed
@@ -84,7 +92,6 @@ fn text(machine: &Machine, document: &Axes) -> String {
     }
     let mut text = table_text(&table);
     if document.singular {
-        let free = listed(&document.free);
         let turns = machine
             .axes()
             .iter()
@@ -95,13 +102,19 @@ fn text(machine: &Machine, document: &Axes) -> String {
         } else {
             "The tool is along the axis"
         };
-        text.push('\n');
-        text += &folded(
-            &format!(
-                "{pose}: {free} does not turn the tool axis here, and any other coordinate of it does as well."
-            ),
-            "",
-        );
+        for (free, ranges) in document.free.iter().zip(&document.free_ranges) {
+            let ranges: Vec<String> = (ranges.iter())
+                .map(|[from, to]| format!("from {} to {} deg", fixed(*from, 3), fixed(*to, 3)))
+                .collect();
+            text.push('\n');
+            text += &folded(
+                &format!(
+                    "{pose}: {free} does not turn the tool axis here. The other axes are within their travels with {free} {}, and whole turns from there.",
+                    ranges.join(", or ")
+                ),
+                "",
+            );
+        }
     }
     text
 }

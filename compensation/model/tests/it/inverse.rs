@@ -151,3 +151,126 @@ fn a_third_rotary_axis_stands() {
         assert!(off.norm() < 1e-9);
     }
 }
+
+/// The example with a tilting table: beside it the tip is in reach only with the table turned, and the ranges are those of
+/// the two triangles on paper.
+#[test]
+fn a_free_axis_stands_where_the_linear_axes_reach() {
+    let axes = "X.travel = [-300, 300]\nY.travel = [-250, 250]\nZ.travel = [-400, 0]\nA.travel = [-110, 30]\nC.travel = [-360, 360]";
+    let table = machine("w C' A' b X Y Z t", axes);
+    let reached = table.axes_at([0.0, 280.0, -50.0], [0.0, 0.0, 1.0]).unwrap();
+    // 280 mm out, at C the tip is at 280·|cos C| along Y: at most 250, and at 280·|sin C| along X, at most 300.
+    let edge = (250.0_f64 / 280.0).acos().to_degrees();
+    let degrees_of = |ranges: &[[f64; 2]]| -> Vec<f64> {
+        ranges.iter().flatten().map(|q| q.to_degrees()).collect()
+    };
+    near(
+        &degrees_of(&reached.ranges[0]),
+        &[edge - 180.0, -edge, edge, 180.0 - edge],
+    );
+    let mut found = degrees(&table, &reached, AxisName::C);
+    found.sort_by(f64::total_cmp);
+    near(&found, &[edge - 360.0, -edge, edge, 360.0 - edge]);
+    assert!(reached.singular && reached.missed.is_none());
+    // Exactly one place of the axis: the tip is as far out as Y and X go together.
+    let corner = machine(
+        "w C' A' b X Y Z t",
+        &axes.replace("[-300, 300]", "[-1, 400]"),
+    );
+    let [x, y] = [400.0_f64, 250.0];
+    let reached = corner
+        .axes_at([0.0, x.hypot(y), -50.0], [0.0, 0.0, 1.0])
+        .unwrap();
+    assert!(!reached.solutions.is_empty(), "{reached:?}");
+    // Nowhere.
+    let reached = corner
+        .axes_at([0.0, x.hypot(y) + 0.01, -50.0], [0.0, 0.0, 1.0])
+        .unwrap();
+    assert!(
+        reached.solutions.is_empty() && !reached.outside.is_empty(),
+        "{reached:?}"
+    );
+}
+
+/// Whatever the structure: what was reached once with the free axis anywhere is found again.
+#[test]
+fn a_singular_pose_that_was_there_is_found() {
+    let mut seed = 7_u64;
+    let mut draw = |low: f64, high: f64| {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
+    };
+    // The axis that is free where the others stand at 0.
+    let structures = [
+        ("w C' A' b X Y Z t", AxisName::C),
+        ("w C' A' X' b Y Z t", AxisName::C),
+        ("w X' b Y Z A C t", AxisName::C),
+        ("w C' X' b Y Z B t", AxisName::C),
+        ("w X' Y' b Z C B t", AxisName::C),
+        ("w C' X' Y' b Z t", AxisName::C),
+        ("w C' Y' b X Z t", AxisName::C),
+    ];
+    for round in 0..210 {
+        let (structure, free) = structures[round % structures.len()];
+        let mut axes = String::new();
+        let mut stands = Vec::new();
+        for letter in structure
+            .chars()
+            .filter(|letter| "XYZABC".contains(*letter))
+        {
+            let is_rotary = "ABC".contains(letter);
+            let q = match letter {
+                'A' | 'B' => 0.0,
+                'C' => draw(-170.0, 170.0),
+                _ => draw(-300.0, 300.0),
+            };
+            let room = if is_rotary {
+                [q - draw(0.0, 180.0), q + draw(0.0, 180.0)]
+            } else {
+                [q - draw(0.001, 60.0), q + draw(0.001, 60.0)]
+            };
+            let point = format!(
+                "point = [{}, {}, {}]",
+                draw(-200.0, 200.0),
+                draw(-200.0, 200.0),
+                draw(-200.0, 200.0)
+            );
+            let point = if is_rotary { point } else { String::new() };
+            axes += &format!(
+                "[axes.{letter}]\ntravel = [{}, {}]\n{point}\n",
+                room[0], room[1]
+            );
+            stands.push(q);
+        }
+        let text = format!(
+            "structure = \"{structure}\"\n{axes}[tool]\ntip = [{}, {}, {}]\n",
+            draw(-50.0, 50.0),
+            draw(-50.0, 50.0),
+            draw(-150.0, 0.0)
+        );
+        let machine = Machine::parse(&text, "m.toml").unwrap();
+        let mut state = volcomp_model::kinematics::State::default();
+        for (place, q) in stands.iter().enumerate() {
+            let is_rotary = machine.axes()[place].name.is_rotary();
+            state.q[place] = if is_rotary { q.to_radians() } else { *q };
+        }
+        let tip = machine.chain().ideal_tip_mm(&state);
+        let reached = machine.axes_at(tip.into(), [0.0, 0.0, 1.0]).unwrap();
+        assert_eq!(reached.free, [free], "{text}");
+        assert!(!reached.solutions.is_empty(), "{text}{stands:?}{reached:?}");
+        for found in &reached.solutions {
+            let off = machine.chain().ideal_tip_mm(found) - tip;
+            assert!(off.norm() < 1e-9, "{off} {text}");
+        }
+        // The pose itself lies in one of the ranges.
+        let place = machine.index_of(free).unwrap();
+        let is_there = reached.ranges[0].iter().any(|[low, high]| {
+            let turns = (state.q[place] - 0.5 * (low + high)) / std::f64::consts::TAU;
+            let q = state.q[place] - turns.round() * std::f64::consts::TAU;
+            (low - 1e-9..=high + 1e-9).contains(&q)
+        });
+        assert!(is_there, "{text}{stands:?}{:?}", reached.ranges);
+    }
+}

@@ -1,0 +1,136 @@
+//! A rotary axis that has no part in the direction of the tool: where it may stand so that the other axes reach the tip within their
+//! travels.
+
+use std::f64::consts::{PI, TAU};
+
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, PerAxis};
+
+use crate::machine::Machine;
+
+/// A turn is looked at in so many steps; between them the way an axis is beyond its travel has no more than one dip that matters.
+const STEPS: usize = 720;
+/// Ends of ranges, and dips, are met by so many halvings or thirds.
+const MET_IN: usize = 60;
+/// An axis is within its travel if it is beyond it by no more than this, mm or rad.
+const WITHIN: f64 = 1e-10;
+
+/// What is to be reached: the tip (mm) and the direction of the tool in workpiece axes, by these rotary axes; the others stay.
+pub(crate) struct Target<'a> {
+    pub(crate) tip_mm: &'a Vector3<f64>,
+    pub(crate) direction: &'a Vector3<f64>,
+    pub(crate) pair: &'a [usize],
+    pub(crate) held: &'a State,
+    pub(crate) travel: &'a PerAxis<[f64; 2]>,
+}
+
+impl Machine {
+    /// The ranges of one turn, rad, in which the free axis at a place may stand, ascending.
+    pub(crate) fn free_ranges(&self, free: usize, target: &Target<'_>) -> Vec<[f64; 2]> {
+        let [low, high] = target.travel[free];
+        // One turn about 0, as far as the travel has it.
+        let from = (-PI).min(high - TAU).max(low);
+        let to = high.min(from + TAU);
+        let beyond = |q: f64| self.beyond_travel(q, free, target);
+        let at = |step: usize| from + (to - from) * (step as f64 / STEPS as f64);
+        let mut stations: Vec<(f64, f64)> = (0..=STEPS)
+            .map(|step| (at(step), beyond(at(step))))
+            .collect();
+        for place in 1..STEPS {
+            let [before, here, after] =
+                [-1, 0, 1].map(|by| stations[place.saturating_add_signed(by)]);
+            if here.1 > WITHIN && here.1 <= before.1 && here.1 <= after.1 {
+                stations[place] = lowest(before.0, after.0, &beyond);
+            }
+        }
+        let mut ranges: Vec<[f64; 2]> = Vec::new();
+        let mut is_open = false;
+        for (place, &(q, off)) in stations.iter().enumerate() {
+            let before = place.checked_sub(1).map(|before| stations[before].0);
+            if off <= WITHIN && !is_open {
+                ranges.push([before.map_or(q, |outside| edge(q, outside, &beyond)), q]);
+            } else if off > WITHIN
+                && is_open
+                && let Some(range) = ranges.last_mut()
+            {
+                range[1] = edge(range[1], q, &beyond);
+            } else if let Some(range) = ranges.last_mut().filter(|_| is_open) {
+                range[1] = q;
+            }
+            is_open = off <= WITHIN;
+        }
+        ranges
+    }
+
+    /// How far the axis that is furthest beyond its travel is beyond it, mm or rad, with the free axis here; not a number where the
+    /// tip or the direction is not reached at all.
+    fn beyond_travel(&self, q: f64, free: usize, target: &Target<'_>) -> f64 {
+        let Some(state) = self.with_free(q, free, target) else {
+            return f64::INFINITY;
+        };
+        let joints = self.chain().joints().iter().enumerate();
+        let beyond = joints.map(|(place, joint)| {
+            let [low, high] = target.travel[place];
+            let q = state.q[place];
+            match joint.kind {
+                AxisKind::Linear => (low - q).max(q - high),
+                // The nearest of its turns.
+                AxisKind::Rotary if place == free => 0.0,
+                AxisKind::Rotary => {
+                    let turned = q + TAU * ((0.5 * (low + high) - q) / TAU).round();
+                    (low - turned).max(turned - high)
+                }
+            }
+        });
+        beyond.fold(0.0, f64::max)
+    }
+
+    /// Where the axes stand with the free axis here; `None` where they do not reach the target.
+    pub(crate) fn with_free(&self, q: f64, free: usize, target: &Target<'_>) -> Option<State> {
+        let mut held = *target.held;
+        held.q[free] = q;
+        let found = self
+            .chain()
+            .pointing(target.direction, target.pair, &held)
+            .ok()?;
+        let pointing = found
+            .into_iter()
+            .find(|pointing| pointing.free == Some(free))?;
+        let reached = self
+            .chain()
+            .reaching(target.tip_mm, &pointing.state, target.travel);
+        reached.ok()
+    }
+}
+
+/// The number of a range that is nearest to 0.
+pub(crate) fn nearest_to_zero([low, high]: [f64; 2]) -> f64 {
+    0.0_f64.max(low).min(high)
+}
+
+/// The end of a range between a place in it and one outside.
+fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..MET_IN {
+        let middle = 0.5 * (inside + outside);
+        if beyond(middle) <= WITHIN {
+            inside = middle;
+        } else {
+            outside = middle;
+        }
+    }
+    inside
+}
+
+/// The lowest place of a dip, and how low it is.
+fn lowest(mut low: f64, mut high: f64, beyond: &impl Fn(f64) -> f64) -> (f64, f64) {
+    for _ in 0..MET_IN {
+        let [left, right] = [low + (high - low) / 3.0, high - (high - low) / 3.0];
+        if beyond(left) <= beyond(right) {
+            high = right;
+        } else {
+            low = left;
+        }
+    }
+    let middle = 0.5 * (low + high);
+    (middle, beyond(middle))
+}
