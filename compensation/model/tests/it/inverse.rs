@@ -1,5 +1,7 @@
 //! From a tip and a tool axis to coordinates within travel.
 
+use std::fmt::Write as _;
+
 use volcomp_model::kinematics::nalgebra::Vector3;
 use volcomp_model::{Machine, ModelError, Reached};
 use volcomp_vocabulary::AxisName;
@@ -238,10 +240,8 @@ fn a_singular_pose_that_was_there_is_found() {
                 draw(-200.0, 200.0)
             );
             let point = if is_rotary { point } else { String::new() };
-            axes += &format!(
-                "[axes.{letter}]\ntravel = [{}, {}]\n{point}\n",
-                room[0], room[1]
-            );
+            let [low, high] = room;
+            writeln!(axes, "[axes.{letter}]\ntravel = [{low}, {high}]\n{point}").expect("a string");
             stands.push(q);
         }
         let text = format!(
