@@ -25,8 +25,15 @@ pub(crate) struct Displacement {
     pub(crate) name: String,
     /// The error that it is; null where the call does not say it, and the terms have a gap.
     pub(crate) error: Option<String>,
-    /// Whether the terms predict no worse than regression without time constants (`baseline`).
+    /// Whether the terms predict better than no terms, and no worse than regression without time constants (`baseline`), by what the
+    /// tests can tell.
     pub(crate) recommended: bool,
+    /// Root mean square of the displacement itself where it is predicted, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) without_terms_rms_um: Option<f64>,
+    /// Root mean square of the displacement itself where it is predicted, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) without_terms_rms_urad: Option<f64>,
     /// Ridge regression on the temperatures as they are.
     pub(crate) baseline: Prediction,
     /// Regression on all sensors with many time constants, as a measure of what few terms lose; of a single file only.

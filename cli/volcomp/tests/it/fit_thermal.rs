@@ -36,8 +36,8 @@ fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
         .map_or(from, |(own, _)| own)
 }
 
-/// Each displacement is the error that the call says, or has a gap that no machine file takes. Terms that predict worse than
-/// the regression without lags are not printed.
+/// Each displacement is the error that the call says, or has a gap that no machine file takes. All of them are good: the third predicts
+/// 9.4 µm with lags and 9.0 without, of 35.5 without any terms, which is no difference to be seen.
 #[test]
 fn displacements_are_the_errors_that_the_call_names() {
     let named = [
@@ -52,7 +52,6 @@ fn displacements_are_the_errors_that_the_call_names() {
     let printed = text(&named);
     let channels = answer["displacements"].as_array().expect("a list");
     let names = ["ch1_um", "ch2_um", "ch3_um", "ch4_um", "ch5_um", "-"];
-    let mut not_recommended = 0;
     for (place, (channel, error)) in channels
         .iter()
         .zip([Some("EZZ"), None, Some("EXZ"), Some("EYZ"), None])
@@ -60,12 +59,12 @@ fn displacements_are_the_errors_that_the_call_names() {
     {
         assert_eq!(channel["error"].as_str(), error);
         let rms = |which: &str| channel[which]["rms_um"].as_f64().expect("a number");
-        let worse = rms("fit") > rms("baseline");
-        assert_eq!(channel["recommended"], !worse, "{channel}");
+        assert!(rms("fit") < 1.1 * rms("baseline"), "{channel}");
+        let without = channel["without_terms_rms_um"].as_f64().expect("a number");
+        assert!(rms("fit") < 0.5 * without, "{channel}");
+        assert_eq!(channel["recommended"], true, "{channel}");
         let own = section(&printed, names[place], names[place + 1]);
-        assert_eq!(own.contains("[[thermal.drift]]"), !worse, "{own}");
-        assert_eq!(own.contains("No terms are printed"), worse, "{own}");
-        not_recommended += usize::from(worse);
+        assert!(own.contains("[[thermal.drift]]"), "{own}");
         let toml = channel["toml"].as_str().expect("text");
         let stated = format!("error = \"{}\"\n", error.unwrap_or("???"));
         assert_eq!(
@@ -73,7 +72,6 @@ fn displacements_are_the_errors_that_the_call_names() {
             toml.matches(&stated).count()
         );
     }
-    assert!(not_recommended > 0, "the third channel of this test");
     let gap = channels[1]["toml"].as_str().expect("text");
     assert!(
         gap.starts_with("# Put the error that ch2_um is in place of ???."),
@@ -186,7 +184,7 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
     let write = |test: u32| {
         let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);
         let mut text = "time_s,X,spindle_degc,scale_degc,room_degc,dx_um\n".to_owned();
-        for row in 0..240_u32 {
+        for row in 0..300_u32 {
             let hours = f64::from(row) / 60.0;
             let heats = (row / 40 + test).is_multiple_of(2);
             // The test begins with all at one temperature: a lag starts at its first input.
@@ -345,4 +343,136 @@ fn wrong_files_and_calls_end_with_status_2() {
         let output = volcomp(&["fit-thermal", SPINDLE, call[0], call[1]]);
         assert_eq!(output.status.code(), Some(2), "{call:?}");
     }
+}
+
+/// Seeded numbers from -1 to 1, about evenly.
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        2.0 * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) - 1.0
+    }
+
+    /// About normal, with this standard deviation.
+    fn noise(&mut self, deviation: f64) -> f64 {
+        deviation * (0..12).map(|_| 0.5 * self.next()).sum::<f64>()
+    }
+}
+
+/// Four tests of three hours: the temperature goes up and down by 10 K, the displacement is so many µm/K of it and noise.
+fn tests_of(folder: &std::path::Path, seed: u64, um_per_k: f64) -> Vec<String> {
+    let mut draw = Draw(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 5);
+    let test = |number: usize| {
+        let (phase, speed, other) = (
+            3.0 * draw.next(),
+            1.5 + 0.5 * draw.next(),
+            3.0 * draw.next(),
+        );
+        let mut text = String::from("time_s,spindle_degc,bed_degc,z_um\n");
+        for row in 0..180_u32 {
+            let hours = f64::from(row) / 60.0;
+            let spindle = 25.0 + 10.0 * (speed * hours + phase).sin();
+            let bed = 21.0 + 0.8 * (0.7 * hours + other).sin() + draw.noise(0.02);
+            let z = um_per_k * spindle + draw.noise(0.2);
+            text += &[
+                f64::from(60 * row).to_string(),
+                spindle.to_string(),
+                bed.to_string(),
+                z.to_string(),
+            ]
+            .join(",");
+            text.push('\n');
+        }
+        let path = folder.join(format!("{number}.csv"));
+        std::fs::write(&path, text).expect("written");
+        path.display().to_string()
+    };
+    (0..4).map(test).collect()
+}
+
+/// 3 µm/K, no lag, noise of 0.2 µm: terms with lags predict as well as those without, and must never be refused for what is noise.
+/// Where temperatures move nothing, no terms are printed but by chance.
+#[test]
+fn good_terms_are_printed_and_worthless_ones_are_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let is_recommended = |files: &[String]| {
+        let mut call = vec!["fit-thermal"];
+        call.extend(files.iter().map(String::as_str));
+        json(&call)["displacements"][0]["recommended"] == true
+    };
+    let count = |um_per_k: f64| {
+        (0..40)
+            .filter(|seed| is_recommended(&tests_of(folder.path(), *seed, um_per_k)))
+            .count()
+    };
+    assert_eq!(count(3.0), 40);
+    let by_chance = count(0.0);
+    assert!(by_chance <= 2, "{by_chance} of 40");
+    let files = tests_of(folder.path(), 1, 0.0);
+    let mut call = vec!["fit-thermal"];
+    call.extend(files.iter().map(String::as_str));
+    let said = text(&call).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(said.contains("no better than no terms at all"), "{said}");
+}
+
+/// What sensors report as faults names its file, line and column.
+#[test]
+fn faults_of_sensors_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = tests_of(folder.path(), 3, 3.0);
+    let good = std::fs::read_to_string(&files[1]).expect("the file");
+    for (value, expected) in [
+        ("-127", "without contact"),
+        ("85", "before their first measurement"),
+    ] {
+        let mut lines: Vec<String> = good.lines().map(str::to_owned).collect();
+        let mut cells: Vec<&str> = lines[70].split(',').collect();
+        cells[2] = value;
+        lines[70] = cells.join(",");
+        std::fs::write(&files[1], lines.join("\n") + "\n").expect("written");
+        let message = refused(&["fit-thermal", &files[0], &files[1]]);
+        let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(
+            message.contains("1.csv:71")
+                && message.contains("bed_degc")
+                && message.contains(expected),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn a_temperature_that_never_changes_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("still.csv").display().to_string();
+    let written = |spindle: fn(u32) -> f64| {
+        let mut text = String::from("time_s,spindle_degc,bed_degc,z_um\n");
+        for row in 0..300_u32 {
+            let line = [f64::from(60 * row), spindle(row), 21.0, 3.0 * spindle(row)];
+            text += &line.map(|number| number.to_string()).join(",");
+            text.push('\n');
+        }
+        std::fs::write(&path, text).expect("written");
+    };
+    written(|row| 25.0 + 10.0 * (f64::from(row) / 30.0).sin());
+    let ran = volcomp(&["fit-thermal", &path]);
+    let said = String::from_utf8_lossy(&ran.stderr)
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ");
+    assert!(
+        said.contains("note: bed_degc: the same value in all rows"),
+        "{said}"
+    );
+    written(|_| 20.0);
+    let message = refused(&["fit-thermal", &path]);
+    let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        message.contains("no temperature changes (spindle_degc, bed_degc)"),
+        "{message}"
+    );
 }

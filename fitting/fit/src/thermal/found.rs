@@ -9,7 +9,6 @@ use super::{
     fitted::{ThermalSegment, judged},
     runs::ThermalRun,
 };
-use crate::fit::rms;
 
 /// One number of thermal terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,22 +154,8 @@ impl ThermalTerms {
     /// their start at each position.
     pub fn rms_from_start(&self, run: &ThermalRun) -> f64 {
         let predicted = self.unknown_zero(run);
-        let (positions, places) = run.places();
-        let errors: Vec<f64> = run
-            .record
-            .displacement
-            .iter()
-            .zip(&predicted)
-            .map(|(d, p)| d - p)
-            .collect();
-        let zeros: Vec<f64> = ThermalRun::zero_rows(&places, positions.len())
-            .iter()
-            .map(|rows| rows.iter().map(|row| errors[*row]).sum::<f64>() / rows.len().max(1) as f64)
-            .collect();
-        rms(errors
-            .iter()
-            .zip(&places)
-            .map(|(e, place)| e - zeros[*place]))
+        let rows = run.record.displacement.iter().zip(&predicted);
+        run.rms_of_errors(&rows.map(|(d, p)| d - p).collect::<Vec<f64>>())
     }
 
     /// Record minus prediction in every row of the run that the terms were found from, or of a part of it.

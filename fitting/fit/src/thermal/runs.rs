@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{features::split, record::ThermalRecord};
-use crate::FitError;
+use crate::{FitError, fit::rms};
 
 /// One thermal test: from its first row to its last, and where the axis stood.
 ///
@@ -36,6 +36,23 @@ impl ThermalRun {
     /// Whether the axis stood at different positions.
     pub fn has_positions(&self) -> bool {
         self.position_mm.iter().any(|q| *q != self.position_mm[0])
+    }
+
+    /// Root mean square of the displacement (µm or µrad), counted from its start at each position: what is off where nothing is
+    /// predicted.
+    pub fn rms_from_start(&self) -> f64 {
+        self.rms_of_errors(&self.record.displacement)
+    }
+
+    /// Root mean square of errors, one for each row, counted from their start at each position.
+    pub(super) fn rms_of_errors(&self, errors: &[f64]) -> f64 {
+        let (positions, places) = self.places();
+        let zeros: Vec<f64> = Self::zero_rows(&places, positions.len())
+            .iter()
+            .map(|rows| rows.iter().map(|row| errors[*row]).sum::<f64>() / rows.len().max(1) as f64)
+            .collect();
+        let from_start = errors.iter().zip(&places);
+        rms(from_start.map(|(error, place)| error - zeros[*place]))
     }
 
     pub(super) fn check(&self, sensors: usize) -> Result<(), FitError> {

@@ -5,6 +5,7 @@ use std::path::Path;
 use volcomp_document::{Column, CsvTable, read_text};
 use volcomp_model::vocabulary::{AxisKind, AxisName};
 
+use super::plausible::implausible;
 use crate::failure::Failure;
 
 /// A time, temperatures and displacements, as many of each as there are rows.
@@ -57,7 +58,13 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     for (column, name) in table.names() {
         if let Some(sensor) = name.strip_suffix("_degc") {
             found.sensors.push(sensor.to_owned());
-            found.degc.push(numbers(column)?);
+            let degc = numbers(column)?;
+            if let Some((row, why)) = implausible(&degc)
+                && let Some(row) = table.rows().nth(row)
+            {
+                return Err(row.cell(column).error(why).into());
+            }
+            found.degc.push(degc);
         } else if name.ends_with("_um") || name.ends_with("_urad") {
             found
                 .displacements

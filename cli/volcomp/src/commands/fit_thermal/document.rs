@@ -2,7 +2,7 @@
 
 use volcomp_fit::ThermalEffect;
 
-use super::{Arguments, Channel, Judged, terms};
+use super::{Arguments, Channel, Judged, terms, verdict::Verdict};
 use crate::answers::fit_thermal::{
     Displacement, DriftTerm, ExpansionTerm, FitThermal, LeftOut, Number, Prediction, Seen, Segment,
     Size,
@@ -79,7 +79,9 @@ fn displacement(channel: &Channel, sensors: &[String], arguments: &Arguments) ->
     Displacement {
         name: channel.name.clone(),
         error: channel.error.map(|error| error.to_string()),
-        recommended: channel.is_recommended(),
+        recommended: channel.verdict() == Verdict::Good,
+        without_terms_rms_um: in_um(channel.none),
+        without_terms_rms_urad: in_urad(channel.none),
         baseline: prediction(&channel.plain),
         dense: channel.dense.as_ref().map(prediction),
         fit: prediction(&channel.few),

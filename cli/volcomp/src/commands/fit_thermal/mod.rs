@@ -3,10 +3,12 @@
 mod columns;
 mod document;
 mod errors;
+mod plausible;
 mod terms;
 mod text;
+mod verdict;
 
-use std::path::PathBuf;
+use std::{ops::Range, path::PathBuf};
 
 use volcomp_fit::{
     FitError, ThermalOptions, ThermalRecord, ThermalRun, ThermalSearch, ThermalSegment,
@@ -17,6 +19,7 @@ use volcomp_model::{ErrorName, POSSIBLE_DEGC};
 use self::{
     columns::Columns,
     errors::{Errors, may_expand},
+    verdict::{Verdict, verdict},
 };
 use super::Answer;
 use crate::failure::Failure;
@@ -28,7 +31,8 @@ use crate::failure::Failure;
 /// few time constants and few numbers are chosen. Several files are judged by leaving out each one as a whole: it is predicted
 /// by terms that are found from the others. Of a single file the first rows (--train) find terms, and the rows after them
 /// are predicted to judge these. The terms that are printed are found in the same way from all rows of all files. Where terms
-/// with time constants predict worse than those without any, none are printed.
+/// with time constants predict worse than those without any, or no better than no terms at all, none are printed: by more than
+/// the standard error over the files, or over stretches of the single one.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Time, temperatures and displacements: .csv, one file for each test
@@ -62,6 +66,9 @@ pub(crate) struct Arguments {
     most_lags: usize,
 }
 
+/// The rows of a single file that are predicted are judged in so many stretches.
+const PARTS: usize = 10;
+
 /// A displacement and the terms that were found for it.
 struct Channel {
     name: String,
@@ -72,6 +79,9 @@ struct Channel {
     /// Every sensor with the mean of many choices of time constants; of a single file only.
     dense: Option<Judged>,
     few: Judged,
+    /// Root mean square of what is predicted where there are no terms, µm or µrad, and its mean square in each part.
+    none: f64,
+    none_of_parts: Vec<f64>,
     /// The terms from everything.
     terms: ThermalTerms,
     /// Root mean square error in each file that was left out, where there are several.
@@ -83,6 +93,8 @@ struct Judged {
     /// Root mean square error of the prediction, µm or µrad.
     rms: f64,
     worst: Option<ThermalSegment>,
+    /// The mean square error in each part: a run, or a stretch of the rows that are predicted.
+    parts: Vec<f64>,
     /// Root mean square error of validation.
     validated: f64,
     penalties: Vec<f64>,
@@ -96,9 +108,8 @@ impl Channel {
         is_angular(&self.name)
     }
 
-    /// Whether the terms predict no worse than regression without time constants does.
-    fn is_recommended(&self) -> bool {
-        self.few.rms <= self.plain.rms
+    fn verdict(&self) -> Verdict {
+        verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
     }
 }
 
@@ -133,6 +144,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             _ => format!("{}: {note}", path.display()),
         };
         notes.extend(columns.notes.iter().map(note));
+    }
+    let still = still_sensors(&files);
+    if !still.is_empty() {
+        notes.push(format!(
+            "{}: the same value in all rows, so that no terms are found for it (does the sensor measure?)",
+            still.join(", ")
+        ));
     }
     let moved = files.iter().filter_map(|file| file.position.as_ref());
     let moved: Vec<_> = moved.map(|(axis, _)| *axis).collect();
@@ -215,6 +233,19 @@ impl Arguments {
     }
 }
 
+/// The columns of sensors whose temperature is the same in all rows of all files.
+fn still_sensors(files: &[Columns]) -> Vec<String> {
+    // clap asks for at least one file.
+    let sensors = files.first().map_or(&[][..], |file| &file.sensors[..]);
+    let is_still = |(place, _): &(usize, &String)| {
+        let mut all = files.iter().flat_map(|file| &file.degc[*place]);
+        let first = all.next();
+        all.all(|degc| Some(degc) == first)
+    };
+    let still = sensors.iter().enumerate().filter(is_still);
+    still.map(|(_, name)| format!("{name}_degc")).collect()
+}
+
 /// Every file, with the sensors and the displacements of the first in its order.
 fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
     let mut files: Vec<Columns> = Vec::new();
@@ -267,6 +298,14 @@ fn channel(
         // Of several files the first one that cannot be fitted by itself.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
         let wrong = (0..runs.len()).find(alone).unwrap_or_default();
+        let still = still_sensors(files);
+        if still.len() == files[0].sensors.len() {
+            let what = format_args!(
+                "{name}: no temperature changes ({}): expected one that does, since terms say what follows from a change",
+                still.join(", ")
+            );
+            return Failure::in_file(&arguments.data[wrong], what);
+        }
         Failure::in_file(&arguments.data[wrong], format_args!("{name}: {e}"))
     };
     let without_lags = ThermalSearch {
@@ -302,6 +341,9 @@ fn channel(
             Ok(Judged {
                 rms,
                 worst,
+                parts: mean_squares(train..run.record.len(), |rows| {
+                    fit.residual(&run.record, rows).0
+                }),
                 validated: fit.forward_rms,
                 penalties: fit.choices.iter().map(|c| c.penalty).collect(),
                 lags_s: fit.terms.iter().map(|term| term.lag_s).collect(),
@@ -309,6 +351,7 @@ fn channel(
             })
         };
         let stands = run.position_mm.is_empty();
+        let none = |rows: Range<usize>| none_of_rows(run, train, rows);
         return Ok(Channel {
             name: name.to_owned(),
             error,
@@ -322,6 +365,8 @@ fn channel(
                 .transpose()
                 .map_err(failed)?,
             few: by_time(search).map_err(failed)?,
+            none: none(train..run.record.len()),
+            none_of_parts: mean_squares(train..run.record.len(), none),
             terms: search_thermal(&runs, search).map_err(failed)?,
             left_out: Vec::new(),
         });
@@ -330,23 +375,27 @@ fn channel(
     let left_out = left_out_runs(&runs, search).map_err(failed)?;
     let plain = search_thermal(&runs, &without_lags).map_err(failed)?;
     let plain_left_out = left_out_runs(&runs, &without_lags).map_err(failed)?;
+    let none: Vec<f64> = runs.iter().map(ThermalRun::rms_from_start).collect();
     Ok(Channel {
         name: name.to_owned(),
         error,
         plain: Judged::by_runs(&plain, &runs, &plain_left_out),
         dense: None,
         few: Judged::by_runs(&terms, &runs, &left_out),
+        none: mean_of_runs(&runs, &none),
+        none_of_parts: none.iter().map(|rms| rms * rms).collect(),
         terms,
         left_out,
     })
 }
 
 impl Judged {
-    fn new(terms: &ThermalTerms, rms: f64, worst: Option<ThermalSegment>) -> Self {
+    fn new(terms: &ThermalTerms, rms: f64, worst: Option<ThermalSegment>, parts: Vec<f64>) -> Self {
         let squares: f64 = terms.validated.iter().map(|rms| rms * rms).sum();
         Self {
             rms,
             worst,
+            parts,
             validated: (squares / terms.validated.len().max(1) as f64).sqrt(),
             penalties: vec![terms.penalty],
             lags_s: terms.lags_s(),
@@ -357,18 +406,40 @@ impl Judged {
     /// By the rows from `train` on.
     fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
         let (rms, worst) = terms.residual(run, train..run.record.len());
-        Self::new(terms, rms, worst)
+        let parts = mean_squares(train..run.record.len(), |rows| terms.residual(run, rows).0);
+        Self::new(terms, rms, worst, parts)
     }
 
     /// By whole runs that were left out; each counts by its rows.
     fn by_runs(terms: &ThermalTerms, runs: &[ThermalRun], left_out: &[f64]) -> Self {
-        let rows = runs.iter().map(|run| run.record.len() as f64);
-        let squares: f64 = left_out
-            .iter()
-            .zip(rows.clone())
-            .map(|(rms, n)| rms * rms * n)
-            .sum();
-        let all: f64 = rows.sum();
-        Self::new(terms, (squares / all.max(1.0)).sqrt(), None)
+        let parts = left_out.iter().map(|rms| rms * rms).collect();
+        Self::new(terms, mean_of_runs(runs, left_out), None, parts)
     }
+}
+
+/// The root mean square over all rows of runs of which each has its own.
+fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
+    let rows = runs.iter().map(|run| run.record.len() as f64);
+    let squares = rms.iter().zip(rows.clone()).map(|(rms, n)| rms * rms * n);
+    (squares.sum::<f64>() / rows.sum::<f64>().max(1.0)).sqrt()
+}
+
+/// The mean square in each of some equal stretches of rows.
+fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
+    let at = |part: usize| rows.start + rows.len() * part / PARTS;
+    let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
+    (0..PARTS)
+        .map(of)
+        .filter(|square| !square.is_nan())
+        .collect()
+}
+
+/// Root mean square over some rows of what is off where the mean of the rows before `train` is predicted.
+fn none_of_rows(run: &ThermalRun, train: usize, rows: Range<usize>) -> f64 {
+    let of = &run.record.displacement;
+    let before = of.get(..train).unwrap_or_default();
+    let mean = before.iter().sum::<f64>() / before.len() as f64;
+    let rows = of.get(rows).unwrap_or_default();
+    let squares: f64 = rows.iter().map(|d| (d - mean).powi(2)).sum();
+    (squares / rows.len() as f64).sqrt()
 }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use volcomp_fit::ThermalEffect;
 
-use super::{Arguments, Channel, terms};
+use super::{Arguments, Channel, terms, verdict::Verdict};
 use crate::{
     commands::{fixed, table, table_text},
     table::folded,
@@ -14,11 +14,12 @@ use crate::{
 pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Arguments) -> String {
     let mut text = comparison(channels, arguments);
     for channel in channels {
-        let paste = if channel.is_recommended() {
-            let toml = terms::toml(channel, sensors, arguments.reference);
-            format!("# {}\n{toml}", channel.name)
-        } else {
-            worse(channel)
+        let paste = match channel.verdict() {
+            Verdict::Good => {
+                let toml = terms::toml(channel, sensors, arguments.reference);
+                format!("# {}\n{toml}", channel.name)
+            }
+            verdict => worse(channel, verdict),
         };
         // Writing to a string never fails.
         let _ = write!(
@@ -33,16 +34,21 @@ pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Argumen
 }
 
 /// Why there are no terms to paste.
-fn worse(channel: &Channel) -> String {
+fn worse(channel: &Channel, verdict: Verdict) -> String {
     let unit = if channel.is_angular() { "µrad" } else { "µm" };
-    folded(
-        &format!(
-            "No terms are printed: they predict worse ({} {unit}) than regression without time constants ({} {unit}). Try `--lags 0`, or take more tests.",
-            fixed(channel.few.rms, 2),
-            fixed(channel.plain.rms, 2)
-        ),
-        "",
-    )
+    let few = fixed(channel.few.rms, 2);
+    let why = if verdict == Verdict::WorseThanPlain {
+        let plain = fixed(channel.plain.rms, 2);
+        format!(
+            "they predict worse ({few} {unit}) than regression without time constants ({plain} {unit}). Try `--lags 0`, or take more tests."
+        )
+    } else {
+        let none = fixed(channel.none, 2);
+        format!(
+            "they predict tests that they have not seen ({few} {unit}) no better than no terms at all ({none} {unit}). Either these temperatures do not move what was measured, or it takes more tests to see that."
+        )
+    };
+    folded(&format!("No terms are printed: {why}"), "")
 }
 
 /// The root mean square errors of the prediction, without and with time constants.
