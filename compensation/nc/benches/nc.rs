@@ -61,7 +61,7 @@ fn program(first: &str, places: &[(char, f64)]) -> String {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "coordinates are small")]
-/// Each number read, and printed with three decimals; all else copied.
+/// Each number read, and printed with the decimals that it has; all else copied.
 fn read_and_print(text: &[u8], out: &mut Vec<u8>) {
     let mut digits = itoa::Buffer::new();
     let mut at = 0;
@@ -72,14 +72,20 @@ fn read_and_print(text: &[u8], out: &mut Vec<u8>) {
         out.extend_from_slice(&text[at..begin]);
         at = begin;
         if let Ok((value, length)) = fast_float2::parse_partial::<f64, _>(&text[begin..]) {
-            let steps = (value * 1000.0).round() as i64;
+            let number = &text[begin..begin + length];
+            let point = number.iter().position(|byte| *byte == b'.');
+            let decimals = point.map_or(0, |point| length - 1 - point);
+            let power = [1, 10, 100, 1000][decimals.min(3)];
+            let steps = (value * power as f64).round() as i64;
             if steps < 0 {
                 out.push(b'-');
             }
-            let (whole, part) = (steps.unsigned_abs() / 1000, steps.unsigned_abs() % 1000);
+            let (whole, part) = (steps.unsigned_abs() / power, steps.unsigned_abs() % power);
             out.extend_from_slice(digits.format(whole).as_bytes());
-            out.push(b'.');
-            out.extend_from_slice(&digits.format(1000 + part).as_bytes()[1..]);
+            if decimals > 0 {
+                out.push(b'.');
+                out.extend_from_slice(&digits.format(power + part).as_bytes()[1..]);
+            }
             at = begin + length.max(1);
         }
     }
@@ -120,6 +126,9 @@ fn benches(criterion: &mut Criterion) {
                 out.write_all(black_box(text.as_bytes())).expect("memory");
             });
         });
+        out.clear();
+        read_and_print(text.as_bytes(), &mut out);
+        assert_eq!(out, text.as_bytes(), "the baseline changes {name}");
         group.bench_function(BenchmarkId::new("read and printed", name), |bencher| {
             bencher.iter(|| {
                 out.clear();
