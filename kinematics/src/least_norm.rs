@@ -194,6 +194,12 @@ impl LinearColumns {
     /// are left out have no share. The shares are NaN where the error is.
     #[inline(always)]
     pub fn shares(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
+        self.solved().of(error_mm)
+    }
+
+    /// What the shares of any error are made of.
+    #[inline(always)]
+    pub fn solved(&self) -> LinearShares {
         let columns = if self.kept == [true; 3] {
             self.columns
         } else {
@@ -207,14 +213,11 @@ impl LinearColumns {
             third.cross(&first),
             first.cross(&second),
         ];
-        let per_volume = 1.0 / first.dot(&normals[0]);
-        core::array::from_fn(|place| {
-            if self.kept[place] {
-                normals[place].dot(error_mm) * per_volume
-            } else {
-                0.0
-            }
-        })
+        LinearShares {
+            normals,
+            per_volume: 1.0 / first.dot(&normals[0]),
+            kept: self.kept,
+        }
     }
 
     /// The length of the part of an error that these shares are, mm.
@@ -222,6 +225,28 @@ impl LinearColumns {
         let [x, y, z] = shares;
         let [first, second, third] = &self.columns;
         (first * *x + second * *y + third * *z).norm()
+    }
+}
+
+/// What the shares of linear axes in an error are made of, for axes whose directions stay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinearShares {
+    normals: [Vector3<f64>; 3],
+    per_volume: f64,
+    kept: [bool; 3],
+}
+
+impl LinearShares {
+    /// As [`LinearColumns::shares`].
+    #[inline(always)]
+    pub fn of(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
+        core::array::from_fn(|place| {
+            if self.kept[place] {
+                self.normals[place].dot(error_mm) * self.per_volume
+            } else {
+                0.0
+            }
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use volcomp_kinematics::{
     least_norm::{LinearColumns, RotaryGram, normals},
     nalgebra::{Matrix3, Vector2, Vector3},
 };
-use volcomp_vocabulary::{AxisKind, AxisName, Component, MAX_AXES, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
 use crate::{
     EvaluatorError,
@@ -60,11 +60,16 @@ pub struct CorrectionParts {
 impl CorrectionParts {
     /// The whole correction, mm and rad in chain order: linear shares that belong to the rotary shares, and those.
     pub fn delta(&self) -> PerAxis<f64> {
-        PerAxis::from_fn(|index| {
-            let follow = self.follow.iter().zip(&self.rotary);
-            let following: f64 = follow.map(|(row, rotary)| row[index] * rotary).sum();
-            self.position[index] + following + self.rotary[index]
-        })
+        // Rows of axes that do not turn add nothing.
+        let turning = self.follow.iter().zip(&self.rotary);
+        let turning = turning.filter(|(_, rotary)| **rotary != 0.0);
+        let mut following = PerAxis::ZERO;
+        for (row, rotary) in turning {
+            for (sum, row) in following.iter_mut().zip(row) {
+                *sum += row * rotary;
+            }
+        }
+        PerAxis::from_fn(|index| self.position[index] + following[index] + self.rotary[index])
     }
 }
 
@@ -221,59 +226,6 @@ impl CompiledMachine {
         }
     }
 
-    /// A bound (mm) of the position error that a first-order correction of this size leaves: the
-    /// errors change on the way, and tilts have a second order.
-    pub fn neglected_mm(&self, delta: &PerAxis<f64>) -> f64 {
-        let reach_mm = self.reach_mm();
-        let (mut tilts, mut bound) = (0.0, 0.0);
-        for (index, (axis, delta)) in self.axes.iter().zip(delta).enumerate() {
-            let rotary = axis.joint.kind == AxisKind::Rotary;
-            let per_unit = if rotary {
-                180.0 / core::f64::consts::PI
-            } else {
-                1.0
-            };
-            let slopes = |angular: bool| -> f64 {
-                let components = Component::ALL.into_iter();
-                let components = components.filter(|component| component.is_angular() == angular);
-                components
-                    .map(|component| axis.slope_bound(component) * per_unit)
-                    .sum()
-            };
-            let (linear, angular) = (slopes(false), slopes(true));
-            let [linear_mm, angular_rad] = axis.size_bounds();
-            tilts += angular_rad
-                + self.location[index].angular_rad.norm()
-                + self.assembly[index].angular_rad.norm();
-            let turns = if rotary { libm::fabs(*delta) } else { 0.0 };
-            bound += libm::fabs(*delta) * (linear + angular * reach_mm + tilts);
-            bound += turns * (linear_mm + turns * reach_mm);
-        }
-        let turned: f64 = delta
-            .iter()
-            .zip(&self.axes)
-            .filter(|(_, a)| a.joint.kind == AxisKind::Rotary)
-            .map(|(d, _)| libm::fabs(*d))
-            .sum();
-        bound + (tilts + turned) * (tilts + turned) * reach_mm
-    }
-
-    /// The same bound where a correction `first` was made anew with the errors of the place to which it leads, which gave
-    /// `second`: the errors change by what lies between the two, and the first itself counts by its second order only.
-    pub fn neglected_there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
-        let mut between = *second;
-        let (mut turned, mut moved_mm) = (0.0, 0.0);
-        for (index, axis) in self.axes.iter().enumerate() {
-            between[index] -= first[index];
-            let size = libm::fabs(second[index]);
-            match axis.joint.kind {
-                AxisKind::Rotary => turned += size,
-                AxisKind::Linear => moved_mm += size,
-            }
-        }
-        self.neglected_mm(&between) + turned * (turned * self.reach_mm() + moved_mm)
-    }
-
     /// The longest lever from a joint to the tip over the travels, mm: a bound.
     pub fn reach_mm(&self) -> f64 {
         let tip = self.chain.tool_tip_mm();
@@ -316,7 +268,7 @@ fn correct_axis(
 
 /// How the tip moves with the linear axes that correct.
 #[inline(always)]
-fn linear_columns(
+pub(crate) fn linear_columns(
     correctors: &Correctors,
     column: impl Fn(usize) -> Vector3<f64>,
 ) -> LinearColumns {

@@ -142,3 +142,44 @@ fn levers_are_central_differences_of_the_tip() {
         }
     });
 }
+
+/// Where no axis turns, three axes take a position error as Gaussian elimination finds it, and fewer axes as the corrections that any
+/// machine has.
+#[test]
+fn slides_take_the_whole_error() {
+    let mut solved = 0;
+    over_all_types(|compiled, _, state, rng, _| {
+        let joints = compiled.chain().joints();
+        let turns = joints
+            .iter()
+            .any(|joint| joint.kind == volcomp_vocabulary::AxisKind::Rotary);
+        let mut compiled = compiled.clone();
+        let mut names = compiled.chain().structure().axes().to_vec();
+        names.shuffle(rng);
+        names.truncate(rng.random_range(1..=names.len()));
+        let some: bool = rng.random();
+        if some {
+            compiled.set_correctors(&names).unwrap();
+        }
+        let Some(slides) = compiled.slides() else {
+            assert!(turns);
+            return;
+        };
+        assert!(!turns);
+        let error = compiled.evaluate(state);
+        let delta = slides.delta(&error);
+        let whole = compiled.first_order(state).delta;
+        for (delta, whole) in delta.iter().zip(&whole) {
+            assert!((delta - whole).abs() < 1e-15, "{delta} {whole}");
+        }
+        if !some {
+            let columns = [0, 1, 2].map(|axis| joints[axis].direction);
+            let columns = volcomp_kinematics::nalgebra::Matrix3::from_columns(&columns);
+            let wanted = columns.lu().solve(&-Vector3::from(error.position_mm));
+            let found = Vector3::new(delta[0], delta[1], delta[2]);
+            assert!((found - wanted.unwrap()).norm() < 1e-12 * (1.0 + found.norm()));
+            solved += 1;
+        }
+    });
+    assert!(solved > 100, "{solved}");
+}

@@ -175,7 +175,7 @@ fn the_first_order_correction_is_newtons_first_step() {
             );
             // Near the singular pose a rotary axis goes fifty times its error: squares of that differ.
             let largest = expected.delta.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
-            let neglected = compiled.neglected_mm(&found.delta);
+            let neglected = compiled.neglected().mm(&found.delta);
             for (f, e) in found.delta.iter().zip(&expected.delta) {
                 assert!(
                     (f - e).abs() < 1e-4 + 0.05 * largest,
@@ -203,7 +203,7 @@ fn the_first_order_correction_is_newtons_first_step() {
             // So it does where the correction is that of the place to which the first one leads.
             let second = compiled.first_order(&corrected).delta;
             let left = left_with(&second);
-            let neglected = compiled.neglected_there_mm(&found.delta, &second);
+            let neglected = compiled.neglected().there_mm(&found.delta, &second);
             assert!(
                 left <= neglected + 1e-4,
                 "{structure}, anew: {left} over {neglected}"

@@ -1,0 +1,98 @@
+//! A bound of what a correction of one step neglects, for many corrections of one machine.
+
+use arrayvec::ArrayVec;
+
+use volcomp_vocabulary::{AxisKind, Component, MAX_AXES, PerAxis};
+
+use crate::machine::CompiledMachine;
+
+/// What bounds the position error that corrections of one step leave, whatever their size: made once, and asked for each correction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Neglected {
+    axes: ArrayVec<Share, MAX_AXES>,
+    tilts: f64,
+    reach_mm: f64,
+}
+
+/// What one axis adds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Share {
+    is_rotary: bool,
+    /// The most by which the position error changes for each mm or rad of the axis.
+    slope_mm: f64,
+    /// The largest displacement of its errors.
+    linear_mm: f64,
+}
+
+impl CompiledMachine {
+    /// What bounds the position error that corrections of one step leave, with the thermal terms as they stand now.
+    pub fn neglected(&self) -> Neglected {
+        let reach_mm = self.reach_mm();
+        let mut tilts = 0.0;
+        let mut axes = ArrayVec::new();
+        for (index, axis) in self.axes.iter().enumerate().take(MAX_AXES) {
+            let is_rotary = axis.joint.kind == AxisKind::Rotary;
+            let per_unit = if is_rotary {
+                180.0 / core::f64::consts::PI
+            } else {
+                1.0
+            };
+            let slopes = |angular: bool| -> f64 {
+                let components = Component::ALL.into_iter();
+                let components = components.filter(|component| component.is_angular() == angular);
+                components
+                    .map(|component| axis.slope_bound(component) * per_unit)
+                    .sum()
+            };
+            let (linear, angular) = (slopes(false), slopes(true));
+            let [linear_mm, angular_rad] = axis.size_bounds();
+            tilts += angular_rad
+                + self.location[index].angular_rad.norm()
+                + self.assembly[index].angular_rad.norm();
+            axes.push(Share {
+                is_rotary,
+                slope_mm: linear + angular * reach_mm + tilts,
+                linear_mm,
+            });
+        }
+        Neglected {
+            axes,
+            tilts,
+            reach_mm,
+        }
+    }
+}
+
+impl Neglected {
+    /// A bound (mm) of the position error that a correction of one step of this size leaves: the errors change on the way, and tilts
+    /// have a second order.
+    pub fn mm(&self, delta: &PerAxis<f64>) -> f64 {
+        let (mut bound, mut turned) = (0.0, 0.0);
+        for (axis, delta) in self.axes.iter().zip(delta) {
+            let size = libm::fabs(*delta);
+            bound += size * axis.slope_mm;
+            if axis.is_rotary {
+                turned += size;
+                bound += size * (axis.linear_mm + size * self.reach_mm);
+            }
+        }
+        bound + (self.tilts + turned) * (self.tilts + turned) * self.reach_mm
+    }
+
+    /// The same bound where a correction `first` was made anew with the errors of the place to which it leads, which gave
+    /// `second`: the errors change by what lies between the two, and the first itself counts by its second order only.
+    pub fn there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
+        let mut between = *second;
+        let (mut turned, mut moved_mm) = (0.0, 0.0);
+        for (index, axis) in self.axes.iter().enumerate() {
+            between[index] -= first[index];
+            let size = libm::fabs(second[index]);
+            if axis.is_rotary {
+                turned += size;
+            } else {
+                moved_mm += size;
+            }
+        }
+        self.mm(&between) + turned * (turned * self.reach_mm + moved_mm)
+    }
+}

@@ -1,0 +1,47 @@
+//! The correction of machines without rotary axes: the directions of their axes never turn.
+
+use volcomp_kinematics::{Correctors, least_norm::LinearShares, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, PerAxis};
+
+use crate::{
+    correction::linear_columns,
+    machine::{CompiledMachine, Evaluation},
+};
+
+/// How the linear axes correct a position error, wherever they are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slides {
+    correctors: Correctors,
+    shares: LinearShares,
+}
+
+impl CompiledMachine {
+    /// For the axes that its corrections move; `None` where an axis turns.
+    pub fn slides(&self) -> Option<Slides> {
+        let mut axes = self.axes.iter();
+        if axes.any(|axis| axis.joint.kind == AxisKind::Rotary) {
+            return None;
+        }
+        let columns = linear_columns(&self.correctors, |index| {
+            let axis = self.axes.get(index);
+            axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
+        });
+        Some(Slides {
+            correctors: self.correctors.clone(),
+            shares: columns.solved(),
+        })
+    }
+}
+
+impl Slides {
+    /// The correction of an error: that of [`CompiledMachine::first_order`], mm in chain order.
+    #[inline]
+    pub fn delta(&self, error: &Evaluation) -> PerAxis<f64> {
+        let mut delta = PerAxis::ZERO;
+        let shares = self.shares.of(&Vector3::from(error.position_mm));
+        for (&index, share) in self.correctors.linear().iter().zip(shares) {
+            delta[index] = -share;
+        }
+        delta
+    }
+}
