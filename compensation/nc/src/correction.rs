@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use volcomp_model::{
-    Machine, Temperatures, Tolerance,
+    Machine, Temperatures,
     curve::ErrorCurve,
-    evaluator::CompiledMachine,
     kinematics::{Form, State, actual_pose},
     vocabulary::{AxisKind, Direction, MAX_AXES},
 };
@@ -15,38 +14,23 @@ use crate::{
     carriage::Carriages,
     coordinates::{Axes, AxisPlaces, is_rotary, name_of},
     play::Play,
-    tip::with_tool,
-    turns::{Turn, side_of},
+    tooled::Tooled,
 };
 
-/// Curves are compiled to 1 nm.
-const COMPILED_TO_NM: f64 = 1.0;
 /// What a correction of one step or two may neglect, as a part of the tolerance; beyond it the exact one is taken.
 const NEGLECTED: f64 = 0.05;
+/// A part of the tolerance that no rounding carries over it.
+const SURELY: f64 = 1.0 - 1e-9;
 /// Tools whose machines are kept.
 const MOST_TOOLS: usize = 64;
 
-/// The machine with a tool in its spindle.
-#[derive(Clone, Debug)]
-struct Tooled {
-    /// What the control adds to the coordinates for the tool.
-    offset: Axes,
-    machine: Machine,
-    compiled: CompiledMachine,
-    /// Ways of each axis, mm and deg, with which no straight line has to be split, where the axis moves alone.
-    unsplit: Axes,
-    /// The longest lever, mm, and the most by which the error changes for each mm of the linear axes.
-    reach_mm: f64,
-    steepness: f64,
-}
-
 /// What is to be added to the axes at a place so that the tool is where it belongs, mm and deg.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Correction {
     pub(crate) delta: Axes,
     /// How the linear axes follow each of A, B and C, mm for each deg, so that the tip stays where it is. `None`: no
     /// rotary axis corrects.
-    follow: Option<[Axes; 3]>,
+    pub(crate) follow: Option<[Axes; 3]>,
 }
 
 impl Correction {
@@ -81,43 +65,52 @@ pub struct Corrector {
     tools: Vec<Arc<Tooled>>,
     tool: Arc<Tooled>,
     places: AxisPlaces,
-    corrects: Axes<bool>,
+    pub(crate) corrects: Axes<bool>,
     travels: Axes<[f64; 2]>,
     only_linear: bool,
-    bidirectional: bool,
-    approach: Axes<Option<Direction>>,
-    play: Arc<Play>,
+    pub(crate) bidirectional: bool,
+    pub(crate) approach: Axes<Option<Direction>>,
+    pub(crate) play: Arc<Play>,
     /// Travel against its direction after which each axis counts as turned, mm and deg.
-    turned_after: Axes<f64>,
+    pub(crate) turned_after: Axes<f64>,
     /// The furthest place of each axis in its direction.
-    furthest: Axes<f64>,
+    pub(crate) furthest: Axes<f64>,
     split_beyond_mm: f64,
     /// Changes with all that the correction of a place depends on besides the place.
-    version: u64,
+    pub(crate) version: u64,
 }
 
 /// The corrections of the last two places. State.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
-    places: [Option<(Axes, u64, Correction)>; 2],
+    places: [SeenAt; 2],
     last: usize,
+}
+
+/// The correction at one place.
+#[derive(Clone, Debug, Default)]
+struct SeenAt {
+    at: Axes,
+    /// Of the corrector; `None`: it was nowhere yet.
+    pub(crate) version: Option<u64>,
+    correction: Correction,
 }
 
 impl Seen {
     /// The correction at these coordinates.
     pub(crate) fn at(&mut self, corrector: &Corrector, at: &Axes) -> &Correction {
-        let is_it = |seen: &Option<(Axes, u64, Correction)>| {
-            (seen.as_ref())
-                .is_some_and(|(place, version, _)| place == at && *version == corrector.version)
-        };
+        let is_it = |seen: &SeenAt| seen.version == Some(corrector.version) && seen.at == *at;
         if !is_it(&self.places[self.last]) {
             self.last = 1 - self.last;
             if !is_it(&self.places[self.last]) {
-                self.places[self.last] = None;
+                self.places[self.last] = SeenAt {
+                    at: *at,
+                    version: Some(corrector.version),
+                    correction: corrector.at(at),
+                };
             }
         }
-        let anew = || (*at, corrector.version, corrector.at(at));
-        &self.places[self.last].get_or_insert_with(anew).2
+        &self.places[self.last].correction
     }
 }
 
@@ -133,7 +126,7 @@ impl Corrector {
         tolerance_mm: f64,
     ) -> Result<Self, NcError> {
         let places = AxisPlaces::of(machine);
-        let tool = tooled(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
+        let tool = Tooled::new(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
         let correctors = tool.compiled.correctors();
         let mut corrects = [false; MAX_AXES];
         let mut travels = [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES];
@@ -187,7 +180,7 @@ impl Corrector {
         }
         let (machine, temperatures) = (&self.machine, &self.temperatures);
         let tolerance_mm = self.split_beyond_mm;
-        self.tool = Arc::new(tooled(
+        self.tool = Arc::new(Tooled::new(
             machine,
             offset,
             temperatures,
@@ -236,6 +229,9 @@ impl Corrector {
 
     fn state(&self, at: &Axes) -> State {
         let mut state = self.places.state(at);
+        if !self.bidirectional {
+            return state;
+        }
         for (axis, approach) in self.approach.iter().enumerate() {
             if let Some(place) = self.places.of_axis(axis) {
                 state.approach[place] = *approach;
@@ -290,155 +286,12 @@ impl Corrector {
         self.turned_after[axis]
     }
 
-    /// From which side the axes come, to be put back.
-    pub(crate) fn sides(&self) -> (Axes<Option<Direction>>, Axes) {
-        (self.approach, self.furthest)
-    }
-
-    pub(crate) fn put_back(&mut self, (approach, furthest): (Axes<Option<Direction>>, Axes)) {
-        self.version += u64::from(self.approach != approach);
-        (self.approach, self.furthest) = (approach, furthest);
-    }
-
-    /// The axes begin here, with no direction yet.
-    pub(crate) fn begins(&mut self, at: &Axes) {
-        self.approach = [None; MAX_AXES];
-        let more = self.without_play(at);
-        self.furthest = std::array::from_fn(|axis| at[axis] + more[axis]);
-    }
-
-    /// Whether the carriage of an axis lags somewhere.
-    pub(crate) fn lags(&self, axis: usize) -> bool {
-        self.play.has(axis)
-    }
-
-    /// From which side an axis comes, and its furthest place.
-    pub(crate) fn side(&self, axis: usize) -> (Option<Direction>, f64) {
-        (self.approach[axis], self.furthest[axis])
-    }
-
-    /// The axes have been so far, each in its direction.
-    pub(crate) fn reaches(&mut self, furthest: &Axes) {
-        for axis in 0..MAX_AXES {
-            if self.has(axis) {
-                self.furthest[axis] = furthest[axis];
-            }
-        }
-    }
-
-    /// Rotary axes are where they were, which has another number now, deg.
-    pub(crate) fn wraps(&mut self, by: &Axes) {
-        for (furthest, by) in self.furthest.iter_mut().zip(by) {
-            *furthest += by;
-        }
-    }
-
-    /// An axis turns.
-    pub(crate) fn turn(&mut self, turn: &Turn) {
-        if self.approach[turn.axis] != Some(turn.side) {
-            self.version += 1;
-        }
-        self.approach[turn.axis] = Some(turn.side);
-        self.furthest[turn.axis] = turn.furthest;
-    }
-
-    /// What is added to the axes at a place besides their play: the carriage of an axis that lags goes with it, and where that turns, the
-    /// play is to be taken up. 0 for the others, whose direction is that of the command without its correction.
-    pub(crate) fn without_play(&self, at: &Axes) -> Axes {
-        if !self.play.any {
-            return [0.0; MAX_AXES];
-        }
-        let (delta, lost) = (self.at(at).delta, self.lost(at));
-        std::array::from_fn(|axis| {
-            if !self.lags(axis) || !self.corrects[axis] {
-                return 0.0;
-            }
-            match self.approach[axis] {
-                Some(Direction::Positive) => delta[axis] - 0.5 * lost[axis],
-                Some(Direction::Negative) => delta[axis] + 0.5 * lost[axis],
-                None => delta[axis],
-            }
-        })
-    }
-
-    /// The axes go to this place: from now on they come from that side. Whether one of them turns.
-    pub(crate) fn goes(&mut self, to: &Axes) -> bool {
-        if !self.bidirectional {
-            return false;
-        }
-        let before = self.approach;
-        let more = self.without_play(to);
-        for axis in 0..MAX_AXES {
-            let after = self.turned_after[axis];
-            let here = to[axis] + more[axis];
-            let way = here - self.furthest[axis];
-            let on = match self.approach[axis] {
-                Some(Direction::Positive) => way > 0.0 || way < -after,
-                Some(Direction::Negative) => way < 0.0 || way > after,
-                None => way.abs() > after,
-            };
-            if on && way != 0.0 {
-                self.furthest[axis] = here;
-                self.approach[axis] = Some(side_of(way));
-            }
-        }
-        let turns = self.approach != before;
-        self.version += u64::from(turns);
-        turns
-    }
-
     /// The correction at these coordinates of the axes (mm, deg).
     pub(crate) fn at(&self, at: &Axes) -> Correction {
         let state = self.state(at);
-        let Tooled {
-            machine, compiled, ..
-        } = &*self.tool;
-        if self.only_linear {
-            // The errors are those where the axes go to.
-            let mut there = state;
-            for (q, delta) in there.q.iter_mut().zip(&compiled.first_order(&state).delta) {
-                *q += delta;
-            }
-            let delta = compiled.first_order(&there).delta;
-            return Correction {
-                delta: self.places.axes(&delta),
-                follow: None,
-            };
-        }
-        let mut parts = compiled.parts_of(&state, compiled.correctors());
-        let mut delta = parts.delta();
         let most_mm = NEGLECTED * self.split_beyond_mm;
-        let mut neglected_mm = compiled.neglected_mm(&delta);
-        if neglected_mm > most_mm {
-            // The errors are those where the axes go to.
-            let first = delta;
-            let mut there = state;
-            for (q, delta) in there.q.iter_mut().zip(&first) {
-                *q += delta;
-            }
-            parts = compiled.parts_of(&there, compiled.correctors());
-            delta = parts.delta();
-            neglected_mm = compiled.neglected_there_mm(&first, &delta);
-        }
-        if neglected_mm > most_mm {
-            let options = machine.correction_options();
-            let exact = machine.correction_at(&state, &self.temperatures, &options);
-            if exact.converged {
-                delta = exact.delta;
-            }
-        }
-        let follow = std::array::from_fn(|rotary| match self.places.of_axis(3 + rotary) {
-            // For each rad as the model has it, for each deg here; only linear axes follow.
-            Some(place) => self
-                .places
-                .axes(&parts.follow[place])
-                .map(|mm| mm * 1.0_f64.to_radians()),
-            None => [0.0; 9],
-        });
-        Correction {
-            delta: self.places.axes(&delta),
-            follow: (!compiled.correctors().rotary().is_empty()).then_some(follow),
-        }
+        self.tool
+            .correction(&state, &self.places, &self.temperatures, most_mm)
     }
 
     /// Where the tip of the ideal machine is, mm from the workpiece origin in workpiece axes.
@@ -490,8 +343,15 @@ impl Corrector {
                 share += way / self.tool.unsplit[axis];
             }
         }
-        bulge_mm == 0.0 && coupled_mm == 0.0 && share <= 1.0
-            || self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
+        let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
+        if share <= 1.0 {
+            // Within its ways the bound grows no faster than the share: where this one is met, the nearer one is.
+            let is_near = share * self.split_beyond_mm + off_mm <= SURELY * self.split_beyond_mm;
+            if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
+                return true;
+            }
+        }
+        self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
     }
 
     /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
@@ -534,30 +394,4 @@ impl Corrector {
         let reach_mm = self.tool.reach_mm;
         0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
     }
-}
-
-/// The machine with a tool, compiled.
-fn tooled(
-    machine: &Machine,
-    offset: &Axes,
-    temperatures: &Temperatures,
-    tolerance_mm: f64,
-    places: &AxisPlaces,
-) -> Result<Tooled, NcError> {
-    let machine = with_tool(machine, offset)?;
-    let compiled = machine.compile_at(Tolerance::from_nm(COMPILED_TO_NM), temperatures)?;
-    let ways = compiled.short_ways(tolerance_mm);
-    let unsplit = std::array::from_fn(|axis| match places.of_axis(axis) {
-        Some(place) if is_rotary(axis) => ways[place].to_degrees(),
-        Some(place) => ways[place],
-        None => f64::INFINITY,
-    });
-    Ok(Tooled {
-        offset: *offset,
-        reach_mm: compiled.reach_mm(),
-        steepness: compiled.steepness(),
-        machine,
-        compiled,
-        unsplit,
-    })
 }
