@@ -10,6 +10,50 @@ const EXACT: u64 = 1 << 53;
 /// More decimals than this are not written.
 pub(crate) const MOST_DECIMALS: u8 = 9;
 
+/// So many digits are exact in an `f64`, together with their power of ten.
+const EXACT_DIGITS: usize = 15;
+
+/// A number at the beginning of a text as programs usually have it: few digits without blanks between them. Its value, its decimals and
+/// its length; `None`: it is to be read character by character.
+pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
+    let first = *text.first()?;
+    let begin = usize::from(first == b'-' || first == b'+');
+    let mut mantissa = 0_i64;
+    let mut at = begin;
+    let mut digits = |at: &mut usize| {
+        while let Some(digit) = text.get(*at).map(|byte| byte.wrapping_sub(b'0'))
+            && digit <= 9
+        {
+            mantissa = mantissa.wrapping_mul(10).wrapping_add(i64::from(digit));
+            *at += 1;
+        }
+    };
+    digits(&mut at);
+    let (mut count, mut decimals) = (at - begin, 0);
+    if text.get(at) == Some(&b'.') {
+        at += 1;
+        let point = at;
+        digits(&mut at);
+        decimals = at - point;
+        count += decimals;
+    }
+    if count == 0 || count > EXACT_DIGITS {
+        return None;
+    }
+    if let Some(b' ' | b'\t') = text.get(at) {
+        let mut behind = text[at..]
+            .iter()
+            .filter(|byte| !matches!(byte, b' ' | b'\t'));
+        if let Some(b'0'..=b'9' | b'.') = behind.next() {
+            return None;
+        }
+    }
+    let size = mantissa as f64 / POWERS[decimals];
+    let value = if first == b'-' { -size } else { size };
+    // At most 15.
+    Some((value, decimals as u8, at))
+}
+
 /// Digits as they are read, one after the other.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Digits {
@@ -94,23 +138,29 @@ pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
 
 /// Appends so many steps of the last decimal as a number: without an exponent, with a point where there are decimals.
 pub(crate) fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
-    if steps < 0 {
-        to.push(b'-');
-    }
     let mut digits = [b'0'; 24];
     let (mut at, mut rest) = (digits.len(), steps.unsigned_abs());
-    let decimals = usize::from(decimals.min(MOST_DECIMALS));
-    let mut written = 0;
-    while rest > 0 || written <= decimals {
+    let mut put = |byte: u8| {
         at -= 1;
-        // A remainder of ten is below ten.
-        digits[at] = b'0' + (rest % 10) as u8;
+        digits[at] = byte;
+    };
+    // A remainder of ten is below ten.
+    for _ in 0..decimals.min(MOST_DECIMALS) {
+        put(b'0' + (rest % 10) as u8);
         rest /= 10;
-        written += 1;
-        if written == decimals {
-            at -= 1;
-            digits[at] = b'.';
+    }
+    if decimals > 0 {
+        put(b'.');
+    }
+    loop {
+        put(b'0' + (rest % 10) as u8);
+        rest /= 10;
+        if rest == 0 {
+            break;
         }
+    }
+    if steps < 0 {
+        put(b'-');
     }
     to.extend_from_slice(&digits[at..]);
 }

@@ -2,6 +2,8 @@
 
 use std::io::{BufRead, Read, Write};
 
+use memchr::memchr;
+
 use crate::{
     Counts, Decimals, NcError, Notes,
     correction::Corrector,
@@ -18,6 +20,9 @@ use crate::{
 pub const LONGEST_LINE: usize = 1 << 20;
 /// What follows the first O-word is held in memory, so many bytes at the most.
 const MOST_IN_MEMORY: usize = 256 << 20;
+
+/// Bytes that are written at a time.
+const PIECE: usize = 64 << 10;
 
 /// What was done to a program.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -92,68 +97,129 @@ pub fn compensate(
 pub(crate) fn execute(
     input: &mut impl BufRead,
     output: &mut impl Write,
-    mut rewriter: Rewriter,
+    rewriter: Rewriter,
     most_blocks: u64,
     mut seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
-    let (mut text, mut out) = (Vec::new(), Vec::new());
-    let (mut number, mut bytes) = (0, 0_u64);
-    let mut ended = false;
-    let mut percents = 0;
-    while read_line(input, &mut text, number + 1)? {
-        number += 1;
+    let mut stream = Stream {
+        rewriter,
+        number: 0,
+        percents: 0,
+        ended: false,
+        written: Vec::with_capacity(PIECE),
+    };
+    let mut text = Vec::new();
+    let mut bytes = 0_u64;
+    let read = loop {
+        match read_line(input, &mut text, stream.number + 1) {
+            Ok(true) => {}
+            Ok(false) => break Ok(None),
+            Err(error) => break Err(error),
+        }
         bytes += text.len() as u64;
-        if number % 4096 == 0 {
+        let next = match stream.line(&text) {
+            Ok(next) => next,
+            Err(error) => break Err(error),
+        };
+        if next == Next::Followed {
+            break Ok(Some(text));
+        }
+        if stream.written.len() >= PIECE - PIECE / 8 {
+            output.write_all(&stream.written)?;
+            stream.written.clear();
+        }
+        if stream.number.is_multiple_of(4096) {
             seen(bytes)?;
         }
-        let (line, end) = text.split_at(length_of(&text));
-        if ended {
-            rewriter.after_end(&text, &mut out);
-            output.write_all(&out)?;
-            continue;
+    };
+    output.write_all(&stream.written)?;
+    let Stream {
+        rewriter,
+        number,
+        percents,
+        ended,
+        ..
+    } = stream;
+    let Some(text) = read? else {
+        seen(bytes)?;
+        return Ok(summary(rewriter, ended));
+    };
+    // From here on lines are executed in another order than they stand.
+    let rest = read_rest(input, text, number)?;
+    let mut lines = split_lines(&rest);
+    let after_end = end_by_percent(&lines, percents);
+    let not_read = lines.split_off(after_end);
+    let files = load(&lines, &rewriter.folders)?;
+    let lines = Listing::new(lines, number, &files)?;
+    let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
+    for (line, end) in not_read {
+        output.write_all(line)?;
+        output.write_all(end)?;
+    }
+    seen(bytes + rest.len() as u64)?;
+    Ok(summary(after, ends))
+}
+
+/// What comes behind a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Next {
+    Line,
+    /// The line is the first one that says which lines are executed: it and all that follow are executed, not streamed.
+    Followed,
+}
+
+/// State: a program that is streamed.
+struct Stream {
+    rewriter: Rewriter,
+    /// Lines read so far, and percent signs among them.
+    number: usize,
+    percents: usize,
+    ended: bool,
+    /// What is to be written: not each line by itself.
+    written: Vec<u8>,
+}
+
+impl Stream {
+    /// Takes a line with its end.
+    fn line(&mut self, text: &[u8]) -> Result<Next, NcError> {
+        self.number += 1;
+        let (line, end) = text.split_at(length_of(text));
+        let (rewriter, written) = (&mut self.rewriter, &mut self.written);
+        if self.ended {
+            rewriter.after_end(text, written);
+            return Ok(Next::Line);
         }
-        if let Some(column) = line.iter().position(|byte| *byte == 0) {
+        if let Some(column) = memchr(0, line) {
             return Err(NcError::Binary {
-                line: number,
+                line: self.number,
                 column: column + 1,
                 byte: 0,
             });
         }
-        let is_followed = rewriter.dialect() == Dialect::Rs274
-            && match o_line(line) {
+        if rewriter.dialect() == Dialect::Rs274 {
+            match o_line(line) {
                 Some(OLine::Program(_)) => {
                     rewriter.counts.lines += 1;
-                    output.write_all(&text)?;
-                    continue;
+                    written.extend_from_slice(text);
+                    return Ok(Next::Line);
                 }
-                Some(_) => true,
-                None => program_line(line).is_some(),
-            };
-        if is_followed {
-            // From here on lines are executed in another order than they stand.
-            let rest = read_rest(input, text, number)?;
-            let mut lines = split_lines(&rest);
-            let after_end = end_by_percent(&lines, percents);
-            let not_read = lines.split_off(after_end);
-            let files = load(&lines, &rewriter.folders)?;
-            let lines = Listing::new(lines, number, &files)?;
-            let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
-            for (line, end) in not_read {
-                output.write_all(line)?;
-                output.write_all(end)?;
+                Some(_) => return Ok(Next::Followed),
+                None if program_line(line).is_some() => return Ok(Next::Followed),
+                None => {}
             }
-            seen(bytes + rest.len() as u64)?;
-            return Ok(summary(after, ends));
         }
-        out.clear();
-        let ends = rewriter.line(line, end, number, &mut out)?;
-        output.write_all(&out)?;
-        output.write_all(end)?;
-        percents += usize::from(rewriter.is_percent());
-        ended = ends || percents == 2;
+        let begins = written.len();
+        let ends = rewriter.line(line, end, self.number, written);
+        if ends.is_err() {
+            // Of a line that is refused nothing is written.
+            written.truncate(begins);
+        }
+        let ends = ends?;
+        written.extend_from_slice(end);
+        self.percents += usize::from(rewriter.is_percent());
+        self.ended = ends || self.percents == 2;
+        Ok(Next::Line)
     }
-    seen(bytes)?;
-    Ok(summary(rewriter, ended))
 }
 
 fn summary(rewriter: Rewriter, ended: bool) -> Summary {
@@ -216,7 +282,7 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
         if buffer.is_empty() {
             return Ok(!text.is_empty());
         }
-        let found = buffer.iter().position(|byte| *byte == b'\n');
+        let found = memchr(b'\n', buffer);
         let taken = found.map_or(buffer.len(), |place| place + 1);
         text.extend_from_slice(&buffer[..taken]);
         input.consume(taken);

@@ -209,13 +209,13 @@ impl Rewriter {
 
     /// A line behind the end of the program, with its end: only the number of its block may change.
     pub(crate) fn after_end(&self, text: &[u8], out: &mut Vec<u8>) {
-        out.clear();
+        let begins = out.len();
         out.extend_from_slice(text);
         if self.dialect() == Dialect::Heidenhain
             && self.counts.added > 0
             && let Some((place, number)) = block_number(text)
         {
-            renumber(out, 0, place.start, number + self.counts.added);
+            renumber(out, begins, place.start, number + self.counts.added);
         }
     }
 

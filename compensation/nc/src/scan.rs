@@ -1,6 +1,9 @@
 //! The characters of a line. Blanks mean nothing outside comments, also within a number, and case means nothing.
 
-use crate::{fault::Fault, number::Digits};
+use crate::{
+    fault::Fault,
+    number::{Digits, plain},
+};
 
 /// A line, read from the left. Places are bytes.
 #[derive(Clone, Debug)]
@@ -68,6 +71,15 @@ impl<'a> Scanner<'a> {
 
     /// A decimal number with a sign or without, and its decimals.
     pub(crate) fn number(&mut self) -> Option<(f64, u8)> {
+        if let Some((value, decimals, length)) = plain(&self.bytes[self.at..]) {
+            self.at += length;
+            return Some((value, decimals));
+        }
+        self.number_with_blanks()
+    }
+
+    /// The same for a number with any digits, and blanks between them.
+    fn number_with_blanks(&mut self) -> Option<(f64, u8)> {
         let before = self.at;
         let mut digits = Digits::default();
         match self.peek() {
@@ -109,5 +121,40 @@ impl<'a> Scanner<'a> {
             column,
             what: "the name that begins here does not end with >",
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// Texts of the characters that numbers have and may have: one pass over a plain number finds what the reader of single characters
+    /// finds, to the last bit.
+    #[test]
+    fn plain_numbers_are_read_as_character_by_character() {
+        let mut draw = ChaCha8Rng::seed_from_u64(7);
+        let (mut plainly, mut none) = (0, 0);
+        for round in 0..100_000 {
+            let letters: &[u8] = if round % 2 == 0 {
+                b"0123456789.123456789 "
+            } else {
+                b"0123456789..--++ \tXe"
+            };
+            let length = draw.random_range(0..24);
+            let text: Vec<u8> = (0..length)
+                .map(|_| letters[draw.random_range(0..letters.len())])
+                .collect();
+            let (mut one, mut other) = (Scanner::new(&text), Scanner::new(&text));
+            let (found, expected) = (one.number(), other.number_with_blanks());
+            let bits = |found: Option<(f64, u8)>| found.map(|(value, of)| (value.to_bits(), of));
+            assert_eq!(bits(found), bits(expected), "{text:?}");
+            assert_eq!(one.at(), other.at(), "{text:?}");
+            plainly += usize::from(plain(&text).is_some());
+            none += usize::from(found.is_none());
+        }
+        assert!(plainly > 30_000 && none > 10_000, "{plainly} {none}");
     }
 }

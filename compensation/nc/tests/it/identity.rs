@@ -50,6 +50,48 @@ fn odd_programs_come_out_byte_for_byte() {
     }
 }
 
+/// An output that counts how often it is written to.
+#[derive(Default)]
+struct Counted {
+    bytes: Vec<u8>,
+    writes: usize,
+}
+
+impl std::io::Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.writes += 1;
+        self.bytes.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A long program is written in large pieces, none of them lost, and up to the line that is refused.
+#[test]
+fn a_long_program_is_written_in_pieces() {
+    let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("compiles");
+    let setup = SetUp::default();
+    let lines = (0..20_000).map(|i| format!("G1 X{}.{:03} Y5 (a line)\n", i % 500, i % 1000));
+    let good: String = lines.collect();
+    for (last, is_good) in [
+        ("M30\nbehind the end", true),
+        ("G1 X1\nG1 X\nG1 X2\n", false),
+    ] {
+        let program = format!("{good}{last}");
+        let mut out = Counted::default();
+        let job = Job::new(&corrector, &setup);
+        let found = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()));
+        assert_eq!(found.is_ok(), is_good, "{found:?}");
+        let expected = program.strip_suffix("G1 X\nG1 X2\n").unwrap_or(&program);
+        assert!(out.bytes == expected.as_bytes(), "{last}");
+        assert!(out.writes < 20, "{}", out.writes);
+    }
+}
+
 #[test]
 fn what_cannot_be_read_says_where_and_why() {
     let cases: [(&[u8], &str); 12] = [
