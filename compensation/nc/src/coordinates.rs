@@ -17,7 +17,12 @@ pub(crate) const LETTERS: [u8; MAX_AXES] = *b"XYZABCUVW";
 
 /// The place of the axis with this letter.
 pub(crate) fn axis_of(letter: u8) -> Option<usize> {
-    LETTERS.iter().position(|axis| *axis == letter)
+    match letter {
+        b'X'..=b'Z' => Some(usize::from(letter - b'X')),
+        b'A'..=b'C' => Some(3 + usize::from(letter - b'A')),
+        b'U'..=b'W' => Some(6 + usize::from(letter - b'U')),
+        _ => None,
+    }
 }
 
 /// The axis at a place.
@@ -33,42 +38,89 @@ pub(crate) fn is_rotary(axis: usize) -> bool {
 
 /// Where each axis that a program can name stands in the chain of a machine.
 #[derive(Clone, Debug)]
-pub(crate) struct AxisPlaces(Axes<Option<usize>>);
+pub(crate) struct AxisPlaces {
+    places: Axes<Option<usize>>,
+    /// Those of the axes that the machine has, and how many it has.
+    present: Axes<Present>,
+    count: usize,
+}
+
+/// An axis that a machine has.
+#[derive(Clone, Copy, Debug, Default)]
+struct Present {
+    axis: usize,
+    /// Its place in the chain.
+    place: usize,
+}
 
 impl AxisPlaces {
     pub(crate) fn of(machine: &Machine) -> Self {
-        Self(std::array::from_fn(|axis| {
-            machine.index_of(name_of(axis)?).ok()
-        }))
+        let places = std::array::from_fn(|axis| machine.index_of(name_of(axis)?).ok());
+        let mut present = [Present::default(); MAX_AXES];
+        let of_machine = (0..MAX_AXES).filter_map(|axis| Some((axis, places[axis]?)));
+        let mut count = 0;
+        for (present, (axis, place)) in present.iter_mut().zip(of_machine) {
+            *present = Present { axis, place };
+            count += 1;
+        }
+        Self {
+            places,
+            present,
+            count,
+        }
+    }
+
+    fn present(&self) -> &[Present] {
+        &self.present[..self.count]
+    }
+
+    /// The axes that the machine has.
+    pub(crate) fn axes_of_machine(&self) -> impl Iterator<Item = usize> {
+        self.present().iter().map(|present| present.axis)
     }
 
     /// `None` for an axis that the machine lacks.
     pub(crate) fn of_axis(&self, axis: usize) -> Option<usize> {
-        self.0[axis]
+        self.places[axis]
     }
 
     /// Coordinates in mm and deg as the model takes them.
     pub(crate) fn state(&self, axes: &Axes) -> State {
         let mut state = State::default();
-        for (axis, place) in self.0.iter().enumerate() {
-            if let Some(place) = place {
-                state.q[*place] = if is_rotary(axis) {
-                    axes[axis].to_radians()
-                } else {
-                    axes[axis]
-                };
-            }
+        for &Present { axis, place } in self.present() {
+            state.q[place] = if is_rotary(axis) {
+                axes[axis].to_radians()
+            } else {
+                axes[axis]
+            };
         }
         state
     }
 
     /// What the model gives for each axis (mm, rad) in mm and deg; zero for axes that the machine lacks.
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
-        std::array::from_fn(|axis| match self.0[axis] {
-            Some(place) if is_rotary(axis) => of_chain[place].to_degrees(),
-            Some(place) => of_chain[place],
-            None => 0.0,
-        })
+        let mut axes = [0.0; MAX_AXES];
+        for &Present { axis, place } in self.present() {
+            axes[axis] = if is_rotary(axis) {
+                of_chain[place].to_degrees()
+            } else {
+                of_chain[place]
+            };
+        }
+        axes
+    }
+
+    /// The same of the linear axes, times a factor.
+    pub(crate) fn linear_axes(&self, of_chain: &PerAxis<f64>, factor: f64) -> Axes {
+        let mut axes = [0.0; MAX_AXES];
+        let linear = self
+            .present()
+            .iter()
+            .filter(|present| !is_rotary(present.axis));
+        for &Present { axis, place } in linear {
+            axes[axis] = of_chain[place] * factor;
+        }
+        axes
     }
 }
 
@@ -126,6 +178,23 @@ impl Frame {
         let moved = self.to_program(&std::array::from_fn(|i| machine[i] + by[i]));
         let at = self.to_program(machine);
         std::array::from_fn(|i| moved[i] - at[i])
+    }
+
+    /// The same of the axes besides X, Y and Z, whose coordinates no kinematics change; those of X, Y and Z are 0.
+    pub(crate) fn others_moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
+        if self.tip.is_none() {
+            let mut moved = *by;
+            moved[..3].fill(0.0);
+            return moved;
+        }
+        std::array::from_fn(|i| {
+            let in_program = |at: f64| at - self.work[i] - self.tool[i] - self.shift[i];
+            if i < 3 {
+                0.0
+            } else {
+                in_program(machine[i] + by[i]) - in_program(machine[i])
+            }
+        })
     }
 
     /// What the coordinates of the program change by from a place of theirs, as it is in the axes.

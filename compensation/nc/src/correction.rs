@@ -12,7 +12,7 @@ use volcomp_model::{
 use crate::{
     NcError,
     carriage::Carriages,
-    coordinates::{Axes, AxisPlaces, is_rotary, name_of},
+    coordinates::{Axes, AxisPlaces, Frame, is_rotary, name_of},
     play::Play,
     tooled::Tooled,
 };
@@ -198,6 +198,11 @@ impl Corrector {
         self.places.of_axis(axis).is_some()
     }
 
+    /// The axes that the machine has.
+    pub(crate) fn axes(&self) -> impl Iterator<Item = usize> {
+        self.places.axes_of_machine()
+    }
+
     /// The temperatures that hold.
     pub(crate) fn temperatures(&self) -> &Temperatures {
         &self.temperatures
@@ -337,9 +342,9 @@ impl Corrector {
         coupled_mm: f64,
     ) -> bool {
         let mut share = 0.0;
-        for axis in 0..MAX_AXES {
+        for axis in self.places.axes_of_machine() {
             let way = (to[axis] - from[axis]).abs();
-            if way > 0.0 && self.has(axis) {
+            if way > 0.0 {
                 share += way / self.tool.unsplit[axis];
             }
         }
@@ -386,6 +391,17 @@ impl Corrector {
         let lever_change = way_mm + turned * reach_mm;
         let lever_bend = turned * (2.0 * way_mm + turned * reach_mm);
         0.25 * lever_change * change + 0.125 * lever_bend * largest
+    }
+
+    /// How far the axes are from their straight way where a frame leads the centre point of the tool straight between two places
+    /// of the program, mm.
+    pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
+        let Some(tip) = &frame.tip else {
+            return 0.0;
+        };
+        let turned = tip.tip().turned(from, to);
+        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
+        self.bulge_mm(turned, way.sqrt())
     }
 
     /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the

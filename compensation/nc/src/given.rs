@@ -19,6 +19,8 @@ pub(crate) struct Given<'a> {
     pub(crate) places: Axes<Option<usize>>,
     /// The places of the distance from the pole and of the angle about it, where the block has polar coordinates.
     pub(crate) polar: Option<[Option<usize>; 2]>,
+    /// A bit for each letter that a word of the block has, and one for all that are none from A to Z.
+    letters: u32,
     /// The number of the line, counted from 1.
     pub(crate) line: usize,
 }
@@ -41,12 +43,10 @@ impl<'a> Given<'a> {
             if let Some(of) = of_polar {
                 polar[of] = Some(place);
             }
+            // Each of the two may stand once.
+            let bit = of_polar.map_or_else(|| bit_of(letter), |of| 1 << (27 + of));
             if letter.is_ascii_uppercase() && letter != b'G' && letter != b'M' || of_polar.is_some()
             {
-                let bit = match of_polar {
-                    Some(of) => 1 << (26 + of),
-                    None => 1 << (letter - b'A'),
-                };
                 if seen & bit != 0 {
                     let name = char::from(letter).to_string();
                     return Err(NcError::Block {
@@ -57,8 +57,8 @@ impl<'a> Given<'a> {
                         },
                     });
                 }
-                seen |= bit;
             }
+            seen |= bit | bit_of(letter);
         }
         if are_polar {
             polar = [places[0].take(), places[1].take()];
@@ -67,6 +67,7 @@ impl<'a> Given<'a> {
             block,
             places,
             polar: (polar != [None; 2]).then_some(polar),
+            letters: seen,
             line,
         })
     }
@@ -78,7 +79,15 @@ impl<'a> Given<'a> {
 
     /// Whether the block has a word with this letter.
     pub(crate) fn has(&self, letter: u8) -> bool {
-        self.block.word(letter).is_some()
+        self.find(letter).is_some()
+    }
+
+    /// The last word of the block with this letter.
+    pub(crate) fn find(&self, letter: u8) -> Option<&'a Word> {
+        if self.letters & bit_of(letter) == 0 {
+            return None;
+        }
+        self.block.word(letter)
     }
 
     /// The word of an axis.
@@ -101,15 +110,23 @@ impl<'a> Given<'a> {
     /// The axes that the block names, and their values in the units of their words.
     pub(crate) fn axes(&self) -> Result<impl Iterator<Item = (usize, f64)> + use<>, NcError> {
         let mut values = [None; 9];
-        for (axis, value) in values.iter_mut().enumerate() {
-            *value = self.axis(axis)?;
-        }
+        self.each_axis(|axis, value| values[axis] = Some(value))?;
         Ok((0..9).filter_map(move |axis| Some((axis, values[axis]?))))
+    }
+
+    /// Does something with each axis that the block names, and its value in the unit of its word.
+    pub(crate) fn each_axis(&self, mut takes: impl FnMut(usize, f64)) -> Result<(), NcError> {
+        for axis in 0..9 {
+            if let Some(word) = self.word(axis) {
+                takes(axis, self.value_of(word)?);
+            }
+        }
+        Ok(())
     }
 
     /// The value of the word with a letter.
     pub(crate) fn letter(&self, letter: u8) -> Result<Option<f64>, NcError> {
-        let word = self.block.word(letter);
+        let word = self.find(letter);
         word.map(|word| self.value_of(word)).transpose()
     }
 
@@ -144,6 +161,11 @@ impl<'a> Given<'a> {
             what: what.to_owned(),
         }
     }
+}
+
+fn bit_of(letter: u8) -> u32 {
+    let place = letter.wrapping_sub(b'A').min(26);
+    1 << place
 }
 
 /// Whether the word of a centre is a place.

@@ -148,7 +148,13 @@ impl Interpreter {
     }
 
     /// Executes a block that was read; `line` is counted from 1.
-    pub(crate) fn execute(&mut self, block: &Block, line: usize) -> Result<Outcome, NcError> {
+    /// What it did goes into `outcome`, which is that of no block.
+    pub(crate) fn execute(
+        &mut self,
+        block: &Block,
+        line: usize,
+        outcome: &mut Outcome,
+    ) -> Result<(), NcError> {
         let mut codes = Codes::of(block).map_err(|refusal| refused(refusal, block, line))?;
         match codes.polar() {
             Some(160) => self.modal.polar = Some([None; 2]),
@@ -156,19 +162,16 @@ impl Interpreter {
             _ => {}
         }
         let given = Given::new(block, line, self.takes_polar(&codes))?;
-        let mut outcome = Outcome {
-            ends: codes.ends,
-            calls: codes.calls,
-            switches_radius: codes.radius().is_some(),
-            switches_polar: codes.polar().is_some(),
-            ..Outcome::default()
-        };
+        outcome.ends = codes.ends;
+        outcome.calls = codes.calls;
+        outcome.switches_radius = codes.radius().is_some();
+        outcome.switches_polar = codes.polar().is_some();
         self.switch(&codes, &given)?;
-        let mut uses_words = self.commands(&given, &mut outcome)?;
+        let mut uses_words = self.commands(&given, outcome)?;
         codes.in_machine |= outcome.in_machine;
-        uses_words |= self.not_modal(&codes, &given, &mut outcome)?;
+        uses_words |= self.not_modal(&codes, &given, outcome)?;
         if !uses_words && codes.calls.is_none() {
-            self.motion(&codes, &given, &mut outcome)?;
+            self.motion(&codes, &given, outcome)?;
         } else if let Some(motion) = codes.motion() {
             self.set_motion(motion);
         }
@@ -179,7 +182,7 @@ impl Interpreter {
                 Parameter::Numbered(number) => self.parameters.set_numbered(*number, value),
             }
         }
-        Ok(outcome)
+        Ok(())
     }
 
     /// What a block switches, besides its motion.
@@ -191,10 +194,10 @@ impl Interpreter {
             Some(950) => modal.feed_mode = FeedMode::PerRevolution,
             _ => {}
         }
-        if let Some(feed) = given.block.word(b'F') {
+        if let Some(feed) = given.find(b'F') {
             modal.feed = feed.value;
         }
-        if let Some(tool) = given.block.word(b'T').and_then(|tool| tool.value) {
+        if let Some(tool) = given.find(b'T').and_then(|tool| tool.value) {
             modal.tool = whole(tool, 99_999);
         }
         match codes.plane() {

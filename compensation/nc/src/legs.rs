@@ -57,23 +57,24 @@ impl Rewriter {
     /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
     /// ones follow, so that the tip is where it belongs.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Words {
+        let frame = &self.interpreter.frame;
         let correction = self.seen.at(&self.corrector, &leg.at);
-        let in_program =
-            |this: &Self, delta: &Axes| this.interpreter.frame.moved_in_program(&leg.at, delta);
-        let (delta, coupled) = (
-            correction.delta,
-            correction.is_coupled().then(|| correction.clone()),
-        );
         let mut words = Words {
             numbers: [None; 9],
-            delta: leg.rounded.unwrap_or_else(|| in_program(self, &delta)),
+            delta: [0.0; 9],
         };
-        if let Some(correction) = coupled {
+        if correction.is_coupled() {
+            words.delta = frame.others_moved_in_program(&leg.at, &correction.delta);
             self.numbers(leg, 3..6, &mut words, carried);
-            words.delta = in_program(self, &correction.with_rotary(carried));
+            let correction = self.seen.at(&self.corrector, &leg.at);
+            let delta = correction.with_rotary(carried);
+            words.delta = self.interpreter.frame.moved_in_program(&leg.at, &delta);
             self.numbers(leg, 0..3, &mut words, carried);
             self.numbers(leg, 6..9, &mut words, carried);
         } else {
+            let delta = &correction.delta;
+            let in_program = || frame.moved_in_program(&leg.at, delta);
+            words.delta = leg.rounded.unwrap_or_else(in_program);
             self.numbers(leg, 0..9, &mut words, carried);
         }
         words

@@ -159,9 +159,7 @@ impl Interpreter {
     ) -> Result<Axes, NcError> {
         if in_machine {
             let mut end = self.position;
-            for (axis, value) in given.axes()? {
-                end[axis] = value * self.modal.scale(axis);
-            }
+            given.each_axis(|axis, value| end[axis] = value * self.modal.scale(axis))?;
             return Ok(end);
         }
         let before = self.program_position();
@@ -170,14 +168,14 @@ impl Interpreter {
         if let Some(at) = polar {
             end[..2].copy_from_slice(&at);
         }
-        for (axis, value) in given.axes()? {
+        given.each_axis(|axis, value| {
             let value = value * self.modal.scale(axis);
             end[axis] = if incremental[axis] {
                 before[axis] + value
             } else {
                 value
             };
-        }
+        })?;
         let to = self.frame.to_machine(&end);
         // What is not named stays where it is, to the last digit, unless another axis takes it along.
         let words = &given.places;

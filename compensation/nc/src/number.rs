@@ -16,42 +16,42 @@ const EXACT_DIGITS: usize = 15;
 /// A number at the beginning of a text as programs usually have it: few digits without blanks between them. Its value, its decimals and
 /// its length; `None`: it is to be read character by character.
 pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
-    let first = *text.first()?;
-    let begin = usize::from(first == b'-' || first == b'+');
-    let mut mantissa = 0_i64;
-    let mut at = begin;
-    let mut digits = |at: &mut usize| {
-        while let Some(digit) = text.get(*at).map(|byte| byte.wrapping_sub(b'0'))
-            && digit <= 9
-        {
-            mantissa = mantissa.wrapping_mul(10).wrapping_add(i64::from(digit));
-            *at += 1;
-        }
+    let (first, behind) = text.split_first()?;
+    let mut rest = if matches!(first, b'-' | b'+') {
+        behind
+    } else {
+        text
     };
-    digits(&mut at);
-    let (mut count, mut decimals) = (at - begin, 0);
-    if text.get(at) == Some(&b'.') {
-        at += 1;
-        let point = at;
-        digits(&mut at);
-        decimals = at - point;
+    let mut mantissa = 0_i64;
+    let mut digits = |rest: &mut &[u8]| {
+        let before = rest.len();
+        while let [byte @ b'0'..=b'9', behind @ ..] = *rest {
+            mantissa = mantissa
+                .wrapping_mul(10)
+                .wrapping_add(i64::from(byte - b'0'));
+            *rest = behind;
+        }
+        before - rest.len()
+    };
+    let (mut count, mut decimals) = (digits(&mut rest), 0);
+    if let [b'.', behind @ ..] = rest {
+        rest = behind;
+        decimals = digits(&mut rest);
         count += decimals;
     }
     if count == 0 || count > EXACT_DIGITS {
         return None;
     }
-    if let Some(b' ' | b'\t') = text.get(at) {
-        let mut behind = text[at..]
-            .iter()
-            .filter(|byte| !matches!(byte, b' ' | b'\t'));
+    if let [b' ' | b'\t', ..] = rest {
+        let mut behind = rest.iter().filter(|byte| !matches!(byte, b' ' | b'\t'));
         if let Some(b'0'..=b'9' | b'.') = behind.next() {
             return None;
         }
     }
     let size = mantissa as f64 / POWERS[decimals];
-    let value = if first == b'-' { -size } else { size };
+    let value = if *first == b'-' { -size } else { size };
     // At most 15.
-    Some((value, decimals as u8, at))
+    Some((value, decimals as u8, text.len() - rest.len()))
 }
 
 /// Digits as they are read, one after the other.
@@ -136,31 +136,89 @@ pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
     steps as f64 / POWERS[usize::from(decimals.min(MOST_DECIMALS))]
 }
 
+/// The digits of the numbers from 0 to 99.
+const PAIRS: [[u8; 2]; 100] = {
+    let mut pairs = [[b'0'; 2]; 100];
+    let mut number = 0;
+    while number < pairs.len() {
+        pairs[number] = [b'0' + (number / 10) as u8, b'0' + (number % 10) as u8];
+        number += 1;
+    }
+    pairs
+};
+
 /// Appends so many steps of the last decimal as a number: without an exponent, with a point where there are decimals.
 pub(crate) fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
-    let mut digits = [b'0'; 24];
+    let decimals = decimals.min(MOST_DECIMALS);
+    // 19 digits, the point and the sign.
+    let mut digits = [0; 21];
     let (mut at, mut rest) = (digits.len(), steps.unsigned_abs());
-    let mut put = |byte: u8| {
+    let mut left = decimals;
+    while left >= 2 {
+        at -= 2;
+        digits[at..at + 2].copy_from_slice(&PAIRS[(rest % 100) as usize]);
+        rest /= 100;
+        left -= 2;
+    }
+    if left == 1 {
         at -= 1;
-        digits[at] = byte;
-    };
-    // A remainder of ten is below ten.
-    for _ in 0..decimals.min(MOST_DECIMALS) {
-        put(b'0' + (rest % 10) as u8);
+        digits[at] = b'0' + (rest % 10) as u8;
         rest /= 10;
     }
     if decimals > 0 {
-        put(b'.');
+        at -= 1;
+        digits[at] = b'.';
     }
-    loop {
-        put(b'0' + (rest % 10) as u8);
-        rest /= 10;
-        if rest == 0 {
-            break;
-        }
+    while rest >= 100 {
+        at -= 2;
+        digits[at..at + 2].copy_from_slice(&PAIRS[(rest % 100) as usize]);
+        rest /= 100;
+    }
+    if rest >= 10 {
+        at -= 2;
+        digits[at..at + 2].copy_from_slice(&PAIRS[rest as usize]);
+    } else {
+        at -= 1;
+        digits[at] = b'0' + rest as u8;
     }
     if steps < 0 {
-        put(b'-');
+        at -= 1;
+        digits[at] = b'-';
     }
     to.extend_from_slice(&digits[at..]);
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// Against the digits of the number as an integer, between which the point is put.
+    #[test]
+    fn steps_are_written_with_their_decimals() {
+        let mut draw = ChaCha8Rng::seed_from_u64(5);
+        let mut steps = vec![0, 1, -1, 9, 10, -10, 99, 100, 101, 999, 1000, -1000];
+        steps.extend([4_000_000_000_000_000, i64::MAX, i64::MIN, i64::MIN + 1]);
+        for _ in 0..20_000 {
+            let size = draw.random_range(0..62_u32);
+            steps.push(draw.random_range(-(1_i64 << size)..=1 << size));
+        }
+        for steps in steps {
+            for decimals in 0..=MOST_DECIMALS {
+                let mut found = Vec::new();
+                write_steps(&mut found, steps, decimals);
+                let width = usize::from(decimals) + 1;
+                let mut expected = format!("{:0width$}", steps.unsigned_abs());
+                if decimals > 0 {
+                    expected.insert(expected.len() + 1 - width, '.');
+                }
+                if steps < 0 {
+                    expected.insert(0, '-');
+                }
+                assert_eq!(found, expected.as_bytes(), "{steps} {decimals}");
+            }
+        }
+    }
 }

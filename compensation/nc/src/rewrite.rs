@@ -15,7 +15,7 @@ use crate::{
     edits::Edits,
     heidenhain::{block_number, renumber},
     hole::InRow,
-    interpret::Interpreter,
+    interpret::{Interpreter, Outcome},
     line::Line,
     motion::{Move, Path},
     notes::Note,
@@ -111,8 +111,11 @@ pub(crate) struct Rewriter {
     pub(crate) shares: Option<Vec<f64>>,
     /// Who is told of each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
-    pub(crate) block: Block,
+    /// The line that was read last; `None` while it is looked at.
+    block: Option<Box<Block>>,
     pub(crate) edits: Edits,
+    /// Where the parts of a motion end, used for all motions.
+    parts: Vec<f64>,
 }
 
 impl Rewriter {
@@ -147,8 +150,9 @@ impl Rewriter {
             counts: Counts::default(),
             shares: None,
             tells: None,
-            block: Block::default(),
+            block: None,
             edits: Edits::default(),
+            parts: Vec::new(),
         })
     }
 
@@ -159,7 +163,8 @@ impl Rewriter {
 
     /// Whether the line that was read last is a percent sign.
     pub(crate) fn is_percent(&self) -> bool {
-        self.block.begins == Begins::Percent
+        let block = self.block.as_ref();
+        block.is_some_and(|block| block.begins == Begins::Percent)
     }
 
     /// Reads a line without its end (`number` counts from 1), and appends what is to be written instead, whose lines are separated by
@@ -172,7 +177,7 @@ impl Rewriter {
         out: &mut Vec<u8>,
     ) -> Result<bool, NcError> {
         self.counts.lines += 1;
-        let mut block = std::mem::take(&mut self.block);
+        let mut block = self.block.take().unwrap_or_default();
         if !end.is_empty() {
             self.crlf = end.len() == 2;
         }
@@ -183,9 +188,8 @@ impl Rewriter {
                 let reads_correction =
                     self.carries(&reads.axes) || self.computed != Computed::Kept && reads.returned;
                 self.comma = block.comma.unwrap_or(self.comma);
-                let block = &block;
                 let line = Line {
-                    block,
+                    block: &block,
                     text,
                     more: if self.crlf { b"\r\n" } else { b"\n" },
                     number,
@@ -203,7 +207,7 @@ impl Rewriter {
         {
             renumber(out, begins, place.start, number + added);
         }
-        self.block = block;
+        self.block = Some(block);
         ends
     }
 
@@ -225,7 +229,9 @@ impl Rewriter {
         reads_correction: bool,
         out: &mut Vec<u8>,
     ) -> Result<bool, NcError> {
-        let outcome = self.interpreter.execute(line.block, line.number)?;
+        let mut outcome = Outcome::default();
+        self.interpreter
+            .execute(line.block, line.number, &mut outcome)?;
         if outcome.calls.is_some() {
             return Err(NcError::NotCompensated {
                 line: line.number,
@@ -383,11 +389,15 @@ impl Rewriter {
             Path::Other | Path::Home(_) => self.is_uncorrected(motion),
             Path::Rapid => {
                 self.turns = self.turns_of(motion);
-                self.straight(motion, &[1.0], line, out);
+                self.straight(motion, &self.ends_of(motion), &[1.0], line, out);
             }
             Path::Line => {
-                let parts = self.parts(motion);
-                self.straight(motion, &parts, line, out);
+                let ends = self.ends_of(motion);
+                let mut parts = std::mem::take(&mut self.parts);
+                parts.clear();
+                self.parts(motion, &ends, &mut parts);
+                self.straight(motion, &ends, &parts, line, out);
+                self.parts = parts;
             }
             Path::Arc(arc) => self.arc(motion, &arc, line, out)?,
             Path::Hole {
@@ -405,19 +415,17 @@ impl Rewriter {
     /// Notes axes that the machine lacks or that leave their travel.
     pub(crate) fn note_axes(&mut self, motion: &Move, line: Line<'_>) {
         let has_tip = self.interpreter.frame.tip.is_some();
-        for axis in 0..9 {
-            let letter = char::from(LETTERS[axis]);
-            if !self.corrector.has(axis) {
-                if line.word(motion.words[axis]).is_some() {
-                    let note = Note::NoAxis(letter);
-                    self.interpreter.notes.add(note, line.number);
-                }
-                continue;
+        for (axis, place) in motion.words.iter().enumerate() {
+            if place.is_some() && !self.corrector.has(axis) && line.word(*place).is_some() {
+                let note = Note::NoAxis(char::from(LETTERS[axis]));
+                self.interpreter.notes.add(note, line.number);
             }
+        }
+        for axis in self.corrector.axes() {
             let moves = motion.words[axis].is_some() || axis < 3 && has_tip;
             let is_outside = !self.corrector.is_within_travel(axis, motion.to[axis]);
             if moves && self.interpreter.known[axis] && is_outside {
-                let note = Note::OutsideTravel(letter);
+                let note = Note::OutsideTravel(char::from(LETTERS[axis]));
                 self.interpreter.notes.add(note, line.number);
             }
         }
@@ -479,14 +487,16 @@ impl Rewriter {
         frame.moved_in_program(&machine, &self.corrector.at(&machine).delta)
     }
 
+    /// Where a motion begins and ends, in the coordinates of the program.
+    pub(crate) fn ends_of(&self, motion: &Move) -> [Axes; 2] {
+        let frame = &self.interpreter.frame;
+        [&motion.from, &motion.to].map(|at| frame.to_program(at))
+    }
+
     /// How far the axes are from their straight way where the centre point of the tool goes straight between two places of the
     /// program, mm.
     pub(crate) fn bulge_mm(&self, from: &Axes, to: &Axes) -> f64 {
-        let Some(tip) = &self.interpreter.frame.tip else {
-            return 0.0;
-        };
-        let turned = tip.tip().turned(from, to);
-        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
-        self.corrector.bulge_mm(turned, way.sqrt())
+        self.corrector
+            .bulge_in_frame_mm(&self.interpreter.frame, from, to)
     }
 }

@@ -23,13 +23,13 @@ impl Rewriter {
     /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1. A first part that
     /// ends at 0 takes up what the axes lack of the correction where the line begins; a second part that ends at the same place
     /// takes up the play of an axis that turns there.
-    pub(crate) fn parts(&mut self, motion: &Move) -> Vec<f64> {
-        let mut parts = Vec::new();
+    /// `at_ends` are its ends in the coordinates of the program.
+    pub(crate) fn parts(&mut self, motion: &Move, at_ends: &[Axes; 2], parts: &mut Vec<f64>) {
         self.turns = self.turns_of(motion);
-        let is_known = (0..9).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis));
+        let is_known = (self.corrector.axes()).all(|axis| self.interpreter.known[axis]);
         if !is_known || self.contour == Contour::Switches {
             parts.push(1.0);
-            return parts;
+            return;
         }
         let sides = self.corrector.sides();
         let (mut begins, mut next) = (0.0, 0);
@@ -40,14 +40,13 @@ impl Rewriter {
         while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share)
             && self.contour == Contour::None
         {
-            self.split(motion, [begins, ends], &mut parts);
+            self.split(motion, at_ends, [begins, ends], parts);
             self.turn_up_to(&mut next, ends);
             parts.push(ends);
             begins = ends;
         }
-        self.split(motion, [begins, 1.0], &mut parts);
+        self.split(motion, at_ends, [begins, 1.0], parts);
         self.corrector.put_back(sides);
-        parts
     }
 
     /// The axes turn that turn up to this share of the motion, from the next turn on. Whether there is any.
@@ -121,27 +120,37 @@ impl Rewriter {
     }
 
     /// Appends the parts between two shares of a straight motion.
-    fn split(&mut self, motion: &Move, [begins, ends]: [f64; 2], parts: &mut Vec<f64>) {
-        let mut seen = std::mem::take(&mut self.seen);
-        let frame = &self.interpreter.frame;
-        let (from, to) = (frame.to_program(&motion.from), frame.to_program(&motion.to));
-        let mut is_straight = |[first, last]: [f64; 2]| {
-            let ends = [first, last].map(|share| between(&from, &to, share));
-            let place = |share: f64, at: &Axes| match share {
-                0.0 => motion.from,
-                1.0 => motion.to,
-                _ => frame.to_machine(at),
-            };
-            let (start, end) = (place(first, &ends[0]), place(last, &ends[1]));
-            let bulge_mm = self.bulge_mm(&ends[0], &ends[1]);
+    fn split(
+        &mut self,
+        motion: &Move,
+        [from, to]: &[Axes; 2],
+        [begins, ends]: [f64; 2],
+        parts: &mut Vec<f64>,
+    ) {
+        let (frame, corrector) = (&self.interpreter.frame, &self.corrector);
+        let seen = &mut self.seen;
+        let mut is_straight = |shares: [f64; 2]| {
+            let (start, end, bulge_mm);
+            if shares == [0.0, 1.0] {
+                (start, end) = (motion.from, motion.to);
+                bulge_mm = corrector.bulge_in_frame_mm(frame, from, to);
+            } else {
+                let ends = shares.map(|share| between(from, to, share));
+                let place = |share: f64, at: &Axes| match share {
+                    0.0 => motion.from,
+                    1.0 => motion.to,
+                    _ => frame.to_machine(at),
+                };
+                (start, end) = (place(shares[0], &ends[0]), place(shares[1], &ends[1]));
+                bulge_mm = corrector.bulge_in_frame_mm(frame, &ends[0], &ends[1]);
+            }
             // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
             let coupled_mm = if frame.tip.is_some() {
                 0.0
             } else {
-                self.corrector.coupled_mm(&mut seen, &start, &end)
+                corrector.coupled_mm(seen, &start, &end)
             };
-            self.corrector
-                .is_straight(&start, &end, bulge_mm, coupled_mm)
+            corrector.is_straight(&start, &end, bulge_mm, coupled_mm)
         };
         let halves = |[from, to]: [f64; 2]| {
             let middle = 0.5 * (from + to);
@@ -161,7 +170,6 @@ impl Rewriter {
                 }
             }
         }
-        self.seen = seen;
     }
 
     /// Whether the axes stand further from where a motion is to begin than they may: where an axis `turns`, than words round, since
@@ -188,17 +196,17 @@ impl Rewriter {
         squared.sqrt() > self.corrector.split_beyond_mm() + self.step_mm()
     }
 
-    /// A straight motion in parts.
+    /// A straight motion in parts, whose ends are these in the coordinates of the program.
     pub(crate) fn straight(
         &mut self,
         motion: &Move,
+        &[from, end]: &[Axes; 2],
         parts: &[f64],
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
         let frame = &self.interpreter.frame;
         let splits = parts.len() > 1;
-        let [from, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
         let mut next = 0;

@@ -110,9 +110,7 @@ impl Tooled {
         let follow = (!rotary.is_empty()).then(|| {
             std::array::from_fn(|rotary| match places.of_axis(3 + rotary) {
                 // For each rad as the model has it, for each deg here; only linear axes follow.
-                Some(place) => places
-                    .axes(&parts.follow[place])
-                    .map(|mm| mm * 1.0_f64.to_radians()),
+                Some(place) => places.linear_axes(&parts.follow[place], 1.0_f64.to_radians()),
                 None => [0.0; 9],
             })
         });
