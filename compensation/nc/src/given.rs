@@ -45,18 +45,16 @@ impl<'a> Given<'a> {
             }
             // Each of the two may stand once.
             let bit = of_polar.map_or_else(|| bit_of(letter), |of| 1 << (27 + of));
-            if letter.is_ascii_uppercase() && letter != b'G' && letter != b'M' || of_polar.is_some()
-            {
-                if seen & bit != 0 {
-                    let name = char::from(letter).to_string();
-                    return Err(NcError::Block {
-                        line,
-                        fault: Fault::Twice {
-                            found: name.clone(),
-                            other: name,
-                        },
-                    });
-                }
+            let stands_once = letter.is_ascii_uppercase() && letter != b'G' && letter != b'M';
+            if (stands_once || of_polar.is_some()) && seen & bit != 0 {
+                let name = char::from(letter).to_string();
+                return Err(NcError::Block {
+                    line,
+                    fault: Fault::Twice {
+                        found: name.clone(),
+                        other: name,
+                    },
+                });
             }
             seen |= bit | bit_of(letter);
         }
