@@ -8,6 +8,15 @@ use crate::system::System;
 /// When no group's effective number of coefficients changes by more, the weights are found.
 const CONVERGED: f64 = 0.01;
 const MOST_STEPS: usize = 100;
+/// A group of so few coefficients cannot show how large its coefficients are in general: one of them is always followed as the observations
+/// have it, so that nothing is drawn to zero by an estimate of the size that happens to be zero. In larger groups it is a share of one.
+const OWN: f64 = 2.0;
+/// For the uncertainties the coefficients may be as large as what was found and so many variances of it: twice the standard uncertainty.
+/// Where the observations hardly tell of a size, its penalty says nothing then, and the uncertainty is that of no penalty.
+const SIZE_WITHIN: f64 = 4.0;
+/// The weights for the uncertainties change by less than this, in the logarithm, when they are found.
+const FOUND: f64 = 0.05;
+const MOST_WEAKER: usize = 30;
 
 /// The penalties of the kept parameters.
 #[derive(Clone, Debug)]
@@ -24,7 +33,7 @@ pub(crate) struct Penalty {
 /// A penalised step.
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
-    /// Scaled by the variance of what is left.
+    /// Scaled by the variance of what is left, with the weakest weights that the observations do not contradict.
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) variance: f64,
     pub(crate) degrees: f64,
@@ -42,37 +51,83 @@ impl Penalty {
     }
 }
 
-/// Chooses the weights for columns of unit length (`scale` made them so) and takes the step from the values `now`.
-pub(crate) fn choose(
-    jacobian: &DMatrix<f64>,
-    residuals: &DVector<f64>,
-    scale: &DVector<f64>,
-    now: &DVector<f64>,
-    penalty: &mut Penalty,
-) -> Option<Chosen> {
-    let count = jacobian.ncols();
-    let normal = jacobian.transpose() * jacobian;
-    let right = -(jacobian.transpose() * residuals);
-    let now = now.component_div(scale);
-    // Weight of each coefficient in the units of its scaled column.
-    let weights: Vec<f64> = penalty
-        .members
-        .iter()
-        .zip(scale)
-        .map(|(member, scale)| member.map_or(0.0, |(_, weight)| weight * scale * scale))
-        .collect();
-    let mut ranks = vec![0.0; penalty.groups];
-    let mut means = vec![0.0; penalty.groups];
-    for (member, weight) in penalty.members.iter().zip(&weights) {
-        if let Some((group, _)) = member {
-            ranks[*group] += 1.0;
-            means[*group] += weight;
+/// The equations of a step with columns of unit length, and the weight of each coefficient in these.
+struct Penalised<'a> {
+    normal: DMatrix<f64>,
+    right: DVector<f64>,
+    now: DVector<f64>,
+    weights: Vec<f64>,
+    members: &'a [Option<(usize, f64)>],
+    /// How many coefficients each group has.
+    ranks: Vec<f64>,
+    equations: f64,
+    square: f64,
+}
+
+/// What a step is with some weights.
+struct At {
+    step: DVector<f64>,
+    inverse: DMatrix<f64>,
+    /// By group: the effective number of its coefficients, the weighted sum of their squares, and that of their sampling variances.
+    used: Vec<f64>,
+    sizes: Vec<f64>,
+    scatter: Vec<f64>,
+    degrees: f64,
+    variance: f64,
+}
+
+impl Penalised<'_> {
+    fn at(&self, log_lambda: &[f64]) -> Option<At> {
+        let groups = self.ranks.len();
+        let lambda = |place: usize| {
+            self.members[place].map_or(0.0, |(group, _)| {
+                log_lambda[group].exp() * self.weights[place]
+            })
+        };
+        let count = self.members.len();
+        let diagonal = DVector::from_fn(count, |place, _| lambda(place));
+        let mut matrix = self.normal.clone();
+        for place in 0..count {
+            matrix[(place, place)] += diagonal[place];
         }
+        let factor = matrix.cholesky()?;
+        let step = factor.solve(&(&self.right - diagonal.component_mul(&self.now)));
+        let mut of = At {
+            inverse: factor.inverse(),
+            used: vec![0.0; groups],
+            sizes: vec![0.0; groups],
+            scatter: vec![0.0; groups],
+            degrees: count as f64,
+            variance: 0.0,
+            step,
+        };
+        for (place, member) in self.members.iter().enumerate() {
+            let Some((group, _)) = member else { continue };
+            let own = of.inverse[(place, place)];
+            let shrunk = own * diagonal[place];
+            let found = self.now[place] + of.step[place];
+            of.used[*group] += 1.0 - shrunk;
+            of.degrees -= shrunk;
+            of.sizes[*group] += self.weights[place] * found * found;
+            of.scatter[*group] += self.weights[place] * own * (1.0 - shrunk);
+        }
+        // ‖r + Jx‖² = ‖r‖² − 2 rightᵀx + xᵀNx
+        let step = &of.step;
+        let left = self.square - 2.0 * self.right.dot(step) + step.dot(&(&self.normal * step));
+        of.variance = (left / (self.equations - of.degrees).max(1.0)).max(1e-30);
+        Some(of)
     }
-    let mut log_lambda = penalty.log_lambda.clone().unwrap_or_else(|| {
-        // Begins where a penalty and the observations weigh about the same.
-        let starts = means.iter().zip(&ranks);
-        starts
+
+    /// Where a penalty and the observations weigh about the same.
+    fn balanced(&self) -> Vec<f64> {
+        let mut means = vec![0.0; self.ranks.len()];
+        for (member, weight) in self.members.iter().zip(&self.weights) {
+            if let Some((group, _)) = member {
+                means[*group] += weight;
+            }
+        }
+        let groups = means.iter().zip(&self.ranks);
+        groups
             .map(|(mean, rank)| {
                 if *mean > 0.0 {
                     (0.1 * rank / mean).ln()
@@ -81,59 +136,99 @@ pub(crate) fn choose(
                 }
             })
             .collect()
-    });
-    let equations = residuals.len() as f64;
-    let square = residuals.norm_squared();
+    }
+
+    /// The covariance with weights at which the coefficients may be as large as they can be beside what was found. Those of the step
+    /// itself are the most probable ones, but uncertain themselves: with them a curve that was drawn to zero would be zero for certain.
+    fn covariance(&self, chosen: &At, log_lambda: &[f64]) -> DMatrix<f64> {
+        let starts = self.balanced().into_iter().zip(log_lambda);
+        let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();
+        let mut covariance = &chosen.inverse * chosen.variance;
+        for _ in 0..MOST_WEAKER {
+            let Some(there) = self.at(&weaker) else { break };
+            covariance = there.inverse * chosen.variance;
+            let mut change = 0.0_f64;
+            for (group, rank) in self.ranks.iter().enumerate() {
+                if *rank == 0.0 {
+                    continue;
+                }
+                let size =
+                    chosen.sizes[group] + SIZE_WITHIN * chosen.variance * there.scatter[group];
+                let wanted = chosen.variance * there.used[group].max(1e-12) / size.max(1e-300);
+                let wanted = wanted.ln().min(log_lambda[group]).max(-60.0);
+                change = change.max((wanted - weaker[group]).abs());
+                weaker[group] = wanted;
+            }
+            if change < FOUND {
+                break;
+            }
+        }
+        covariance
+    }
+}
+
+/// Chooses the weights for columns of unit length (`scale` made them so) and takes the step from the values `now`.
+pub(crate) fn choose(
+    jacobian: &DMatrix<f64>,
+    residuals: &DVector<f64>,
+    scale: &DVector<f64>,
+    now: &DVector<f64>,
+    penalty: &mut Penalty,
+) -> Option<Chosen> {
+    let members = penalty.members.clone();
+    let mut ranks = vec![0.0; penalty.groups];
+    for (group, _) in members.iter().flatten() {
+        ranks[*group] += 1.0;
+    }
+    let equations = Penalised {
+        normal: jacobian.transpose() * jacobian,
+        right: -(jacobian.transpose() * residuals),
+        now: now.component_div(scale),
+        // Weight of each coefficient in the units of its scaled column.
+        weights: members
+            .iter()
+            .zip(scale)
+            .map(|(member, scale)| member.map_or(0.0, |(_, weight)| weight * scale * scale))
+            .collect(),
+        members: &members,
+        ranks,
+        equations: residuals.len() as f64,
+        square: residuals.norm_squared(),
+    };
+    let mut log_lambda = penalty
+        .log_lambda
+        .clone()
+        .unwrap_or_else(|| equations.balanced());
     let mut before = vec![f64::INFINITY; penalty.groups];
     let most = if penalty.held { 1 } else { MOST_STEPS };
     for attempt in 0..most {
-        let lambda = |place: usize| {
-            penalty.members[place]
-                .map_or(0.0, |(group, _)| log_lambda[group].exp() * weights[place])
-        };
-        let diagonal = DVector::from_fn(count, |place, _| lambda(place));
-        let mut matrix = normal.clone();
-        for place in 0..count {
-            matrix[(place, place)] += diagonal[place];
-        }
-        let factor = matrix.cholesky()?;
-        let step = factor.solve(&(&right - diagonal.component_mul(&now)));
-        let inverse = factor.inverse();
-        let found = &now + &step;
-        let mut used = vec![0.0; penalty.groups];
-        let mut sizes = vec![0.0; penalty.groups];
-        let mut degrees = count as f64;
-        for (place, member) in penalty.members.iter().enumerate() {
-            let Some((group, _)) = member else { continue };
-            let shrunk = inverse[(place, place)] * diagonal[place];
-            used[*group] += 1.0 - shrunk;
-            degrees -= shrunk;
-            sizes[*group] += weights[place] * found[place] * found[place];
-        }
-        // ‖r + Jx‖² = ‖r‖² − 2 rightᵀx + xᵀNx
-        let left = square - 2.0 * right.dot(&step) + step.dot(&(&normal * &step));
-        let variance = (left / (equations - degrees).max(1.0)).max(1e-30);
-        let change = used.iter().zip(&before).map(|(a, b)| (a - b).abs());
+        let of = equations.at(&log_lambda)?;
+        let change = of.used.iter().zip(&before).map(|(a, b)| (a - b).abs());
         let change = change.fold(0.0, f64::max);
         if change < CONVERGED || attempt + 1 == most {
             tracing::debug!(
-                "penalties chosen in {attempt} steps, {degrees:.1} of {count} coefficients, variance {variance:.3}"
+                "penalties chosen in {attempt} steps, {:.1} of {} coefficients, variance {:.3}",
+                of.degrees,
+                members.len(),
+                of.variance
             );
+            let covariance = equations.covariance(&of, &log_lambda);
             penalty.log_lambda = Some(log_lambda);
             return Some(Chosen {
-                step,
-                covariance: inverse * variance,
-                variance,
-                degrees,
+                step: of.step,
+                covariance,
+                variance: of.variance,
+                degrees: of.degrees,
             });
         }
-        before.clone_from(&used);
-        for group in 0..penalty.groups {
-            if ranks[group] == 0.0 {
+        before.clone_from(&of.used);
+        for (group, rank) in equations.ranks.iter().enumerate() {
+            if *rank == 0.0 {
                 continue;
             }
             let now = log_lambda[group].exp();
-            let wanted = variance * used[group].max(1e-12) / sizes[group].max(1e-300);
+            let used = of.used[group] - (OWN / rank).min(1.0);
+            let wanted = of.variance * used.max(1e-12) / of.sizes[group].max(1e-300);
             // The fixed point creeps where a curve wants to be straight: a longer step in the logarithm.
             let ratio = (1.6 * (wanted / now).ln()).clamp(-6.0, 6.0);
             log_lambda[group] = (log_lambda[group] + ratio).clamp(-60.0, 60.0);

@@ -15,5 +15,6 @@ mod penalised;
 mod products;
 mod reader;
 mod run_out;
+mod shrunk;
 mod simulated;
 mod types;
