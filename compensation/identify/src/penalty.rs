@@ -27,13 +27,15 @@ pub(crate) struct Penalty {
     pub(crate) log_lambda: Option<Vec<f64>>,
     /// Whether the weights are no longer changed.
     pub(crate) held: bool,
+    /// Whether the covariance is asked for that counts how uncertain the weights are, not that of a step on the way.
+    pub(crate) ends: bool,
     groups: usize,
 }
 
 /// A penalised step.
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
-    /// Scaled by the variance of what is left, with the weakest weights that the observations do not contradict.
+    /// Scaled by the variance of what is left; at the end with the weakest weights that the observations do not contradict.
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) variance: f64,
     pub(crate) degrees: f64,
@@ -46,6 +48,7 @@ impl Penalty {
             members: kept.iter().map(|&column| system.group(column)).collect(),
             log_lambda: None,
             held: false,
+            ends: false,
             groups: system.groups,
         }
     }
@@ -212,7 +215,11 @@ pub(crate) fn choose(
                 members.len(),
                 of.variance
             );
-            let covariance = equations.covariance(&of, &log_lambda);
+            let covariance = if penalty.ends {
+                equations.covariance(&of, &log_lambda)
+            } else {
+                &of.inverse * of.variance
+            };
             penalty.log_lambda = Some(log_lambda);
             return Some(Chosen {
                 step: of.step,

@@ -125,6 +125,12 @@ pub(crate) fn solve(
         let step = search.step(&equations, &values, &mut penalty)?;
         last = step.largest();
         if last < wanted {
+            penalty.ends = true;
+            let step = if penalised {
+                search.step(&equations, &values, &mut penalty)?
+            } else {
+                step
+            };
             return Ok(Solution::at(values, &equations, step, search));
         }
         // Halved while it makes things worse: far from the end the equations are not yet straight.
@@ -146,6 +152,7 @@ pub(crate) fn solve(
     }
     // With more digits than the numbers have the last steps are rounding.
     if last < 1e-5 || exactness == Exactness::Rough {
+        penalty.ends = true;
         let step = search.step(&equations, &values, &mut penalty)?;
         return Ok(Solution::at(values, &equations, step, search));
     }
