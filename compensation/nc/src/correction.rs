@@ -331,6 +331,24 @@ impl Corrector {
         (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
     }
 
+    /// Whether a straight line in a frame may be written as one: `ends` are those of the axes, `in_program` those of the program.
+    pub(crate) fn is_straight_in(
+        &self,
+        frame: &Frame,
+        seen: &mut Seen,
+        [from, to]: [&Axes; 2],
+        in_program: [&Axes; 2],
+    ) -> bool {
+        let bulge_mm = self.bulge_in_frame_mm(frame, in_program[0], in_program[1]);
+        // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
+        let coupled_mm = if frame.tip.is_some() {
+            0.0
+        } else {
+            self.coupled_mm(seen, from, to)
+        };
+        self.is_straight(from, to, bulge_mm, coupled_mm)
+    }
+
     /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
     /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
     /// way, `coupled_mm` what rotary corrections add ([`coupled_mm`](Self::coupled_mm)).

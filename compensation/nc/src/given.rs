@@ -9,7 +9,7 @@ use crate::{
 };
 
 /// Larger numbers are no coordinates of a machine tool, and lose their decimals.
-const LARGEST: f64 = 1e9;
+pub(crate) const LARGEST: f64 = 1e9;
 
 /// The words of a block that is executed.
 #[derive(Clone, Copy, Debug)]

@@ -52,41 +52,73 @@ pub(crate) struct Words {
     pub(crate) delta: Axes,
 }
 
+/// One axis on a motion or a part of it, in the coordinates of the program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisWay {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// The correction that belongs to its end, and the one that it has before.
+    pub(crate) delta: f64,
+    pub(crate) carried: f64,
+    pub(crate) incremental: bool,
+    pub(crate) manner: Manner,
+    /// It ends with the correction that it has, whatever belongs to the end.
+    pub(crate) keeps: bool,
+    /// `None`: no word stands there.
+    pub(crate) written: Option<Written>,
+}
+
 impl Rewriter {
     /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
     /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
     /// ones follow, so that the tip is where it belongs.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Words {
-        let frame = &self.interpreter.frame;
-        let correction = self.seen.at(&self.corrector, &leg.at);
-        let mut words = Words {
-            numbers: [None; 9],
-            delta: [0.0; 9],
-        };
-        if correction.is_coupled() {
-            words.delta = frame.others_moved_in_program(&leg.at, &correction.delta);
-            self.numbers(leg, 3..6, &mut words, carried);
-            let correction = self.seen.at(&self.corrector, &leg.at);
-            let delta = correction.with_rotary(carried);
-            words.delta = self.interpreter.frame.moved_in_program(&leg.at, &delta);
-            self.numbers(leg, 0..3, &mut words, carried);
-            self.numbers(leg, 6..9, &mut words, carried);
-        } else {
-            let delta = &correction.delta;
-            let in_program = || frame.moved_in_program(&leg.at, delta);
-            words.delta = leg.rounded.unwrap_or_else(in_program);
-            self.numbers(leg, 0..9, &mut words, carried);
-        }
-        words
+        let mut numbers = [None; 9];
+        let delta = self.words_at(
+            &leg.at,
+            leg.rounded,
+            carried,
+            |this, axes, delta, carried| {
+                this.numbers(leg, axes, delta, carried, &mut numbers);
+            },
+        );
+        Words { numbers, delta }
     }
 
-    /// The numbers of some axes, for the correction that `words` has.
+    /// The same for the correction of a place, `rounded` or as it is: `numbers` makes the words of some axes with the correction that belongs
+    /// to them. The correction of the linear axes at the end.
+    pub(crate) fn words_at(
+        &mut self,
+        at: &Axes,
+        rounded: Option<Axes>,
+        carried: &mut Axes,
+        mut numbers: impl FnMut(&mut Self, Range<usize>, &Axes, &mut Axes),
+    ) -> Axes {
+        let frame = &self.interpreter.frame;
+        let correction = self.seen.at(&self.corrector, at);
+        if correction.is_coupled() {
+            let delta = frame.others_moved_in_program(at, &correction.delta);
+            numbers(self, 3..6, &delta, carried);
+            let correction = self.seen.at(&self.corrector, at).with_rotary(carried);
+            let delta = self.interpreter.frame.moved_in_program(at, &correction);
+            numbers(self, 0..3, &delta, carried);
+            numbers(self, 6..9, &delta, carried);
+            return delta;
+        }
+        let delta = &correction.delta;
+        let delta = rounded.unwrap_or_else(|| frame.moved_in_program(at, delta));
+        numbers(self, 0..9, &delta, carried);
+        delta
+    }
+
+    /// The numbers of some axes, for this correction.
     fn numbers(
         &mut self,
         leg: &Leg<'_>,
         axes: Range<usize>,
-        words: &mut Words,
+        delta: &Axes,
         carried: &mut Axes,
+        numbers: &mut Axes<Option<Number>>,
     ) {
         for axis in axes {
             let word = leg.line.word(leg.motion.words[axis]);
@@ -105,52 +137,53 @@ impl Rewriter {
                     anew: true,
                 }),
             };
-            let way = self.on_its_way(axis, leg, words.delta[axis], carried[axis], written);
-            (words.numbers[axis], carried[axis]) = way.word();
+            let way = AxisWay {
+                from: leg.from[axis],
+                to: leg.to[axis],
+                delta: delta[axis],
+                carried: carried[axis],
+                incremental: leg.motion.incremental[axis],
+                manner: leg.line.manner(leg.motion.words[axis]),
+                keeps: leg.keeps[axis],
+                written,
+            };
+            let way = self.on_its_way(axis, &way, leg.line.number);
+            (numbers[axis], carried[axis]) = way.word();
         }
     }
 
     /// One axis on its way, with the correction that belongs to its end and the one that it has before.
-    fn on_its_way(
-        &mut self,
-        axis: usize,
-        leg: &Leg<'_>,
-        delta: f64,
-        carried: f64,
-        written: Option<Written>,
-    ) -> OnItsWay {
+    pub(crate) fn on_its_way(&mut self, axis: usize, way: &AxisWay, line: usize) -> OnItsWay {
         let modal = &self.interpreter.modal;
         let decimals = self.decimals.of(axis, modal.unit_mm);
-        let incremental = leg.motion.incremental[axis];
-        let manner = leg.line.manner(leg.motion.words[axis]);
         let known = self.interpreter.known[axis];
         let corrects = self.corrects(axis);
         let mut delta = match corrects {
-            true if leg.keeps[axis] => carried,
-            true => delta,
+            true if way.keeps => way.carried,
+            true => way.delta,
             false => 0.0,
         };
         if !known || !self.corrector.has(axis) {
             if self.corrector.has(axis) && delta.abs() >= 0.5 * of_steps(1, decimals) {
                 let note = Note::LeftOut(char::from(LETTERS[axis]));
-                self.interpreter.notes.add(note, leg.line.number);
+                self.interpreter.notes.add(note, line);
             }
-            delta = if incremental || written.is_none() {
-                carried
+            delta = if way.incremental || way.written.is_none() {
+                way.carried
             } else {
                 0.0
             };
         }
         OnItsWay {
-            from: leg.from[axis],
-            to: leg.to[axis],
+            from: way.from,
+            to: way.to,
             delta,
-            carried,
+            carried: way.carried,
             scale: modal.scale(axis),
             decimals,
-            incremental,
-            in_one_turn: manner == Manner::Shortest,
-            written,
+            incremental: way.incremental,
+            in_one_turn: way.manner == Manner::Shortest,
+            written: way.written,
             may_be_added: known && corrects,
         }
     }

@@ -60,6 +60,7 @@ mod subroutines;
 mod tip;
 mod tooled;
 mod turns;
+mod usual;
 mod vector;
 mod verify;
 mod words;

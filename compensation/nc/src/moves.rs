@@ -176,19 +176,27 @@ impl Interpreter {
                 value
             };
         })?;
-        let to = self.frame.to_machine(&end);
-        // What is not named stays where it is, to the last digit, unless another axis takes it along.
-        let words = &given.places;
-        let turns = self.frame.rotation_deg != 0.0 && (words[0].is_some() || words[1].is_some());
-        Ok(std::array::from_fn(|axis| {
-            let goes_along =
-                axis < 2 && (turns || polar.is_some()) || axis < 3 && self.frame.tip.is_some();
-            if words[axis].is_some() || goes_along {
+        Ok(self.reached(&end, |axis| given.places[axis].is_some(), polar.is_some()))
+    }
+
+    /// Where words lead whose end this is in the coordinates of the program: what is not named stays where it is, to the last digit, unless
+    /// another axis takes it along.
+    pub(crate) fn reached(
+        &self,
+        end: &Axes,
+        is_named: impl Fn(usize) -> bool,
+        polar: bool,
+    ) -> Axes {
+        let to = self.frame.to_machine(end);
+        let turns = self.frame.rotation_deg != 0.0 && (is_named(0) || is_named(1));
+        each(|axis| {
+            let goes_along = axis < 2 && (turns || polar) || axis < 3 && self.frame.tip.is_some();
+            if is_named(axis) || goes_along {
                 to[axis]
             } else {
                 self.position[axis]
             }
-        }))
+        })
     }
 
     /// The arc of a block that ends at `end`.

@@ -189,6 +189,10 @@ impl Stream {
             rewriter.after_end(text, written);
             return Ok(Next::Line);
         }
+        if rewriter.usual(line, written).is_some() {
+            written.extend_from_slice(end);
+            return Ok(Next::Line);
+        }
         if let Some(column) = memchr(0, line) {
             return Err(NcError::Binary {
                 line: self.number,

@@ -30,7 +30,7 @@ use crate::{
 };
 
 /// Some controls take no longer lines: LinuxCNC with the end of the line 256 characters.
-const LONGEST: usize = 254;
+pub(crate) const LONGEST: usize = 254;
 
 /// What was done to a program so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -112,7 +112,7 @@ pub(crate) struct Rewriter {
     /// Who is told of each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
     /// The line that was read last; `None` while it is looked at.
-    block: Option<Box<Block>>,
+    pub(crate) block: Option<Box<Block>>,
     pub(crate) edits: Edits,
     /// Where the parts of a motion end, used for all motions.
     parts: Vec<f64>,

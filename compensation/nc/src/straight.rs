@@ -130,27 +130,18 @@ impl Rewriter {
         let (frame, corrector) = (&self.interpreter.frame, &self.corrector);
         let seen = &mut self.seen;
         let mut is_straight = |shares: [f64; 2]| {
-            let (start, end, bulge_mm);
             if shares == [0.0, 1.0] {
-                (start, end) = (motion.from, motion.to);
-                bulge_mm = corrector.bulge_in_frame_mm(frame, from, to);
-            } else {
-                let ends = shares.map(|share| between(from, to, share));
-                let place = |share: f64, at: &Axes| match share {
-                    0.0 => motion.from,
-                    1.0 => motion.to,
-                    _ => frame.to_machine(at),
-                };
-                (start, end) = (place(shares[0], &ends[0]), place(shares[1], &ends[1]));
-                bulge_mm = corrector.bulge_in_frame_mm(frame, &ends[0], &ends[1]);
+                let ends = [&motion.from, &motion.to];
+                return corrector.is_straight_in(frame, seen, ends, [from, to]);
             }
-            // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
-            let coupled_mm = if frame.tip.is_some() {
-                0.0
-            } else {
-                corrector.coupled_mm(seen, &start, &end)
+            let [first, last] = &shares.map(|share| between(from, to, share));
+            let place = |share: f64, at: &Axes| match share {
+                0.0 => motion.from,
+                1.0 => motion.to,
+                _ => frame.to_machine(at),
             };
-            corrector.is_straight(&start, &end, bulge_mm, coupled_mm)
+            let ends = [&place(shares[0], first), &place(shares[1], last)];
+            corrector.is_straight_in(frame, seen, ends, [first, last])
         };
         let halves = |[from, to]: [f64; 2]| {
             let middle = 0.5 * (from + to);
