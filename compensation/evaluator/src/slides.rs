@@ -1,11 +1,16 @@
 //! The correction of machines without rotary axes: the directions of their axes never turn.
 
-use volcomp_kinematics::{Correctors, least_norm::LinearShares, nalgebra::Vector3};
+use volcomp_kinematics::{Correctors, State, least_norm::LinearShares, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, PerAxis};
 
+#[cfg(feature = "std")]
+use crate::single::two_steps;
+#[cfg(not(feature = "std"))]
+use crate::table::Baseline;
 use crate::{
     correction::linear_columns,
     machine::{CompiledMachine, Evaluation},
+    table::Registers,
 };
 
 /// How the linear axes correct a position error, wherever they are.
@@ -34,8 +39,31 @@ impl CompiledMachine {
 }
 
 impl Slides {
+    /// The correction of a state by the errors of the place to which the correction of one step leads: mm in chain order.
+    pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
+        #[cfg(feature = "std")]
+        return two_steps(machine, state, self);
+        #[cfg(not(feature = "std"))]
+        self.two_steps_with(machine, state, Baseline)
+    }
+
+    #[inline(always)]
+    pub(crate) fn two_steps_with(
+        &self,
+        machine: &CompiledMachine,
+        state: &State,
+        registers: impl Registers,
+    ) -> PerAxis<f64> {
+        let mut there = *state;
+        let first = self.delta(&machine.evaluate_with(state, registers));
+        for (q, delta) in there.q.iter_mut().zip(&first) {
+            *q += delta;
+        }
+        self.delta(&machine.evaluate_with(&there, registers))
+    }
+
     /// The correction of an error: that of [`CompiledMachine::first_order`], mm in chain order.
-    #[inline]
+    #[inline(always)]
     pub fn delta(&self, error: &Evaluation) -> PerAxis<f64> {
         let mut delta = PerAxis::ZERO;
         let shares = self.shares.of(&Vector3::from(error.position_mm));

@@ -16,6 +16,7 @@ pub(crate) type Axes<T = f64> = [T; MAX_AXES];
 pub(crate) const LETTERS: [u8; MAX_AXES] = *b"XYZABCUVW";
 
 /// The place of the axis with this letter.
+#[inline]
 pub(crate) fn axis_of(letter: u8) -> Option<usize> {
     match letter {
         b'X'..=b'Z' => Some(usize::from(letter - b'X')),
@@ -85,6 +86,7 @@ impl AxisPlaces {
     }
 
     /// Coordinates in mm and deg as the model takes them.
+    #[inline]
     pub(crate) fn state(&self, axes: &Axes) -> State {
         let mut state = State::default();
         for &Present { axis, place } in self.present() {
@@ -98,6 +100,7 @@ impl AxisPlaces {
     }
 
     /// What the model gives for each axis (mm, rad) in mm and deg; zero for axes that the machine lacks.
+    #[inline]
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
         let mut axes = [0.0; MAX_AXES];
         for &Present { axis, place } in self.present() {
@@ -142,6 +145,7 @@ pub(crate) struct Frame {
 
 impl Frame {
     /// A program's coordinates as those of the axes of the machine.
+    #[inline]
     pub(crate) fn to_machine(&self, program: &Axes) -> Axes {
         let mut at: Axes = std::array::from_fn(|i| program[i] + self.shift[i]);
         for (i, centre) in self.centre.into_iter().enumerate() {
@@ -156,6 +160,7 @@ impl Frame {
     }
 
     /// Coordinates of the axes of the machine as those of the program.
+    #[inline]
     pub(crate) fn to_program(&self, machine: &Axes) -> Axes {
         let control = self.tip.as_ref().map(|tip| tip.of_axes(machine));
         let control = control.as_ref().unwrap_or(machine);
@@ -171,6 +176,7 @@ impl Frame {
     }
 
     /// What the axes move by from a place of theirs, as it is in the coordinates of the program.
+    #[inline]
     pub(crate) fn moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
             return turned(by, -self.rotation_deg);
@@ -198,6 +204,7 @@ impl Frame {
     }
 
     /// What the coordinates of the program change by from a place of theirs, as it is in the axes.
+    #[inline]
     pub(crate) fn moved_in_machine(&self, program: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
             return turned(by, self.rotation_deg);
@@ -214,6 +221,7 @@ impl Frame {
 }
 
 /// X and Y turned about Z.
+#[inline]
 pub(crate) fn turned(at: &Axes, angle_deg: f64) -> Axes {
     if angle_deg == 0.0 {
         return *at;

@@ -103,11 +103,10 @@ impl Seen {
         if !is_it(&self.places[self.last]) {
             self.last = 1 - self.last;
             if !is_it(&self.places[self.last]) {
-                self.places[self.last] = SeenAt {
-                    at: *at,
-                    version: Some(corrector.version),
-                    correction: corrector.at(at),
-                };
+                let place = &mut self.places[self.last];
+                place.at = *at;
+                place.version = Some(corrector.version);
+                place.correction = corrector.at(at);
             }
         }
         &self.places[self.last].correction
@@ -194,11 +193,13 @@ impl Corrector {
     }
 
     /// Whether the machine has the axis at a place, and corrects by it.
+    #[inline]
     pub(crate) fn has(&self, axis: usize) -> bool {
         self.places.of_axis(axis).is_some()
     }
 
     /// The axes that the machine has.
+    #[inline]
     pub(crate) fn axes(&self) -> impl Iterator<Item = usize> {
         self.places.axes_of_machine()
     }
@@ -213,6 +214,7 @@ impl Corrector {
         self.only_linear
     }
 
+    #[inline]
     pub(crate) fn corrects(&self, axis: usize) -> bool {
         self.corrects[axis]
     }
@@ -221,6 +223,7 @@ impl Corrector {
         self.bidirectional
     }
 
+    #[inline]
     pub(crate) fn is_within_travel(&self, axis: usize, at: f64) -> bool {
         let [low, high] = self.travels[axis];
         let rounding = 1e-9 * (1.0 + at.abs());
@@ -332,6 +335,7 @@ impl Corrector {
     }
 
     /// Whether a straight line in a frame may be written as one: `ends` are those of the axes, `in_program` those of the program.
+    #[inline]
     pub(crate) fn is_straight_in(
         &self,
         frame: &Frame,
@@ -413,6 +417,7 @@ impl Corrector {
 
     /// How far the axes are from their straight way where a frame leads the centre point of the tool straight between two places
     /// of the program, mm.
+    #[inline]
     pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
         let Some(tip) = &frame.tip else {
             return 0.0;

@@ -87,6 +87,7 @@ impl Rewriter {
 
     /// The same for the correction of a place, `rounded` or as it is: `numbers` makes the words of some axes with the correction that belongs
     /// to them. The correction of the linear axes at the end.
+    #[inline]
     pub(crate) fn words_at(
         &mut self,
         at: &Axes,
@@ -153,6 +154,7 @@ impl Rewriter {
     }
 
     /// One axis on its way, with the correction that belongs to its end and the one that it has before.
+    #[inline]
     pub(crate) fn on_its_way(&mut self, axis: usize, way: &AxisWay, line: usize) -> OnItsWay {
         let modal = &self.interpreter.modal;
         let decimals = self.decimals.of(axis, modal.unit_mm);
@@ -189,6 +191,7 @@ impl Rewriter {
     }
 
     /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
+    #[inline]
     fn corrects(&self, axis: usize) -> bool {
         if axis < 3 && self.interpreter.frame.tip.is_some() {
             return (0..3).any(|axis| self.corrector.corrects(axis));

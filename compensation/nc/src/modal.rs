@@ -210,6 +210,7 @@ impl Modal {
     }
 
     /// mm or deg for each unit of a word of this axis.
+    #[inline]
     pub(crate) fn scale(&self, axis: usize) -> f64 {
         match axis {
             0 if self.diameter => 0.5 * self.unit_mm,

@@ -15,6 +15,7 @@ const EXACT_DIGITS: usize = 15;
 
 /// A number at the beginning of a text as programs usually have it: few digits without blanks between them. Its value, its decimals and
 /// its length; `None`: it is to be read character by character.
+#[inline]
 pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
     let (first, behind) = text.split_first()?;
     let mut rest = if matches!(first, b'-' | b'+') {
@@ -126,12 +127,14 @@ impl Digits {
     clippy::cast_possible_truncation,
     reason = "the range was looked at before"
 )]
+#[inline]
 pub(crate) fn steps(value: f64, decimals: u8) -> Option<i64> {
     let steps = (value * POWERS[usize::from(decimals.min(MOST_DECIMALS))]).round();
     (steps.abs() < 4e15).then_some(steps as i64)
 }
 
 /// What so many steps of the last decimal are.
+#[inline]
 pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
     steps as f64 / POWERS[usize::from(decimals.min(MOST_DECIMALS))]
 }

@@ -35,6 +35,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// The next character as a capital letter, which stays; blanks before it are passed.
+    #[inline]
     pub(crate) fn peek(&mut self) -> Option<u8> {
         while let Some(byte) = self.bytes.get(self.at) {
             if !matches!(byte, b' ' | b'\t') {
@@ -46,6 +47,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// The next character as a capital letter.
+    #[inline]
     pub(crate) fn next(&mut self) -> Option<u8> {
         let byte = self.peek()?;
         self.at += 1;

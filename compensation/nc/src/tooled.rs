@@ -75,13 +75,8 @@ impl Tooled {
         } = self;
         if let Some(slides) = &self.slides {
             // The errors are those where the axes go to.
-            let mut there = *state;
-            let first = slides.delta(&compiled.evaluate(state));
-            for (q, delta) in there.q.iter_mut().zip(&first) {
-                *q += delta;
-            }
             return Correction {
-                delta: places.axes(&slides.delta(&compiled.evaluate(&there))),
+                delta: places.axes(&slides.two_steps(compiled, state)),
                 follow: None,
             };
         }

@@ -51,6 +51,7 @@ struct UsualLine {
 
 impl UsualLine {
     /// `None`: it is not a usual one.
+    #[inline]
     fn read(text: &[u8]) -> Option<Self> {
         if text.len() > LONGEST {
             return None;

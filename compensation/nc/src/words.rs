@@ -28,6 +28,7 @@ impl Default for Decimals {
 }
 
 impl Decimals {
+    #[inline]
     pub(crate) fn of(self, axis: usize, unit_mm: f64) -> u8 {
         match axis {
             3..6 => self.deg,
@@ -55,6 +56,7 @@ pub(crate) struct Number {
 
 impl Number {
     /// The nearest number with so many decimals; `None` where it is too large to be exact.
+    #[inline]
     pub(crate) fn nearest(value: f64, decimals: u8) -> Option<Self> {
         Some(Self {
             steps: steps(value, decimals)?,
@@ -117,6 +119,7 @@ pub(crate) struct OnItsWay {
 
 impl OnItsWay {
     /// The number to be written, if any, and the correction that is in the axis then.
+    #[inline]
     pub(crate) fn word(&self) -> (Option<Number>, f64) {
         let nominal = if self.incremental {
             self.to - self.from
