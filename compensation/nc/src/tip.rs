@@ -5,7 +5,7 @@ use std::{cell::RefCell, sync::Arc};
 use volcomp_model::{
     Machine, Tool,
     kinematics::{
-        Chain,
+        Chain, Pose,
         nalgebra::{Matrix3, Vector3},
     },
     vocabulary::AxisKind,
@@ -37,12 +37,14 @@ struct Turned {
     inverse: Matrix3<f64>,
 }
 
-/// The centre point in a frame. State: the kinematics for the last two places of the rotary axes, and which of them is the last
-/// one, since motions ask for their ends many times.
+/// A motion asks for its two ends many times, each with its correction and without.
+const KEPT: usize = 4;
+
+/// The centre point in a frame. State: the kinematics for the last places of the rotary axes, and which of them is the last one.
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
     tip: Arc<Tip>,
-    last: RefCell<([Option<Turned>; 2], usize)>,
+    last: RefCell<([Option<Turned>; KEPT], usize)>,
 }
 
 impl TipFrame {
@@ -59,13 +61,14 @@ impl TipFrame {
 
     fn with<T>(&self, axes: &Axes, take: impl FnOnce(&Turned) -> T) -> T {
         let (turned, last) = &mut *self.last.borrow_mut();
-        let is_it =
-            |turned: &Option<Turned>| turned.as_ref().is_some_and(|it| it.others == axes[3..]);
-        if !is_it(&turned[*last]) {
-            *last = 1 - *last;
-            if !is_it(&turned[*last]) {
-                turned[*last] = None;
-            }
+        let is_it = |of: &usize| (turned[*of].as_ref()).is_some_and(|it| it.others == axes[3..]);
+        // The last one first; what was there before the next ones goes.
+        let back = (0..KEPT).map(|back| (*last + KEPT - back) % KEPT);
+        if let Some(found) = back.into_iter().find(is_it) {
+            *last = found;
+        } else {
+            *last = (*last + 1) % KEPT;
+            turned[*last] = None;
         }
         take(turned[*last].get_or_insert_with(|| self.tip.turned_to(axes)))
     }
@@ -128,15 +131,26 @@ impl Tip {
         // Each of X, Y and Z leads where the rotary axes before it have turned it; they are next to each other in the chain.
         let places = [0, 1, 2].map(|axis| self.places.of_axis(axis).unwrap_or_default());
         let first = places.into_iter().min().unwrap_or_default();
-        let turned = joints[..first].iter().zip(state.q);
-        let turned = turned.fold(Matrix3::identity(), |turned, (joint, q)| {
-            turned * joint.motion(q).rotation
-        });
+        let (mut pose, mut turned) = (Pose::identity(), Matrix3::identity());
+        let mut moves_nothing = true;
+        for (place, (joint, q)) in joints.iter().zip(state.q).enumerate() {
+            if place == first {
+                turned = pose.rotation;
+            }
+            if joint.kind == AxisKind::Linear && q == 0.0 {
+                continue;
+            }
+            let motion = joint.motion(q);
+            pose = if moves_nothing { motion } else { pose * motion };
+            moves_nothing = false;
+        }
         let columns = Matrix3::from_columns(&places.map(|place| turned * joints[place].direction));
         let [.., a, b, c, d, e, f] = at;
         Turned {
             others: [a, b, c, d, e, f],
-            base_mm: self.chain.ideal_tip_mm(&state) - self.at_zero_mm,
+            base_mm: pose.transform_point(&self.chain.tool_tip_mm())
+                - self.chain.workpiece_origin_mm()
+                - self.at_zero_mm,
             columns,
             // Independent wherever the rotary axes stand, since none of them is between the linear ones.
             inverse: (columns.try_inverse()).unwrap_or(Matrix3::repeat(f64::NAN)),

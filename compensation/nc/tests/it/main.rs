@@ -16,4 +16,5 @@ mod siemens;
 mod straight;
 mod subroutines;
 mod traps;
+mod usual;
 mod verify;

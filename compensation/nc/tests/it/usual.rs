@@ -1,0 +1,157 @@
+//! Usual lines, which are compensated in one pass, against the same lines with a comment, which are not.
+
+use std::fmt::Write as _;
+
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Corrector, Job, NcError, SetUp, Strategy, Summary, compensate};
+
+const THREE: &str = "structure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 600.0]\naxes.Y.travel = [0.0, 500.0]\naxes.Z.travel = [-400.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.2] }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nECX = { poly = [0.0, 0.3] }\nEYY = { poly = [0.0, -0.1] }\nEAY = { poly = [0.0, 0.1] }\nEC0Y = 20.0\n";
+const REVERSAL: &str = "EZZ = { mean = { poly = [0.0, 0.01] }, reversal = 3.0 }\n";
+const SETUP: &str =
+    "[work_offset.G55]\nX = 12.5\nY = -3.0\nZ = -4.0\nrotation_deg = 4.0\n[tool.1]\nZ = 85.0\n";
+const START: &str = "[start]\nX = 300.0\nY = 250.0\nZ = -150.0\n";
+
+/// A program of motions of all kinds, most of them short straight ones, and of what is switched between them.
+fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
+    let mut lines = vec!["G21 G90 G17 G54".to_owned()];
+    let mut at: Vec<f64> = axes.iter().map(|(_, at)| *at).collect();
+    let has_rotary = axes.len() > 3;
+    let reach = [0.3, 2.0, 30.0][draw.random_range(0..3)];
+    let all = |at: &[f64], first: &str| {
+        let mut line = first.to_owned();
+        for ((letter, _), at) in axes.iter().zip(at) {
+            let _ = write!(line, " {letter}{at:.3}"); // writing to a String cannot fail
+        }
+        line
+    };
+    for _ in 0..150 {
+        for ((_, middle), at) in axes.iter().zip(&mut at) {
+            let far = 60.0;
+            let way = draw.random_range(-reach..reach);
+            *at = (*at + way).clamp(middle - far, middle + far);
+        }
+        let kind = draw.random_range(0..100);
+        let line = match kind {
+            0..78 => {
+                let mut line =
+                    ["", "G1", "g01", "G0", "G1.0", " G1 "][draw.random_range(0..6)].to_owned();
+                let first = draw.random_range(0..axes.len());
+                for place in 0..axes.len() {
+                    let ((letter, _), at) = (
+                        axes[(first + place) % axes.len()],
+                        at[(first + place) % axes.len()],
+                    );
+                    let decimals = draw.random_range(0..6);
+                    if place == 0 || draw.random_range(0..4) > 0 {
+                        let blank = ["", " ", "\t"][draw.random_range(0..3)];
+                        let _ = write!(line, "{blank}{letter}{at:.decimals$}");
+                    }
+                }
+                line
+            }
+            78 => all(&at, "G53 G0"),
+            79 => "G91 X0.25 Y-0.5".to_owned(),
+            80 => all(&at, "G90"),
+            81 => "G55".to_owned(),
+            82 => "G54".to_owned(),
+            83 => "G1 X1e3".to_owned().replace("e3", "000.5"),
+            84 => "G1 W3".to_owned(),
+            85 => "G20".to_owned(),
+            86 => "G21".to_owned(),
+            87 => "G68 R5 X1 Y2".to_owned(),
+            88 => "G69".to_owned(),
+            89 => "G1 X[300+0.5] F100".to_owned(),
+            90 => "G92 X300".to_owned(),
+            91 => "G92.1".to_owned(),
+            92 if has_rotary => ["M428", "M429"][draw.random_range(0..2)].to_owned(),
+            92 => "G81 X310 Z-160 R-140".to_owned(),
+            93 => "G80".to_owned(),
+            94 => "T1 M6 G43 H1".to_owned(),
+            95 => "G49".to_owned(),
+            96 if !has_rotary => "G2 X320 Y260 I10 J5".to_owned(),
+            97 => "G93 G1 X301 F20".to_owned(),
+            98 => "G94 F100".to_owned(),
+            _ => "G41.1 D1\nG40".to_owned(),
+        };
+        lines.extend(line.lines().map(str::to_owned));
+        if matches!(kind, 96 | 97 | 92) {
+            lines.push(all(&at, "G1"));
+        }
+    }
+    lines
+}
+
+fn compensated(
+    corrector: &Corrector,
+    setup: &SetUp,
+    strategy: Strategy,
+    text: &str,
+) -> (String, Result<Summary, NcError>) {
+    let mut out = Vec::new();
+    let job = Job {
+        strategy,
+        keep_shares: true,
+        ..Job::new(corrector, setup)
+    };
+    let summary = compensate(&mut text.as_bytes(), &mut out, job, |_| Ok(()));
+    (String::from_utf8(out).expect("text"), summary)
+}
+
+#[test]
+fn a_comment_changes_no_number() {
+    let five = [
+        ('X', 300.0),
+        ('Y', 250.0),
+        ('Z', -150.0),
+        ('A', -45.0),
+        ('C', 10.0),
+    ];
+    let trunnion = include_str!("../../../../examples/trunnion.toml");
+    let with_reversal = format!("{THREE}{REVERSAL}");
+    let machines = [
+        (THREE, &five[..3]),
+        (trunnion, &five[..]),
+        (&with_reversal, &five[..3]),
+    ];
+    let (mut changed, mut finished) = (0, 0);
+    for (place, (machine, axes)) in machines.into_iter().enumerate() {
+        let machine = Machine::parse(machine, "m.toml").expect("a good machine");
+        for seed in 0..60 {
+            let mut draw = ChaCha8Rng::seed_from_u64(seed + 1000 * place as u64);
+            let tolerance_mm = [0.001, 0.0001][draw.random_range(0..2)];
+            let corrector =
+                Corrector::new(&machine, &Temperatures::new(), tolerance_mm).expect("compiles");
+            let start = ["", START][draw.random_range(0..2)];
+            let setup = SetUp::parse(&format!("{SETUP}{start}"), "s.toml").expect("a good set-up");
+            let strategy = [Strategy::Plain, Strategy::Floyd][draw.random_range(0..2)];
+            let lines = program(&mut draw, axes);
+            let usual = lines.join("\n");
+            let (out, summary) = compensated(&corrector, &setup, strategy, &usual);
+            let (slow, expected) = compensated(&corrector, &setup, strategy, &lines.join(" (c)\n"));
+            let slow = slow.replace(" (c)", "");
+            for (number, (line, slow)) in out.lines().zip(slow.lines()).enumerate() {
+                assert_eq!(
+                    line,
+                    slow,
+                    "machine {place}, seed {seed}, line {}\n{usual}",
+                    number + 1
+                );
+            }
+            assert_eq!(out.len(), slow.len(), "machine {place}, seed {seed}");
+            match (summary, expected) {
+                (Ok(summary), Ok(expected)) => {
+                    assert_eq!(summary, expected, "machine {place}, seed {seed}");
+                    changed += summary.counts.changed;
+                    finished += 1;
+                }
+                (found, expected) => {
+                    let texts = [found, expected].map(|of| of.map_err(|error| error.to_string()));
+                    assert_eq!(texts[0], texts[1], "machine {place}, seed {seed}");
+                }
+            }
+        }
+    }
+    assert!(changed > 5_000 && finished > 60, "{changed} {finished}");
+}
