@@ -122,15 +122,26 @@ impl Digits {
     }
 }
 
+/// So many steps are not exact any more.
+const MOST_STEPS: f64 = 4e15;
+
 /// A number as so many whole steps of the last decimal; `None` where they are too many to be exact.
 #[expect(
     clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
     reason = "the range was looked at before"
 )]
 #[inline]
 pub(crate) fn steps(value: f64, decimals: u8) -> Option<i64> {
-    let steps = (value * POWERS[usize::from(decimals.min(MOST_DECIMALS))]).round();
-    (steps.abs() < 4e15).then_some(steps as i64)
+    let exact = value * POWERS[usize::from(decimals.min(MOST_DECIMALS))];
+    if exact.is_nan() || exact.abs() >= MOST_STEPS {
+        return None;
+    }
+    // Halves away from zero, without a call: what is cut off is exact.
+    let whole = exact as i64;
+    let rest = exact - whole as f64;
+    let steps = whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5);
+    (steps.unsigned_abs() < MOST_STEPS as u64).then_some(steps)
 }
 
 /// What so many steps of the last decimal are.
@@ -197,6 +208,43 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+
+    /// Against the function of the standard library.
+    #[test]
+    fn steps_are_the_nearest() {
+        let mut draw = ChaCha8Rng::seed_from_u64(6);
+        let mut values = vec![
+            0.0,
+            -0.0,
+            0.5,
+            -0.5,
+            1.5,
+            2.5,
+            -2.5,
+            f64::NAN,
+            f64::INFINITY,
+        ];
+        values.extend([
+            0.49999999999999994,
+            3999999999999999.5,
+            3999999999999999.4,
+            4e15,
+            -4e15,
+            1e300,
+        ]);
+        for _ in 0..100_000 {
+            let size = 10_f64.powi(draw.random_range(-3..16));
+            let value: f64 = draw.random_range(-size..size);
+            values.extend([value, (2.0 * value).round() / 2.0]);
+        }
+        for value in values {
+            for decimals in [0, 3, 4] {
+                let expected = (value * POWERS[usize::from(decimals)]).round();
+                let expected = (expected.abs() < 4e15).then_some(expected as i64);
+                assert_eq!(steps(value, decimals), expected, "{value:e} {decimals}");
+            }
+        }
+    }
 
     /// Against the digits of the number as an integer, between which the point is put.
     #[test]

@@ -109,6 +109,24 @@ impl<'a> Scanner<'a> {
         value.map(|value| (value, digits.decimals()))
     }
 
+    /// Passes a text in quotation marks where it is next.
+    pub(crate) fn takes_text(&mut self) -> Result<bool, Fault> {
+        self.peek();
+        let column = self.column();
+        if !self.takes(b'"') {
+            return Ok(false);
+        }
+        let rest = &self.bytes[self.at..];
+        let Some(length) = rest.iter().position(|byte| *byte == b'"') else {
+            return Err(Fault::Expression {
+                column,
+                what: "the text that begins here does not end with \"",
+            });
+        };
+        self.at += length + 1;
+        Ok(true)
+    }
+
     /// A name between `<` and `>`, whose `<` is passed already: small letters, without blanks.
     pub(crate) fn name(&mut self) -> Result<String, Fault> {
         let column = self.column();
@@ -132,6 +150,21 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+
+    #[test]
+    fn texts_are_passed_with_their_marks() {
+        let mut scanner = Scanner::new(b"  \"MILL \" X");
+        assert_eq!(scanner.takes_text(), Ok(true));
+        assert_eq!(
+            (scanner.takes_text(), scanner.next()),
+            (Ok(false), Some(b'X'))
+        );
+        let open = Scanner::new(b"  \"MILL").takes_text();
+        assert!(
+            matches!(open, Err(Fault::Expression { column: 3, .. })),
+            "{open:?}"
+        );
+    }
 
     /// Texts of the characters that numbers have and may have: one pass over a plain number finds what the reader of single characters
     /// finds, to the last bit.

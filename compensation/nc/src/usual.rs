@@ -15,7 +15,6 @@ use crate::{
     modal::{Code, Modal},
     number::plain,
     rewrite::{Computed, Contour, LONGEST, Rewriter, Settled},
-    scan::Scanner,
     script::{NewWord, Script},
     words::{Number, Written},
 };
@@ -24,8 +23,8 @@ use crate::{
 #[derive(Clone, Copy, Debug, Default)]
 struct AxisWord {
     value: f64,
-    from: u16,
-    to: u16,
+    from: u8,
+    to: u8,
     decimals: u8,
 }
 
@@ -51,43 +50,47 @@ struct UsualLine {
 
 impl UsualLine {
     /// `None`: it is not a usual one.
+    #[expect(clippy::cast_possible_truncation, reason = "said beside them")]
     #[inline]
     fn read(text: &[u8]) -> Option<Self> {
         if text.len() > LONGEST {
             return None;
         }
         let mut line = Self::default();
-        let mut scanner = Scanner::new(text);
-        while let Some(letter) = scanner.next() {
-            scanner.peek();
-            let from = scanner.at();
-            let (value, decimals, length) = plain(&text[from..])?;
+        let mut rest = text;
+        loop {
+            rest = without_blanks(rest);
+            let [letter, behind @ ..] = rest else { break };
+            let number = without_blanks(behind);
+            let from = text.len() - number.len();
+            let (value, decimals, length) = plain(number)?;
             let to = from + length;
-            scanner.go_to(to);
+            rest = &number[length..];
             line.end = to;
-            if letter == b'G' {
-                let code = match value {
-                    0.0 => 0,
-                    1.0 => 10,
+            let letter = letter.to_ascii_uppercase();
+            let Some(axis) = axis_of(letter) else {
+                let code = match (letter, value) {
+                    (b'G', 0.0) => 0,
+                    (b'G', 1.0) => 10,
                     _ => return None,
                 };
                 if line.code.replace(code).is_some() {
                     return None;
                 }
                 continue;
-            }
-            let axis = axis_of(letter)?;
+            };
             if line.names(axis) {
                 return None;
             }
             line.named |= 1 << axis;
+            // A line is shorter than 256 bytes, and has nine axes at the most.
             line.words[axis] = AxisWord {
                 value,
-                from: u16::try_from(from).ok()?,
-                to: u16::try_from(to).ok()?,
+                from: from as u8,
+                to: to as u8,
                 decimals,
             };
-            line.order[line.count] = u8::try_from(axis).ok()?;
+            line.order[line.count] = axis as u8;
             line.count += 1;
         }
         (line.count > 0).then_some(line)
@@ -129,6 +132,15 @@ impl UsualLine {
         }
         out.extend_from_slice(&text[self.end..]);
     }
+}
+
+/// What follows blanks.
+#[inline]
+fn without_blanks(mut text: &[u8]) -> &[u8] {
+    while let [b' ' | b'\t', behind @ ..] = text {
+        text = behind;
+    }
+    text
 }
 
 impl Interpreter {

@@ -127,7 +127,7 @@ impl Reader<'_, '_> {
     pub(super) fn tool(&mut self) -> Result<bool, Fault> {
         let column = self.scanner.column();
         if self.takes("TOOL DEF") {
-            if self.named_tool()? {
+            if self.scanner.takes_text()? {
                 self.skips();
                 return Ok(true);
             }
@@ -145,7 +145,7 @@ impl Reader<'_, '_> {
         if !self.takes("TOOL CALL") {
             return Ok(false);
         }
-        let tool = if self.named_tool()? {
+        let tool = if self.scanner.takes_text()? {
             Some(None)
         } else {
             let value = self.values.of_word(&mut self.scanner)?;
@@ -189,24 +189,6 @@ impl Reader<'_, '_> {
                 .commands
                 .push(Command::CallsTool { tool, longer });
         }
-        Ok(true)
-    }
-
-    /// `"MILL"`, which is passed.
-    fn named_tool(&mut self) -> Result<bool, Fault> {
-        if self.scanner.peek() != Some(b'"') {
-            return Ok(false);
-        }
-        let column = self.scanner.column();
-        let at = self.scanner.at() + 1;
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
-        let Some(length) = rest.iter().position(|byte| *byte == b'"') else {
-            return Err(Fault::Expression {
-                column,
-                what: "the text that begins here does not end with \"",
-            });
-        };
-        self.scanner.go_to(at + length + 1);
         Ok(true)
     }
 }

@@ -196,8 +196,8 @@ impl Reader<'_, '_> {
 
     /// Passes a value of any kind: a formula, a text, a name with arguments.
     fn skip_value(&mut self) -> Result<(), Fault> {
-        if self.scanner.peek() == Some(b'"') {
-            return self.text();
+        if self.scanner.takes_text()? {
+            return Ok(());
         }
         let column = self.scanner.column();
         let mut scanner = self.scanner.clone();
@@ -207,21 +207,6 @@ impl Reader<'_, '_> {
             column,
             what: "expected a value here",
         })
-    }
-
-    /// Passes a text in quotation marks.
-    fn text(&mut self) -> Result<(), Fault> {
-        let column = self.scanner.column();
-        let at = self.scanner.at() + 1;
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
-        let Some(length) = rest.iter().position(|byte| *byte == b'"') else {
-            return Err(Fault::Expression {
-                column,
-                what: "the text that begins here does not end with \"",
-            });
-        };
-        self.scanner.go_to(at + length + 1);
-        Ok(())
     }
 
     /// `R5=...`, `R[5]=...`.
@@ -251,8 +236,7 @@ impl Reader<'_, '_> {
         }
         self.scanner.peek();
         let from = self.scanner.at();
-        let value = if self.scanner.peek() == Some(b'"') {
-            self.text()?;
+        let value = if self.scanner.takes_text()? {
             None
         } else {
             self.value("expected the value of the parameter after =")?.0

@@ -52,8 +52,7 @@ impl Reader<'_, '_> {
             }
             b'T' => {
                 let is_set = self.scanner.takes(b'=');
-                if is_set && self.scanner.peek() == Some(b'"') {
-                    self.text()?;
+                if is_set && self.scanner.takes_text()? {
                     self.block.commands.push(Command::NamedTool);
                     return Ok(());
                 }
