@@ -15,6 +15,7 @@ const EXACT_DIGITS: usize = 15;
 
 /// A number at the beginning of a text as programs usually have it: few digits without blanks between them. Its value, its decimals and
 /// its length; `None`: it is to be read character by character.
+#[expect(clippy::cast_possible_truncation, reason = "15 decimals at the most")]
 #[inline]
 pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
     let (first, behind) = text.split_first()?;
@@ -51,7 +52,6 @@ pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
     }
     let size = mantissa as f64 / POWERS[decimals];
     let value = if *first == b'-' { -size } else { size };
-    // At most 15.
     Some((value, decimals as u8, text.len() - rest.len()))
 }
 
@@ -151,6 +151,7 @@ pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
 }
 
 /// The digits of the numbers from 0 to 99.
+#[expect(clippy::cast_possible_truncation, reason = "digits")]
 const PAIRS: [[u8; 2]; 100] = {
     let mut pairs = [[b'0'; 2]; 100];
     let mut number = 0;
@@ -162,6 +163,7 @@ const PAIRS: [[u8; 2]; 100] = {
 };
 
 /// Appends so many steps of the last decimal as a number: without an exponent, with a point where there are decimals.
+#[expect(clippy::cast_possible_truncation, reason = "remainders below 100")]
 pub(crate) fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
     let decimals = decimals.min(MOST_DECIMALS);
     // 19 digits, the point and the sign.
@@ -210,6 +212,7 @@ mod tests {
     use super::*;
 
     /// Against the function of the standard library.
+    #[expect(clippy::cast_possible_truncation, reason = "the range is looked at")]
     #[test]
     fn steps_are_the_nearest() {
         let mut draw = ChaCha8Rng::seed_from_u64(6);
