@@ -112,7 +112,7 @@ pub(crate) struct Rewriter {
     /// Who is told of each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
     /// The line that was read last; `None` while it is looked at.
-    pub(crate) block: Option<Box<Block>>,
+    block: Option<Box<Block>>,
     pub(crate) edits: Edits,
     /// Where the parts of a motion end, used for all motions.
     parts: Vec<f64>,

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use crate::{
-    block::{Begins, Manner},
+    block::Manner,
     coordinates::{Axes, LETTERS, axis_of},
     dialect::Dialect,
     given::LARGEST,
@@ -14,7 +14,7 @@ use crate::{
     legs::AxisWay,
     modal::{Code, Modal},
     number::plain,
-    rewrite::{Computed, Contour, LONGEST, Rewriter, Settled},
+    rewrite::{Computed, LONGEST, Rewriter, Settled},
     script::{NewWord, Script},
     words::{Number, Written},
 };
@@ -285,14 +285,10 @@ impl Rewriter {
         }
         self.interpreter.position = to;
         self.carried = (self.interpreter.frame).moved_in_machine(&after, &carried);
-        self.contour = Contour::None;
         self.counts.lines += 1;
         self.counts.motions += 1;
         self.counts.changed += u64::from(numbers.iter().any(Option::is_some));
         self.ends_part(1.0);
-        if let Some(block) = &mut self.block {
-            block.begins = Begins::Nothing;
-        }
         Some(())
     }
 }
