@@ -30,7 +30,7 @@ impl Rewriter {
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let known = [first, second]
             .into_iter()
-            .all(|axis| self.interpreter.known[axis]);
+            .all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         let (radius, _) = arc.start(&from);
         if !known || radius == 0.0 {
             self.puts_pole_back(line, out);

@@ -166,6 +166,7 @@ impl Interpreter {
         outcome.calls = codes.calls;
         outcome.switches_radius = codes.radius().is_some();
         outcome.switches_polar = codes.polar().is_some();
+        self.check_skipped(&codes, &given)?;
         self.switch(&codes, &given)?;
         let mut uses_words = self.commands(&given, outcome)?;
         codes.in_machine |= outcome.in_machine;

@@ -54,6 +54,7 @@ mod setup;
 pub mod shortest;
 mod sides;
 mod siemens;
+mod skipped;
 mod straight;
 mod stretches;
 mod subroutines;

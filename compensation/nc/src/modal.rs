@@ -116,6 +116,8 @@ pub(crate) struct Modal {
     pub(crate) diameter: bool,
     /// The motion that coordinates alone stand for.
     pub(crate) motion: Option<Code>,
+    /// Another one may hold: the block that has switched it may be skipped.
+    pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
     /// Which of the work offsets holds.
@@ -162,6 +164,7 @@ impl Default for Modal {
             centre_absolute: false,
             diameter: false,
             motion: None,
+            motion_unsure: false,
             feed_mode: FeedMode::PerMinute,
             feed: None,
             system: 0,

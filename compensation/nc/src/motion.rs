@@ -65,6 +65,8 @@ pub(crate) struct Move {
     pub(crate) in_machine: bool,
     /// Where polar coordinates say its place in the plane.
     pub(crate) polar: Option<Polar>,
+    /// Of which axes it is known where they are before.
+    pub(crate) known: Axes<bool>,
     /// Whole turns by which `from` is another number for where a rotary axis was before, deg.
     pub(crate) wraps: Axes,
 }

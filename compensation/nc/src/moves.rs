@@ -2,7 +2,7 @@
 
 use crate::{
     NcError,
-    block::Manner,
+    block::{Begins, Manner},
     codes::{Codes, text},
     coordinates::{Axes, is_rotary},
     dialect::Dialect,
@@ -34,10 +34,22 @@ impl Interpreter {
     ) -> Result<(), NcError> {
         let polar = given.polar.is_some();
         self.check_polar(codes, given)?;
+        let motion_before = self.modal.motion;
         if let Some(code) = codes.motion() {
             self.set_motion(code);
         }
         let has_words = given.names_axes() || polar;
+        if self.modal.motion_unsure && codes.motion().is_none() && has_words {
+            return Err(given.refused(
+                "a motion without a G code behind a block that may be skipped (/) and has another one: write the code into this block",
+            ));
+        }
+        if given.block.begins == Begins::Slash {
+            self.modal.motion_unsure |=
+                motion_before.is_some() && self.modal.motion != motion_before;
+        } else if codes.motion().is_some() {
+            self.modal.motion_unsure = false;
+        }
         let Some(code) = self.modal.motion else {
             if has_words {
                 return Err(given.refused("axis words without a motion that takes them"));
@@ -76,6 +88,7 @@ impl Interpreter {
             incremental,
             in_machine: codes.in_machine,
             polar: self.polar_of(given),
+            known: self.known,
             wraps: [0.0; 9],
         };
         for axis in 0..9 {

@@ -27,6 +27,8 @@ pub enum Note {
     RadiusCompensated,
     /// A line gets longer than some controls take.
     LongLine,
+    /// Blocks that the operator may have skipped.
+    MayBeSkipped,
 }
 
 impl fmt::Display for Note {
@@ -64,6 +66,10 @@ impl fmt::Display for Note {
             Self::LongLine => write!(
                 f,
                 "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a line of its own"
+            ),
+            Self::MayBeSkipped => write!(
+                f,
+                "a block that may be skipped (/): where the axes stand that it moves counts as unknown behind it, until the program names them again"
             ),
             Self::RadiusCompensated => write!(
                 f,

@@ -198,6 +198,7 @@ impl Interpreter {
             incremental: [false; 9],
             in_machine: true,
             polar: None,
+            known: self.known,
             wraps: [0.0; 9],
         });
         Ok(())

@@ -280,6 +280,11 @@ impl Rewriter {
             self.presets(words, line);
         }
         self.after_cycles(&outcome, line)?;
+        if let Some(motion) = &outcome.motion
+            && line.block.begins == Begins::Slash
+        {
+            self.interpreter.may_not_have_moved(motion);
+        }
         // A motion that is corrected has written its lines.
         if out.len() == length {
             self.edits.write(line, out);

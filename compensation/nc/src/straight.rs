@@ -26,7 +26,9 @@ impl Rewriter {
     /// `at_ends` are its ends in the coordinates of the program.
     pub(crate) fn parts(&mut self, motion: &Move, at_ends: &[Axes; 2], parts: &mut Vec<f64>) {
         self.turns = self.turns_of(motion);
-        let is_known = (self.corrector.axes()).all(|axis| self.interpreter.known[axis]);
+        // Also where it begins: parts of a way from elsewhere would lead elsewhere.
+        let is_known =
+            (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour == Contour::Switches {
             parts.push(1.0);
             return;

@@ -166,7 +166,9 @@ impl Interpreter {
             goes_on,
             each_motion,
             radius,
+            polar,
             motion: _,
+            motion_unsure,
             // The scale of words.
             unit_mm: _,
             diameter: _,
@@ -197,6 +199,8 @@ impl Interpreter {
             && !*goes_on
             && each_motion.is_none()
             && radius.is_none()
+            && polar.is_none()
+            && !*motion_unsure
     }
 }
 

@@ -13,6 +13,7 @@ mod play;
 mod polar;
 mod rows;
 mod siemens;
+mod skipped;
 mod straight;
 mod subroutines;
 mod traps;

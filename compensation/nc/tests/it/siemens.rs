@@ -305,7 +305,10 @@ fn words_keep_their_manner() {
         ("G0 X=1EX2\n", "G0 X=99.990\n"),
         ("TRANS X100\nG0 X0\n", "TRANS X100\nG0 X-0.010\n"),
         ("G70 G0 X10\nG71 X254\n", "G70 G0 X9.9990\nG71 X253.975\n"),
-        ("/2 N5 G0 X100 M17\nX200\n", "/2 N5 G0 X99.990 M17\nX200\n"),
+        (
+            "/2 N5 G0 X100 M5\nX200\n",
+            "/2 N5 G0 X99.990 M5\nX199.980\n",
+        ),
         (
             "G0 X0 Y0\nG2 X20 Y0 CR=10\nX0 I=AC(10) J0\n",
             "G0 X0 Y0\nG2 X19.998 Y0 CR=9.999\nX0 I=AC(9.999) J-0.001\n",
