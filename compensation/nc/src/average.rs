@@ -13,6 +13,7 @@ use crate::{
     coordinates::{Axes, LETTERS},
     correction::Corrector,
     dialect::Dialect,
+    flow::{OLine, o_line},
     modal::SYSTEMS,
     motion::{Path, half_deep},
     script::{NewWord, Script},
@@ -224,6 +225,10 @@ fn at_places(
         });
         let mut found = Ok(());
         while let Ok(made) = all.recv() {
+            if let Err(error) = corrector.take_tool(&made.tool) {
+                found = Err(error.into());
+                break;
+            }
             corrector.goes(&made.motion.to);
             let Some(at) = cuts_at(&made) else { continue };
             let stated = job.setup.offset(made.system);
@@ -275,7 +280,7 @@ fn cuts_at(made: &Made) -> Option<Axes> {
     }
 }
 
-/// The program with the lines that set its offsets: behind the percent sign, where it begins with one, and the comments after it.
+/// The program with the lines that set its offsets: behind the percent sign, where it begins with one, its number, and the comments after it.
 fn write(
     program: &[u8],
     output: &mut impl Write,
@@ -287,7 +292,10 @@ fn write(
     while let Some(line) = lines.next_if(|line| {
         let text = line.trim_ascii();
         let is_comment = text.starts_with(b"(") && text.ends_with(b")");
-        line.ends_with(b"\n") && (text.is_empty() || text.starts_with(b"%") || is_comment)
+        // On FANUC controls nothing before the number of a program belongs to it.
+        let is_number = matches!(o_line(text), Some(OLine::Program(_)));
+        line.ends_with(b"\n")
+            && (text.is_empty() || text.starts_with(b"%") || is_comment || is_number)
     }) {
         output.write_all(line)?;
         end = if line.ends_with(b"\r\n") {

@@ -43,6 +43,8 @@ pub(crate) struct Codes {
     /// The program ends here (M2, M30), or is told to go on elsewhere (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
+    /// M6: the tool that was chosen comes into the spindle.
+    pub(crate) changes_tool: bool,
     /// M430: the kinematics that a user of LinuxCNC has written are switched on.
     pub(crate) own_kinematics: bool,
     /// M428, M429: coordinates are those of the centre point of the tool from now on, or of the axes.
@@ -75,6 +77,7 @@ impl Codes {
             if word.letter == b'M' {
                 match code {
                     20 | 300 => codes.ends = true,
+                    60 => codes.changes_tool = true,
                     980 | 990 => codes.calls = Some(code),
                     4280 => codes.centre_point = Some(true),
                     4290 => codes.centre_point = Some(false),

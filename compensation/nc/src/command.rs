@@ -221,12 +221,7 @@ impl Interpreter {
 
     /// The length of the tool in the spindle holds from now on.
     fn take_length(&mut self, given: &Given<'_>) -> Result<(), NcError> {
-        // Without a tool change by M6 a T changes it.
-        let tool = if self.changes_tools {
-            self.in_spindle
-        } else {
-            self.modal.tool
-        };
+        let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
         if offset.is_none() {
             self.notes

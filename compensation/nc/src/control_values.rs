@@ -40,7 +40,8 @@ impl Interpreter {
                     540.0, 550.0, 560.0, 570.0, 580.0, 590.0, 591.0, 592.0, 593.0,
                 ][modal.system.min(8)],
             )),
-            "_current_tool" | "_selected_tool" => Some(modal.tool.map(f64::from)),
+            "_current_tool" => Some(self.tool_in_spindle().map(f64::from)),
+            "_selected_tool" => Some(modal.tool.map(f64::from)),
             "_motion_mode" => Some(modal.motion.map(f64::from)),
             // Of the machine, and set by it.
             _ if name.starts_with("_ini[")
@@ -80,7 +81,7 @@ impl Interpreter {
                 let at = *offset.offset.get(axis)?;
                 return Some(Some(at / self.length_unit(axis)));
             }
-            5400 => return Some(self.modal.tool.map(f64::from)),
+            5400 => return Some(self.tool_in_spindle().map(f64::from)),
             5401..=5409 => (&self.modal.tool_offset, place(5401)?),
             5420..=5428 => {
                 let axis = axis_of_place(number)?;

@@ -167,9 +167,15 @@ impl Interpreter {
         outcome.switches_radius = codes.radius().is_some();
         outcome.switches_polar = codes.polar().is_some();
         self.check_skipped(&codes, &given)?;
+        let length =
+            (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);
         self.switch(&codes, &given)?;
         let mut uses_words = self.commands(&given, outcome)?;
         codes.in_machine |= outcome.in_machine;
+        let is_longer = length.is_some_and(|length| length != self.modal.tool_offset);
+        if is_longer && self.modal.centre_point != CentrePoint::Off {
+            self.has_other_centre_point();
+        }
         uses_words |= self.not_modal(&codes, &given, outcome)?;
         if !uses_words && codes.calls.is_none() {
             self.motion(&codes, &given, outcome)?;
@@ -186,6 +192,17 @@ impl Interpreter {
         Ok(())
     }
 
+    /// The tool is of another length while coordinates are those of its centre point. With the rotary axes off zero controls differ in
+    /// what X, Y and Z are then: they are not known until the program names them.
+    fn has_other_centre_point(&mut self) {
+        let is_off = |axis: usize| {
+            self.machine_has(axis) && !(self.known[axis] && self.position[axis] == 0.0)
+        };
+        if (3..6).any(is_off) {
+            self.known[..3].fill(false);
+        }
+    }
+
     /// What a block switches, besides its motion.
     fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         let modal = &mut self.modal;
@@ -200,6 +217,10 @@ impl Interpreter {
         }
         if let Some(tool) = given.find(b'T').and_then(|tool| tool.value) {
             modal.tool = whole(tool, 99_999);
+        }
+        if codes.changes_tool && self.dialect == Dialect::Rs274 {
+            self.in_spindle = modal.tool;
+            self.changes_tools = true;
         }
         match codes.plane() {
             Some(170) => modal.plane = Plane::Xy,

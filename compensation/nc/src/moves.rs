@@ -307,6 +307,11 @@ impl Interpreter {
         } else {
             [clearance, way]
         };
+        if given.has(b'K') {
+            return Err(given.refused(
+                "a cycle with K, which some controls read as the number of holes: write L, or each hole in a line of its own",
+            ));
+        }
         let repeats = match given.letter(b'L')? {
             Some(repeats) => whole(repeats, 100_000)
                 .filter(|repeats| *repeats > 0)

@@ -24,7 +24,7 @@ impl Interpreter {
             }
             return Ok(());
         }
-        let number = given.whole(b'H')?.or(self.modal.tool).unwrap_or(0);
+        let number = given.whole(b'H')?.or(self.tool_in_spindle()).unwrap_or(0);
         let offset = self.tools.get(&number).copied();
         if offset.is_none() && number != 0 {
             self.notes.add(Note::NoToolLength(number), given.line);
@@ -37,6 +37,15 @@ impl Interpreter {
             *sum += offset;
         }
         Ok(())
+    }
+
+    /// The number of the tool in the spindle: the one that M6 has put there, and of a program without M6 the one that T has named.
+    pub(crate) fn tool_in_spindle(&self) -> Option<u32> {
+        if self.changes_tools {
+            self.in_spindle
+        } else {
+            self.modal.tool
+        }
     }
 
     /// G68.
@@ -96,7 +105,7 @@ impl Interpreter {
             Some(922) => self.modal.shifted = false,
             Some(923) => self.modal.shifted = true,
             _ => {
-                let are_taken = codes.tool_length() == Some(431) || codes.rotation().is_some();
+                let are_taken = codes.tool_length() == Some(431) || codes.rotation() == Some(680);
                 return Ok(are_taken);
             }
         }

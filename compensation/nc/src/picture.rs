@@ -70,9 +70,9 @@ pub fn picture(of: &Verification) -> String {
     }
     let deviations = [(&of.before, kinds[1].0), (&of.after, kinds[2].0)];
     for (deviation, colour) in deviations {
-        let worst = of.path.iter().find(|place| place.line == deviation.line);
-        if let Some(place) = worst {
-            let [x, y] = on_page(at(place, &[0.0; 3]));
+        if !of.path.is_empty() {
+            let tip = deviation.tip_mm;
+            let [x, y] = on_page(plane.map(|axis| tip[axis]));
             let _ = writeln!(
                 svg,
                 "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"none\" stroke=\"{colour}\"><title>the worst place: line {}, {:.1} µm</title></circle>",

@@ -34,7 +34,7 @@ pub(crate) fn polar_writes(keeps: bool) -> Writes {
 impl Interpreter {
     /// Whether the X and Y words of a block are polar coordinates: those of motions are, under G16.
     pub(crate) fn takes_polar(&self, codes: &Codes) -> bool {
-        let says_no_place = codes.not_modal().is_some() || codes.rotation().is_some();
+        let says_no_place = codes.not_modal().is_some() || codes.rotation() == Some(680);
         self.modal.polar.is_some() && !codes.in_machine && !says_no_place
     }
 

@@ -44,6 +44,8 @@ struct Call {
     /// Where a program that is called by its number begins, and how often it is still to be executed; `None`: an O-word called
     /// it, with parameters of its own.
     program: Option<(usize, u64)>,
+    /// How many loops with a count are around its call: those inside end with it.
+    counts: usize,
     /// The file in which it stands, 0 being the program.
     file: usize,
 }
@@ -277,6 +279,7 @@ impl<'r, 't> Run<'r, 't> {
             back: at + 1,
             program: Some((begin, times)),
             file: self.lines.file_of(begin).0,
+            counts: self.counts.len(),
         });
         Ok(begin)
     }
@@ -287,11 +290,13 @@ impl<'r, 't> Run<'r, 't> {
         let Some(Call {
             back,
             program: None,
+            counts,
             ..
         }) = self.calls.pop()
         else {
             return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
         };
+        self.counts.truncate(counts);
         let parameters = &mut self.rewriter.interpreter.parameters;
         parameters.leave();
         let has_returned = f64::from(u8::from(value.is_some()));
@@ -302,6 +307,9 @@ impl<'r, 't> Run<'r, 't> {
 
     /// The line after the end of a program that was called by its number: its beginning, where it is to be executed again.
     fn end_program(&mut self, at: usize) -> Result<usize, NcError> {
+        if let Some(call) = self.calls.last() {
+            self.counts.truncate(call.counts);
+        }
         match self.calls.last_mut() {
             Some(Call {
                 program: Some((begin, left)),
@@ -319,7 +327,7 @@ impl<'r, 't> Run<'r, 't> {
                 self.calls.pop();
                 Ok(back)
             }
-            _ => Err(self.wrong(at, "M99 ends no subprogram that M98 called: in the main program it would begin again, for ever".to_owned())),
+            _ => Err(self.wrong(at, "M99 in the main program would repeat it for ever: expected it at the end of a subprogram that M98 called".to_owned())),
         }
     }
 
@@ -351,12 +359,19 @@ impl<'r, 't> Run<'r, 't> {
             back: at + 1,
             program: None,
             file: self.lines.file_of(begin).0,
+            counts: self.counts.len(),
         });
         Ok(begin + 1)
     }
 
     /// The values behind an O-word.
     fn values(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
+        let values = self.values_of(statement, line);
+        values.map_err(|error| self.lines.at(at, error))
+    }
+
+    /// The same; whose errors are at no line yet.
+    fn values_of(&self, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
         let expressions = Expressions::new(&self.rewriter.interpreter);
         let mut scanner = Scanner::new(line);
         scanner.go_to(statement.rest);
@@ -364,21 +379,18 @@ impl<'r, 't> Run<'r, 't> {
         while scanner.peek() == Some(b'[') {
             let read = expressions
                 .read(&mut scanner)
-                .map_err(|fault| NcError::Block {
-                    line: self.lines.first + at,
-                    fault,
-                })?;
+                .map_err(|fault| NcError::Block { line: 0, fault })?;
             values.extend(read.map(|read| read.value));
         }
         if self.rewriter.computed != Computed::Kept && expressions.has_read_returned() {
             return Err(NcError::NotCompensated {
-                line: self.lines.first + at,
+                line: 0,
                 what: "#<_value> is read here, which a call returned that is corrected differently from time to time".to_owned(),
             });
         }
         if self.rewriter.carries(&expressions.axes_read()) {
             return Err(NcError::NotCompensated {
-                line: self.lines.first + at,
+                line: 0,
                 what: "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control".to_owned(),
             });
         }

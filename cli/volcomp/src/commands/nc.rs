@@ -91,6 +91,26 @@ enum Language {
 }
 
 impl Arguments {
+    /// The files that are read, which no output may replace, with what the call names them by.
+    pub(super) fn inputs(&self) -> Vec<(&Path, &'static str)> {
+        let mut inputs = vec![
+            (self.program.as_path(), "PROGRAM"),
+            (self.machine.machine.as_path(), "--machine"),
+        ];
+        let others = [
+            (&self.setup, "--setup"),
+            (&self.truth, "--truth"),
+            (&self.inspect, "--inspect"),
+            (&self.ball_row, "--ball-row"),
+        ];
+        inputs.extend(
+            others
+                .into_iter()
+                .filter_map(|(path, option)| Some((path.as_deref()?, option))),
+        );
+        inputs
+    }
+
     pub(super) fn dialect(&self) -> Dialect {
         match self.dialect {
             Some(Language::Rs274) => Dialect::Rs274,
@@ -146,19 +166,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         ));
     }
     let length = file.metadata().map_or(0, |about| about.len());
-    let mut inputs = vec![
-        (program.as_path(), "PROGRAM"),
-        (arguments.machine.machine.as_path(), "--machine"),
-    ];
-    inputs.extend(arguments.setup.as_deref().map(|path| (path, "--setup")));
-    inputs.extend(arguments.truth.as_deref().map(|path| (path, "--truth")));
-    inputs.extend(
-        arguments
-            .ball_row
-            .as_deref()
-            .map(|path| (path, "--ball-row")),
-    );
-    inputs.extend(arguments.inspect.as_deref().map(|path| (path, "--inspect")));
+    let inputs = arguments.inputs();
     let part = arguments
         .inspect
         .as_deref()

@@ -44,10 +44,8 @@ impl OnTruth<'_> {
         }
         let found = self.run(made, result)?;
         if let Some(path) = &arguments.picture {
-            let inputs = [
-                (arguments.program.as_path(), "PROGRAM"),
-                (arguments.output.as_path(), "--output"),
-            ];
+            let mut inputs = arguments.inputs();
+            inputs.push((arguments.output.as_path(), "--output"));
             let mut file = OutputFile::open_beside(path, &inputs)?;
             file.write_all(picture(&found).as_bytes())
                 .map_err(|e| Failure::in_file(path, e))?;

@@ -164,3 +164,29 @@ fn the_mean_of_what_was_measured() {
         "{out}"
     );
 }
+
+/// 100 µrad of pitch over a tool of 300 mm are 30 µm, in the mean as in each correction; and the number of a program stays first.
+#[test]
+fn the_tool_counts_and_the_number_of_the_program_stays_first() {
+    let machine = format!(
+        "{TRAVELS}[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 0.0\n[errors]\nEBZ = {{ poly = [100.0] }}\n"
+    );
+    let machine = Machine::parse(&machine, "m.toml").expect("a machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+    let setup =
+        SetUp::parse(&format!("{SETUP}[tool.1]\nZ = 300\n"), "setup.toml").expect("a set-up");
+    let program = "%\nO0007\nG90 G54 G43 H1 G0 X0 Y0 Z0\nG1 F100 X10\n%\n";
+    let mut out = Vec::new();
+    let found = average(
+        program.as_bytes(),
+        &mut out,
+        Job::new(&corrector, &setup),
+        MeanOf::Places,
+    )
+    .expect("averaged");
+    assert!(
+        (found[0].mean_mm[0].abs() - 0.030).abs() < 1e-4,
+        "{found:?}"
+    );
+    assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21\nG10 L2 P1"));
+}

@@ -284,3 +284,35 @@ fn own_kinematics_after_m428_are_refused() {
         "{error}"
     );
 }
+
+/// Another length of the tool while its centre point is followed and the table is tilted: X and Y that the program does not name stay
+/// unnamed.
+#[test]
+fn another_length_at_a_tilt_names_no_axis() {
+    let machine = machine(LENGTH);
+    let program = "M428\nG43.1 Z93\nG0 X320 Y260 Z-300 A0 C0\nG1 Z-350 A30 C45 F100\nG43.1 Z120\nG1 Z-340\nG1 X330\nY250\nM2\n";
+    let (result, _) = run(&machine, "", program, Decimals::default());
+    let behind: Vec<&str> = result
+        .lines()
+        .skip_while(|line| !line.starts_with("G43.1 Z120"))
+        .collect();
+    let names = |line: &str| -> String { line.chars().filter(|c| "XYZAC".contains(*c)).collect() };
+    assert_eq!(names(behind[1]), "Z", "{result}");
+    assert_eq!(names(behind[2]).replace('Z', ""), "X", "{result}");
+    assert!(names(behind[3]).contains('Y'), "{result}");
+}
+
+/// The tool that M6 has put into the spindle counts, not the one that T has chosen for the next change.
+#[test]
+fn the_length_is_that_of_the_tool_in_the_spindle() {
+    let machine = machine(LENGTH);
+    let setup =
+        "[tool.1]\nZ = 93.0\n[tool.2]\nZ = 61.0\n[start]\nX = 0\nY = 0\nZ = 0\nA = 0\nC = 0\n";
+    let program = |length: &str| format!("T1 M6\nT2\n{length}\nG0 X100 Y200 Z-300 A20 C30\nM2\n");
+    let last = |length: &str| {
+        let (result, _) = run(&machine, setup, &program(length), Decimals::default());
+        result.lines().nth(3).expect("a line").to_owned()
+    };
+    assert_eq!(last("G43"), last("G43 H1"));
+    assert_ne!(last("G43 H2"), last("G43 H1"));
+}

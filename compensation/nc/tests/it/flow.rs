@@ -189,7 +189,7 @@ fn subprograms_that_cannot_be_followed_are_refused() {
             1,
             "the program O7 is neither in this file nor in a file such as O0007 or 7.nc",
         ),
-        ("G0 X0\nM99\n", 2, "M99 ends no subprogram"),
+        ("G0 X0\nM99\n", 2, "M99 in the main program would repeat it for ever"),
         ("M98 P7\nM30\nO7\nM98 P7\nM99\n", 4, "call one another"),
         ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "stands twice"),
         (
@@ -207,4 +207,47 @@ fn subprograms_that_cannot_be_followed_are_refused() {
     // Called no times, nothing of it is executed.
     let none = "M98 P7 L0\nM30\nO7\nG1 X900\nM99\n";
     assert_eq!(text("", none), none);
+}
+
+/// A return out of a loop with a count ends that loop: the loop around the call goes on.
+#[test]
+fn a_return_ends_the_loops_it_leaves() {
+    let bent = "[errors]\nEXX = { poly = [0.0, 0.0, 0.001] }\n";
+    let plain = "o1 sub\nG91 G1 X100 F1\no1 endsub\nG90 G0 X0 Y0 Z0\no3 repeat [2]\no1 call\no3 endrepeat\nM2\n";
+    let left = plain.replace(
+        "G91 G1 X100 F1\n",
+        "o2 repeat [3]\nG91 G1 X100 F1\no1 return\no2 endrepeat\n",
+    );
+    let motions = |program: &str| -> Vec<String> {
+        let result = text(bent, program);
+        let lines = result.lines().filter(|line| line.starts_with("G91 G1"));
+        lines.map(str::to_owned).collect()
+    };
+    assert_eq!(motions(&left)[1..], motions(plain)[1..]);
+    assert_eq!(
+        motions(plain).len(),
+        3,
+        "the subroutine, and both of its passes"
+    );
+    // The same with M98 and M99.
+    let program = "G90 G0 X0 Y0 Z0\nM98 P7 L2\nM30\nO7\no2 repeat [3]\nG91 G0 X100\nM99\no2 endrepeat\nM99\n";
+    let result = text(bent, program);
+    assert!(
+        result.contains("X99.990") && result.contains("X99.970"),
+        "{result}"
+    );
+}
+
+/// A G69 may stand beside a motion.
+#[test]
+fn words_beside_g69_are_a_motion() {
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    assert_eq!(
+        text(scale, "G0 X0 Y0\nG69 G1 X300 F1\nX100\n"),
+        "G0 X0 Y0\nG69 G1 X299.970 F1\nX99.990\n"
+    );
+    let error = compensated("", b"G0 X0\nG91 G81 X10 Z-5 R-2 K5\n")
+        .expect_err("refused")
+        .to_string();
+    assert!(error.starts_with("line 2: a cycle with K"), "{error}");
 }
