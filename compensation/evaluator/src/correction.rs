@@ -2,7 +2,7 @@
 
 use volcomp_kinematics::{
     Correctors, State,
-    least_norm::{LinearColumns, RotaryGram, normals},
+    least_norm::{LinearColumns, LinearShares, RotaryGram, normals},
     nalgebra::{Matrix3, Vector2, Vector3},
 };
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
@@ -133,7 +133,7 @@ impl CompiledMachine {
                 axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
             };
             let columns = linear_columns(correctors, column);
-            take_position(correctors, &columns, &position, &mut delta);
+            take_position(correctors, &columns.solved(), &position, &mut delta);
             return FirstOrder {
                 error,
                 delta,
@@ -151,7 +151,7 @@ impl CompiledMachine {
             position += arm_mm * *delta;
         }
         let columns = linear_columns(correctors, |index| directions.axes[index]);
-        take_position(correctors, &columns, &position, &mut delta);
+        take_position(correctors, &columns.solved(), &position, &mut delta);
         FirstOrder {
             error,
             delta,
@@ -184,7 +184,12 @@ impl CompiledMachine {
             };
             let columns = linear_columns(correctors, column);
             let position = Vector3::from(parts.error.position_mm);
-            take_position(correctors, &columns, &position, &mut parts.position);
+            take_position(
+                correctors,
+                &columns.solved(),
+                &position,
+                &mut parts.position,
+            );
             return parts;
         }
         let mut passed = Passed([None; MAX_AXES]);
@@ -194,11 +199,12 @@ impl CompiledMachine {
             correct_axis(correctors, &parts.error, &directions, &mut parts.rotary);
         let columns = linear_columns(correctors, |index| directions.axes[index]);
         let position = Vector3::from(parts.error.position_mm);
-        take_position(correctors, &columns, &position, &mut parts.position);
+        let solved = columns.solved();
+        take_position(correctors, &solved, &position, &mut parts.position);
         parts.linear_near_singular = columns.is_near_singular(correctors.linear().len());
         for (arm_mm, row) in directions.arms_mm.iter().zip(&mut parts.follow) {
             if *arm_mm != Vector3::zeros() {
-                take_position(correctors, &columns, arm_mm, row);
+                take_position(correctors, &solved, arm_mm, row);
             }
         }
         parts
@@ -281,13 +287,13 @@ pub(crate) fn linear_columns(
 
 /// Linear axes against a displacement of the tip: exactly with three directions, least squares with fewer.
 #[inline(always)]
-fn take_position(
+pub(crate) fn take_position(
     correctors: &Correctors,
-    columns: &LinearColumns,
+    solved: &LinearShares,
     position_mm: &Vector3<f64>,
     delta: &mut PerAxis<f64>,
 ) {
-    let shares = columns.shares(position_mm);
+    let shares = solved.of(position_mm);
     for (&index, share) in correctors.linear().iter().zip(shares) {
         delta[index] = -share;
     }

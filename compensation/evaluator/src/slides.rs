@@ -8,7 +8,7 @@ use crate::single::two_steps;
 #[cfg(not(feature = "std"))]
 use crate::table::Baseline;
 use crate::{
-    correction::linear_columns,
+    correction::{linear_columns, take_position},
     machine::{CompiledMachine, Evaluation},
     table::Registers,
 };
@@ -66,10 +66,8 @@ impl Slides {
     #[inline(always)]
     pub fn delta(&self, error: &Evaluation) -> PerAxis<f64> {
         let mut delta = PerAxis::ZERO;
-        let shares = self.shares.of(&Vector3::from(error.position_mm));
-        for (&index, share) in self.correctors.linear().iter().zip(shares) {
-            delta[index] = -share;
-        }
+        let position = Vector3::from(error.position_mm);
+        take_position(&self.correctors, &self.shares, &position, &mut delta);
         delta
     }
 }
