@@ -56,6 +56,7 @@ mod sides;
 mod siemens;
 mod skipped;
 mod straight;
+mod straightness;
 mod stretches;
 mod subroutines;
 mod tip;
