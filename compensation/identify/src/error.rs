@@ -93,6 +93,20 @@ pub enum IdentifyError {
         /// The files that they are in, the worst first.
         files: Vec<FarFile>,
     },
+    /// Something was shifted between two rows of a file.
+    #[error(
+        "{file}:{line}: at this row what was seen jumps by {found_mm:.3} mm: this and the later rows fit if {why}. Expected rows of one set-up, and axes whose zero stays: measure the file anew, or give these rows a file of their own with other names of spheres and set-ups"
+    )]
+    Jump {
+        /// The row file.
+        file: String,
+        /// The line of the first row that is shifted, from 1.
+        line: usize,
+        /// How far it moves what was seen at the most.
+        found_mm: f64,
+        /// What explains it.
+        why: String,
+    },
     /// The frame of a tracker is not determined.
     #[error(
         "{frame}: the frame cannot be found, {direction} is not determined by {rows} rows: expected at least three targets that are not on one line"

@@ -13,6 +13,7 @@ use crate::{
     judge::{Figures, figures, judged, left_out, outliers},
     next::{Next, next},
     observations::{Observations, Row, Seen},
+    order::{absurd_jump, in_order},
     params::{Param, Part},
     plausible::plausible,
     prepared::Rows,
@@ -114,12 +115,14 @@ pub fn identify_followed(
     let fits = 1 + observations.folds;
     progress(0, fits);
     let values = start(&system, observations, &rows)?;
-    plausible(&system, observations, &rows, &values)?;
+    let far = plausible(&system, observations, &rows, &values);
+    refuse_jump(&system, observations, &rows, &values, far)?;
     let fitted = fit(&system, observations, &rows, values.clone())?;
     progress(1, fits);
     let machine = machine_of(&system, &fitted.solution.values)?;
     let residuals = system.residuals(&rows, &fitted.solution.values);
     let mut warnings = observations.notes.clone();
+    warnings.extend(in_order(&system, observations, &rows, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
     warnings.extend(observations.guessed_turns());
     let (left_out, why_not) = left_out(&system, observations, &rows, &values, |done| {
@@ -230,6 +233,36 @@ pub(crate) fn fit(
         Exactness::Full,
     )?;
     Ok(Fitted { solution, rank })
+}
+
+/// Refuses rows that are far away, and rows of which some are shifted beside others: a shift is the better reason where no other
+/// cause is known.
+fn refuse_jump(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: &Values,
+    far: Result<(), IdentifyError>,
+) -> Result<(), IdentifyError> {
+    /// No row is further from the others where the shift is at most a millimetre.
+    const NEAR_MM: f64 = 0.25;
+    let is_without_cause = match &far {
+        Ok(()) => {
+            let residuals = system.residuals(rows, values);
+            residuals.iter().any(|residual| residual.norm() > NEAR_MM)
+        }
+        Err(IdentifyError::FarRows { files }) => files.iter().all(|file| file.causes.is_empty()),
+        Err(_) => false,
+    };
+    if is_without_cause && let Some(jump) = absurd_jump(system, observations, rows, values) {
+        return Err(IdentifyError::Jump {
+            why: jump.why(),
+            file: jump.file,
+            line: jump.line,
+            found_mm: jump.size_mm,
+        });
+    }
+    far
 }
 
 /// Refuses rows from which nothing can be found.

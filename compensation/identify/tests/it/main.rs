@@ -10,6 +10,7 @@ mod line;
 mod measure_next;
 mod messages;
 mod notes;
+mod order;
 mod peer;
 mod penalised;
 mod products;
