@@ -1,4 +1,5 @@
-//! What may make the rows of a file wrong at once: an axis that counts the other way, another unit, another tool.
+//! What may make the rows of a file wrong at once: an axis or an instrument that counts the other way, another unit, columns that
+//! are exchanged, another tool.
 
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
@@ -44,10 +45,40 @@ pub(crate) fn causes(machine: &Machine, rows: &[&Row]) -> Vec<Cause> {
     if of(AxisKind::Linear).count() > 1 {
         causes.extend(of(AxisKind::Linear).map(|axis| Cause::InchesOf(*axis)));
     }
+    for (place, one) in moving.iter().enumerate() {
+        let others = moving[place + 1..].iter();
+        let alike = others.filter(|other| other.kind() == one.kind());
+        causes.extend(alike.map(|other| Cause::Exchanged(*one, *other)));
+    }
+    let is_seen = |is: fn(&Seen) -> bool| rows.iter().any(|row| is(&row.seen));
+    if is_seen(|seen| matches!(seen, Seen::Point { .. })) {
+        causes.push(Cause::Mirrored);
+    }
+    if is_seen(|seen| matches!(seen, Seen::Distance { .. } | Seen::Pair { .. })) {
+        causes.push(Cause::LengthsInInches);
+    }
+    if rows.iter().any(|row| {
+        let mut turned = row.seen.clone();
+        turned.turn();
+        turned != row.seen
+    }) {
+        causes.push(Cause::Turned);
+    }
+    let mut used: Vec<(&String, Vector3<f64>)> = Vec::new();
     for name in machine.tools().keys() {
-        let is_other = |tip: Vector3<f64>| stands().any(|stand| stand.tip_mm != tip);
-        if machine.tip_of(name).is_ok_and(is_other) {
+        let Ok(tip_mm) = machine.tip_of(name) else {
+            continue;
+        };
+        if stands().any(|stand| stand.tip_mm != tip_mm) {
             causes.push(Cause::Tool(name.clone()));
+        }
+        if stands().any(|stand| stand.tip_mm == tip_mm) {
+            for (other, its_mm) in &used {
+                if *its_mm != tip_mm {
+                    causes.push(Cause::ToolsExchanged((*other).clone(), name.clone()));
+                }
+            }
+            used.push((name, tip_mm));
         }
     }
     causes
@@ -57,6 +88,13 @@ pub(crate) fn causes(machine: &Machine, rows: &[&Row]) -> Vec<Cause> {
 pub(crate) fn with_cause(row: &Row, cause: &Cause, machine: &Machine) -> Row {
     let tip_mm = match cause {
         Cause::Tool(name) => machine.tip_of(name).ok(),
+        _ => None,
+    };
+    let exchanged = match cause {
+        Cause::ToolsExchanged(one, other) => {
+            let [one, other] = [one, other].map(|name| machine.tip_of(name).ok());
+            one.zip(other).map(|(one, other)| [one, other])
+        }
         _ => None,
     };
     let stand = |stand: &Stand| {
@@ -72,6 +110,19 @@ pub(crate) fn with_cause(row: &Row, cause: &Cause, machine: &Machine) -> Row {
                 _ => {}
             }
         }
+        if let Cause::Exchanged(one, other) = cause {
+            let place = |name: &AxisName| machine.index_of(*name).ok();
+            if let (Some(one), Some(other)) = (place(one), place(other)) {
+                stand.state.q.swap(one, other);
+            }
+        }
+        if let Some([one, other]) = exchanged {
+            if stand.tip_mm == one {
+                stand.tip_mm = other;
+            } else if stand.tip_mm == other {
+                stand.tip_mm = one;
+            }
+        }
         stand.tip_mm = tip_mm.unwrap_or(stand.tip_mm);
         stand
     };
@@ -81,6 +132,15 @@ pub(crate) fn with_cause(row: &Row, cause: &Cause, machine: &Machine) -> Row {
     };
     if let Seen::Pair { from, .. } = &mut row.seen {
         *from = stand(from);
+    }
+    match (cause, &mut row.seen) {
+        (Cause::Turned, seen) => seen.turn(),
+        (Cause::Mirrored, Seen::Point { at_mm, .. }) => at_mm.x = -at_mm.x,
+        (
+            Cause::LengthsInInches,
+            Seen::Distance { length_mm, .. } | Seen::Pair { length_mm, .. },
+        ) => *length_mm *= MM_PER_INCH,
+        _ => {}
     }
     row
 }

@@ -4,12 +4,7 @@ use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::{
-    identify::{Fitted, fit},
-    observations::{Observations, Row},
-    prepared::Rows,
-    system::System,
-};
+use crate::{identify::Fitted, observations::Observations, prepared::Rows};
 
 /// A note where the residuals are larger than what was stated and chance explain, with the files that fit worst.
 pub(crate) fn contradiction(
@@ -47,55 +42,6 @@ pub(crate) fn contradiction(
         "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {so}",
         worst.join(", ")
     ))
-}
-
-/// Notes on files whose rows fit far better with the opposite sign: an instrument that counts the other way.
-pub(crate) fn opposite(
-    system: &System,
-    observations: &Observations,
-    rows: &Rows,
-    fitted: &Fitted,
-) -> Vec<String> {
-    /// What is left by the opposite sign is a part of what is left as it is, where chance does not explain the former either.
-    const BETTER: f64 = 0.25;
-    if fitted.solution.excess().is_none() {
-        return Vec::new();
-    }
-    let mut notes = Vec::new();
-    for (observation, own) in observations.fitted() {
-        let turned: Vec<Row> = rows
-            .iter()
-            .enumerate()
-            .map(|(place, row)| {
-                let mut row = row.clone();
-                if own.contains(&place) {
-                    row.seen.turn();
-                }
-                row
-            })
-            .collect();
-        if turned
-            .iter()
-            .zip(rows.iter())
-            .all(|(a, b)| a.seen == b.seen)
-        {
-            continue;
-        }
-        let turned = system.prepare(turned.iter());
-        let values = fitted.solution.values.clone();
-        let Ok(other) = fit(system, observations, &turned, values) else {
-            continue;
-        };
-        let [now, then] = [fitted, &other].map(|of| of.solution.variance.sqrt());
-        // Beside many rows that fit either way the contradiction is small, but it goes.
-        if other.solution.excess().is_none() || then < BETTER * now {
-            notes.push(format!(
-                "{}: with the opposite sign of its readings {then:.1} times the stated uncertainty is left in place of {now:.1}: does the instrument count the other way?",
-                observation.file,
-            ));
-        }
-    }
-    notes
 }
 
 /// A note where all linear axes keep to a small part of their travel: coordinates and readings in inches alike fit as well as in

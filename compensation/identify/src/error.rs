@@ -209,6 +209,25 @@ pub enum Cause {
     /// Coordinates of linear axes are in metres.
     #[error("they fit if the coordinates of the linear axes are metres, expected mm")]
     Metres,
+    /// The columns of two axes are exchanged.
+    #[error("they fit if the columns of {0} and {1} are exchanged")]
+    Exchanged(volcomp_vocabulary::AxisName, volcomp_vocabulary::AxisName),
+    /// The points of a tracker are in a left-handed frame.
+    #[error(
+        "they fit if x, y, z are of a left-handed frame, expected a right-handed one: is one of these columns with the opposite sign, or are two exchanged?"
+    )]
+    Mirrored,
+    /// Lengths that were read are in inches.
+    #[error("they fit if `length_mm` is inches, expected mm")]
+    LengthsInInches,
+    /// Readings have the opposite sign.
+    #[error(
+        "they fit with the opposite sign of the readings: does the instrument count the other way?"
+    )]
+    Turned,
+    /// Two tools are taken for each other.
+    #[error("they fit if the tools `{0}` and `{1}` are exchanged")]
+    ToolsExchanged(String, String),
     /// Another tool was in the spindle.
     #[error("they fit with the tool `{0}`: expected a column `tool` that names it")]
     Tool(String),

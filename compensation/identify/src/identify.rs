@@ -7,10 +7,11 @@ use volcomp_model::Machine;
 use crate::{
     coefficients::{Role, micro},
     design::design,
-    doubts::{contradiction, opposite, small_moves},
+    doubts::{contradiction, small_moves},
     error::IdentifyError,
     followers::Follower,
     judge::{Figures, figures, judged, left_out, outliers},
+    mistaken::mistaken,
     next::{Next, next},
     observations::{Observations, Row, Seen},
     order::{absurd_jump, in_order},
@@ -122,6 +123,7 @@ pub fn identify_followed(
     let machine = machine_of(&system, &fitted.solution.values)?;
     let residuals = system.residuals(&rows, &fitted.solution.values);
     let mut warnings = observations.notes.clone();
+    warnings.extend(mistaken(&system, observations, &rows, &fitted));
     warnings.extend(in_order(&system, observations, &rows, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
     warnings.extend(observations.guessed_turns());
@@ -139,7 +141,6 @@ pub fn identify_followed(
     let words = null.iter().enumerate();
     warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
-    warnings.extend(opposite(&system, observations, &rows, &fitted));
     let (judged, of_judged) = judged(
         &system,
         observations,

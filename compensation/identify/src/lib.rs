@@ -16,6 +16,7 @@ mod error;
 mod followers;
 mod identify;
 mod judge;
+mod mistaken;
 mod next;
 mod observations;
 mod order;

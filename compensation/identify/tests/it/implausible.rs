@@ -224,8 +224,12 @@ fn causes_that_are_equally_good_are_all_named() {
     let observed =
         "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
     let found = far_files(&lab, observed);
-    let all = [AxisName::X, AxisName::Y, AxisName::Z].map(Cause::Reversed);
-    assert_eq!(found, [("t.csv".to_owned(), all.to_vec())]);
+    let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+    let mut all = axes.map(Cause::Reversed).to_vec();
+    let [x, y, z] = axes;
+    all.extend([(x, y), (x, z), (y, z)].map(|(one, other)| Cause::Exchanged(one, other)));
+    all.push(Cause::Mirrored);
+    assert_eq!(found, [("t.csv".to_owned(), all)]);
 }
 
 const HEADER: &str = "X,Y,Z,C,B,sphere";

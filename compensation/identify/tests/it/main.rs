@@ -9,6 +9,7 @@ mod lab;
 mod line;
 mod measure_next;
 mod messages;
+mod mistaken;
 mod notes;
 mod order;
 mod peer;
