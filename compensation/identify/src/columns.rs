@@ -43,12 +43,14 @@ impl Columns<'_> {
             stem == name && unit_named(found) == Some(unit)
         };
         let names = || self.table.names().map(|(_, name)| name);
-        let Some(with_unit) = names().find(|found| is_it(found)).map(str::to_owned) else {
+        let mut with_units = names().filter(|found| is_it(found)).map(str::to_owned);
+        let Some(with_unit) = with_units.next() else {
             return self.get(name);
         };
-        if names().any(|found| found == name) {
+        let alone = names().find(|found| *found == name).map(str::to_owned);
+        if let Some(other) = alone.or_else(|| with_units.next()) {
             return Err(self.table.header_error(format!(
-                "found columns `{name}` and `{with_unit}`, expected one of them"
+                "found columns `{other}` and `{with_unit}`, expected one of them"
             )));
         }
         self.get(&with_unit)

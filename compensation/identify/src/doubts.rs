@@ -38,8 +38,18 @@ pub(crate) fn contradiction(
             "The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least"
         )
     };
+    let has_motion = observations.machine.errors().next().is_some()
+        || observations
+            .unknown
+            .iter()
+            .any(|unknown| !unknown.error.location);
+    let motions = if has_motion {
+        ""
+    } else {
+        ". The machine file has no error motions and none is unknown, so that all that the axes miss on their way is in what is left, and in what is found"
+    };
     Some(format!(
-        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {so}",
+        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {so}{motions}",
         worst.join(", ")
     ))
 }

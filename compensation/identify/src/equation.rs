@@ -128,6 +128,26 @@ impl System {
         tip
     }
 
+    /// By how much one unit of each coefficient moves the tip of the ideal machine at a pose.
+    pub(crate) fn moved_by(
+        &self,
+        stand: &PreparedStand,
+        values: &Values,
+    ) -> Vec<(usize, Vector3<f64>)> {
+        let tip = self.tip_at(stand, values, &Vector3::zeros(), true);
+        let mut moved = vec![Vector3::zeros(); self.unknowns.coefficients.len()];
+        for &(axis, component, coefficient, value) in &stand.terms {
+            moved[coefficient] += tip.by_motion[axis][component] * value;
+        }
+        for &(axis, component, coefficient) in &self.unknowns.locations {
+            moved[coefficient] += tip.by_location[axis][component];
+        }
+        for &(axis, component, coefficient, rate) in &self.following_locations {
+            moved[coefficient] += tip.by_location[axis][component] * rate;
+        }
+        moved.into_iter().enumerate().collect()
+    }
+
     /// Writes the equations of the row at this place; see [`System::equations`].
     #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     pub(crate) fn write_row(

@@ -122,33 +122,32 @@ pub fn identify_followed(
     progress(1, fits);
     let machine = machine_of(&system, &fitted.solution.values)?;
     let residuals = system.residuals(&rows, &fitted.solution.values);
-    let mut warnings = observations.notes.clone();
-    warnings.extend(mistaken(&system, observations, &rows, &fitted));
-    warnings.extend(in_order(&system, observations, &rows, &fitted));
-    warnings.extend(outliers(observations, &rows, &residuals));
-    warnings.extend(observations.guessed_turns());
     let (left_out, why_not) = left_out(&system, observations, &rows, &values, |done| {
         progress(1 + done, fits);
     })?;
-    warnings.extend(why_not);
-    warnings.extend(thin(&system, observations, &rows, &fitted));
-    warnings.extend(large(&system, &fitted));
-    let parameters = parameters(&system, &fitted);
-    let names =
-        |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
-    let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
-    let is_setup = |place: usize| fitted.rank.null[place][0].0 < system.params.setup();
-    let words = null.iter().enumerate();
-    warnings.extend(words.map(|(place, null)| null_in_words(null, is_setup(place))));
-    warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     let (judged, of_judged) = judged(
         &system,
         observations,
         &fitted.solution.values,
         figures(&residuals),
     );
+    let parameters = parameters(&system, &fitted);
+    let names =
+        |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
+    let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
+    // First what makes the answer wrong, then what makes it uncertain, last what stands at every run.
+    let mut warnings = mistaken(&system, observations, &rows, &fitted);
+    warnings.extend(in_order(&system, observations, &rows, &fitted));
+    warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
+    warnings.extend(outliers(observations, &rows, &residuals));
     warnings.extend(of_judged);
+    warnings.extend(large(&system, &fitted));
+    warnings.extend(thin(&system, observations, &rows, &fitted));
+    warnings.extend(observations.notes.iter().cloned());
+    warnings.extend(observations.guessed_turns());
     warnings.extend(small_moves(&system.machine, &rows));
+    warnings.extend(why_not);
+    warnings.extend(left_at_zero(&system, &fitted.rank, &null));
     Ok(Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.rank.kept.len(),
@@ -427,6 +426,33 @@ fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
         }
     };
     system.params.iter().enumerate().map(parameter).collect()
+}
+
+/// Notes on what cannot be told apart: one for each unknown that more observations could tell, one for all that are conventions.
+fn left_at_zero(system: &System, rank: &Rank, null: &[Vec<(String, f64)>]) -> Vec<String> {
+    let is_convention = |place: &usize| {
+        let left = rank.null[*place][0].0;
+        system.is_convention(left) == Some(true)
+    };
+    let (conventions, missing): (Vec<usize>, Vec<usize>) = (0..null.len()).partition(is_convention);
+    let is_setup = |place: usize| rank.null[place][0].0 < system.params.setup();
+    let words = |place: &usize| null_in_words(&null[*place], is_setup(*place));
+    let mut notes: Vec<String> = missing.iter().map(words).collect();
+    match &conventions[..] {
+        [] => {}
+        [one] => notes.push(words(one)),
+        several => {
+            let names: Vec<&str> = several
+                .iter()
+                .map(|place| null[*place][0].0.as_str())
+                .collect();
+            notes.push(format!(
+                "left at zero by convention, since they move the tool like location errors, other constants or the set-up: {}",
+                names.join(", ")
+            ));
+        }
+    }
+    notes
 }
 
 /// A combination that moves nothing, in words.

@@ -11,6 +11,7 @@ mod derivatives;
 mod design;
 mod doubts;
 mod draws;
+mod effects;
 mod equation;
 mod error;
 mod followers;

@@ -5,6 +5,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
     candidates::{Candidate, candidates},
+    effects::largest_effects,
     identify::Fitted,
     observations::{Observations, Seen},
     prepared::Rows,
@@ -18,9 +19,11 @@ pub struct Next {
     pub pose: Vec<(AxisName, f64)>,
     /// The file whose set-up is to be used.
     pub file: String,
-    /// The sphere or the ball there; `None` for other instruments.
+    /// The sphere, the ball or the target there; `None` where there is nothing to choose.
     pub target: Option<String>,
-    /// The error coefficient that is least certain in its effect on the observations; of those that are not determined,
+    /// The tool in the spindle; `None` where it is that of `[tool]`.
+    pub tool: Option<String>,
+    /// The error coefficient that is least certain in its largest effect on the tip in the workspace; of those that are not determined,
     /// where a pose tells of any, the one that it tells most of.
     pub parameter: String,
     /// How many times smaller its standard uncertainty is after the pose than now: 1 or more. `None` where it is not
@@ -29,8 +32,8 @@ pub struct Next {
 }
 
 /// The pose that helps most. Where unknowns are not determined and a pose tells of them, it is the one that tells most of
-/// them; else the one after which the largest uncertainty of any error coefficient, in its effect on the observations so
-/// far, is smallest.
+/// them; else the one after which the largest uncertainty of any error coefficient, by its largest effect on the tip in the
+/// workspace, is smallest.
 pub(crate) fn next(
     system: &System,
     observations: &Observations,
@@ -49,14 +52,27 @@ pub(crate) fn next(
     let of_missing = || most_told(system, &now, &ahead, &missing);
     let (place, parameter, improvement) = match of_missing() {
         Some((place, parameter)) => (place, parameter, None),
-        None => surest(system, rows.len(), &now, fitted, &ahead)?,
+        None => surest(&largest_effects(system, values), fitted, &ahead)?,
     };
     let Candidate { row, file } = &candidates[place];
     let target = match row.seen {
         Seen::Sphere { centre, .. } => Some(&system.setup.points[centre].name),
         Seen::Ball { distance, .. } => Some(&system.setup.numbers[distance].name),
+        Seen::Point {
+            target: Some(target),
+            ..
+        } => Some(&system.setup.points[target].name),
         _ => None,
     };
+    let machine = &system.machine;
+    let mut tools = machine.tools().keys();
+    let is_in_spindle = |name: &&String| {
+        machine
+            .tip_of(name)
+            .is_ok_and(|tip| tip == row.stand.tip_mm)
+    };
+    let is_of_tool = row.stand.tip_mm == machine.chain().tool_tip_mm();
+    let tool = tools.find(is_in_spindle).filter(|_| !is_of_tool);
     let axes = system.machine.axes().iter().zip(&row.stand.state.q);
     Some(Next {
         pose: axes
@@ -68,6 +84,7 @@ pub(crate) fn next(
             .collect(),
         file: file.clone(),
         target: target.cloned(),
+        tool: tool.cloned(),
         parameter: system.name(parameter),
         improvement,
     })
@@ -76,25 +93,12 @@ pub(crate) fn next(
 /// The candidate after which the largest uncertainty is smallest, the parameter that is least certain now, and how much
 /// more certain it becomes.
 fn surest(
-    system: &System,
-    rows: usize,
-    now: &DMatrix<f64>,
+    effects: &DVector<f64>,
     fitted: &Fitted,
     ahead: &Equations,
 ) -> Option<(usize, usize, Option<f64>)> {
     let kept = &fitted.rank.kept;
-    // The effect of one unit of each coefficient; set-ups are no errors of the machine.
-    let count = rows as f64;
-    let effect: Vec<f64> = kept
-        .iter()
-        .map(|&param| {
-            if param < system.params.setup() {
-                0.0
-            } else {
-                now.column(param).norm() / count.sqrt()
-            }
-        })
-        .collect();
+    let effect: Vec<f64> = kept.iter().map(|&param| effects[param]).collect();
     let covariance = &fitted.solution.covariance;
     let uncertain = |covariance: &DVector<f64>| {
         let sizes = effect

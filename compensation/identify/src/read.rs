@@ -136,6 +136,9 @@ fn observations(
         observations.push(observation);
     }
     let observations = set_times(observations, &machine, &mut reading.notes);
+    reading
+        .notes
+        .extend(one_tool(&machine, &reading.without_tool));
     Ok(Observations {
         files,
         machine,
@@ -145,6 +148,18 @@ fn observations(
         robust: root.truth_or("robust", false)?,
         folds: root.whole_or("folds", 0..=MOST_FOLDS, 10)?,
         notes: reading.notes,
+    })
+}
+
+/// A note on files whose rows are taken with the tool of `[tool]` though the machine file has several.
+fn one_tool(machine: &Machine, files: &[String]) -> Option<String> {
+    let tools: Vec<&str> = machine.tools().keys().map(String::as_str).collect();
+    (tools.len() > 1 && !files.is_empty()).then(|| {
+        format!(
+            "{}: no column `tool`, so all rows are taken with the tip of `[tool]`; the machine file has the tools {} too: if one of them was in the spindle, add the column",
+            files.join(", "),
+            tools.join(", ")
+        )
     })
 }
 
@@ -302,6 +317,9 @@ fn decode_observation(
     }
     if let Some(bar) = bar {
         ball_row::place_bar(&bar, &table, machine, &mut rows.rows, &mut reading.setup)?;
+    }
+    if !rows.has_tool {
+        reading.without_tool.push(name.clone());
     }
     let observation = Observation {
         file: name,

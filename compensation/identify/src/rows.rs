@@ -45,6 +45,7 @@ pub(crate) struct ReadRows {
     pub(crate) rows: Vec<Row>,
     pub(crate) orders: Vec<f64>,
     pub(crate) has_order: bool,
+    pub(crate) has_tool: bool,
 }
 
 /// A coordinate further outside travel than so many travels is no pose of this machine.
@@ -166,6 +167,7 @@ pub(crate) fn read_rows(
         rows,
         orders,
         has_order: order.is_some(),
+        has_tool: tool.is_some(),
     })
 }
 

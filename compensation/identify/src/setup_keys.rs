@@ -48,6 +48,8 @@ pub(crate) struct Reading {
     pub(crate) spheres: Vec<(String, usize)>,
     pub(crate) rows_of_balls: Vec<Balls>,
     pub(crate) notes: Vec<String>,
+    /// Files without a column `tool`.
+    pub(crate) without_tool: Vec<String>,
 }
 
 /// A value, or the name of what is to be found; "known" stands for the default.

@@ -87,8 +87,38 @@ pub(crate) fn decode_unknown(
             }
             Some(_) => return Err(item.error(format!("{} stands twice", unknown.error))),
         }
+        refuse_both_tilts(&item, unknown.error, &found)?;
     }
     Ok(found)
+}
+
+/// Refuses the tilts of two linear axes about the same direction: both together turn all that the tool and the workpiece do
+/// alike, so that only their difference, a squareness, is seen by anything.
+fn refuse_both_tilts(
+    item: &Value<'_>,
+    error: ErrorName,
+    found: &[Unknown],
+) -> Result<(), InputError> {
+    let is_tilt =
+        |name: ErrorName| name.location && !name.axis.is_rotary() && name.component.is_angular();
+    let of_other = |unknown: &&Unknown| {
+        let other = unknown.error;
+        is_tilt(other) && other.component == error.component && other.axis != error.axis
+    };
+    match found.iter().find(of_other).filter(|_| is_tilt(error)) {
+        Some(other) => {
+            let (first, second) = if other.error.axis < error.axis {
+                (other.error, error)
+            } else {
+                (error, other.error)
+            };
+            Err(item.error(format!(
+                "found {first} beside {second}, expected one of them: no measurement tells more than their difference, the squareness of {} and {}. {first} is zero by definition where {} is the reference axis",
+                first.axis, second.axis, first.axis
+            )))
+        }
+        None => Ok(()),
+    }
 }
 
 fn decode_item(

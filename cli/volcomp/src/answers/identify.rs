@@ -104,10 +104,13 @@ pub(crate) struct Next {
     pub(crate) pose: ByAxis,
     /// The row file whose set-up is to be used.
     pub(crate) file: String,
-    /// The sphere or the ball there; not there for other instruments.
+    /// The sphere, the ball or the target there; not there where there is nothing to choose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) target: Option<String>,
-    /// The unknown that is least certain in its effect; one that is not determined yet, where there is any.
+    /// The tool in the spindle; not there for that of `[tool]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) tool: Option<String>,
+    /// The unknown that is least certain in its largest effect on the tip; one that is not determined yet, where there is any.
     pub(crate) parameter: String,
     /// How many times smaller its uncertainty is after the pose: 1 or more; null where it is not determined yet.
     pub(crate) improvement: Option<f64>,
@@ -165,6 +168,7 @@ impl From<&Identification> for Found {
                 pose: next.pose.iter().copied().collect(),
                 file: next.file.clone(),
                 target: next.target.clone(),
+                tool: next.tool.clone(),
                 parameter: next.parameter.clone(),
                 improvement: next.improvement,
             }),

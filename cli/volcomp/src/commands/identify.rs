@@ -145,10 +145,14 @@ pub(super) fn found_text(document: &Found) -> String {
             .iter()
             .map(|(axis, at)| format!("{axis}={at}"))
             .collect();
-        let target = next.target.as_ref();
-        let target = target.map_or_else(String::new, |target| format!(", {target}"));
+        let tool = next.tool.as_ref().map(|tool| format!("tool {tool}"));
+        let with: String = [next.target.clone(), tool]
+            .into_iter()
+            .flatten()
+            .map(|what| format!(", {what}"))
+            .collect();
         let pose = pose.join(",");
-        let _ = writeln!(text, "measure next: {pose} ({}{target})", next.file);
+        let _ = writeln!(text, "measure next: {pose} ({}{with})", next.file);
         let what = match next.improvement {
             Some(improvement) if improvement < LITTLE => format!(
                 "one pose more changes little: the uncertainty of {} stays at {:.0} %",

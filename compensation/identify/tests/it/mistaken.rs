@@ -16,7 +16,8 @@ axes.Z.travel = [-600.0, 600.0]
 axes.C.travel = [-360.0, 360.0]
 axes.A.travel = [-100.0, 100.0]
 tool = { tip = [0.0, 0.0, -150.0] }
-tools.short = { tip = [0.0, 0.0, -148.0] }
+";
+const TOOLS: &str = "tools.short = { tip = [0.0, 0.0, -148.0] }
 tools.long = { tip = [0.0, 0.0, -153.0] }
 tools.stylus = { tip = [0.0, 0.0, -290.0] }
 ";
@@ -217,7 +218,7 @@ file = \"t.csv\"
 ";
 
 fn far(text: &str) -> Vec<Cause> {
-    let lab = Lab::new(MACHINE);
+    let lab = Lab::new(&format!("{MACHINE}{TOOLS}"));
     lab.write("t.csv", text);
     match lab.identify(POINTS) {
         Err(IdentifyError::FarRows { files }) => files[0].causes.clone(),
@@ -248,7 +249,7 @@ fn exchanged_columns_and_a_left_handed_frame_are_named() {
 #[test]
 fn exchanged_tools_are_named() {
     let exchanged = |k: usize, names: [&'static str; 2], lengths: [f64; 2]| {
-        let place = usize::from(k % 3 == 0);
+        let place = usize::from(k.is_multiple_of(3));
         (names[1 - place], lengths[place])
     };
     for seed in 0..3 {
@@ -264,7 +265,7 @@ fn exchanged_tools_are_named() {
                 "stylus".to_owned()
             )]
         );
-        let lab = Lab::new(MACHINE);
+        let lab = Lab::new(&format!("{MACHINE}{TOOLS}"));
         lab.write(
             "t.csv",
             &tracker(

@@ -92,3 +92,75 @@ proptest! {
 }
 
 const VALID: &str = "folds = 2\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"ball-row\"\nfile = \"t.csv\"\nrow = \"row.csv\"\nside1 = [0, 1, 0]\nuncertainty_um = 2\ndrift = 1\n";
+
+/// Both tilts of a squareness turn the whole machine: whichever combination is found, it would be by the set-up alone.
+#[test]
+fn both_tilts_of_a_squareness_are_refused() {
+    let lab = Lab::new(MACHINE);
+    lab.write(
+        "t.csv",
+        "X,Y,x,y,z\n0,0,0,0,0\n100,0,100,0,0\n0,100,0,100,0\n100,100,100,100,0\n",
+    );
+    let observed = |unknown: &str| {
+        format!(
+            "folds = 0\nunknown = {unknown}\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n"
+        )
+    };
+    for unknown in ["[\"EC0X\", \"EC0Y\"]", "[\"EC0Y\", \"EXX\", \"EC0X\"]"] {
+        let message = lab.refused(&observed(unknown));
+        assert!(
+            message.contains("found EC0X beside EC0Y, expected one of them")
+                && message.contains("the squareness of X and Y"),
+            "{message}"
+        );
+    }
+    for unknown in ["[\"EC0Y\"]", "[\"EC0X\"]", "[\"EC0Y\", \"EB0X\"]"] {
+        lab.read(&observed(unknown)).expect("read");
+    }
+}
+
+#[test]
+fn an_axis_with_two_columns_is_refused() {
+    let lab = Lab::new(MACHINE);
+    let observed =
+        "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
+    for (head, told) in [
+        ("X mm,X_mm,Y", "found columns `X_mm` and `X mm`"),
+        ("X_mm,X,Y", "found columns `X` and `X_mm`"),
+        ("X,Y [mm],Y (mm)", "found columns `Y (mm)` and `Y [mm]`"),
+    ] {
+        lab.write("t.csv", &format!("{head},x,y,z\n0,0,0,0,0,0\n"));
+        let message = lab.refused(observed);
+        assert!(message.contains(told), "{message}");
+    }
+}
+
+/// Rows without a tool beside a machine file with several: they may be of any of them.
+#[test]
+fn rows_without_a_tool_are_noted_where_there_are_several() {
+    let rows = |tool: &str| {
+        let (head, cell) = if tool.is_empty() {
+            ("", String::new())
+        } else {
+            ("tool,", format!("{tool},"))
+        };
+        format!(
+            "{head}X,Y,x,y,z\n{cell}0,0,0,0,0\n{cell}100,0,100,0,0\n{cell}0,100,0,100,0\n{cell}100,100,100,100,0\n"
+        )
+    };
+    let one = "[tools.short]\ntip = [0, 0, -10]\n";
+    let two = "[tools.short]\ntip = [0, 0, -10]\n[tools.long]\ntip = [0, 0, -90]\n";
+    for (tools, tool, is_told) in [
+        ("", "", false),
+        (one, "", false),
+        (two, "", true),
+        (two, "long", false),
+    ] {
+        let lab = Lab::new(&format!("{MACHINE}{tools}"));
+        lab.write("t.csv", &rows(tool));
+        let observed = "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
+        let told = lab.read(observed).expect("read").notes.join("\n");
+        let note = "t.csv: no column `tool`, so all rows are taken with the tip of `[tool]`; the machine file has the tools long, short too";
+        assert_eq!(told.contains(note), is_told, "{tools}{tool}: {told}");
+    }
+}
