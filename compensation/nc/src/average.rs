@@ -226,7 +226,7 @@ fn at_places(
         let mut found = Ok(());
         while let Ok(made) = all.recv() {
             if let Err(error) = corrector.take_tool(&made.tool) {
-                found = Err(error.into());
+                found = Err(error);
                 break;
             }
             corrector.goes(&made.motion.to);

@@ -35,6 +35,7 @@ const GROUPS: [(&str, &[Code]); 14] = [
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
 
 /// The codes of a block. `None`: none of the group.
+#[expect(clippy::struct_excessive_bools, reason = "each is a code of its own")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Codes {
     groups: [Option<Code>; GROUPS.len()],
@@ -43,6 +44,8 @@ pub(crate) struct Codes {
     /// The program ends here (M2, M30), or is told to go on elsewhere (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
+    /// M70 to M73, which save and restore what is switched, and M97 and M198, which call what is elsewhere.
+    pub(crate) not_followed: Option<Code>,
     /// M6: the tool that was chosen comes into the spindle.
     pub(crate) changes_tool: bool,
     /// M430: the kinematics that a user of LinuxCNC has written are switched on.
@@ -79,6 +82,7 @@ impl Codes {
                     20 | 300 => codes.ends = true,
                     60 => codes.changes_tool = true,
                     980 | 990 => codes.calls = Some(code),
+                    700 | 710 | 720 | 730 | 970 | 1980 => codes.not_followed = Some(code),
                     4280 => codes.centre_point = Some(true),
                     4290 => codes.centre_point = Some(false),
                     4300 => codes.own_kinematics = true,

@@ -166,6 +166,19 @@ impl Interpreter {
         outcome.calls = codes.calls;
         outcome.switches_radius = codes.radius().is_some();
         outcome.switches_polar = codes.polar().is_some();
+        if let Some(code) = codes
+            .not_followed
+            .filter(|_| self.dialect == Dialect::Rs274)
+        {
+            let what = format!(
+                "M{}, which is not followed: behind it other coordinates may hold",
+                code / 10
+            );
+            return Err(given.refused(&what));
+        }
+        if codes.not_modal() == Some(40) && given.names_axes() {
+            return Err(given.refused("a dwell (G4) with the word of an axis, which FANUC controls read as its time: write P"));
+        }
         self.check_skipped(&codes, &given)?;
         let length =
             (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);

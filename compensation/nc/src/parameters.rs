@@ -64,13 +64,16 @@ impl Parameters {
         }
     }
 
-    /// The value of a numbered parameter: 0 where it was never set.
+    /// The value of a numbered parameter: where the program has never set it, 0 for the own ones of a subroutine, and of the others what the
+    /// control keeps from program to program, which only the machine knows.
     pub(crate) fn numbered(&self, number: u32) -> Value {
+        if let Some(value) = self.set_number(number) {
+            return value;
+        }
         if AT_MACHINE.iter().any(|range| range.contains(&number)) {
             return None;
         }
-        let values = self.values(Self::is_local(number));
-        values.numbered.get(&number).copied().unwrap_or(Some(0.0))
+        Self::is_local(number).then_some(0.0)
     }
 
     /// The value of a numbered parameter, if the program has set it.

@@ -65,6 +65,40 @@ many unknowns are determined, of how many that are counted.
 /// A pose that makes the least certain unknown by less than this more certain changes little.
 const LITTLE: f64 = 1.05;
 
+/// The pose that would help most, and how.
+fn next_text(next: &crate::answers::identify::Next) -> String {
+    let pose: Vec<String> = next
+        .pose
+        .0
+        .iter()
+        .map(|(axis, at)| format!("{axis}={at}"))
+        .collect();
+    let tool = next.tool.as_ref().map(|tool| format!("tool {tool}"));
+    let with: String = [next.target.clone(), tool]
+        .into_iter()
+        .flatten()
+        .fold(String::new(), |all, what| all + ", " + &what);
+    let pose = pose.join(",");
+    let text = format!("measure next: {pose} ({}{with})\n", next.file);
+    let what = match next.improvement {
+        Some(improvement) if improvement < LITTLE => format!(
+            "one pose more changes little: the uncertainty of {} stays at {:.0} %",
+            next.parameter,
+            100.0 / improvement
+        ),
+        Some(improvement) => format!(
+            "the uncertainty of {} falls to {:.0} % of what it is",
+            next.parameter,
+            100.0 / improvement
+        ),
+        None => format!(
+            "it tells of {}, which is not determined yet",
+            next.parameter
+        ),
+    };
+    text + &folded(&what, "  ")
+}
+
 /// The tables of what was found, for people.
 pub(super) fn found_text(document: &Found) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
@@ -139,37 +173,7 @@ pub(super) fn found_text(document: &Found) -> String {
         );
     }
     if let Some(next) = &document.next {
-        let pose: Vec<String> = next
-            .pose
-            .0
-            .iter()
-            .map(|(axis, at)| format!("{axis}={at}"))
-            .collect();
-        let tool = next.tool.as_ref().map(|tool| format!("tool {tool}"));
-        let with: String = [next.target.clone(), tool]
-            .into_iter()
-            .flatten()
-            .map(|what| format!(", {what}"))
-            .collect();
-        let pose = pose.join(",");
-        let _ = writeln!(text, "measure next: {pose} ({}{with})", next.file);
-        let what = match next.improvement {
-            Some(improvement) if improvement < LITTLE => format!(
-                "one pose more changes little: the uncertainty of {} stays at {:.0} %",
-                next.parameter,
-                100.0 / improvement
-            ),
-            Some(improvement) => format!(
-                "the uncertainty of {} falls to {:.0} % of what it is",
-                next.parameter,
-                100.0 / improvement
-            ),
-            None => format!(
-                "it tells of {}, which is not determined yet",
-                next.parameter
-            ),
-        };
-        text += &folded(&what, "  ");
+        text += &next_text(next);
     }
     text
 }

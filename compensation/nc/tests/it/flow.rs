@@ -189,7 +189,11 @@ fn subprograms_that_cannot_be_followed_are_refused() {
             1,
             "the program O7 is neither in this file nor in a file such as O0007 or 7.nc",
         ),
-        ("G0 X0\nM99\n", 2, "M99 in the main program would repeat it for ever"),
+        (
+            "G0 X0\nM99\n",
+            2,
+            "M99 in the main program would repeat it for ever",
+        ),
         ("M98 P7\nM30\nO7\nM98 P7\nM99\n", 4, "call one another"),
         ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "stands twice"),
         (
@@ -230,7 +234,8 @@ fn a_return_ends_the_loops_it_leaves() {
         "the subroutine, and both of its passes"
     );
     // The same with M98 and M99.
-    let program = "G90 G0 X0 Y0 Z0\nM98 P7 L2\nM30\nO7\no2 repeat [3]\nG91 G0 X100\nM99\no2 endrepeat\nM99\n";
+    let program =
+        "G90 G0 X0 Y0 Z0\nM98 P7 L2\nM30\nO7\no2 repeat [3]\nG91 G0 X100\nM99\no2 endrepeat\nM99\n";
     let result = text(bent, program);
     assert!(
         result.contains("X99.990") && result.contains("X99.970"),

@@ -373,3 +373,57 @@ fn what_is_no_coordinate_of_a_machine_tool_is_refused() {
         );
     }
 }
+
+/// What would be taken for something else than the control takes it for.
+#[test]
+fn what_the_control_would_take_otherwise_is_refused() {
+    for (program, expected) in [
+        ("G1 X1 F1\nM70\n", "line 2: M70, which is not followed"),
+        ("M198 P1000\n", "line 1: M198, which is not followed"),
+        (
+            "G0 X100\nG04 X1.5\nY50\n",
+            "line 2: a dwell (G4) with the word of an axis",
+        ),
+        (
+            "G1 F100 X[#501+100]\n",
+            "line 1: the value of X is only known at the machine",
+        ),
+        (
+            "G1 F100 X#5041\n",
+            "line 1: the value of X is only known at the machine",
+        ),
+    ] {
+        let error = run("", program).expect_err(program).to_string();
+        assert!(error.starts_with(expected), "{error}");
+    }
+    run("", "#501=25\nG1 F100 X[#501+100] Y#3\nG4 P1\n")
+        .expect("what the program sets, and what is its own");
+}
+
+/// Behind a probing motion no block leads the probe on to where it did not get.
+#[test]
+fn nothing_stands_between_a_probe_and_its_retract() {
+    let errors = "EXX = { poly = [0.0, 0.04] }\nEYX = { poly = [0.0, 0.1] }\n";
+    let program = "G0 X0 Y0 Z10\nG1 Z5 F100\nG38.2 X100 F100\nG1 X-5\nM2\n";
+    let machine = Machine::parse(&format!("{LINEAR}{errors}"), "m.toml").expect("a machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+    let setup = SetUp::default();
+    let mut out = Vec::new();
+    compensate(
+        &mut program.as_bytes(),
+        &mut out,
+        Job::new(&corrector, &setup),
+        |_| Ok(()),
+    )
+    .expect("taken");
+    let out = String::from_utf8(out).expect("text");
+    let behind = out
+        .lines()
+        .skip_while(|line| !line.starts_with("G38.2"))
+        .nth(1)
+        .expect("a line");
+    assert!(
+        behind.starts_with("G1 X-5") || behind.starts_with("G1 X-4.99"),
+        "{out}"
+    );
+}

@@ -271,6 +271,23 @@ fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
     Ok(files)
 }
 
+/// The test of a file, with this displacement.
+fn run_of(columns: &Columns, name: &str) -> ThermalRun {
+    let mut displacements = columns.displacements.iter();
+    let displacement = displacements.find(|(known, _)| known == name);
+    ThermalRun {
+        record: ThermalRecord {
+            time_s: columns.time_s.clone(),
+            degc: columns.degc.clone(),
+            displacement: displacement.map_or_else(Vec::new, |(_, values)| values.clone()),
+        },
+        position_mm: columns
+            .position
+            .as_ref()
+            .map_or_else(Vec::new, |p| p.1.clone()),
+    }
+}
+
 fn channel(
     name: &str,
     error: Option<ErrorName>,
@@ -278,22 +295,7 @@ fn channel(
     arguments: &Arguments,
     search: &ThermalSearch,
 ) -> Result<Channel, Failure> {
-    let run = |columns: &Columns| {
-        let mut displacements = columns.displacements.iter();
-        let displacement = displacements.find(|(known, _)| known == name);
-        ThermalRun {
-            record: ThermalRecord {
-                time_s: columns.time_s.clone(),
-                degc: columns.degc.clone(),
-                displacement: displacement.map_or_else(Vec::new, |(_, values)| values.clone()),
-            },
-            position_mm: columns
-                .position
-                .as_ref()
-                .map_or_else(Vec::new, |p| p.1.clone()),
-        }
-    };
-    let runs: Vec<ThermalRun> = files.iter().map(run).collect();
+    let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
     let failed = |e: FitError| {
         // Of several files the first one that cannot be fitted by itself.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
