@@ -39,7 +39,7 @@ pub(crate) struct Arguments {
     /// it is taken as zero
     #[arg(long, value_name = "FILE")]
     setup: Option<PathBuf>,
-    /// A folder of subroutines that the program calls and does not have itself: name.ngc for o<name>, O1000 or 1000.nc for
+    /// A folder of subroutines that the program calls and does not have itself: name.ngc for the subroutine name, O1000 or 1000.nc for
     /// M98 P1000; may be given several times
     #[arg(long, value_name = "DIR")]
     subroutines: Vec<PathBuf>,
