@@ -174,7 +174,7 @@ pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
     })
 }
 
-/// A program with O-words whose beginnings and ends were found. Listing are counted from 0.
+/// A program with O-words whose beginnings and ends were found. Lines are counted from 0.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flow {
     pub(crate) statements: HashMap<usize, Statement>,

@@ -19,7 +19,7 @@ use crate::{
 /// A longer line is refused.
 pub const LONGEST_LINE: usize = 1 << 20;
 /// What follows the first O-word is held in memory, so many bytes at the most.
-const MOST_IN_MEMORY: usize = 256 << 20;
+pub(crate) const MOST_IN_MEMORY: usize = 256 << 20;
 
 /// Bytes that are written at a time.
 const PIECE: usize = 64 << 10;
@@ -28,7 +28,7 @@ const PIECE: usize = 64 << 10;
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Summary {
-    /// Listing, motions and changes.
+    /// Lines, motions and changes.
     pub counts: Counts,
     /// What a user should know, each once.
     pub notes: Notes,
@@ -79,7 +79,7 @@ impl<'a> Job<'a> {
 /// the work. A program with O-words is executed; the others are streamed.
 ///
 /// # Errors
-/// Listing that cannot be read or compensated, each with its number, and what reading and writing say. What was written
+/// Lines that cannot be read or compensated, each with its number, and what reading and writing say. What was written
 /// before is no whole program.
 pub fn compensate(
     input: &mut impl BufRead,

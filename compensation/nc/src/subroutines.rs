@@ -8,11 +8,8 @@ use std::{
 use crate::{
     LONGEST_LINE, NcError,
     flow::{Keyword, OLine, Statement, o_line, program_line},
-    program::split_lines,
+    program::{MOST_IN_MEMORY, split_lines},
 };
-
-/// All files together may have so many bytes.
-const MOST_IN_MEMORY: usize = 256 << 20;
 
 /// A file with subroutines.
 #[derive(Clone, Debug)]
@@ -153,7 +150,7 @@ fn file_names(called: &str) -> Vec<String> {
         .collect()
 }
 
-/// The name of the subroutine that a file is there for.
+/// Whether a subroutine of this name is looked for in a file.
 pub(crate) fn is_file_of(path: &Path, called: &str) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| file_names(called).contains(&name.to_lowercase()))

@@ -7,13 +7,21 @@ pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[a
 
 /// The result of compensating a program by a machine with these errors, 0.5 µm being the tolerance of splits.
 pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summary), NcError> {
+    compensated_in(&SetUp::default(), errors, program)
+}
+
+/// The same with a set-up.
+pub(crate) fn compensated_in(
+    setup: &SetUp,
+    errors: &str,
+    program: &[u8],
+) -> Result<(Vec<u8>, Summary), NcError> {
     let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005)?;
-    let setup = SetUp::parse("", "setup.toml").expect("an empty set-up");
     let mut out = Vec::new();
     let job = Job {
         most_blocks: 1_000_000,
-        ..Job::new(&corrector, &setup)
+        ..Job::new(&corrector, setup)
     };
     let summary = compensate(&mut &program[..], &mut out, job, |_| Ok(()))?;
     Ok((out, summary))

@@ -2,10 +2,9 @@
 
 use std::{fs, path::PathBuf};
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Job, NcError, SetUp, compensate};
+use volcomp_nc::{NcError, SetUp};
 
-use crate::{flow, identity::TRAVELS};
+use crate::{flow, identity::compensated_in};
 
 const SCALE: &str = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
 
@@ -21,16 +20,8 @@ fn folder(name: &str, files: &[(&str, &str)]) -> PathBuf {
 }
 
 fn compensated(errors: &str, program: &str, folders: Vec<PathBuf>) -> Result<String, NcError> {
-    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005)?;
     let setup = SetUp::default().with_subroutines(folders);
-    let mut out = Vec::new();
-    compensate(
-        &mut program.as_bytes(),
-        &mut out,
-        Job::new(&corrector, &setup),
-        |_| Ok(()),
-    )?;
+    let (out, _) = compensated_in(&setup, errors, program.as_bytes())?;
     Ok(String::from_utf8(out).expect("text"))
 }
 

@@ -405,17 +405,8 @@ fn what_the_control_would_take_otherwise_is_refused() {
 fn nothing_stands_between_a_probe_and_its_retract() {
     let errors = "EXX = { poly = [0.0, 0.04] }\nEYX = { poly = [0.0, 0.1] }\n";
     let program = "G0 X0 Y0 Z10\nG1 Z5 F100\nG38.2 X100 F100\nG1 X-5\nM2\n";
-    let machine = Machine::parse(&format!("{LINEAR}{errors}"), "m.toml").expect("a machine");
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
-    let setup = SetUp::default();
-    let mut out = Vec::new();
-    compensate(
-        &mut program.as_bytes(),
-        &mut out,
-        Job::new(&corrector, &setup),
-        |_| Ok(()),
-    )
-    .expect("taken");
+    let errors = format!("[errors]\n{errors}");
+    let (out, _) = crate::identity::compensated(&errors, program.as_bytes()).expect("taken");
     let out = String::from_utf8(out).expect("text");
     let behind = out
         .lines()
