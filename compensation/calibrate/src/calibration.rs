@@ -9,7 +9,7 @@ use crate::{
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
-    identified::{Identified, settled},
+    identified::{Identified, Wanted, settled},
     locations::located,
     not_measured::not_measured,
     stages::Stages,
@@ -43,6 +43,22 @@ pub struct Calibration {
 /// unknowns cannot be found.
 pub fn calibrate(
     file: &CalibrationFile,
+    progress: impl FnMut(usize, usize),
+) -> Result<Calibration, CalibrateError> {
+    calibrated(file, Wanted::Everything, progress)
+}
+
+/// The machine that [`calibrate`] makes, without the uncertainties of what was found from observations, which take longer.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
+    calibrated(file, Wanted::Machine, |_, _| {}).map(|calibration| calibration.machine)
+}
+
+fn calibrated(
+    file: &CalibrationFile,
+    wanted: Wanted,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
     let count = measured(file).len();
@@ -55,7 +71,7 @@ pub fn calibrate(
     let mut identified = None;
     let mut of_observations = Vec::new();
     if let Some(observations) = &file.observations {
-        let (found, last, notes) = settled(file, observations, known, stages)?;
+        let (found, last, notes) = settled(file, observations, known, stages, wanted)?;
         of_observations.extend(notes);
         of_observations.extend(found.found.warnings.iter().cloned());
         stages = last;

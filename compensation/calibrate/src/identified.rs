@@ -8,7 +8,10 @@ use volcomp_identify::{
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-use crate::{calibration_file::CalibrationFile, error::CalibrateError, stages::Stages};
+use crate::{
+    calibration_file::CalibrationFile, error::CalibrateError, lines_share::LinesShare,
+    stages::Stages,
+};
 
 /// What is found has settled when nothing moves by more than this part of its standard uncertainty.
 const SETTLED: f64 = 0.01;
@@ -18,10 +21,9 @@ const LEAST: f64 = 1e-6;
 const ROUNDS: usize = 60;
 /// Where one round carries a larger share into the next, unknowns and lines do not settle by turns: they are found together.
 const TOGETHER_ABOVE: f64 = 0.9;
-/// A share that one round carries into the next that makes uncertainties more than a quarter larger.
-const WORTH_TELLING: f64 = 0.2;
-/// By how much an unknown is changed to see how the lines follow it, µm or µrad: they are nearly straight in it.
-const CHANGE: f64 = 10.0;
+/// By how much an unknown is changed to see how the lines follow it, µm or µrad. That is of the size of errors, and the lines follow
+/// an error of this size in proportion, so that any other change would show the same.
+pub(crate) const CHANGE: f64 = 10.0;
 
 /// Errors found from observations.
 #[derive(Clone, Debug)]
@@ -32,6 +34,15 @@ pub struct Identified {
     pub rounds: usize,
 }
 
+/// What is wanted of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wanted {
+    /// The machine alone.
+    Machine,
+    /// Its uncertainties too.
+    Everything,
+}
+
 /// Finds the unknowns of a file, whose lines were fitted with the errors of `known`; the stages come back as they were
 /// fitted last.
 pub(crate) fn settled(
@@ -39,6 +50,7 @@ pub(crate) fn settled(
     observations: &Observations,
     mut known: Machine,
     mut stages: Stages,
+    wanted: Wanted,
 ) -> Result<(Identified, Stages, Vec<String>), CalibrateError> {
     let on = |machine: &Machine, followers: &[Follower], folds: usize| {
         let mut observations = observations.clone();
@@ -51,10 +63,9 @@ pub(crate) fn settled(
     let mut before: Option<Vec<Parameter>> = None;
     let mut rounds = 0;
     let mut last_moved = None;
-    let mut carried = 0.0_f64;
     loop {
         rounds += 1;
-        let found = on(&stages.machine, &followers, 0)?;
+        let (found, _) = on(&stages.machine, &followers, 0)?;
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
@@ -63,9 +74,6 @@ pub(crate) fn settled(
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,
             _ => 0.0,
         };
-        if followers.is_empty() {
-            carried = carried.max(share);
-        }
         last_moved = moved;
         for unknown in &observations.unknown {
             take(&mut known, &found.machine, unknown.error)?;
@@ -86,29 +94,33 @@ pub(crate) fn settled(
             followers = following(file, observations, (&known, &stages), &found.parameters)?;
         }
         for follower in &mut followers {
-            let own = |parameter: &&Parameter| parameter.name == follower.parameter;
+            let own = |parameter: &&Parameter| parameter.name == follower.parameter();
             let value = found.parameters.iter().find(own).map(|own| own.value);
-            follower.value = value.unwrap_or_default();
+            *follower = follower.clone().with_value(value.unwrap_or_default());
         }
         before = Some(found.parameters);
     }
     if !followers.is_empty() {
         notes.push(format!(
-            "the lines contain the unknowns: they were found together in {rounds} rounds, and the uncertainties of the unknowns are those with lines that follow them"
+            "the lines contain the unknowns: they were found together in {rounds} rounds"
         ));
     } else if rounds > 1 {
         notes.push(format!(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
         ));
     }
-    if followers.is_empty() && carried > WORTH_TELLING {
-        let times = 1.0 / (1.0 - carried.min(0.99));
-        notes.push(format!(
-            "the lines contain the unknowns: each round moved them by {:.0} % of the one before. Their uncertainties are those with the lines held, and may be {times:.1} times as large",
-            100.0 * carried
-        ));
+    let (mut found, response) = on(&stages.machine, &followers, observations.folds)?;
+    if wanted == Wanted::Everything {
+        let lines = LinesShare {
+            file,
+            observations,
+            known: &known,
+            response: &response,
+            // Where the lines follow the unknowns in the equations themselves, or hold nothing of them, nothing is carried on.
+            carries: followers.is_empty() && rounds > 1,
+        };
+        lines.add_to(&mut found, &stages)?;
     }
-    let found = on(&stages.machine, &followers, observations.folds)?;
     Ok((Identified { found, rounds }, stages, notes))
 }
 
@@ -120,30 +132,37 @@ fn following(
     found: &[Parameter],
 ) -> Result<Vec<Follower>, CalibrateError> {
     let mut followers = Vec::new();
-    let values: Vec<(String, f64)> = found.iter().map(|p| (p.name.clone(), p.value)).collect();
     for (place, parameter) in found.iter().enumerate() {
-        let mut changed = values.clone();
-        changed[place].1 += CHANGE;
-        let machine = machine_with(observations, &changed)?;
-        let mut there = known.clone();
-        for unknown in &observations.unknown {
-            take(&mut there, &machine, unknown.error)?;
-        }
-        // A number of a set-up changes nothing of the machine.
-        if there == *known {
+        let Some(changed) = changed(file, observations, known, (found, place))? else {
             continue;
-        }
-        let changed = Stages::of(file, &there, || ())?;
+        };
         if !changed.is_as_measured(stages) {
-            followers.push(Follower {
-                parameter: parameter.name.clone(),
-                value: parameter.value,
-                machines: [stages.machine.clone(), changed.machine],
-                by: CHANGE,
-            });
+            let machines = [stages.machine.clone(), changed.machine];
+            followers.push(Follower::new(parameter, machines, CHANGE)?);
         }
     }
     Ok(followers)
+}
+
+/// The lines fitted again with one unknown larger by [`CHANGE`]; `None` for a number of a set-up, which changes nothing of the
+/// machine.
+pub(crate) fn changed(
+    file: &CalibrationFile,
+    observations: &Observations,
+    known: &Machine,
+    (found, place): (&[Parameter], usize),
+) -> Result<Option<Stages>, CalibrateError> {
+    let Some(error) = found.get(place).and_then(|parameter| parameter.error) else {
+        return Ok(None);
+    };
+    let values = found.iter().enumerate().map(|(of, parameter)| {
+        let by = if of == place { CHANGE } else { 0.0 };
+        (parameter.name.clone(), parameter.value + by)
+    });
+    let machine = machine_with(observations, &values.collect::<Vec<_>>())?;
+    let mut there = known.clone();
+    take(&mut there, &machine, error)?;
+    Stages::of(file, &there, || ()).map(Some)
 }
 
 /// The largest change of a determined parameter in its standard uncertainties.
@@ -157,7 +176,11 @@ fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
 }
 
 /// Gives `to` the error of another machine.
-fn take(to: &mut Machine, from: &Machine, error: ErrorName) -> Result<(), CalibrateError> {
+pub(crate) fn take(
+    to: &mut Machine,
+    from: &Machine,
+    error: ErrorName,
+) -> Result<(), CalibrateError> {
     if error.location {
         let value = from.locations().get(&error).copied();
         to.set_location(error, value.unwrap_or_default())?;

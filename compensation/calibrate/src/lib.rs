@@ -15,6 +15,7 @@ mod fitted_curve;
 mod identified;
 mod line_of_sight;
 mod linear;
+mod lines_share;
 mod location_file;
 mod locations;
 mod not_measured;
@@ -35,7 +36,7 @@ mod stages;
 mod testing;
 mod varied;
 
-pub use calibration::{Calibration, calibrate};
+pub use calibration::{Calibration, calibrate, calibrated_machine};
 pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
 };

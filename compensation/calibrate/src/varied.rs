@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_identify::{Row, Seen};
+use volcomp_identify::{Observations, Row, Seen};
 use volcomp_metrology::{Measurement, MotionKind, Reading};
 use volcomp_vocabulary::{Direction, Urad};
 
@@ -21,12 +21,23 @@ impl CalibrationFile {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(trial);
         let mut varied = self.clone();
-        let laser = self.uncertainty.laser_um_per_m * normal(&mut rng);
-        for line in &mut varied.measurements {
-            vary(line, &self.uncertainty, laser, &mut rng);
+        varied.vary_direct(&mut |_| normal(&mut rng));
+        if let Some(observations) = &mut varied.observations {
+            vary_observations(observations, &mut || normal(&mut rng));
         }
-        for squareness in &mut varied.squareness {
-            let shift = self.uncertainty.square_urad * normal(&mut rng);
+        varied
+    }
+
+    /// Shifts everything that is measured directly by its standard uncertainties times the numbers that `next` gives, each an
+    /// independent one.
+    pub(crate) fn vary_direct(&mut self, next: &mut impl FnMut(Part) -> f64) {
+        let uncertainty = self.uncertainty;
+        let laser = uncertainty.laser_um_per_m * next(Part::Stated);
+        for line in &mut self.measurements {
+            vary(line, &uncertainty, laser, next);
+        }
+        for squareness in &mut self.squareness {
+            let shift = uncertainty.square_urad * next(Part::Stated);
             match &mut squareness.source {
                 SquarenessSource::Value(Urad(angle))
                 | SquarenessSource::Slopes {
@@ -36,26 +47,39 @@ impl CalibrationFile {
                 SquarenessSource::Diagonals => {}
             }
         }
-        for location in &mut varied.locations {
-            location.value += location.uncertainty * normal(&mut rng);
+        for location in &mut self.locations {
+            location.value += location.uncertainty * next(Part::Stated);
         }
-        let diagonals = varied.diagonals.iter_mut().map(|d| &mut d.observations);
-        for observations in diagonals.chain(&mut varied.observations) {
-            // Nobody reads how well a drawn one predicts.
-            observations.folds = 0;
-            // What a calibration says of the distances of balls is a reading like those of this machine.
-            for number in &mut observations.setup.numbers {
-                if let (Some(value), Some(within)) = (&mut number.value, number.known_within) {
-                    *value += within * normal(&mut rng);
-                }
-            }
-            for observation in &mut observations.observations {
-                for row in &mut observation.rows {
-                    vary_row(row, &mut rng);
-                }
-            }
+        for diagonals in &mut self.diagonals {
+            vary_observations(&mut diagonals.observations, &mut || next(Part::Stated));
         }
-        varied
+    }
+
+    /// Whether everything that is measured directly reads as in another file of the same measurements.
+    pub(crate) fn reads_as(&self, other: &Self) -> bool {
+        let lines = self.measurements.iter().zip(&other.measurements);
+        let mut diagonals = self.diagonals.iter().zip(&other.diagonals);
+        let rows = |of: &Observations| -> Vec<Row> {
+            let observations = of.observations.iter();
+            observations.flat_map(|of| of.rows.clone()).collect()
+        };
+        self.squareness == other.squareness
+            && self.locations == other.locations
+            && lines
+                .map(|(a, b)| (&a.readings, &b.readings))
+                .all(|(a, b)| {
+                    let deviations = |of: &Measurement| -> Vec<f64> {
+                        of.readings
+                            .iter()
+                            .map(|reading| reading.deviation)
+                            .collect()
+                    };
+                    deviations(a) == deviations(b)
+                })
+            && diagonals.all(|(a, b)| {
+                let [a, b] = [&a.observations, &b.observations];
+                rows(a) == rows(b) && a.setup.numbers == b.setup.numbers
+            })
     }
 
     /// The lines whose uncertainty comes from the scatter of a few runs.
@@ -122,7 +146,16 @@ impl LineScatter {
     }
 }
 
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
+/// What a shift belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// The scatter of a run, see [`CalibrationFile::scatters`].
+    Run,
+    /// A stated uncertainty.
+    Stated,
+}
+
+pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
@@ -131,9 +164,26 @@ fn most_runs(readings: &Measurement) -> usize {
     runs[0].max(runs[1])
 }
 
+/// Shifts what was observed by its uncertainties.
+fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
+    // Nobody reads how well a drawn one predicts.
+    observations.folds = 0;
+    // What a calibration says of the distances of balls is a reading like those of this machine.
+    for number in &mut observations.setup.numbers {
+        if let (Some(value), Some(within)) = (&mut number.value, number.known_within) {
+            *value += within * next();
+        }
+    }
+    for observation in &mut observations.observations {
+        for row in &mut observation.rows {
+            vary_row(row, next);
+        }
+    }
+}
+
 /// Shifts what was seen at a pose by its uncertainty.
-fn vary_row(row: &mut Row, rng: &mut ChaCha8Rng) {
-    let mut shift = || row.uncertainty_mm * normal(rng);
+fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
+    let mut shift = || row.uncertainty_mm * next();
     match &mut row.seen {
         Seen::Point { at_mm: seen, .. }
         | Seen::Sphere {
@@ -168,7 +218,12 @@ fn place(reading: &Reading) -> (Direction, u64) {
 /// Shifts the readings of a target together. One number for each run multiplies its deviations from the
 /// means: the covariance of the shifts is that of the runs by their count, between targets and
 /// directions too.
-fn vary(line: &mut Line, uncertainty: &Uncertainty, laser_um_per_m: f64, rng: &mut ChaCha8Rng) {
+fn vary(
+    line: &mut Line,
+    uncertainty: &Uncertainty,
+    laser_um_per_m: f64,
+    next: &mut impl FnMut(Part) -> f64,
+) {
     let positioning =
         MotionKind::of(line.setup.error) == MotionKind::Positioning && !line.setup.reads_angles();
     let independent = if line.setup.reads_angles() {
@@ -183,7 +238,7 @@ fn vary(line: &mut Line, uncertainty: &Uncertainty, laser_um_per_m: f64, rng: &m
         shifts.entry(place(reading)).or_default();
     }
     for factor in factors.values_mut() {
-        *factor = normal(rng);
+        *factor = next(Part::Run);
     }
     for (key, shift) in &mut shifts {
         let scale = if positioning {
@@ -191,7 +246,7 @@ fn vary(line: &mut Line, uncertainty: &Uncertainty, laser_um_per_m: f64, rng: &m
         } else {
             0.0
         };
-        *shift = scale + independent * normal(rng);
+        *shift = scale + independent * next(Part::Stated);
     }
     add_runs(&mut shifts, line, |run| factors[&run]);
     for reading in &mut line.readings.readings {

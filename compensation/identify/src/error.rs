@@ -68,6 +68,14 @@ pub enum IdentifyError {
         "what was found has other unknowns than the observations, expected what `identify` found of these observations"
     )]
     OtherObservations,
+    /// Errors cannot follow an unknown like this.
+    #[error("errors of the machine cannot follow {parameter}: {why}")]
+    NotFollowing {
+        /// The unknown.
+        parameter: String,
+        /// What is wrong.
+        why: &'static str,
+    },
     /// No row is there to be fitted.
     #[error(
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"

@@ -7,20 +7,67 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::Component;
 
 use crate::{
-    coefficients::micro, derivatives::component_of, prepared::PreparedStand, system::System,
+    coefficients::micro, derivatives::component_of, error::IdentifyError, identify::Parameter,
+    prepared::PreparedStand, system::System,
 };
 
 /// How the other errors of a machine follow one unknown: straight, as far as they are known.
 #[derive(Clone, Debug)]
 pub struct Follower {
     /// The unknown by its name among the parameters.
-    pub parameter: String,
+    parameter: String,
     /// Its value with which the machine of the observations was made, in the unit of the parameter.
-    pub value: f64,
+    value: f64,
     /// A machine, and what it is where the unknown is larger by `by`, in the unit of the parameter.
-    pub machines: [Machine; 2],
-    /// See `machines`.
-    pub by: f64,
+    machines: [Machine; 2],
+    by: f64,
+}
+
+impl Follower {
+    /// A follower of an unknown error, which has now the value with which the machine of the observations was made:
+    /// `machines` are a machine, and what it is where the unknown is larger by `by`, in the unit of the parameter.
+    ///
+    /// # Errors
+    /// [`IdentifyError::NotFollowing`] for a number of a set-up, for a change that is no number or 0, and for machines of two
+    /// structures.
+    pub fn new(
+        parameter: &Parameter,
+        machines: [Machine; 2],
+        by: f64,
+    ) -> Result<Self, IdentifyError> {
+        let refused = |why| IdentifyError::NotFollowing {
+            parameter: parameter.name.clone(),
+            why,
+        };
+        if parameter.error.is_none() {
+            return Err(refused(
+                "it is a number of a set-up, expected an error of the machine",
+            ));
+        }
+        if !by.is_finite() || by == 0.0 {
+            return Err(refused("expected a change that is a number and not 0"));
+        }
+        if machines[0].chain().structure() != machines[1].chain().structure() {
+            return Err(refused("expected two machines of one structure"));
+        }
+        Ok(Self {
+            parameter: parameter.name.clone(),
+            value: parameter.value,
+            machines,
+            by,
+        })
+    }
+
+    /// The unknown by its name among the parameters.
+    pub fn parameter(&self) -> &str {
+        &self.parameter
+    }
+
+    /// The same where the machine of the observations was made with another value of the unknown, in the unit of the parameter.
+    #[must_use]
+    pub fn with_value(self, value: f64) -> Self {
+        Self { value, ..self }
+    }
 }
 
 /// A follower inside: mm and rad.
@@ -45,14 +92,26 @@ impl Following {
 }
 
 impl System {
-    /// The system with errors that follow its unknowns; those of names that it does not have follow nothing.
-    pub(crate) fn followed_by(mut self, followers: &[Follower]) -> Self {
+    /// The system with errors that follow its unknowns.
+    ///
+    /// # Errors
+    /// A follower of an unknown that it does not have, or with machines of another structure.
+    pub(crate) fn followed_by(mut self, followers: &[Follower]) -> Result<Self, IdentifyError> {
         let none = Temperatures::default();
         for follower in followers {
             let mut unknowns = self.unknowns.coefficients.iter();
             let Some(coefficient) = unknowns.position(|c| c.name == follower.parameter) else {
-                continue;
+                return Err(IdentifyError::NotFollowing {
+                    parameter: follower.parameter.clone(),
+                    why: "it is none of the unknowns of the observations",
+                });
             };
+            if follower.machines[0].chain().structure() != self.machine.chain().structure() {
+                return Err(IdentifyError::NotFollowing {
+                    parameter: follower.parameter.clone(),
+                    why: "its machines have another structure than that of the observations",
+                });
+            }
             let scale = micro(self.unknowns.coefficients[coefficient].error.component);
             let following = Following {
                 coefficient,
@@ -71,7 +130,7 @@ impl System {
             }
             self.followers.push(following);
         }
-        self
+        Ok(self)
     }
 
     /// Takes what follows the unknowns into a prepared pose: the known errors as they were without them, and a term for each.

@@ -3,6 +3,7 @@
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
 
 use crate::{
     coefficients::{Role, micro},
@@ -19,6 +20,7 @@ use crate::{
     plausible::plausible,
     prepared::Rows,
     rank::{Rank, independent},
+    response::Response,
     solve::{Exactness, Solution, solve},
     start::start,
     system::System,
@@ -31,6 +33,8 @@ use crate::{
 pub struct Parameter {
     /// The name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
     pub name: String,
+    /// The error that it belongs to; `None` for a number of a set-up.
+    pub error: Option<ErrorName>,
     /// The value in `unit`; 0 where it is not determined.
     pub value: f64,
     /// `um`, `urad`, `mm`, `deg` or `um_per_m`.
@@ -95,11 +99,11 @@ pub fn identify(
     observations: &Observations,
     progress: impl FnMut(usize, usize),
 ) -> Result<Identification, IdentifyError> {
-    identify_followed(observations, &[], progress)
+    identify_followed(observations, &[], progress).map(|(found, _)| found)
 }
 
 /// The same where other errors of the machine follow the unknowns: these are found by the residuals with all that follows
-/// them, and so is their covariance.
+/// them, and so is their covariance. With it comes how what was found follows the errors that were taken for known.
 ///
 /// The machine that is found has the other errors as the observations had them.
 ///
@@ -109,8 +113,8 @@ pub fn identify_followed(
     observations: &Observations,
     followers: &[Follower],
     mut progress: impl FnMut(usize, usize),
-) -> Result<Identification, IdentifyError> {
-    let system = System::new(observations)?.followed_by(followers);
+) -> Result<(Identification, Response), IdentifyError> {
+    let system = System::new(observations)?.followed_by(followers)?;
     let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
     check(&system, &rows)?;
     let fits = 1 + observations.folds;
@@ -148,7 +152,7 @@ pub fn identify_followed(
     warnings.extend(small_moves(&system.machine, &rows));
     warnings.extend(why_not);
     warnings.extend(left_at_zero(&system, &fitted.rank, &null));
-    Ok(Identification {
+    let found = Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.rank.kept.len(),
         score: fitted.rank.score(),
@@ -164,7 +168,9 @@ pub fn identify_followed(
         parameters,
         null,
         warnings,
-    })
+    };
+    let response = Response::new(&system, observations, followers, &fitted);
+    Ok((found, response))
 }
 
 /// The machine of the observations with values of their unknown errors, by the names and in the units of the parameters; 0 where
@@ -341,7 +347,7 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
 
 /// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search
 /// moves them about their middle.
-fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
+pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let count = fitted.rank.kept.len();
     let mut told = DMatrix::zeros(count, count);
     for (row, &param) in fitted.rank.kept.iter().enumerate() {
@@ -412,6 +418,10 @@ fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
         let mixed = |null: &&Vec<(usize, f64)>| null[1..].iter().any(|(c, _)| *c == param);
         Parameter {
             name: system.name(param),
+            error: match what {
+                Param::Coefficient(place) => Some(system.unknowns.coefficients[place].error),
+                Param::SetUp { .. } => None,
+            },
             value,
             unit,
             uncertainty: place.map(|place| covariance[(place, place)].max(0.0).sqrt()),

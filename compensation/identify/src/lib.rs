@@ -28,6 +28,7 @@ mod prepared;
 mod products;
 mod rank;
 mod read;
+mod response;
 mod rows;
 mod seen_columns;
 mod setup_keys;
@@ -53,4 +54,5 @@ pub use observations::{
     Unknown,
 };
 pub use read::ReadFile;
+pub use response::Response;
 pub use timeline::Approach;

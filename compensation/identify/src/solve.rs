@@ -38,6 +38,8 @@ pub(crate) struct Solution {
     pub(crate) values: Values,
     /// The covariance of the parameters that were kept, mm and rad.
     pub(crate) covariance: DMatrix<f64>,
+    /// What the covariance would be of numbers that scatter as stated, penalties as weak as the observations allow.
+    pub(crate) of_unit_variance: DMatrix<f64>,
     /// The variance of a number, in units of the stated one, that the covariance counts: 1 where it follows from the stated
     /// uncertainties alone.
     pub(crate) counted: f64,
@@ -63,18 +65,15 @@ impl Solution {
         };
         // The weights made the covariance as large as if all numbers had the mean weight.
         let mean_weight = if search.robust {
-            equations
-                .residuals
-                .iter()
-                .map(|r| huber_weight(*r))
-                .sum::<f64>()
-                / count.max(1.0)
+            equations.residuals.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
         } else {
             1.0
         };
+        let of_unit_variance = step.covariance / step.counted;
         Self {
             values,
-            covariance: step.covariance * (counted * mean_weight / step.counted),
+            covariance: &of_unit_variance * (counted * mean_weight),
+            of_unit_variance,
             counted,
             counts_residuals: search.robust || search.penalised,
             variance: step.square / freedom,
@@ -174,7 +173,8 @@ fn spread(step: &DVector<f64>, kept: &[usize], count: usize, share: f64) -> DVec
     all
 }
 
-fn huber_weight(residual: f64) -> f64 {
+/// How much a residual counts in a robust fit.
+pub(crate) fn weight(residual: f64) -> f64 {
     let size = residual.abs();
     if size > HUBER { HUBER / size } else { 1.0 }
 }
@@ -248,7 +248,7 @@ impl Search<'_> {
         let square = cost(equations, robust);
         if robust {
             for (row, residual) in residuals.iter_mut().enumerate() {
-                let root = huber_weight(*residual).sqrt();
+                let root = weight(*residual).sqrt();
                 *residual *= root;
                 jacobian.row_mut(row).scale_mut(root);
             }

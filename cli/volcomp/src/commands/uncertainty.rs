@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use volcomp_calibrate::{CalibrationFile, calibrate, not_observed};
+use volcomp_calibrate::{CalibrationFile, calibrate, calibrated_machine, not_observed};
 use volcomp_document::Document;
 use volcomp_identify::{Draws, Identification, Observations, identify};
 use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
@@ -142,7 +142,7 @@ impl UncertaintyArguments {
         found: Machine,
         compiled: impl Fn(Machine) -> Result<CompiledMachine, Failure> + Sync,
     ) -> Result<Option<Ensemble>, Failure> {
-        let calibrated = |file: &CalibrationFile| compiled(calibrate(file, |_, _| {})?.machine);
+        let calibrated = |file: &CalibrationFile| compiled(calibrated_machine(file)?);
         let Some(ensemble) = self.drawn(|trial| calibrated(&file.varied(self.seed, trial)))? else {
             return Ok(None);
         };

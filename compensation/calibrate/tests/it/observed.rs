@@ -5,7 +5,7 @@ use std::{fmt::Write as _, fs, path::Path};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_calibrate::{CalibrationFile, calibrate, calibrated_machine};
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, ErrorName};
@@ -204,5 +204,53 @@ fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
             .expect_err(expected)
             .to_string();
         assert!(message.contains(expected), "{expected}: {message}");
+    }
+}
+
+/// Uncertainties against the whole calibration repeated with other readings: of lines and unknowns that were found by turns, and of
+/// lines that follow their unknowns.
+#[test]
+fn uncertainties_of_unknowns_are_those_of_the_whole_calibration() {
+    const REPEATS: u64 = 100;
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = partial_truth();
+    tracker(folder.path(), &truth, 60, 1.0);
+    let mut text = format!("machine = \"machine.toml\"\n{UNKNOWN}folds = 0\n");
+    text += &lines(folder.path(), &truth, |error| MEASURED.contains(&error));
+    for (name, value) in &LOCATIONS[..3] {
+        writeln!(
+            text,
+            "[[location]]\nerror = \"{name}\"\nvalue_urad = {value}\nuncertainty_urad = 2"
+        )
+        .expect("a String");
+    }
+    text += "[uncertainty]\nreading_um = 1.0\nreading_urad = 1.0\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\nuncertainty_um = 1.0\n";
+    fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
+    let path = folder.path().join("calibration.toml");
+    fs::write(&path, text).expect("written");
+    let tilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt/c.toml");
+    for path in [path, tilt] {
+        let mut file = CalibrationFile::read(&path).expect("read");
+        let stated = &mut file.uncertainty;
+        (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
+        let found = calibrate(&file, |_, _| {}).expect("found");
+        let found = found.identified.expect("unknowns").found;
+        let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
+        let repeated: Vec<Machine> = (0..REPEATS).map(repeat).collect();
+        for parameter in found.parameters.iter().filter(|p| p.error.is_some()) {
+            let error = parameter.error.expect("an error");
+            let values = || repeated.iter().map(|of| of.locations()[&error]);
+            let mean = values().sum::<f64>() / REPEATS as f64;
+            let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
+            let spread = (squares / (REPEATS - 1) as f64).sqrt();
+            let uncertainty = parameter.uncertainty.expect("determined");
+            // Four standard deviations of a spread over so many repeats.
+            let allowed = 4.0 / (2.0 * (REPEATS - 1) as f64).sqrt();
+            assert!(
+                (uncertainty / spread - 1.0).abs() < allowed,
+                "{}: {uncertainty} {spread}",
+                parameter.name
+            );
+        }
     }
 }
