@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
-const NEVER_ABOVE: f64 = 1e5;
+pub(crate) const NEVER_ABOVE: f64 = 1e5;
 /// No angle of a machine tool varies by more along or about an axis: 5 mrad, in µrad. Arc seconds that are read as mrad do.
 const ANGLE_NEVER_VARIES: f64 = 5e3;
 /// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
@@ -148,7 +148,7 @@ pub(crate) fn refuse_value(
     )))
 }
 
-/// Notes on location and squareness errors that are stated and odd.
+/// Notes on location and squareness errors that are stated and odd, or stated with an odd uncertainty.
 pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     let locations = file.locations.iter();
     let locations = locations.map(|location| ("location", location.error, location.value));
@@ -161,11 +161,25 @@ pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     let odd = locations
         .chain(squares)
         .filter(|(_, _, value)| value.abs() > ODD_ABOVE);
-    odd.map(|(table, error, value)| {
-        let size = Displacement::from_micro(error.component.kind(), value);
-        format!("{error} in [[{table}]]: {size:.0} is large for a machine tool: check its unit")
-    })
-    .collect()
+    let sized = |error: ErrorName, micro| Displacement::from_micro(error.component.kind(), micro);
+    let mut notes: Vec<String> = odd
+        .map(|(table, error, value)| {
+            let size = sized(error, value);
+            format!("{error} in [[{table}]]: {size:.0} is large for a machine tool: check its unit")
+        })
+        .collect();
+    let unsure = file
+        .locations
+        .iter()
+        .filter(|of| of.uncertainty > ODD_ABOVE);
+    notes.extend(unsure.map(|of| {
+        let size = sized(of.error, of.uncertainty);
+        format!(
+            "{} in [[location]]: a standard uncertainty of {size:.0} is large for a machine tool, and says that hardly anything is known of the error: check its unit",
+            of.error
+        )
+    }));
+    notes
 }
 
 /// The smallest and the largest target.

@@ -10,7 +10,7 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     calibration_file::CalibrationFile, error::CalibrateError, lines_share::LinesShare,
-    stages::Stages,
+    opposite::opposite, stages::Stages,
 };
 
 /// What is found has settled when nothing moves by more than this part of its standard uncertainty.
@@ -119,6 +119,7 @@ pub(crate) fn settled(
             // Where the lines follow the unknowns in the equations themselves, or hold nothing of them, nothing is carried on.
             carries: followers.is_empty() && rounds > 1,
         };
+        found.warnings.extend(opposite(&lines)?);
         lines.add_to(&mut found, &stages)?;
     }
     Ok((Identified { found, rounds }, stages, notes))

@@ -86,12 +86,16 @@ impl LinesShare<'_> {
         file: &CalibrationFile,
         base: &DVector<f64>,
     ) -> Result<DVector<f64>, CalibrateError> {
+        Ok(self.response.to(&self.fitted(file)?.machine)? - base)
+    }
+
+    /// The lines of another file fitted beside the unknowns as they were found.
+    pub(crate) fn fitted(&self, file: &CalibrationFile) -> Result<Stages, CalibrateError> {
         let mut known = located(file)?;
         for unknown in &self.observations.unknown {
             take(&mut known, self.known, unknown.error)?;
         }
-        let stages = Stages::of(file, &known, || ())?;
-        Ok(self.response.to(&stages.machine)? - base)
+        Stages::of(file, &known, || ())
     }
 
     /// The covariance by what the file states of its instruments: all that is not the scatter of runs.

@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
 use crate::{
     calibration_file::Location,
-    checks::refuse_value,
+    checks::{NEVER_ABOVE, refuse_value},
     setup_file::{decode_errors, decode_sign},
     squares::{partner_of, reference_of},
 };
@@ -108,12 +108,18 @@ pub fn decode_location_errors(
     }
 }
 
-/// A standard uncertainty, 0 or more.
+/// A standard uncertainty, 0 or more (µm, µrad, µm/m). One that is larger than any error of a machine says nothing, and a correction with
+/// its band would be none.
 pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
     let found = value.number()?;
     if found < 0.0 {
         return Err(value.error(format!(
             "found {found}, expected a standard uncertainty of 0 or more"
+        )));
+    }
+    if found > NEVER_ABOVE {
+        return Err(value.error(format!(
+            "found a standard uncertainty of {found}, expected at most {NEVER_ABOVE}: no machine tool is wrong by more, so it would say that nothing is known. Check its unit, or leave out what is not known"
         )));
     }
     Ok(found)

@@ -54,5 +54,5 @@ pub use observations::{
     Unknown,
 };
 pub use read::ReadFile;
-pub use response::Response;
+pub use response::{Response, Wanted};
 pub use timeline::Approach;

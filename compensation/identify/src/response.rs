@@ -21,8 +21,19 @@ pub struct Response {
     followers: Vec<Follower>,
     values: Values,
     residuals: DVector<f64>,
+    /// The derivatives of the residuals by the determined unknowns, columns of unit length.
+    jacobian: DMatrix<f64>,
     /// What one of the residuals, in units of its uncertainty, moves each determined unknown by, in the unit of the unknown.
     gain: DMatrix<f64>,
+}
+
+/// How much of a change observations want.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wanted {
+    /// 1 for all of it, 0 for none.
+    pub share: f64,
+    /// Its standard uncertainty.
+    pub uncertainty: f64,
 }
 
 impl Response {
@@ -36,6 +47,13 @@ impl Response {
         let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
         let equations = system.equations(&rows, &values, false);
         let mut jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
+        let mut normed = jacobian.clone();
+        for mut column in normed.column_iter_mut() {
+            let length = column.norm();
+            if length > 0.0 {
+                column /= length;
+            }
+        }
         if observations.robust {
             for (row, residual) in equations.residuals.iter().enumerate() {
                 jacobian.row_mut(row).scale_mut(weight(*residual));
@@ -45,6 +63,7 @@ impl Response {
         Self {
             gain: -(told * &fitted.solution.of_unit_variance * jacobian.transpose()),
             residuals: equations.residuals,
+            jacobian: normed,
             values,
             observations: observations.clone(),
             followers: followers.to_vec(),
@@ -56,11 +75,72 @@ impl Response {
     /// # Errors
     /// A machine of another structure, or without an axis that the observations name.
     pub fn to(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
+        Ok(&self.gain * self.changed(machine)?)
+    }
+
+    /// How much of the change to the known errors of each of these machines the observations want, 1 for all of it, once the
+    /// unknowns have followed; and the standard uncertainty of this. The changes are looked at together. `None` for one which
+    /// the unknowns undo, so that the observations tell nothing of it.
+    ///
+    /// # Errors
+    /// As [`Response::to`].
+    pub fn wanted(&self, machines: &[Machine]) -> Result<Vec<Option<Wanted>>, IdentifyError> {
+        /// What the unknowns leave of a change that they undo.
+        const UNDONE: f64 = 1e-3;
+        /// No change is wanted so many times: what only several of them together tell has this uncertainty.
+        const MOST: f64 = 10.0;
+        let within = self.jacobian.clone().qr().q();
+        let beyond = |of: &DVector<f64>| of - &within * (within.transpose() * of);
+        let left = beyond(&self.residuals);
+        let mut seen = Vec::new();
+        let mut is_seen = Vec::new();
+        for machine in machines {
+            let change = self.changed(machine)?;
+            let own = beyond(&change);
+            is_seen.push(own.norm() > UNDONE * change.norm());
+            if own.norm() > UNDONE * change.norm() {
+                seen.push(own);
+            }
+        }
+        if seen.is_empty() {
+            return Ok(vec![None; machines.len()]);
+        }
+        let seen = DMatrix::from_columns(&seen);
+        let count = seen.ncols();
+        let freedom = self.residuals.len().saturating_sub(within.ncols() + count);
+        let freedom = freedom.max(1) as f64;
+        let square = seen.transpose() * &seen;
+        // Where more is left than the stated uncertainties, the observations know as much less.
+        let mut variance = 1.0;
+        let mut told = (DVector::zeros(count), DMatrix::zeros(count, count));
+        for _ in 0..2 {
+            let information = &square / variance + DMatrix::identity(count, count) / (MOST * MOST);
+            let Some(covariance) = information.try_inverse() else {
+                return Ok(vec![None; machines.len()]);
+            };
+            let shares = -(&covariance * (seen.transpose() * &left)) / variance;
+            variance = ((&left + &seen * &shares).norm_squared() / freedom).max(1.0);
+            told = (shares, covariance);
+        }
+        let (shares, covariance) = told;
+        let mut places = 0..count;
+        let wanted = is_seen.into_iter().map(|is_seen| {
+            let place = if is_seen { places.next() } else { None };
+            place.map(|place| Wanted {
+                share: shares[place],
+                uncertainty: covariance[(place, place)].max(0.0).sqrt(),
+            })
+        });
+        Ok(wanted.collect())
+    }
+
+    /// How the residuals change where the known errors are those of this machine.
+    fn changed(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
         let mut observations = self.observations.clone();
         observations.machine = machine.clone();
         let system = System::new(&observations)?.followed_by(&self.followers)?;
         let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
         let there = system.equations(&rows, &self.values, false).residuals;
-        Ok(&self.gain * (there - &self.residuals))
+        Ok(there - &self.residuals)
     }
 }

@@ -3,7 +3,7 @@
 use volcomp_evaluator::CompiledMachine;
 use volcomp_kinematics::State;
 
-use crate::student::{NORMAL_95, student_95};
+use crate::student::student_widening;
 
 /// Machines drawn from what the measurements leave open (JCGM 101, propagation of distributions).
 #[derive(Clone, Debug)]
@@ -111,7 +111,7 @@ impl Ensemble {
                 // The variance of a few machines may by chance be less than what the scatters alone add to it. With the
                 // larger one there are never fewer degrees of freedom than those of the scatter with the fewest.
                 let whole = variance.max(*of_scatters);
-                *widened *= student_95(whole * whole / powers) / NORMAL_95;
+                *widened *= student_widening(whole * whole / powers);
             }
         }
         widened

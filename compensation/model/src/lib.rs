@@ -39,6 +39,7 @@ pub use map::MapGrid;
 pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;
+pub use student::student_widening;
 pub use thermal::{Drift, Expansion, POSSIBLE_DEGC, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};
 pub use tool::Tool;

@@ -1,7 +1,7 @@
 //! Student's t: how much wider a band of 95 % is where the standard deviation comes from a few readings.
 
 /// Half the width of the band of 95 % of a normal distribution, in standard deviations.
-pub(crate) const NORMAL_95: f64 = 1.959_964;
+const NORMAL_95: f64 = 1.959_964;
 
 /// t for 95 % (two sides) by degrees of freedom (JCGM 100, table G.2), with the digits of its closed forms and tables.
 const TABLE: [(f64, f64); 22] = [
@@ -31,7 +31,7 @@ const TABLE: [(f64, f64); 22] = [
 
 /// t for 95 % (two sides), between the values of the table by its logarithm over 1/ν; below one degree of freedom that of
 /// one.
-pub(crate) fn student_95(degrees: f64) -> f64 {
+fn student_95(degrees: f64) -> f64 {
     let at = 1.0 / degrees.max(1.0);
     let mut wide = TABLE[0];
     for narrow in TABLE {
@@ -47,6 +47,12 @@ pub(crate) fn student_95(degrees: f64) -> f64 {
         wide = narrow;
     }
     NORMAL_95
+}
+
+/// How many times larger a standard uncertainty from a standard deviation with so many degrees of freedom has to be, so that
+/// ±1.96 of it are the band of 95 % (JCGM 100, G.3).
+pub fn student_widening(degrees: f64) -> f64 {
+    student_95(degrees) / NORMAL_95
 }
 
 #[cfg(test)]

@@ -254,3 +254,99 @@ fn uncertainties_of_unknowns_are_those_of_the_whole_calibration() {
         }
     }
 }
+
+/// A location error with the wrong sign is named where observations contradict it, and only there.
+#[test]
+fn a_location_with_the_wrong_sign_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut truth = partial_truth();
+    truth.clear_errors();
+    for (name, value) in MORE {
+        truth
+            .set_location(name.parse().expect("a name"), value)
+            .expect("a location error");
+    }
+    tracker(folder.path(), &truth, 30, 1.0);
+    // EX0C is 15 µm, EY0C −13 µm, EZ0A −12 µm, EB0C 12 µrad.
+    let notes = |unknown: &str, locations: &[(&str, f64, f64)], noise_um: f64| {
+        let mut text = format!("machine = \"machine.toml\"\nunknown = [{unknown}]\nfolds = 0\n");
+        for (name, value, uncertainty) in locations {
+            let unit = if name.starts_with("EB") { "urad" } else { "um" };
+            writeln!(
+                text,
+                "[[location]]\nerror = \"{name}\"\nvalue_{unit} = {value}\nuncertainty_{unit} = {uncertainty}"
+            )
+            .expect("a String");
+        }
+        write!(
+            text,
+            "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nuncertainty_um = {noise_um}\n"
+        )
+        .expect("a String");
+        let found = calibrated(folder.path(), &text);
+        let told = found.warnings.into_iter();
+        told.filter(|note| note.contains("the opposite sign, "))
+            .collect::<Vec<_>>()
+    };
+    let others = "\"EZ0A\", \"EY0C\", \"EB0C\"";
+    let told = notes(others, &[("EX0C", -15.0, 1.0)], 1.0);
+    let expected = "EX0C in [[location]]: the observations contradict its -15.0 µm and fit with the opposite sign, 15.0 µm";
+    assert!(told.len() == 1 && told[0].starts_with(expected), "{told:?}");
+    let two = [
+        ("EX0C", 15.0, 1.0),
+        ("EB0C", -12.0, 0.0),
+        ("EY0C", 13.0, 2.0),
+    ];
+    let told = notes("\"EZ0A\"", &two, 1.0);
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(
+        told[0].contains("EB0C") && told[1].contains("EY0C"),
+        "{told:?}"
+    );
+    // Right, small beside its uncertainty, small beside that of the observations, and wrong otherwise.
+    for (value, uncertainty, noise_um) in [
+        (15.0, 1.0, 1.0),
+        (-15.0, 10.0, 1.0),
+        (-15.0, 1.0, 60.0),
+        (60.0, 1.0, 1.0),
+    ] {
+        let told = notes(others, &[("EX0C", value, uncertainty)], noise_um);
+        assert!(
+            told.is_empty(),
+            "{value} {uncertainty} {noise_um}: {told:?}"
+        );
+    }
+}
+
+/// Uncertainties that are no uncertainties.
+#[test]
+fn absurd_uncertainties_are_refused_and_odd_ones_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
+    let path = folder.path().join("calibration.toml");
+    for (error, unit) in [("EX0C", "um"), ("EA0C", "urad")] {
+        let read = |uncertainty: &str| {
+            let text = format!(
+                "machine = \"machine.toml\"\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = 5\nuncertainty_{unit} = {uncertainty}\n"
+            );
+            fs::write(&path, text).expect("written");
+            CalibrationFile::read(&path)
+        };
+        let message = read("1e9").expect_err("absurd").to_string();
+        let expected = "found a standard uncertainty of 1000000000, expected at most 100000: no machine tool is wrong by more";
+        assert!(message.contains(expected), "{message}");
+        for (uncertainty, is_odd) in [("2000", true), ("900", false)] {
+            let file = read(uncertainty).expect("read");
+            let found = calibrate(&file, |_, _| {}).expect("calibrated");
+            let odd = |note: &String| {
+                note.starts_with(error) && note.contains("a standard uncertainty of 2")
+            };
+            assert_eq!(
+                found.warnings.iter().any(odd),
+                is_odd,
+                "{:?}",
+                found.warnings
+            );
+        }
+    }
+}
