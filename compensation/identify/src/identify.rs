@@ -12,6 +12,7 @@ use crate::{
     error::IdentifyError,
     followers::Follower,
     judge::{Figures, figures, judged, left_out, outliers},
+    kept_curves::kept_curves,
     mistaken::mistaken,
     next::{Next, next},
     observations::{Observations, Row, Seen},
@@ -141,6 +142,7 @@ pub fn identify_followed(
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
     // First what makes the answer wrong, then what makes it uncertain, last what stands at every run.
     let mut warnings = mistaken(&system, observations, &rows, &fitted);
+    warnings.extend(kept_curves(&system, observations, &rows, &fitted));
     warnings.extend(in_order(&system, observations, &rows, &fitted));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));

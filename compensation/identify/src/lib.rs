@@ -17,6 +17,8 @@ mod error;
 mod followers;
 mod identify;
 mod judge;
+mod kept_curves;
+mod left;
 mod mistaken;
 mod next;
 mod observations;

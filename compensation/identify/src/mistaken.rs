@@ -5,25 +5,20 @@
 
 use core::ops::Range;
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector};
+use volcomp_kinematics::nalgebra::DVector;
 
 use crate::{
     causes::{causes, with_cause},
     error::Cause,
     identify::{Fitted, fit},
+    left::{BETTER, Left},
     observations::{NumberKind, Observations, Row, Seen},
     prepared::Rows,
     system::System,
 };
 
-/// With the cause a part of what is left without it is left, where chance does not explain the former either.
-const BETTER: f64 = 0.25;
 /// A step on the way there: one of several files makes the squares smaller by this at the least.
 const ON_THE_WAY: f64 = 0.8;
-/// Other causes are as good where they leave no more than so many times what the best leaves.
-const ALIKE: f64 = 1.5;
-/// So many causes are named.
-const SHOWN: usize = 3;
 /// So many files may be wrong at once.
 const MOST: usize = 6;
 /// Of so many files the signs are turned in any combination.
@@ -53,133 +48,74 @@ pub(crate) fn mistaken(
         return notes;
     }
     let trials = trials(system, observations, rows, fitted);
-    let left = Left::new(system, rows, fitted, &trials);
-    for set in left.best(&trials) {
+    let changes: Vec<&DVector<f64>> = trials.iter().map(|trial| &trial.change).collect();
+    let left = Left::new(system, rows, fitted, &changes);
+    for set in best(&left, &trials) {
         let set: Vec<&Trial> = set.iter().map(|place| &trials[*place]).collect();
         notes.extend(confirmed(system, observations, rows, fitted, &set));
     }
     notes
 }
 
-/// The squares of what would be left, as far as the equations are straight: a quadratic form in what is changed.
-struct Left {
-    now: f64,
-    /// The scalar products of the changes with what is left, and with each other, beside the unknowns.
-    with_rest: DVector<f64>,
-    with_others: DMatrix<f64>,
-    freedom: f64,
-}
-
-impl Left {
-    fn new(system: &System, rows: &Rows, fitted: &Fitted, trials: &[Trial]) -> Self {
-        let equations = system.equations(rows, &fitted.solution.values, false);
-        let basis = orthonormal(equations.jacobian.select_columns(&fitted.rank.kept));
-        let normal = |vector: &DVector<f64>| vector - &basis * (basis.transpose() * vector);
-        let residuals = normal(&equations.residuals);
-        let changes: Vec<DVector<f64>> = trials.iter().map(|trial| normal(&trial.change)).collect();
-        Self {
-            now: residuals.norm_squared(),
-            with_rest: DVector::from_fn(trials.len(), |k, _| residuals.dot(&changes[k])),
-            with_others: DMatrix::from_fn(trials.len(), trials.len(), |a, b| {
-                changes[a].dot(&changes[b])
-            }),
-            freedom: fitted.solution.freedom.max(1.0),
+/// The fewest trials together that make it good, and as few others that are as good; the best first.
+fn best(left: &Left, trials: &[Trial]) -> Vec<Vec<usize>> {
+    let singles = (0..trials.len()).map(|place| vec![place]).collect();
+    let found = left.good(singles);
+    if !found.is_empty() {
+        return found;
+    }
+    // Signs in any combination: one alone may seem to make it worse.
+    let turned: Vec<usize> = (0..trials.len())
+        .filter(|place| trials[*place].cause == Cause::Turned)
+        .collect();
+    let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
+    // As many again the other way would be the same machine with opposite errors.
+    for count in 1..=(turned.len() / 2).min(MOST_TURNED) {
+        sets = sets
+            .iter()
+            .flat_map(|set| {
+                let after = move |place: &&usize| set.last().is_none_or(|last| **place > *last);
+                let more = turned.iter().filter(after);
+                more.map(|place| [&set[..], &[*place]].concat())
+            })
+            .collect();
+        if sets.len() > MOST_SETS {
+            break;
         }
-    }
-
-    fn of(&self, set: &[usize]) -> f64 {
-        let mut squares = self.now;
-        for &one in set {
-            squares += 2.0 * self.with_rest[one];
-            squares += set
-                .iter()
-                .map(|&other| self.with_others[(one, other)])
-                .sum::<f64>();
-        }
-        squares.max(0.0)
-    }
-
-    fn is_good(&self, left: f64) -> bool {
-        let by_chance = self.freedom + 4.0 * (2.0 * self.freedom).sqrt();
-        left < BETTER * BETTER * self.now || left < by_chance
-    }
-
-    /// The fewest trials together that make it good, and as few others that are as good; the best first.
-    fn best(&self, trials: &[Trial]) -> Vec<Vec<usize>> {
-        let singles = (0..trials.len()).map(|place| vec![place]).collect();
-        let found = self.good(singles);
+        let found = if count > 1 {
+            left.good(sets.clone())
+        } else {
+            Vec::new()
+        };
         if !found.is_empty() {
             return found;
         }
-        // Signs in any combination: one alone may seem to make it worse.
-        let turned: Vec<usize> = (0..trials.len())
-            .filter(|place| trials[*place].cause == Cause::Turned)
-            .collect();
-        let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
-        // As many again the other way would be the same machine with opposite errors.
-        for count in 1..=(turned.len() / 2).min(MOST_TURNED) {
-            sets = sets
-                .iter()
-                .flat_map(|set| {
-                    let after = move |place: &&usize| set.last().is_none_or(|last| **place > *last);
-                    let more = turned.iter().filter(after);
-                    more.map(|place| [&set[..], &[*place]].concat())
-                })
-                .collect();
-            if sets.len() > MOST_SETS {
-                break;
-            }
-            let found = if count > 1 {
-                self.good(sets.clone())
-            } else {
-                Vec::new()
-            };
-            if !found.is_empty() {
-                return found;
-            }
-        }
-        self.good(vec![self.one_after_the_other(trials)])
     }
+    left.good(vec![one_after_the_other(left, trials)])
+}
 
-    /// Those of some sets that are good, and nearly as good as the best.
-    fn good(&self, sets: Vec<Vec<usize>>) -> Vec<Vec<usize>> {
-        let with = sets.into_iter().map(|set| (self.of(&set), set));
-        let mut good: Vec<(f64, Vec<usize>)> = with
-            .filter(|(left, set)| !set.is_empty() && self.is_good(*left))
-            .collect();
-        good.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let Some(&(best, _)) = good.first() else {
-            return Vec::new();
+/// One file and cause after the other, each the one after which least is left.
+fn one_after_the_other(squares: &Left, trials: &[Trial]) -> Vec<usize> {
+    let mut taken: Vec<usize> = Vec::new();
+    let mut left = squares.now;
+    while taken.len() < MOST && !squares.is_good(left) {
+        let open = |place: &usize| {
+            let is_of = |other: &usize| trials[*other].file == trials[*place].file;
+            !taken.iter().any(is_of)
         };
-        let alike = good
-            .into_iter()
-            .filter(|(left, _)| *left <= ALIKE * ALIKE * best.max(self.freedom));
-        alike.map(|(_, set)| set).take(SHOWN).collect()
-    }
-
-    /// One file and cause after the other, each the one after which least is left.
-    fn one_after_the_other(&self, trials: &[Trial]) -> Vec<usize> {
-        let mut taken: Vec<usize> = Vec::new();
-        let mut left = self.now;
-        while taken.len() < MOST && !self.is_good(left) {
-            let open = |place: &usize| {
-                let is_of = |other: &usize| trials[*other].file == trials[*place].file;
-                !taken.iter().any(is_of)
-            };
-            let tried = (0..trials.len()).filter(open).map(|place| {
-                let left = self.of(&[&taken[..], &[place]].concat());
-                (place, left)
-            });
-            match tried.min_by(|a, b| a.1.total_cmp(&b.1)) {
-                Some((place, then)) if then < ON_THE_WAY * left => {
-                    taken.push(place);
-                    left = then;
-                }
-                _ => break,
+        let tried = (0..trials.len()).filter(open).map(|place| {
+            let left = squares.of(&[&taken[..], &[place]].concat());
+            (place, left)
+        });
+        match tried.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((place, then)) if then < ON_THE_WAY * left => {
+                taken.push(place);
+                left = then;
             }
+            _ => break,
         }
-        taken
     }
+    taken
 }
 
 /// Everything that may be another in each file.
@@ -219,17 +155,6 @@ fn trials(
         }
     }
     trials
-}
-
-/// An orthonormal basis of columns of any length.
-fn orthonormal(mut columns: DMatrix<f64>) -> DMatrix<f64> {
-    for mut column in columns.column_iter_mut() {
-        let length = column.norm();
-        if length > 0.0 {
-            column /= length;
-        }
-    }
-    columns.qr().q()
 }
 
 /// The note on some files and what is another in them, where a fit says so too.

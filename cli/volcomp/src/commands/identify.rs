@@ -82,9 +82,10 @@ fn next_text(next: &crate::answers::identify::Next) -> String {
     let text = format!("measure next: {pose} ({}{with})\n", next.file);
     let what = match next.improvement {
         Some(improvement) if improvement < LITTLE => format!(
-            "one pose more changes little: the uncertainty of {} stays at {:.0} %",
+            "one pose more changes little: the uncertainty of {} stays at {:.0} %{}",
             next.parameter,
-            100.0 / improvement
+            100.0 / improvement,
+            sphere_helps(next.target.as_deref())
         ),
         Some(improvement) => format!(
             "the uncertainty of {} falls to {:.0} % of what it is",
@@ -176,6 +177,16 @@ pub(super) fn found_text(document: &Found) -> String {
         text += &next_text(next);
     }
     text
+}
+
+/// Where spheres are met, another sphere may help more than a pose.
+fn sphere_helps(target: Option<&str>) -> &'static str {
+    match target {
+        Some(target) if target.starts_with("sphere") => {
+            "; another sphere, far from the rotary axes and at another height, may help more"
+        }
+        _ => "",
+    }
 }
 
 /// Angles in degrees and lengths in mm have more digits than µm and µrad.

@@ -5,6 +5,7 @@ mod coverage;
 mod draws;
 mod fuzz_corpus;
 mod implausible;
+mod kept_curves;
 mod lab;
 mod line;
 mod measure_next;

@@ -204,3 +204,147 @@ point = [0, 0, -50]
         );
     }
 }
+
+/// A squareness that was seen on a small part of the travel moves the tool by far more elsewhere than curves of some hundredths
+/// of a µm that are hard to tell apart on these rows. µm and µrad are compared where they are largest.
+#[test]
+fn errors_are_compared_by_their_largest_effect() {
+    let lab = Lab::new(THREE_AXES);
+    let mut noise = Noise::new(14);
+    let mut text = String::from("X,Y,Z,x,y,z\n");
+    for k in 0..40 {
+        // Most rows at one end of X: the modes of EXX are hard to tell apart. Y keeps to 60 mm.
+        let x = if k < 36 {
+            250.0 + f64::from(k)
+        } else {
+            -280.0 + 100.0 * f64::from(k - 36)
+        };
+        let y = noise.between(-30.0, 30.0);
+        let mut n = || noise.normal(0.001);
+        let _ = writeln!(text, "{x:?},{y:?},0,{:?},{:?},{:?}", x + n(), y + n(), n());
+    }
+    lab.write("t.csv", &text);
+    let found = lab
+        .identify(
+            "folds = 0
+unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+frame = [0, 0, 0, 0, 0, 0]
+",
+        )
+        .expect("found");
+    // The largest effects in closed form: a squareness over 300 mm of Y, a Legendre polynomial of 1 at its ends.
+    let effects: Vec<(f64, &str)> = ["EC0Y", "EXX constant", "EXX legendre 1", "EXX legendre 2"]
+        .into_iter()
+        .map(|name| {
+            let lever = if name == "EC0Y" { 0.3 } else { 1.0 };
+            (lever * value(&found, name).1, name)
+        })
+        .collect();
+    let largest = effects
+        .iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .expect("four");
+    let next = found.next.expect("a pose");
+    assert_eq!(
+        (largest.1, next.parameter.as_str()),
+        ("EC0Y", "EC0Y"),
+        "{effects:?}"
+    );
+    let y = next
+        .pose
+        .iter()
+        .find(|(axis, _)| *axis == AxisName::Y)
+        .expect("Y")
+        .1;
+    assert!(y.abs() > 200.0, "{next:?}");
+}
+
+/// The tool of a pose is as much a part of it as its coordinates.
+#[test]
+fn the_tool_of_the_next_pose_is_named() {
+    let lab = Lab::new(&format!(
+        "{THREE_AXES}[tools.short]\ntip = [0, 0, -50]\n[tools.long]\ntip = [0, 0, -150]\n"
+    ));
+    let mut noise = Noise::new(15);
+    let mut rows = |tools: [&str; 2]| {
+        let mut text = String::from("tool,X,Y,Z,x,y,z\n");
+        for k in 0..30 {
+            let at = [0; 3].map(|_| noise.between(-290.0, 290.0));
+            let tool = tools[k % 2];
+            let length = match tool {
+                "short" => 50.0,
+                "long" => 150.0,
+                _ => 0.0,
+            };
+            let [x, y, z] = at;
+            let [a, b, c] = [x, y, z - length].map(|q| q + noise.normal(0.001));
+            let _ = writeln!(text, "{tool},{x:?},{y:?},{z:?},{a:?},{b:?},{c:?}");
+        }
+        text
+    };
+    let observed = "folds = 0\nunknown = [\"EC0Y\", { error = \"EBX\", legendre = 1 }]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
+    for tools in [["short", "long"], ["long", "long"], ["", ""]] {
+        lab.write("t.csv", &rows(tools));
+        let next = lab.identify(observed).expect("found").next.expect("a pose");
+        let named = next.tool.as_deref().unwrap_or("");
+        assert!(tools.contains(&named), "{tools:?} {next:?}");
+        if tools[0].is_empty() {
+            assert_eq!(next.tool, None);
+        }
+    }
+}
+
+/// Where spheres stand on a rotary table: what the book says of it. Uncertainties of the line of C, by the effect at 300 mm.
+#[test]
+fn spheres_far_from_the_axis_and_at_two_heights_are_better_than_poses() {
+    let lab = Lab::new(
+        "structure = \"w C' b X Y Z t\"
+axes.X.travel = [-400.0, 400.0]
+axes.Y.travel = [-400.0, 400.0]
+axes.Z.travel = [-400.0, 400.0]
+axes.C.travel = [-360.0, 360.0]
+",
+    );
+    let largest = |spheres: &[(f64, f64)], poses: u32| {
+        let mut noise = Noise::new(16);
+        let mut text = String::from("X,Y,Z,C,sphere\n");
+        for k in 0..poses {
+            let (sphere, c) = (
+                k as usize % spheres.len(),
+                f64::from(k) * 37.0 % 360.0 - 180.0,
+            );
+            let (radius, height) = spheres[sphere];
+            let (sin, cos) = c.to_radians().sin_cos();
+            // The table turns the sphere by −C (ISO 841: the tool goes round it by +C).
+            let mut n = || noise.normal(0.0003);
+            let (x, y) = (radius * cos + n(), -radius * sin + n());
+            let _ = writeln!(text, "{x:?},{y:?},{:?},{c:?},s{sphere}", height + n());
+        }
+        lab.write("s.csv", &text);
+        let found = lab
+            .identify("folds = 0\nunknown = [\"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\", \"EC0Y\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n")
+            .expect("found");
+        let of = |name: &str, lever: f64| lever * value(&found, name).1;
+        let all = [
+            of("EX0C", 1.0),
+            of("EY0C", 1.0),
+            of("EA0C", 0.3),
+            of("EB0C", 0.3),
+            of("EC0Y", 0.3),
+        ];
+        [all[2].max(all[3]), all[4]]
+    };
+    let near = largest(&[(60.0, 100.0)], 24);
+    let near_more = largest(&[(60.0, 100.0)], 48);
+    let far = largest(&[(240.0, 100.0)], 24);
+    let two_far = largest(&[(240.0, 20.0), (240.0, 220.0)], 24);
+    // As the table of the book has it.
+    let told = [near, near_more, far, two_far];
+    let book = [[1.46, 2.06], [1.02, 1.44], [0.36, 0.51], [0.31, 0.51]];
+    for (found, expected) in told.iter().flatten().zip(book.iter().flatten()) {
+        assert!((found - expected).abs() < 0.006, "{told:?}");
+    }
+}

@@ -1,0 +1,92 @@
+//! Error motions of the machine file that contradict the rows with their sign or in their unit: curves that were measured before,
+//! and are kept.
+
+use volcomp_kinematics::nalgebra::DVector;
+use volcomp_vocabulary::{Component, ErrorName};
+
+use crate::{
+    derivatives::component_of,
+    identify::{Fitted, fit},
+    left::{BETTER, Left},
+    observations::Observations,
+    prepared::Rows,
+    system::System,
+};
+
+/// 1 arc second, µrad.
+const ARC_SECOND: f64 = 4.848_136_811;
+
+/// By what a curve may have to be multiplied, and why.
+const FACTORS: [(f64, &str); 5] = [
+    (-1.0, "with the opposite sign"),
+    (0.0, "without it"),
+    (1e3, "times 1000"),
+    (1e-3, "divided by 1000"),
+    (ARC_SECOND, "times 4.848, as if it were in arc seconds"),
+];
+
+/// Notes on curves of the machine file with which far more is left than with another factor of theirs.
+pub(crate) fn kept_curves(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    fitted: &Fitted,
+) -> Vec<String> {
+    if fitted.solution.excess().is_none() {
+        return Vec::new();
+    }
+    let values = &fitted.solution.values;
+    let mut trials: Vec<(ErrorName, &str, Rows)> = Vec::new();
+    for (place, axis) in system.machine.axes().iter().enumerate() {
+        for component in Component::ALL {
+            let known = |rows: &Rows| {
+                let mut stands = rows.0.iter().map(|row| row.stand.known);
+                stands.any(|mut known| {
+                    *component_of(&mut known.motion[place], component.index()) != 0.0
+                })
+            };
+            if !known(rows) {
+                continue;
+            }
+            for (factor, words) in FACTORS {
+                let is_angle = component.is_angular();
+                if factor == ARC_SECOND && !is_angle {
+                    continue;
+                }
+                let mut scaled = rows.clone();
+                for row in &mut scaled.0 {
+                    for stand in core::iter::once(&mut row.stand).chain(&mut row.from) {
+                        *component_of(&mut stand.known.motion[place], component.index()) *= factor;
+                    }
+                }
+                trials.push((ErrorName::motion(component, axis.name), words, scaled));
+            }
+        }
+    }
+    let before = system.equations(rows, values, false).residuals;
+    let changes: Vec<DVector<f64>> = trials
+        .iter()
+        .map(|(.., scaled)| system.equations(scaled, values, false).residuals - &before)
+        .collect();
+    let left = Left::new(system, rows, fitted, &changes.iter().collect::<Vec<_>>());
+    let found = left.good((0..trials.len()).map(|place| vec![place]).collect());
+    let fits = found.into_iter().flatten().filter_map(|place| {
+        let other = fit(system, observations, &trials[place].2, values.clone()).ok()?;
+        let is_as_stated = other.solution.excess().is_none();
+        Some((place, is_as_stated, other.solution.variance.sqrt()))
+    });
+    let fits: Vec<(usize, bool, f64)> = fits.collect();
+    let now = fitted.solution.variance.sqrt();
+    let any_as_stated = fits.iter().any(|(_, is_as_stated, _)| *is_as_stated);
+    // Others beside one that leaves what was stated are no explanation.
+    let is_better = |(_, is_as_stated, then): &&(usize, bool, f64)| {
+        *is_as_stated || (!any_as_stated && *then < BETTER * now)
+    };
+    let note = |(place, _, then): &(usize, bool, f64)| {
+        let (error, words, _) = &trials[*place];
+        format!(
+            "{error}: {words} the curve of the machine file leaves {then:.1} times the stated uncertainty in place of {now:.1}: are its sign and its unit right?"
+        )
+    };
+    fits.iter().filter(is_better).map(note).collect()
+}
