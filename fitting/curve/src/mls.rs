@@ -155,6 +155,21 @@ impl MovingLeastSquares {
         })
     }
 
+    /// [`value`](Self::value) and [`influence`](Self::influence) at once, from one solution.
+    pub fn value_and_influence(&self, x: f64, node: usize) -> (f64, f64) {
+        let [lower, upper] = self.domain();
+        if x.is_nan() {
+            return (x, x);
+        }
+        // Held outside the range, as both are.
+        let x = x.clamp(lower, upper);
+        let triangle = self.triangle(x);
+        let z = triangle.first_column_of_inverse();
+        let own = self.active(x).find(|n| n.index == node);
+        let influence = own.map_or(0.0, |n| n.weight * self.dot(&z, &self.powers(n.t)));
+        (triangle.coefficients()[0], influence)
+    }
+
     /// Whether at least `count` nodes have a positive weight everywhere in the range.
     pub fn has_nodes_everywhere(&self, count: usize) -> bool {
         let Some(order) = count.checked_sub(1) else {

@@ -189,10 +189,9 @@ impl Together {
     fn of(candidate: &Candidate) -> Self {
         let curve = &candidate.curve;
         let inner = 1..curve.nodes().len().saturating_sub(1);
-        let missed = inner.clone().map(|i| {
-            let [x, u] = curve.nodes()[i];
-            left_out(u - curve.value(x), curve.influence(x, i))
-        });
+        let missed = inner
+            .clone()
+            .map(|i| left_out(candidate.residuals[i], candidate.influences[i]));
         Self {
             order: curve.order(),
             support: curve.support(),
@@ -244,6 +243,9 @@ fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidat
 
 struct Candidate {
     curve: MovingLeastSquares,
+    /// What the curve leaves of each target, and how much of its own reading the curve takes there.
+    residuals: Vec<f64>,
+    influences: Vec<f64>,
     leave_one_out_rms: f64,
     /// Largest deviation of a target's mean reading from the curve.
     max_residual: f64,
@@ -261,17 +263,19 @@ impl Candidate {
     }
 
     fn of(curve: MovingLeastSquares) -> Self {
-        let residuals: Vec<f64> = curve
-            .nodes()
-            .iter()
-            .map(|&[x, u]| u - curve.value(x))
-            .collect();
-        let errors = residuals.iter().zip(curve.nodes()).enumerate();
-        let leave_one_out_rms =
-            rms(errors.map(|(i, (&e, &[x, _]))| left_out(e, curve.influence(x, i))));
+        let nodes = curve.nodes().iter().enumerate();
+        let found = nodes.map(|(i, &[x, u])| {
+            let (value, influence) = curve.value_and_influence(x, i);
+            (u - value, influence)
+        });
+        let (residuals, influences): (Vec<f64>, Vec<f64>) = found.unzip();
+        let errors = residuals.iter().zip(&influences);
+        let leave_one_out_rms = rms(errors.map(|(&e, &influence)| left_out(e, influence)));
         let max_residual = readings::magnitude(residuals.iter().copied());
         Self {
             curve,
+            residuals,
+            influences,
             leave_one_out_rms,
             max_residual,
         }

@@ -80,4 +80,22 @@ pub(crate) struct AllAxes {
     pub(crate) rms_urad: f64,
     /// The same beside that motion, µrad.
     pub(crate) form_rms_urad: f64,
+    /// The standard uncertainty of the errors over these poses; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty: Option<AllAxesUncertainty>,
+}
+
+/// The standard uncertainty (k = 1) of the errors over poses of all axes.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AllAxesUncertainty {
+    /// Root of the mean square of its length, position, µm.
+    pub(crate) rms_um: f64,
+    /// The largest length, position, µm.
+    pub(crate) largest_um: f64,
+    /// The pose with the largest, mm and deg.
+    pub(crate) at: ByAxis,
+    /// Root of the mean square of its length, rotation, µrad.
+    pub(crate) rms_urad: f64,
+    /// The largest length, rotation, µrad.
+    pub(crate) largest_urad: f64,
 }

@@ -281,3 +281,44 @@ fn arrow_reads_the_parquet_map() {
         .expect("Python is there");
     assert!(output.status.success(), "{output:?}");
 }
+
+/// A table whose axis is known within 5 µm along X: at C the tip is uncertain by 2·5·|sin(C/2)| µm, over a whole turn √2·5 in the root of
+/// the mean square and 2·5 at the most. On the grid, with C at 0, nothing of it shows.
+#[test]
+fn poses_of_all_axes_have_their_uncertainty() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let travels = "X.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-200, 200]\nC.travel = [-180, 180]\n";
+    let machine = format!("structure = \"w C' b X Y Z t\"\n[axes]\n{travels}[errors]\nEX0C = 3\n");
+    std::fs::write(path("machine.toml"), machine).expect("written");
+    let calibration = "machine = \"machine.toml\"\n[[location]]\nerror = \"EX0C\"\nvalue_um = 3\nuncertainty_um = 5\n";
+    std::fs::write(path("calibration.toml"), calibration).expect("written");
+    let (machine, calibration) = (path("machine.toml"), path("calibration.toml"));
+    let map = ["map", "-m", &machine, "--grid", "2x2x2"];
+    let asked = ["--uncertainty", &calibration, "--trials", "2000"];
+    let found = crate::json(&[&map[..], &asked].concat());
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    assert!(
+        number(&found["uncertainty"]["largest_um"]) < 1e-6,
+        "{found}"
+    );
+    let own = &found["all_axes"]["uncertainty"];
+    // 2000 machines tell a standard deviation within 1.6 %: three of these.
+    let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.048;
+    assert!(near(number(&own["rms_um"]), 5.0 * 2.0_f64.sqrt()), "{own}");
+    assert!(near(number(&own["largest_um"]), 10.0), "{own}");
+    // Both by the same draws: their ratio is known better.
+    let ratio = number(&own["largest_um"]) / number(&own["rms_um"]);
+    assert!((ratio / 2.0_f64.sqrt() - 1.0).abs() < 0.03, "{ratio}");
+    assert!(
+        number(&own["at"]["C"]).abs() > 175.0 && number(&own["rms_urad"]) < 1e-6,
+        "{own}"
+    );
+    let shown = crate::text(&[&map[..], &asked].concat());
+    assert!(
+        shown.contains("standard uncertainty: root mean square 7."),
+        "{shown}"
+    );
+    // Without it nothing is said.
+    assert!(crate::json(&map)["all_axes"]["uncertainty"].is_null());
+}

@@ -97,6 +97,13 @@ fn influences_make_the_value() {
             .sum();
         assert!((sum - curve.value(x)).abs() < 1e-9);
     }
+    for x in [-50.0, 0.0, 1234.0, nodes[20][0], 1e9] {
+        for node in [0, 3, 20, 21] {
+            let both = curve.value_and_influence(x, node);
+            assert_eq!(both, (curve.value(x), curve.influence(x, node)));
+        }
+    }
+    assert!(curve.value_and_influence(f64::NAN, 3).0.is_nan());
     assert_eq!(curve.influence(100.0, 21), 0.0);
     assert_eq!(curve.influence(0.0, 20), 0.0);
 }

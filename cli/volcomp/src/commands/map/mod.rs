@@ -36,7 +36,7 @@ use crate::{
 /// Other axes stand at 0, or where --at says. The compiled machine is used unless --exact or another --model is given: its curves are
 /// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. The root of
 /// the mean square is told as it is and beside the best rigid motion of the workpiece, since where it lies is no error of the machine; with
-/// other axes than X, Y and Z also over 1000 poses of all axes. Ctrl-C leaves no unfinished file.
+/// other axes than X, Y and Z also over 1000 poses of all axes, with --uncertainty also how uncertain it is there. Ctrl-C leaves no unfinished file.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -123,7 +123,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         work.go_through(pass, &mut field, &mut found)?;
     }
     let beside = work.beside(&found);
-    let all_axes = all_axes(&machine, &work.errors)?;
+    let all_axes = all_axes(&machine, &work.errors, ensemble.as_ref())?;
     drop(work);
     field.finish()?;
     let document = Map {
@@ -227,10 +227,25 @@ fn over_all_axes(of: &AllAxes) -> String {
     let um = [of.rms_um, of.max_um, of.form_rms_um, of.form_max_um].map(|um| fixed(um, 3));
     let [rms, max, form, most] = um;
     let [turn, turn_left] = [of.rms_urad, of.form_rms_urad].map(|urad| fixed(urad, 3));
-    format!(
+    let mut text = format!(
         "{} poses of all axes over their travels:\n  root mean square {rms} µm, {turn} µrad, largest {max} µm\n  beside the best rigid motion {form} µm, {turn_left} µrad, largest {most} µm\n",
         of.poses
-    )
+    );
+    if let Some(u) = &of.uncertainty {
+        let [rms, largest, turn] = [u.rms_um, u.largest_um, u.rms_urad].map(|size| fixed(size, 3));
+        let at =
+            u.at.0
+                .iter()
+                .map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
+        let at: Vec<String> = at.collect();
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "  standard uncertainty: root mean square {rms} µm, {turn} µrad, largest {largest} µm\n    at {}",
+            at.join(" ")
+        );
+    }
+    text
 }
 
 fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], at: &ByAxis) {

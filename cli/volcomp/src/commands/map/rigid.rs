@@ -4,11 +4,19 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use volcomp_kinematics::{State, nalgebra::Vector3};
-use volcomp_model::{Lengths, Machine, RigidSums};
+use volcomp_model::{Ensemble, Lengths, Machine, RigidSums};
 use volcomp_vocabulary::AxisName;
 
 use super::work::ErrorAt;
-use crate::{answers::map::AllAxes, failure::Failure};
+use crate::{
+    answers::{
+        ByAxis,
+        map::{AllAxes, AllAxesUncertainty},
+    },
+    commands::in_degrees,
+    failure::Failure,
+    progress,
+};
 
 /// Poses of all axes.
 const POSES: usize = 1000;
@@ -27,10 +35,11 @@ pub(super) fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
     Vector3::new(*x, *y, *z)
 }
 
-/// The errors over poses of all axes, drawn over their travels; `None` of a machine that has no axes but X, Y and Z.
+/// The errors over poses of all axes, drawn over their travels, and with an ensemble their uncertainty; `None` of a machine that has no axes but X, Y and Z.
 pub(super) fn all_axes(
     machine: &Machine,
     errors: &ErrorAt<'_>,
+    ensemble: Option<&Ensemble>,
 ) -> Result<Option<AllAxes>, Failure> {
     let on_grid = [AxisName::X, AxisName::Y, AxisName::Z];
     if machine
@@ -75,5 +84,40 @@ pub(super) fn all_axes(
         form_max_um: 1e3 * left.max(),
         rms_urad: 1e6 * turns.rms(),
         form_rms_urad: 1e6 * turns_left.rms(),
+        uncertainty: ensemble.map(|ensemble| uncertainty(machine, ensemble, &poses)),
     }))
+}
+
+/// How uncertain the errors are over poses of all axes.
+fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
+    let bar = progress::bar(poses.len(), "poses");
+    let of = |pose: &State| {
+        let six = ensemble.standard_uncertainty(pose);
+        bar.inc(1);
+        six
+    };
+    let found: Vec<[f64; 6]> = poses.par_iter().map(of).collect();
+    bar.finish_and_clear();
+    let [mut lengths, mut turns] = [Lengths::default(); 2];
+    let mut most: Option<(f64, &State)> = None;
+    for (six, pose) in found.iter().zip(poses) {
+        let [.., a, b, c] = *six;
+        let length = position(six);
+        lengths.take(&length);
+        turns.take(&Vector3::new(a, b, c));
+        if most.is_none_or(|(before, _)| length.norm() > before) {
+            most = Some((length.norm(), pose));
+        }
+    }
+    let at = most.map(|(_, pose)| {
+        let stands = machine.axes().iter().zip(&pose.q);
+        stands.map(|(axis, &q)| (axis.name, in_degrees(axis.name.kind(), q)))
+    });
+    AllAxesUncertainty {
+        rms_um: 1e3 * lengths.rms(),
+        largest_um: 1e3 * lengths.max(),
+        at: at.into_iter().flatten().collect::<ByAxis>(),
+        rms_urad: 1e6 * turns.rms(),
+        largest_urad: 1e6 * turns.max(),
+    }
 }
