@@ -52,13 +52,17 @@ impl Shop {
         }
         self.check_size()?;
         let alignments = self.alignments();
+        // Without rotary axes it is a rigid motion of the workpiece, and no reading tells of it.
+        let turns = self.truth.axes().iter().any(|axis| axis.name.is_rotary());
+        let set_up = turns.then(|| self.set_up());
         let mut machine = self.truth.clone();
         machine.clear_errors();
         let mut files = vec![("machine.toml".to_owned(), machine.to_toml())];
         let mut calibration = String::from("machine = \"machine.toml\"\n");
         for (index, line) in self.lines.iter().enumerate() {
             let alignment = alignments.get(&line.setup.error).copied();
-            let measurement = self.measure(index, line, alignment.unwrap_or_default())?;
+            let measurement =
+                self.measure(index, line, alignment.unwrap_or_default(), set_up.as_ref())?;
             let (name, text) = self.measurement_file(line, &measurement);
             let setup = line.setup.to_toml(&self.truth);
             // Writing to a String cannot fail.
@@ -80,7 +84,7 @@ impl Shop {
             );
         }
         for (index, location) in self.locations.iter().enumerate() {
-            calibration.push_str(&self.read_location(index, location));
+            calibration.push_str(&self.read_location(index, location)?);
         }
         if self.has_calibration() {
             files.push(("calibration.toml".to_owned(), calibration));
@@ -126,7 +130,7 @@ impl Shop {
     }
 
     /// The table of a location error in the calibration file: its value with noise, and the uncertainty.
-    fn read_location(&self, index: usize, location: &ShopLocation) -> String {
+    fn read_location(&self, index: usize, location: &ShopLocation) -> Result<String, ShopError> {
         let error = location.error;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(FIRST_LOCATION + index as u64);
@@ -134,9 +138,7 @@ impl Shop {
         let (reference, axes) = self.reference();
         let seen = location_seen(&self.truth, error.axis, &reference, axes, |error| {
             self.targets_of(error)
-        });
-        // A shop is read with errors of axes that its truth has.
-        let seen = seen.unwrap_or_default();
+        })?;
         let place = error.component.mcs_index();
         let value = if error.component.is_angular() {
             seen.angular_rad[place] * 1e6
@@ -152,7 +154,9 @@ impl Shop {
         } else {
             String::new()
         };
-        format!("\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = {read:?}\n{uncertainty}")
+        Ok(format!(
+            "\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = {read:?}\n{uncertainty}"
+        ))
     }
 
     /// How many lines and observations there are.
@@ -224,15 +228,13 @@ impl Shop {
         index: usize,
         line: &ShopLine,
         alignment: Urad,
+        set_up: Option<&SetUp>,
     ) -> Result<Measurement, ShopError> {
         let error = line.setup.error;
         let sight = LineOfSight::new(&self.truth, &line.setup)?;
-        // Without rotary axes it is a rigid motion of the workpiece, and no reading tells of it.
-        let turns = self.truth.axes().iter().any(|axis| axis.name.is_rotary());
-        let sight = if line.holds_location && turns {
-            sight.with_artefacts(&self.set_up())
-        } else {
-            sight
+        let sight = match set_up {
+            Some(set_up) if line.holds_location => sight.with_artefacts(set_up),
+            _ => sight,
         };
         let none = Temperatures::new();
         let whole = self.truth.source(&none);

@@ -73,8 +73,11 @@ fn for_shell(path: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "/\\._-:~+,@".contains(c);
     if path.chars().all(is_plain) {
         path.to_owned()
-    } else {
+    } else if path.chars().all(|c| is_plain(c) || c == ' ') {
         format!("\"{path}\"")
+    } else {
+        // In double quotes a shell would still read what follows a `$` or a backtick.
+        format!("'{}'", path.replace('\'', r"'\''"))
     }
 }
 

@@ -200,3 +200,30 @@ fn the_printed_commands_lead_to_a_good_machine() {
     let left = largest(ranges_after_the_printed_commands(LINES, "out"));
     assert!(left > 10.0, "{left}");
 }
+
+/// The commands that are printed are one word for each path in a shell, whatever stands in the name of the folder.
+#[cfg(unix)]
+#[test]
+fn printed_commands_keep_paths_in_one_word() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for name in [
+        "plain",
+        "with space",
+        "a $HOME `id` $(id)",
+        "it's \"so\"",
+        "a;b&c|d*?",
+    ] {
+        let out = folder.path().join(name);
+        let out = out.to_str().expect("UTF-8");
+        let answer = crate::json(&["simulate", "examples/calibration/shop.toml", "-o", out]);
+        let command = answer["next"][0].as_str().expect("a command");
+        // The shell itself takes the line apart.
+        let script = format!("volcomp() {{ printf '%s' \"$2\"; }}\n{command}\n");
+        let output = std::process::Command::new("sh")
+            .args(["-c", &script])
+            .output();
+        let output = output.expect("a shell");
+        let read = String::from_utf8(output.stdout).expect("UTF-8");
+        assert_eq!(read, format!("{out}/calibration.toml"), "{command}");
+    }
+}
