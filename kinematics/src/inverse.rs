@@ -24,14 +24,14 @@ const ALONG_BELOW_RAD: f64 = 1e-9;
 const REACHED_WITHIN_RAD: f64 = 1e-9;
 /// Two solutions whose angles differ by less than this, rad, are one: where they meet, rounding parts them.
 const SAME_BELOW_RAD: f64 = 1e-6;
-/// The largest distance, mm, by which a tip may miss what the linear axes reach.
-const REACHED_WITHIN_MM: f64 = 1e-7;
+/// The largest distance, mm, at which a tip counts as being at a point.
+pub const REACHED_WITHIN_MM: f64 = 1e-7;
 /// A tip that is brought to a point is there, mm: what rounding leaves of coordinates of some metres.
 const BROUGHT_WITHIN_MM: f64 = 1e-9;
 /// Steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
 const MOST_STEPS: usize = 12;
-/// Three unit vectors that span less than this lie in a plane but for rounding, or nearly so: what one axis does not reach, no
-/// long way of the others against each other shall.
+/// Directions of three linear axes whose box of unit edges has less volume than this count as lying in one plane. Such axes reach
+/// a point beside the plane only by moving far against each other; they are not made to.
 const FLAT_BELOW: f64 = 1e-3;
 
 /// The angles that point the tool, and the rotary axes that have no part in it.

@@ -60,7 +60,7 @@ fn of_error(
         return Ok(());
     }
     let svd = differences.svd(true, true);
-    let least_mm = LEAST_PART * diagonal_mm(file);
+    let least_mm = LEAST_PART * file.machine.diagonal_of_travels_mm();
     let singular = svd.singular_values.iter();
     let rank = singular.filter(|s| **s > least_mm).count();
     if rank < acting.len() {
@@ -194,16 +194,6 @@ fn readings_of(beside: &SideBySide, inverse: &DMatrix<f64>, column: usize) -> Ve
 fn files_named(lines: &[&Line]) -> String {
     let files: Vec<String> = lines.iter().map(|l| l.file.display().to_string()).collect();
     files.join(", ")
-}
-
-/// The diagonal of the travels of the linear axes, mm.
-fn diagonal_mm(file: &CalibrationFile) -> f64 {
-    let linear = file.machine.axes().iter();
-    let linear = linear.filter(|axis| axis.name.kind() == AxisKind::Linear);
-    let squares: f64 = linear
-        .map(|axis| (axis.travel[1] - axis.travel[0]).powi(2))
-        .sum();
-    squares.sqrt()
 }
 
 /// Readings of a tilt as if an instrument had given them, fitted with the kind of curve of the lines that they are from.

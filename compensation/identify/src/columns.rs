@@ -1,6 +1,7 @@
 //! The columns of a row file by their names, and names that look like others.
 
 use volcomp_document::{Column, CsvTable, InputError, quoted, split_head, unit_named};
+use volcomp_model::axis_of_head;
 use volcomp_vocabulary::AxisName;
 
 /// The columns of a table by their exact names: `X` is an axis, `x` a coordinate of a target.
@@ -25,7 +26,7 @@ impl Columns<'_> {
 
     /// The column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
     pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
-        self.with_unit(&axis.to_string(), axis.kind().coordinate_unit())
+        self.alone_or(&axis.to_string(), |found| axis_of_head(found) == Some(axis))
     }
 
     /// The name of the column of an axis, alone or with any unit, whoever reads it.
@@ -38,17 +39,27 @@ impl Columns<'_> {
 
     /// The column of a name, alone or with the unit that it always has.
     fn with_unit(&mut self, name: &str, unit: &str) -> Result<Option<Column>, InputError> {
-        let is_it = |found: &str| {
+        self.alone_or(name, |found| {
             let (stem, found) = split_head(found);
             stem == name && unit_named(found) == Some(unit)
-        };
+        })
+    }
+
+    /// The column of this name, or one with another that means the same.
+    fn alone_or(
+        &mut self,
+        name: &str,
+        means_it: impl Fn(&str) -> bool,
+    ) -> Result<Option<Column>, InputError> {
         let names = || self.table.names().map(|(_, name)| name);
-        let mut with_units = names().filter(|found| is_it(found)).map(str::to_owned);
-        let Some(with_unit) = with_units.next() else {
+let mut others = names()
+            .filter(|found| *found != name && means_it(found))
+            .map(str::to_owned);
+        let Some(with_unit) = others.next() else {
             return self.get(name);
         };
         let alone = names().find(|found| *found == name).map(str::to_owned);
-        if let Some(other) = alone.or_else(|| with_units.next()) {
+        if let Some(other) = alone.or_else(|| others.next()) {
             return Err(self.table.header_error(format!(
                 "found columns `{other}` and `{with_unit}`, expected one of them"
             )));

@@ -1,7 +1,7 @@
 //! The ideal experiment: the same poses on a machine without errors, with readings that fit it exactly. What cannot be
 //! told apart there is told apart by the errors of the real one only in appearance.
 
-use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_kinematics::{REACHED_WITHIN_MM, State, nalgebra::Vector3};
 
 use crate::{
     equation::bar,
@@ -45,8 +45,6 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
 
 /// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Whether they could.
 pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> bool {
-    /// The tip is there, mm.
-    const THERE: f64 = 1e-6;
     let chain = system.machine.chain();
     let tip_mm = stand.tip_mm;
     let tip = |state: &State| {
@@ -56,5 +54,5 @@ pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> boo
         };
         stand.ideal_tip_mm(chain)
     };
-    chain.bring(&mut stand.state, |_| true, &to, tip) < THERE
+    chain.bring(&mut stand.state, |_| true, &to, tip) <= REACHED_WITHIN_MM
 }

@@ -4,7 +4,11 @@ use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::{identify::Fitted, observations::Observations, prepared::Rows};
+use crate::{
+    identify::Fitted,
+    observations::{Observations, Seen},
+    prepared::Rows,
+};
 
 /// A note where the residuals are larger than what was stated and chance explain, with the files that fit worst.
 pub(crate) fn contradiction(
@@ -63,7 +67,16 @@ pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<String> {
         if axis.name.kind() != AxisKind::Linear {
             continue;
         }
-        let at = || rows.iter().map(|row| row.stand.state.q[place]);
+        // A length between two poses moves the axes from the one to the other.
+        let at = || {
+            rows.iter().flat_map(|row| {
+                let from = match &row.seen {
+                    Seen::Pair { from, .. } => Some(from.state.q[place]),
+                    _ => None,
+                };
+                from.into_iter().chain([row.stand.state.q[place]])
+            })
+        };
         let span = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
         let share = span / (axis.travel[1] - axis.travel[0]);
         if share > SMALL {

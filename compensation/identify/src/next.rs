@@ -151,8 +151,8 @@ fn most_told(
     const LARGEST_ERROR: f64 = 1e-1;
     /// mm and rad: the size of a workspace, in which a set-up may be anywhere.
     const ANYWHERE: f64 = 1e3;
-    /// A pose tells of an unknown where it leaves less than half of what was assumed of it: one that the pose does not see, or sees
-    /// through others that are as little known, stays near 1.
+    /// A pose tells of an unknown where it makes the uncertainty that was assumed of it smaller by more than this factor. The
+    /// factor stays near 1 for an unknown that does not act at the pose, or that acts like others which are as little known.
     const TOLD: f64 = 2.0;
     let sizes = DVector::from_fn(system.params.len(), |column, _| {
         if column < system.params.setup() {

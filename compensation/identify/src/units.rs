@@ -3,7 +3,6 @@
 use volcomp_document::{CsvTable, InputError};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
-use volcomp_vocabulary::AxisKind;
 
 use crate::observations::{Row, Seen, SetUp, Stand};
 
@@ -27,11 +26,8 @@ pub(crate) fn check_units(
     setup: &SetUp,
 ) -> Result<(), InputError> {
     let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
-    let linear = machine.axes().iter();
-    let linear = linear.filter(|axis| axis.name.kind() == AxisKind::Linear);
-    let squares = linear.map(|axis| (axis.travel[1] - axis.travel[0]).powi(2));
     // A machine that only turns has arms of unknown length.
-    let diagonal = Some(squares.sum::<f64>().sqrt()).filter(|d| *d > 0.0);
+    let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
     let diagonal = diagonal.unwrap_or(f64::INFINITY);
     let mut seen = Vec::new();
     for row in rows {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, MAX_AXES};
 
 use crate::{
     axis::Axis,
@@ -209,6 +209,14 @@ impl Machine {
     /// The location errors, µm or µrad.
     pub fn locations(&self) -> &BTreeMap<ErrorName, f64> {
         &self.locations
+    }
+
+    /// From corner to corner of the travels of the linear axes, mm; 0 without linear axes.
+    pub fn diagonal_of_travels_mm(&self) -> f64 {
+        let linear = self.axes.iter();
+        let linear = linear.filter(|axis| axis.name.kind() == AxisKind::Linear);
+        let squares = linear.map(|axis| (axis.travel[1] - axis.travel[0]).powi(2));
+        squares.sum::<f64>().sqrt()
     }
 
     /// The assembly errors of the axis at `index`: µm, µm, µm, µrad, µrad, µrad.

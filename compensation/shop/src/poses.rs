@@ -1,7 +1,7 @@
 //! Poses at which a machine is observed, and how it gets to a point.
 
 use rand::{Rng, RngExt};
-use volcomp_kinematics::{State, actual_pose, nalgebra::Vector3};
+use volcomp_kinematics::{REACHED_WITHIN_MM, State, actual_pose, nalgebra::Vector3};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
@@ -11,8 +11,6 @@ use crate::plan::{Plan, PlannedPose};
 const COMMAND_STEP: f64 = 1e-3;
 /// Tries for one pose, with other rotary positions each time.
 const TRIES: usize = 200;
-/// A point that is missed by more is not reached, mm.
-const REACHED_MM: f64 = 1e-6;
 
 /// The axes of a machine that are free to move, and where the others stand.
 #[derive(Clone, Debug)]
@@ -144,7 +142,7 @@ impl FreeAxes {
     ) -> Option<State> {
         let is_free = |place| self.free.iter().any(|(free, ..)| *free == place);
         let missed_mm = machine.chain().bring(&mut state, is_free, target, tip);
-        (missed_mm < REACHED_MM).then_some(state)
+        (missed_mm <= REACHED_WITHIN_MM).then_some(state)
     }
 
     /// Adds to the coordinate of every free linear axis, mm.

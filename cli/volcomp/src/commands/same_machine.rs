@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, path::Path};
 
 use volcomp_model::Machine;
-use volcomp_vocabulary::{Direction, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
 
 /// Differences that nobody measures, µm and µrad: what another version of the program rounds differently.
 const NO_MATTER: f64 = 0.05;
@@ -23,6 +23,8 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
             machine.name
         ));
     }
+    notes.extend(other_assembly(file, found, machine));
+    notes.extend(other_thermal(file, found, machine));
     let mut differences = differences(found, machine);
     if differences.is_empty() {
         return notes;
@@ -43,6 +45,39 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
         named.join(", ")
     ));
     notes
+}
+
+/// A note where axes were assembled otherwise, with the largest difference.
+fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
+    let axes = machine.axes().iter().enumerate();
+    let differences = axes.flat_map(|(index, axis)| {
+        let [a, b] = [found, machine].map(|of| of.assembly(index));
+        let by = a.into_iter().zip(b).map(|(a, b)| (a - b).abs());
+        by.zip(Component::ALL)
+            .map(move |(by, component)| (axis.name, component, by))
+    });
+    let matters = differences.filter(|(.., by)| *by > NO_MATTER);
+    let (name, component, by) = matters.max_by(|a, b| a.2.total_cmp(&b.2))?;
+    Some(format!(
+        "{}: its machine has other [assembly] errors than --machine ({name} {component} by {by:.2} {}): the uncertainty is that of the errors which that file gives",
+        file.display(),
+        component.symbol()
+    ))
+}
+
+/// A note where the thermal terms are others: what they add is then not what the measurements hold.
+fn other_thermal(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
+    let terms = |of: &Machine| {
+        let thermal = of.thermal();
+        let any = !thermal.expansion.is_empty() || !thermal.drift.is_empty();
+        any.then(|| thermal.clone())
+    };
+    (terms(found) != terms(machine)).then(|| {
+        format!(
+            "{}: its machine has other [thermal] terms than --machine: the uncertainty is that of the terms of that file",
+            file.display()
+        )
+    })
 }
 
 /// The errors whose values differ, with the largest difference, µm or µrad.

@@ -343,4 +343,22 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
         words.contains("was not made from") && words.contains("at most EYY by"),
         "{words}"
     );
+    // Assembly errors and thermal terms that the machine of the file has not.
+    let unsigned = text.lines().filter(|line| !line.contains("sha256"));
+    let unsigned = unsigned.collect::<Vec<_>>().join("\n");
+    for (table, expected) in [
+        (
+            "[assembly]\nX = [0.0, 2.0, 0.0, 7.0, 0.0, 0.0]",
+            "its machine has other [assembly] errors than --machine (X EA by 7.00 µrad)",
+        ),
+        (
+            "[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = 8.0\n",
+            "its machine has other [thermal] terms than --machine",
+        ),
+    ] {
+        fs::write(&other, format!("{unsigned}\n{table}\n")).expect("written");
+        let words = said(&other, &calibration);
+        assert!(words.contains(expected), "{words}");
+        assert!(!own.contains(&expected[..30]), "{own}");
+    }
 }

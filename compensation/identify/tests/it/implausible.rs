@@ -622,3 +622,29 @@ fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
     let words = found.warnings.join("\n");
     assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
 }
+
+/// Lengths between poses move the axes from the one pose to the other: only the ends to which they go lie close together.
+#[test]
+fn lengths_between_poses_over_the_travel_are_no_small_moves() {
+    let lab = Lab::new("structure = \"w b X t\"\naxes.X.travel = [-300.0, 300.0]\n");
+    let said = |far: [f64; 5]| {
+        let mut text = String::from("pose,X,from,to,length_mm\na,0,,,\nb,1,,,\n");
+        for (k, x) in far.iter().enumerate() {
+            let _ = writeln!(text, "p{k},{x:?},,,");
+        }
+        for (k, x) in far.iter().enumerate() {
+            let (to, at) = if k % 2 == 0 { ("a", 0.0) } else { ("b", 1.0) };
+            let _ = writeln!(text, ",,p{k},{to},{:?}", (x - at).abs());
+        }
+        lab.write("g.csv", &text);
+        let observed = "folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"distance\"\nfile = \"g.csv\"\n";
+        lab.identify(observed).expect("found").warnings.join("\n")
+    };
+    let words = said([-250.0, -100.0, 100.0, 200.0, 250.0]);
+    assert!(!words.contains("of their travel at the most"), "{words}");
+    let words = said([-5.0, -3.0, 4.0, 5.0, 6.0]);
+    assert!(
+        words.contains("1.8 % of their travel at the most"),
+        "{words}"
+    );
+}

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use volcomp_identify::{Seen, identify};
+use volcomp_identify::{Follower, IdentifyError, Seen, identify, identify_followed};
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{X, Y};
 
@@ -426,4 +426,58 @@ fn places_that_the_set_up_does_not_have_are_refused() {
     );
     observations.setup.frames.clear();
     assert!(identify(&observations, |_, _| {}).is_err());
+}
+
+/// What cannot follow an unknown is refused where it is made, or with the observations that do not have the unknown.
+#[test]
+fn what_cannot_follow_is_refused() {
+    let lab = Lab::new(MACHINE);
+    lab.write(
+        "t.csv",
+        &rows(
+            &[(0.0, 0.0), (400.0, 10.0), (30.0, 300.0), (350.0, 380.0)],
+            1.0,
+        ),
+    );
+    let text = points("frame = \"unknown\"");
+    let observations = lab.read(&text).expect("read");
+    let parameters = identify(&observations, |_, _| {})
+        .expect("found")
+        .parameters;
+    let own = parameters
+        .iter()
+        .find(|p| p.name == "EC0Y")
+        .expect("an unknown");
+    let set_up = parameters
+        .iter()
+        .find(|p| p.error.is_none())
+        .expect("a set-up");
+    let machine = || Machine::parse(MACHINE, "m").expect("a machine");
+    let other = || Machine::parse(&MACHINE.replace("w b X Y t", "w X b Y t"), "m").expect("one");
+    for (parameter, second, by, expected) in [
+        (set_up, machine(), 10.0, "it is a number of a set-up"),
+        (own, machine(), 0.0, "a number and not 0"),
+        (own, machine(), f64::NAN, "a number and not 0"),
+        (own, other(), 10.0, "two machines of one structure"),
+    ] {
+        let refused = Follower::new(parameter, [machine(), second], by).expect_err(expected);
+        assert!(refused.to_string().contains(expected), "{refused}");
+    }
+    let refused = |followers: &[Follower], text: &str| {
+        let observations = lab.read(text).expect("read");
+        match identify_followed(&observations, followers, |_, _| {}) {
+            Err(error @ IdentifyError::NotFollowing { .. }) => error.to_string(),
+            Err(error) => panic!("{error}"),
+            Ok(_) => panic!("found something"),
+        }
+    };
+    let foreign = Follower::new(own, [other(), other()], 10.0).expect("one structure");
+    let words = refused(&[foreign], &text);
+    assert!(
+        words.contains("another structure than that of the observations"),
+        "{words}"
+    );
+    let fitting = Follower::new(own, [machine(), machine()], 10.0).expect("right");
+    let words = refused(&[fitting], &text.replace("EC0Y", "EXX"));
+    assert!(words.contains("it is none of the unknowns"), "{words}");
 }
