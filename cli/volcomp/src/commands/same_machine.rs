@@ -59,7 +59,7 @@ fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<Str
     let matters = differences.filter(|(.., by)| *by > NO_MATTER);
     let (name, component, by) = matters.max_by(|a, b| a.2.total_cmp(&b.2))?;
     Some(format!(
-        "{}: its machine has other [assembly] errors than --machine ({name} {component} by {by:.2} {}): the uncertainty is that of the errors which that file gives",
+        "{}: its machine has other [assembly] errors than --machine ({component:?} of {name} by {by:.2} {}): the uncertainty is that of the errors which that file gives",
         file.display(),
         component.symbol()
     ))

@@ -349,7 +349,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     for (table, expected) in [
         (
             "[assembly]\nX = [0.0, 2.0, 0.0, 7.0, 0.0, 0.0]",
-            "its machine has other [assembly] errors than --machine (X EA by 7.00 µrad)",
+            "its machine has other [assembly] errors than --machine (EA of X by 7.00 µrad)",
         ),
         (
             "[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = 8.0\n",
