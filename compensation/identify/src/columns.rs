@@ -52,7 +52,7 @@ impl Columns<'_> {
         means_it: impl Fn(&str) -> bool,
     ) -> Result<Option<Column>, InputError> {
         let names = || self.table.names().map(|(_, name)| name);
-let mut others = names()
+        let mut others = names()
             .filter(|found| *found != name && means_it(found))
             .map(str::to_owned);
         let Some(with_unit) = others.next() else {

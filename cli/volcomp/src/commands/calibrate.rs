@@ -110,15 +110,9 @@ fn text(document: &Document) -> String {
              curve misses of readings that were left out of its fit one at a time.\n";
     if document.identified.is_some() {
         text += EXPLAINED;
-        text += LINES_HELD;
     }
     text
 }
-
-/// What the uncertainties of unknowns leave out.
-const LINES_HELD: &str = "\nThe uncertainties of unknowns are those of the observations, with the measured\n\
-    lines as they were read. What the scatter of the lines adds is counted by\n\
-    `--uncertainty` of `volcomp correct` and `volcomp map`.\n";
 
 fn counted(count: usize, what: &str) -> String {
     let s = if count == 1 { "" } else { "s" };
