@@ -3,11 +3,8 @@
 use std::{sync::Arc, time::Duration};
 
 use volcomp_guard::barrier::{Program, Protection, SettingsError};
-use volcomp_kinematics::{
-    Form, State,
-    nalgebra::{Matrix6, Vector3, Vector6},
-};
-use volcomp_model::{Machine, Temperatures};
+use volcomp_kinematics::{Form, State, nalgebra::Vector3};
+use volcomp_model::{Machine, RigidMotion, RigidSums, Temperatures};
 use volcomp_port::{
     Axis, Clock,
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
@@ -31,8 +28,8 @@ const RESOLUTION: Mm = Mm(0.001);
 #[derive(Clone)]
 pub struct Truth {
     machine: Arc<Machine>,
-    /// The workpiece as it is set up: displacement and rotation against the model's.
-    datum: Vector6<f64>,
+    /// How the workpiece is set up against the model's.
+    datum: RigidMotion,
     sensors: Arc<[String]>,
 }
 
@@ -55,27 +52,15 @@ impl Truth {
     /// explains at the reference temperature is taken away.
     fn against(machine: Machine, model: &Machine, sensors: &[String]) -> Self {
         let none = Temperatures::new();
-        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        let mut sums = RigidSums::default();
         for state in grid(model) {
             let at = |machine: &Machine| machine.error_at(&state, Form::Exact, &none).position_mm;
-            let difference = at(&machine) - at(model);
             let [x, y, z] = [state.q[0], state.q[1], state.q[2]];
-            let rows = [
-                [1.0, 0.0, 0.0, 0.0, z, -y],
-                [0.0, 1.0, 0.0, -z, 0.0, x],
-                [0.0, 0.0, 1.0, y, -x, 0.0],
-            ];
-            for (row, value) in rows.iter().zip(difference.iter()) {
-                let row = Vector6::from_column_slice(row);
-                normal += row * row.transpose();
-                right += row * *value;
-            }
+            sums.take(&Vector3::new(x, y, z), &(at(&machine) - at(model)));
         }
         Self {
-            datum: normal
-                .cholesky()
-                .map_or(Vector6::zeros(), |factor| factor.solve(&right)),
             machine: Arc::new(machine),
+            datum: sums.motion(),
             sensors: sensors.into(),
         }
     }
@@ -90,13 +75,9 @@ impl Truth {
             .zip(degc.iter().copied())
             .collect();
         let state = State::from_coordinates(&positions[..]);
-        let [tx, ty, tz, a, b, c] = self.datum.into();
-        let p = Vector3::new(positions[0], positions[1], positions[2]);
-        let rigid = Vector3::new(tx, ty, tz) + Vector3::new(a, b, c).cross(&p);
-        self.machine
-            .error_at(&state, Form::Exact, &temperatures)
-            .position_mm
-            - rigid
+        let place = Vector3::new(positions[0], positions[1], positions[2]);
+        let error = self.machine.error_at(&state, Form::Exact, &temperatures);
+        self.datum.left_mm(&place, &error.position_mm)
     }
 
     /// The position error that remains (mm, workpiece axes) when corrections (mm) are applied.

@@ -137,7 +137,8 @@ impl RigidMotion {
     }
 }
 
-/// State: how large vectors are, by the root of the mean square and at most.
+/// State: how large vectors are, by the root of the mean square and at most. All vectors that it takes have one unit, mm or rad, and
+/// what it tells has the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lengths {
     count: f64,
@@ -163,12 +164,12 @@ impl Lengths {
         self.largest = self.largest.max(other.largest);
     }
 
-    /// The root of the mean square; 0 without a vector.
+    /// The root of the mean square, in the unit of the vectors; 0 without a vector.
     pub fn rms(&self) -> f64 {
         (self.squares / self.count.max(1.0)).sqrt()
     }
 
-    /// The largest length; 0 without a vector.
+    /// The largest length, in the unit of the vectors; 0 without a vector.
     pub fn max(&self) -> f64 {
         self.largest
     }
