@@ -113,7 +113,7 @@ impl Rewriter {
             let part = Part {
                 place,
                 share: stretch.to,
-                numbers: &words.numbers,
+                numbers: &words,
                 words: &motion.words,
                 others: &circle.others,
                 code,
@@ -199,7 +199,7 @@ impl Rewriter {
         };
         let mut carried = *carried;
         let words = self.words_to(&leg, &mut carried);
-        if words.numbers.iter().all(Option::is_none) {
+        if words.iter().all(Option::is_none) {
             return None;
         }
         let feed = self.feed_of_part(0.0);
@@ -216,7 +216,7 @@ impl Rewriter {
             [] => b"G1",
             keyword => keyword,
         });
-        for word in words_of(&words.numbers, &[Manner::Modal; 9], feed) {
+        for word in words_of(&words, &[Manner::Modal; 9], feed) {
             line.script.write_word(&word, out);
         }
         if share == 0.0

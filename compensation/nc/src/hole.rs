@@ -2,10 +2,10 @@
 
 use crate::{
     NcError,
-    coordinates::LETTERS,
+    coordinates::{Axes, LETTERS},
     legs::{Leg, Writes},
     line::{Line, write_comment},
-    motion::{Move, Path, half_deep},
+    motion::{Move, Path, at_height, half_deep},
     number::of_steps,
     parts::Part,
     polar::polar_writes,
@@ -55,7 +55,6 @@ impl Rewriter {
         };
         let frame = &self.interpreter.frame;
         let carried = frame.moved_in_program(&first.from, &self.carried);
-        let unit_mm = self.interpreter.modal.unit_mm;
         let mut corrector = self.corrector.clone();
         holes.iter().all(|hole| {
             let Path::Hole {
@@ -67,19 +66,29 @@ impl Rewriter {
                 return true;
             };
             let end = frame.to_program(&hole.to);
+            let at = |height| frame.to_machine(&at_height(&end, depth, height));
             let middle = frame.to_machine(&half_deep(&end, depth, [bottom, clearance]));
+            corrector.goes(&at(clearance));
             corrector.goes(&middle);
             if hole.polar.is_some() && !self.keeps_polar(hole, &[], &carried) {
                 return false;
             }
-            let delta = frame.moved_in_program(&middle, &corrector.at(&middle).delta);
-            (0..9).all(|axis| {
-                let by_cycle = self.carried_by_cycle.filter(|_| axis == depth);
-                let carried = by_cycle.unwrap_or(carried[axis]);
-                let half = 0.5 * of_steps(1, self.decimals.of(axis, unit_mm));
-                let off = (delta[axis] - carried) / self.interpreter.modal.scale(axis);
-                off.abs() < half || !self.corrector.has(axis)
-            })
+            let delta_at = |at: &Axes| frame.moved_in_program(at, &corrector.at(at).delta);
+            let is_kept = |axis: usize, off: f64| {
+                !self.corrector.has(axis)
+                    || (off / self.interpreter.modal.scale(axis)).abs() < self.half_step(axis)
+            };
+            let delta = delta_at(&middle);
+            let across = (0..9).filter(|axis| *axis != depth);
+            let at_initial = self.carried_at_initial.unwrap_or(carried[depth]);
+            let [at_bottom, at_clearance] =
+                [bottom, clearance].map(|height| delta_at(&at(height))[depth] - at_initial);
+            let [of_bottom, of_clearance] = self.carried_by_cycle;
+            // In a row by ways the depth counts from R.
+            across.fold(true, |kept, axis| {
+                kept && is_kept(axis, delta[axis] - carried[axis])
+            }) && is_kept(depth, at_clearance - of_clearance)
+                && is_kept(depth, at_bottom - of_bottom - of_clearance)
         })
     }
 
@@ -97,6 +106,10 @@ impl Rewriter {
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let middle = frame.to_machine(&half_deep(&end, depth, places));
+        let [_, clearance] = places;
+        // It goes down from R, also where it went up to R before.
+        self.corrector
+            .goes(&frame.to_machine(&at_height(&end, depth, clearance)));
         self.corrector.goes(&middle);
         let in_own_line = place > 0 && !stays;
         let keeps_polar =
@@ -129,28 +142,47 @@ impl Rewriter {
         }
         let mut depths = Vec::new();
         if self.interpreter.known[depth] && self.corrector.corrects(depth) {
+            let [bottom, clearance] = places;
+            // The rotary axes have what they were rounded to.
+            let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
+                let at = frame.to_machine(&at_height(&end, depth, height));
+                self.words_at(&at, None, &mut carried.clone(), |_, _, _, _| ())[depth]
+            });
             let initial = self.interpreter.modal.sticky.initial;
             let initial = initial.unwrap_or(before[depth]);
             let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
-            let [bottom, clearance] = places;
-            let hole = if motion.incremental[depth] {
-                // The depth counts from R, and goes along with it.
-                Hole {
-                    delta: words.delta[depth] - at_initial,
-                    places: vec![(b'R', clearance - initial)],
-                    by_initial: at_initial,
-                }
-            } else {
-                Hole {
-                    delta: words.delta[depth],
-                    places: vec![(LETTERS[depth], bottom), (b'R', clearance)],
-                    by_initial: 0.0,
-                }
+            // In G91 R counts from where the first hole began, and the depth from R.
+            let (zero, carried_at_zero) = match motion.incremental[depth] {
+                true => (initial, at_initial),
+                false => (0.0, 0.0),
             };
-            let (words, carried_by_cycle) = self.depth(&hole, depth, line);
-            depths = words;
+            let [_, of_clearance] = self.carried_by_cycle;
+            let plane = InCycle {
+                letter: b'R',
+                is: clearance - zero,
+                delta: at_clearance - carried_at_zero,
+                carried: of_clearance,
+            };
+            let (plane, of_clearance) = self.in_cycle(&plane, depth, (line, in_own_line));
+            let (zero, carried_at_plane) = match motion.incremental[depth] {
+                true => (clearance, of_clearance + carried_at_zero),
+                false => (0.0, 0.0),
+            };
+            let ground = InCycle {
+                letter: LETTERS[depth],
+                is: bottom - zero,
+                delta: at_bottom - carried_at_plane,
+                carried: self.carried_by_cycle[0],
+            };
+            let (ground, of_bottom) = self.in_cycle(&ground, depth, (line, in_own_line));
+            self.carried_by_cycle = [of_bottom, of_clearance];
+            depths.extend([ground, plane].into_iter().flatten());
             let is_up = self.interpreter.modal.comes_back && clearance <= initial;
-            carried[depth] = if is_up { at_initial } else { carried_by_cycle };
+            carried[depth] = if is_up {
+                at_initial
+            } else {
+                of_clearance + carried_at_zero
+            };
         }
         self.carried = frame.moved_in_machine(&end, &carried);
         // The tool may be above the hole, with the correction of its middle.
@@ -169,7 +201,7 @@ impl Rewriter {
         let part = Part {
             place,
             share: 1.0,
-            numbers: &words.numbers,
+            numbers: &words,
             words: &motion.words,
             others: &depths,
             code: None,
@@ -185,39 +217,34 @@ impl Rewriter {
         self.write_part(&part, line, out);
     }
 
-    /// The words for the depth of a cycle and its plane R that change, and what of the correction R stands for then.
-    fn depth(&mut self, hole: &Hole, depth: usize, line: Line<'_>) -> (Vec<(u8, Number)>, f64) {
-        let Hole {
-            delta, by_initial, ..
-        } = *hole;
+    /// The number of a word of a cycle where it changes, and what of the correction the word stands for then, mm.
+    fn in_cycle(
+        &self,
+        word: &InCycle,
+        depth: usize,
+        (line, in_own_line): (Line<'_>, bool),
+    ) -> (Option<(u8, Number)>, f64) {
         let scale = self.interpreter.modal.scale(depth);
+        let place = line.place_of(word.letter).filter(|_| !in_own_line);
+        // A word that the block has is without a correction.
+        let carried = if place.is_some() { 0.0 } else { word.carried };
+        if ((word.delta - carried) / scale).abs() < self.half_step(depth) {
+            return (None, carried);
+        }
+        let of_word = line.word(place).and_then(|word| word.decimals).unwrap_or(0);
         let decimals = self.decimals.of(depth, self.interpreter.modal.unit_mm);
-        let half = 0.5 * of_steps(1, decimals);
-        let is_named = hole
-            .places
-            .iter()
-            .any(|(letter, _)| line.place_of(*letter).is_some());
-        let carried = self.carried_by_cycle.unwrap_or(by_initial);
-        let changes = ((delta + by_initial - carried) / scale).abs() >= half
-            || is_named && (delta / scale).abs() >= half;
-        if !changes {
-            let carried = if is_named { by_initial } else { carried };
-            self.carried_by_cycle = Some(carried);
-            return (Vec::new(), carried);
+        match Number::nearest((word.is + word.delta) / scale, decimals.max(of_word)) {
+            Some(number) => (
+                Some((word.letter, number)),
+                number.value() * scale - word.is,
+            ),
+            None => (None, carried),
         }
-        let mut words = Vec::new();
-        let mut carried = by_initial + delta;
-        for (letter, at) in &hole.places {
-            let word = line.place_of(*letter);
-            let of_word = line.word(word).and_then(|word| word.decimals).unwrap_or(0);
-            let value = (at + delta) / scale;
-            if let Some(number) = Number::nearest(value, decimals.max(of_word)) {
-                carried = by_initial + number.value() * scale - at;
-                words.push((*letter, number));
-            }
-        }
-        self.carried_by_cycle = Some(carried);
-        (words, carried)
+    }
+
+    /// Half a step of the words of an axis, in the unit of the program.
+    fn half_step(&self, axis: usize) -> f64 {
+        0.5 * of_steps(1, self.decimals.of(axis, self.interpreter.modal.unit_mm))
     }
 }
 
@@ -236,12 +263,13 @@ impl InRow {
     };
 }
 
-/// What a cycle goes down by: its words, with the correction that belongs to them.
-struct Hole {
-    /// What its words are to change by, mm.
+/// A word of a cycle that says a height: its depth, or its plane R.
+struct InCycle {
+    letter: u8,
+    /// Its number without a correction, mm.
+    is: f64,
+    /// What it is to change by, mm.
     delta: f64,
-    /// The letters and the numbers of its words without a correction, mm.
-    places: Vec<(u8, f64)>,
-    /// The correction that is in the place from which they count.
-    by_initial: f64,
+    /// What it has changed by where the block does not have it, mm.
+    carried: f64,
 }

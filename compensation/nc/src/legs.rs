@@ -45,13 +45,6 @@ pub(crate) enum Writes {
     Always,
 }
 
-/// The numbers of words, and the correction that belongs to them, in the coordinates of the program.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Words {
-    pub(crate) numbers: Axes<Option<Number>>,
-    pub(crate) delta: Axes,
-}
-
 /// One axis on a motion or a part of it, in the coordinates of the program.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisWay {
@@ -72,9 +65,9 @@ impl Rewriter {
     /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
     /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
     /// ones follow, so that the tip is where it belongs.
-    pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Words {
+    pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Axes<Option<Number>> {
         let mut numbers = [None; 9];
-        let delta = self.words_at(
+        self.words_at(
             &leg.at,
             leg.rounded,
             carried,
@@ -82,7 +75,7 @@ impl Rewriter {
                 this.numbers(leg, axes, delta, carried, &mut numbers);
             },
         );
-        Words { numbers, delta }
+        numbers
     }
 
     /// The same for the correction of a place, `rounded` or as it is: `numbers` makes the words of some axes with the correction that belongs

@@ -34,10 +34,15 @@ pub(crate) struct Arc {
     pub(crate) by_radius: bool,
 }
 
-/// Where a hole is half as deep as it gets: its correction is that of this place.
+/// Where a hole is half as deep as it gets: across its depth, its correction is that of this place.
 pub(crate) fn half_deep(hole: &Axes, depth: usize, [bottom, clearance]: [f64; 2]) -> Axes {
+    at_height(hole, depth, 0.5 * (bottom + clearance))
+}
+
+/// Where a hole has this height, mm.
+pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
     let mut at = *hole;
-    at[depth] = 0.5 * (bottom + clearance);
+    at[depth] = height;
     at
 }
 

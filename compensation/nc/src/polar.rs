@@ -13,7 +13,7 @@ use crate::{
     dialect::Dialect,
     given::Given,
     interpret::Interpreter,
-    legs::{Words, Writes},
+    legs::Writes,
     line::Line,
     modal::Plane,
     motion::{Arc, Move, Polar},
@@ -326,8 +326,13 @@ impl Rewriter {
     }
 
     /// A note where an arc gets the coordinate of an axis that it did not have.
-    pub(crate) fn notes_superposed(&mut self, words: &Words, motion: &Move, line: Line<'_>) {
-        let is_new = |axis: usize| words.numbers[axis].is_some() && motion.words[axis].is_none();
+    pub(crate) fn notes_superposed(
+        &mut self,
+        words: &Axes<Option<Number>>,
+        motion: &Move,
+        line: Line<'_>,
+    ) {
+        let is_new = |axis: usize| words[axis].is_some() && motion.words[axis].is_none();
         if line.script.is_heidenhain() && (2..9).any(is_new) {
             self.interpreter.notes.add(Note::Superposed, line.number);
         }

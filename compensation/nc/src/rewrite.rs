@@ -88,8 +88,8 @@ pub(crate) struct Rewriter {
     pub(crate) settled: Settled,
     /// Where axes turn on the motion that is being written.
     pub(crate) turns: Turns,
-    /// What of it stands in the plane R of the cycle that is kept from hole to hole, mm.
-    pub(crate) carried_by_cycle: Option<f64>,
+    /// By what the depth and the plane R of a cycle, which are kept from hole to hole, are other numbers than in the program, mm.
+    pub(crate) carried_by_cycle: [f64; 2],
     /// What of it was in the axis of its depth where the first hole of a row began, mm.
     pub(crate) carried_at_initial: Option<f64>,
     /// What of it is in the places of G28 and G30.
@@ -137,7 +137,7 @@ impl Rewriter {
             carried: [0.0; 9],
             settled: Settled::No,
             turns: Turns::default(),
-            carried_by_cycle: None,
+            carried_by_cycle: [0.0; 2],
             carried_at_initial: None,
             carried_at_home: [[0.0; 9]; 2],
             contour: Contour::None,
@@ -243,7 +243,7 @@ impl Rewriter {
             self.unsettles();
         }
         if self.interpreter.modal.sticky.initial.is_none() {
-            (self.carried_by_cycle, self.carried_at_initial) = (None, None);
+            (self.carried_by_cycle, self.carried_at_initial) = ([0.0; 2], None);
         }
         if let Some(which) = outcome.stores_home {
             self.carried_at_home[which] = self.carried;

@@ -253,7 +253,7 @@ impl Rewriter {
             if keeps_polar {
                 carried[..2].fill(0.0);
             }
-            if place > 0 && share == passed && words.numbers.iter().all(Option::is_none) {
+            if place > 0 && share == passed && words.iter().all(Option::is_none) {
                 // There is nothing to take up.
                 continue;
             }
@@ -261,7 +261,7 @@ impl Rewriter {
             let part = Part {
                 place,
                 share,
-                numbers: &words.numbers,
+                numbers: &words,
                 words: &motion.words,
                 others: &[],
                 code: None,

@@ -17,7 +17,7 @@ use crate::{
     correction::Corrector,
     dialect::Dialect,
     inspect::{Collector, Inspected},
-    motion::{Move, Path, half_deep},
+    motion::{Move, Path, at_height},
     part_file::Part,
     program::execute,
     rewrite::Rewriter,
@@ -32,6 +32,8 @@ pub(crate) const WAITING: usize = 1024;
 const MOST_PLACES: usize = 20_000;
 /// Within each part of a motion so many places are looked at, the last one at its end.
 const PLACES_OF_PART: u32 = 8;
+/// The same of a hole, besides its plane R: half-way down and at its bottom.
+const PLACES_OF_HOLE: u32 = 2;
 /// The same of an arc whose form is to be inspected.
 const PLACES_OF_ARC: u32 = 72;
 
@@ -63,7 +65,7 @@ pub struct Place {
     pub before_um: [f64; 3],
     /// How far from there the tip is with the compensated program, µm.
     pub after_um: [f64; 3],
-    /// It is the end of a rapid motion, or a hole: no path leads to it from the place before.
+    /// It is the end of a rapid motion, or the plane R of a hole: no path leads to it from the place before.
     pub begins: bool,
 }
 
@@ -360,7 +362,8 @@ impl Comparison {
             return;
         }
         self.found.motions += u64::from(to == 1.0);
-        let only_end = matches!(path, Path::Rapid | Path::Hole { .. });
+        let is_hole = matches!(path, Path::Hole { .. });
+        let only_end = is_hole || path == Path::Rapid;
         if to == from {
             // The play of an axis is taken up.
             for place in places(&self.truth, result, [0.0, 1.0]) {
@@ -371,10 +374,18 @@ impl Comparison {
         // A circle that stays one block is to show its form.
         let is_arc = matches!(path, Path::Arc(_));
         let last = match self.cut {
+            _ if is_hole => PLACES_OF_HOLE,
             Some(_) if is_arc => PLACES_OF_ARC,
             _ => PLACES_OF_PART,
         };
-        let first = if only_end { last } else { 1 };
+        let first = match path {
+            Path::Hole { .. } => 0,
+            Path::Rapid => last,
+            _ => 1,
+        };
+        if is_hole {
+            self.truth.goes(&place_of(original, 0.0));
+        }
         if from == 0.0 {
             let steps = steps(&self.truth, original, 1.0);
             let turns = |share| place_of(original, share);
@@ -416,9 +427,12 @@ impl Comparison {
                 tip_mm: tip,
                 before_um: um(&wanted, &self.before),
                 after_um: um(&commanded, &self.after),
-                begins: only_end,
+                begins: only_end && place == first,
             };
-            self.cut(original, &wanted, &commanded);
+            // A hole is measured half-way down.
+            if !is_hole || 2 * place == last {
+                self.cut(original, &wanted, &commanded);
+            }
             self.keep(found);
         }
         if to == 1.0 {
@@ -469,7 +483,7 @@ impl Comparison {
     }
 }
 
-/// The axes at a share of a motion.
+/// The axes at a share of a motion; of a hole, on its way down from its plane R.
 pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
     let Made { motion, frame, .. } = made;
     let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
@@ -480,8 +494,8 @@ pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
             clearance,
             depth,
         } => {
-            let places = [bottom, clearance];
-            frame.to_machine(&half_deep(&to, depth, places))
+            let height = clearance + share * (bottom - clearance);
+            frame.to_machine(&at_height(&to, depth, height))
         }
         _ if share == 1.0 => motion.to,
         _ => frame.to_machine(&between(&from, &to, share)),

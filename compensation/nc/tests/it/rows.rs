@@ -115,3 +115,30 @@ fn a_row_by_angles_begins_beside_its_circle() {
         "{result}{at:?}"
     );
 }
+
+/// Depth and plane R each have the correction of their own height: the scale of Z is 50 µm/m, and a hole 200 mm deep.
+#[test]
+fn depth_and_plane_have_the_correction_of_their_height() {
+    let scale = "[errors]\nEZZ = { poly = [0.0, 0.05] }\n";
+    assert_eq!(
+        text(
+            scale,
+            "G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nX20\nX30 Z-100\nX40 R-40\nG80\nM2\n"
+        ),
+        "G0 X0 Y0 Z19.999\nG81 X10 R0 Z-199.990 F100\nX20\nX30 Z-99.995\nX40 R-39.998\nG80\nM2\n"
+    );
+    // In G91 R counts from where the tool is, which has 1 µm, and the depth from R.
+    assert_eq!(
+        text(
+            scale,
+            "G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n"
+        ),
+        "G0 X0 Y0 Z19.999\n(G91 G81 X10 R-20 Z-200 L2 F100)\nG91 G81 X10 R-19.999 Z-199.990 F100\nX10.000\nX10 Z-99.995\nG80\nM2\n"
+    );
+    // Only the side of the hole differs with the depth: the hole is where it belongs half-way down.
+    let tilt = "[errors]\nEXZ = { poly = [0.0, 0.05] }\n";
+    assert_eq!(
+        text(tilt, "G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nG80\nM2\n"),
+        "G0 X-0.001 Y0 Z20\nG81 X10.005 R0 Z-200 F100\nG80\nM2\n"
+    );
+}

@@ -286,7 +286,7 @@ fn holes_in_g91_are_as_deep_as_they_are_to_be() {
             errors,
             "G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n"
         ),
-        "G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3.000 Z-5.000\nX0 Z-5\nG80\n"
+        "G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n"
     );
 }
 
