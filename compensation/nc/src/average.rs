@@ -306,8 +306,14 @@ fn write(
     }
     let mut text = Vec::new();
     if !offsets.is_empty() {
-        // What holds at the beginning in any case, as the set-up says.
-        text.extend_from_slice(if unit_mm == 1.0 { b"G21" } else { b"G20" });
+        // What the program is read with from its beginning: left in ways by the program before, a control would add the offsets to those
+        // that it has.
+        let modes: &[u8] = if unit_mm == 1.0 {
+            b"G21 G90"
+        } else {
+            b"G20 G90"
+        };
+        text.extend_from_slice(modes);
         text.extend_from_slice(end);
     }
     for (system, words) in offsets {

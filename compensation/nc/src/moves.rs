@@ -4,7 +4,7 @@ use crate::{
     NcError,
     block::{Begins, Manner},
     codes::{Codes, text},
-    coordinates::{Axes, is_rotary},
+    coordinates::{Axes, LETTERS, is_rotary},
     dialect::Dialect,
     given::{Given, whole},
     interpret::{Interpreter, Outcome},
@@ -91,6 +91,16 @@ impl Interpreter {
             known: self.known,
             wraps: [0.0; 9],
         };
+        if self.frame.tip.is_some()
+            && let Some(axis) = (3..9).find(|axis| {
+                is_rotary(*axis) && motion.words[*axis].is_some() && !self.machine_has(*axis)
+            })
+        {
+            return Err(given.refused(&format!(
+                "a motion of {}, which the machine file does not have, while the control keeps the tip of the tool in its place (M428, G43.4, TRAORI, M128)",
+                char::from(LETTERS[axis])
+            )));
+        }
         for axis in 0..9 {
             let shorter = self.modal.shorter && is_rotary(axis) && motion.words[axis].is_some();
             if manner(axis) == Manner::Shortest || shorter && !motion.incremental[axis] {

@@ -147,8 +147,8 @@ pub(crate) fn execute(
     // From here on lines are executed in another order than they stand.
     let rest = read_rest(input, text, number)?;
     let mut lines = split_lines(&rest);
-    let after_end = end_by_percent(&lines, percents);
-    let not_read = lines.split_off(after_end);
+    let by_percent = end_by_percent(&lines, percents);
+    let not_read = lines.split_off(by_percent.unwrap_or(lines.len()));
     let files = load(&lines, &rewriter.folders)?;
     let lines = Listing::new(lines, number, &files)?;
     let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
@@ -157,7 +157,7 @@ pub(crate) fn execute(
         output.write_all(end)?;
     }
     seen(bytes + rest.len() as u64)?;
-    Ok(summary(after, ends))
+    Ok(summary(after, ends || by_percent.is_some()))
 }
 
 /// What comes behind a line.
@@ -193,13 +193,7 @@ impl Stream {
             written.extend_from_slice(end);
             return Ok(Next::Line);
         }
-        if let Some(column) = memchr(0, line) {
-            return Err(NcError::Binary {
-                line: self.number,
-                column: column + 1,
-                byte: 0,
-            });
-        }
+        check_line(line, self.number)?;
         if rewriter.dialect() == Dialect::Rs274 {
             match o_line(line) {
                 Some(OLine::Program(_)) => {
@@ -255,8 +249,8 @@ fn read_rest(
     Ok(text)
 }
 
-/// How many lines there are up to the second percent sign, behind which nothing is read.
-fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> usize {
+/// How many lines there are up to the second percent sign, behind which nothing is read; `None` without one.
+fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     let is_percent = |(line, _): &(&[u8], &[u8])| line.trim_ascii_start().starts_with(b"%");
     let percents = lines
         .iter()
@@ -265,7 +259,7 @@ fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> usize {
     let last = percents
         .map(|(place, _)| place)
         .nth(1_usize.saturating_sub(before));
-    last.map_or(lines.len(), |place| place + 1)
+    last.map(|place| place + 1)
 }
 
 /// Each line and its end.
@@ -290,16 +284,34 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
         let taken = found.map_or(buffer.len(), |place| place + 1);
         text.extend_from_slice(&buffer[..taken]);
         input.consume(taken);
-        if text.len() > LONGEST_LINE {
-            return Err(NcError::LongLine {
-                line: number,
-                most: LONGEST_LINE,
-            });
-        }
+        check_length(text, number)?;
         if found.is_some() {
             return Ok(true);
         }
     }
+}
+
+/// Refuses what no program has: a line of a megabyte, a zero byte.
+pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
+    check_length(line, number)?;
+    match memchr(0, line) {
+        Some(column) => Err(NcError::Binary {
+            line: number,
+            column: column + 1,
+            byte: 0,
+        }),
+        None => Ok(()),
+    }
+}
+
+fn check_length(line: &[u8], number: usize) -> Result<(), NcError> {
+    if line.len() > LONGEST_LINE {
+        return Err(NcError::LongLine {
+            line: number,
+            most: LONGEST_LINE,
+        });
+    }
+    Ok(())
 }
 
 /// How long a line is without its end of line.

@@ -381,6 +381,7 @@ impl Rewriter {
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
             known: (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis)),
+            in_inches: self.interpreter.modal.unit_mm != 1.0,
         };
         let told = tells.send(made);
         told.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())

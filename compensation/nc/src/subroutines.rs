@@ -6,9 +6,9 @@ use std::{
 };
 
 use crate::{
-    LONGEST_LINE, NcError,
+    NcError,
     flow::{Keyword, OLine, Statement, o_line, program_line},
-    program::{MOST_IN_MEMORY, split_lines},
+    program::{MOST_IN_MEMORY, check_line, split_lines},
 };
 
 /// A file with subroutines.
@@ -38,6 +38,9 @@ impl<'t> Listing<'t> {
         first: usize,
         files: &'t [SubFile],
     ) -> Result<Self, NcError> {
+        for (place, (line, _)) in own.iter().enumerate() {
+            check_line(line, first + place)?;
+        }
         let mut lines = Self {
             own: own.len(),
             lines: own,
@@ -74,23 +77,6 @@ impl<'t> Listing<'t> {
             Some((path, begins)) => error.at_line(place - begins + 1).in_file(path),
             None => error.at_line(self.first + place),
         }
-    }
-}
-
-fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
-    if line.len() > LONGEST_LINE {
-        return Err(NcError::LongLine {
-            line: number,
-            most: LONGEST_LINE,
-        });
-    }
-    match line.iter().position(|byte| *byte == 0) {
-        Some(column) => Err(NcError::Binary {
-            line: number,
-            column: column + 1,
-            byte: 0,
-        }),
-        None => Ok(()),
     }
 }
 

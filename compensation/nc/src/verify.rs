@@ -51,6 +51,8 @@ pub(crate) struct Made {
     pub(crate) system: usize,
     /// It is known where X, Y and Z stand, as far as the machine has them.
     pub(crate) known: bool,
+    /// Its words are inches.
+    pub(crate) in_inches: bool,
 }
 
 /// A place of the path, in workpiece axes.
@@ -115,6 +117,8 @@ pub struct Verification {
     pub path: Vec<Place>,
     /// The features of the part, if one is to be inspected.
     pub features: Vec<Inspected>,
+    /// Any of the motions is written in inches.
+    pub in_inches: bool,
 }
 
 /// What a verification needs to know besides the two programs.
@@ -362,6 +366,7 @@ impl Comparison {
             return;
         }
         self.found.motions += u64::from(to == 1.0);
+        self.found.in_inches |= original.in_inches;
         let is_hole = matches!(path, Path::Hole { .. });
         let only_end = is_hole || path == Path::Rapid;
         if to == from {

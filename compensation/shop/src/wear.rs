@@ -15,8 +15,8 @@ const NODES: u32 = 64;
 /// screw stretches, µm.
 const GUIDE_UM: f64 = 0.06;
 const SCREW_UM: f64 = 0.08;
-/// The growth of the reversal value, µm and µrad.
-const REVERSAL: f64 = 0.05;
+/// The growth of the play: the reversal value, forward less backward, gets smaller by it, since the carriage lags, µm and µrad.
+const PLAY: f64 = 0.05;
 /// The amplitude of the eccentricity of a rotary axis's gear, and of the run-out of its bearing, µrad and µm.
 const GEAR_URAD: f64 = 0.2;
 const BEARING_UM: f64 = 0.02;
@@ -134,8 +134,8 @@ impl Wear {
             half: 0.4 * span,
         };
         let stretched = SCREW_UM * self.amount() * draws.factor() * draws.sign();
-        let play = REVERSAL * self.amount() * draws.factor();
-        worn.add(own, play, |q| stretched * zone.passed(q))?;
+        let play = PLAY * self.amount() * draws.factor();
+        worn.add(own, -play, |q| stretched * zone.passed(q))?;
         for (about, across) in [(1, 2), (2, 1)].map(|(a, b)| ((along + a) % 3, (along + b) % 3)) {
             let name = ErrorName::motion(LINEAR[across], axis);
             let mut draws = self.draws(name);
@@ -161,12 +161,14 @@ impl Wear {
             let mut draws = self.draws(name);
             let amplitude = amplitude * self.amount() * draws.factor();
             let phase = std::f64::consts::PI * draws.normal();
-            let play = if name == own {
-                REVERSAL * self.amount() * draws.factor()
+            let reversal = if name == own {
+                -PLAY * self.amount() * draws.factor()
             } else {
                 0.0
             };
-            worn.add(name, play, |q| amplitude * (q.to_radians() + phase).sin())?;
+            worn.add(name, reversal, |q| {
+                amplitude * (q.to_radians() + phase).sin()
+            })?;
         }
         Ok(())
     }

@@ -101,10 +101,14 @@ impl OnTruth<'_> {
 /// and two steps of the words does not count.
 fn is_better(found: &Verification, arguments: &Arguments) -> Result<Option<String>, Failure> {
     let Decimals { mm, inch, .. } = arguments.decimals;
-    let step_um = [(1e3, mm), (25.4e3, inch)]
-        .map(|(unit_um, decimals)| unit_um / 10_f64.powi(i32::from(decimals)));
-    let no_matter_um = arguments.tolerance + 2.0 * step_um[0].max(step_um[1]);
     let Verification { before, after, .. } = found;
+    let (unit_um, decimals) = if found.in_inches {
+        (25.4e3, inch)
+    } else {
+        (1e3, mm)
+    };
+    let step_um = unit_um / 10_f64.powi(i32::from(decimals));
+    let no_matter_um = arguments.tolerance + 2.0 * step_um;
     let is_worse = |rms: [f64; 2], max: [f64; 2]| {
         rms[1] > rms[0] + no_matter_um || max[1] > 2.0 * max[0] + no_matter_um
     };

@@ -261,7 +261,7 @@ fn the_mean_correction_is_in_the_work_offset() {
     let text = fs::read_to_string(&result).expect("the result");
     let (added, kept): (Vec<&str>, Vec<&str>) = text
         .lines()
-        .partition(|line| line.starts_with("G10 L2 P1 X") || *line == "G21");
+        .partition(|line| line.starts_with("G10 L2 P1 X") || *line == "G21 G90");
     assert_eq!(kept, original.lines().collect::<Vec<_>>());
     assert_eq!(added.len(), 2, "{text}");
 }

@@ -48,7 +48,7 @@ fn a_constant_error_leaves_nothing() {
     .expect("averaged");
     assert_eq!(
         out,
-        "%\n(part)\nG21\nG10 L2 P1 X99.990 Y50.000 Z-20.496\nG90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\nX20\nG0 Z10\n%\n"
+        "%\n(part)\nG21 G90\nG10 L2 P1 X99.990 Y50.000 Z-20.496\nG90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\nX20\nG0 Z10\n%\n"
     );
     assert_eq!((found.len(), found[0].places), (1, 2));
     assert!(
@@ -70,7 +70,7 @@ fn a_scale_leaves_its_spread() {
     .expect("averaged");
     assert!(
         out.starts_with(
-            "G21\nG10 L2 P1 X99.980 Y50.000 Z-20.500\nG10 L2 P2 X299.970 Y0.000 Z0.000\nG90 G54\n"
+            "G21 G90\nG10 L2 P1 X99.980 Y50.000 Z-20.500\nG10 L2 P2 X299.970 Y0.000 Z0.000\nG90 G54\n"
         ),
         "{out}"
     );
@@ -100,7 +100,7 @@ fn inch_and_crlf() {
     // 100 - 0.0254 mm, 50 mm, -20.5 mm.
     assert_eq!(
         out,
-        "(part)\r\nG20\r\nG10 L2 P1 X3.9360 Y1.9685 Z-0.8071\r\nG90 G54 G1 F100 X1 Y1\r\n"
+        "(part)\r\nG20 G90\r\nG10 L2 P1 X3.9360 Y1.9685 Z-0.8071\r\nG90 G54 G1 F100 X1 Y1\r\n"
     );
 }
 
@@ -142,7 +142,7 @@ fn the_mean_of_what_was_measured() {
     };
     let (out, found) = taken("EXX = { poly = [50.0] }\n", &readings);
     assert!(
-        out.starts_with("G21\nG10 L2 P1 X99.988 Y50.000 Z-20.494\n"),
+        out.starts_with("G21 G90\nG10 L2 P1 X99.988 Y50.000 Z-20.494\n"),
         "{out}"
     );
     let near =
@@ -188,5 +188,5 @@ fn the_tool_counts_and_the_number_of_the_program_stays_first() {
         (found[0].mean_mm[0].abs() - 0.030).abs() < 1e-4,
         "{found:?}"
     );
-    assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21\nG10 L2 P1"));
+    assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21 G90\nG10 L2 P1"));
 }

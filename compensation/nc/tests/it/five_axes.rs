@@ -285,6 +285,24 @@ fn own_kinematics_after_m428_are_refused() {
     );
 }
 
+/// A word of an axis that the machine file lacks would turn the table while the file believes that it stands still.
+#[test]
+fn a_rotary_word_that_the_machine_lacks_is_refused_where_the_tip_is_followed() {
+    let mut machine = machine(LENGTH);
+    machine.clear_errors();
+    let taken = |program: &str| {
+        crate::drawn::comes_out_as_it_is(&machine, volcomp_nc::Dialect::Rs274, program.as_bytes())
+    };
+    taken("G1 X1 B10 F1\nM428\nG1 X2 A5 C5\nM429\nB20\n").expect("taken");
+    let error = taken("M428\nG1 X1 F1\nX2 B10\n").expect_err("refused");
+    assert!(
+        error
+            .to_string()
+            .starts_with("line 3: a motion of B, which the machine file does not have"),
+        "{error}"
+    );
+}
+
 /// Another length of the tool while its centre point is followed and the table is tilted: X and Y that the program does not name stay
 /// unnamed.
 #[test]

@@ -4,6 +4,8 @@
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{Corrector, Job, NcError, SetUp, Summary, Virtual, compensate, verify};
 
+use crate::identity::compensated;
+
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[start]\nX = 0\nY = 0\nZ = 0\n";
 
@@ -417,4 +419,36 @@ fn nothing_stands_between_a_probe_and_its_retract() {
         behind.starts_with("G1 X-5") || behind.starts_with("G1 X-4.99"),
         "{out}"
     );
+}
+
+/// Behind the first O-word lines are executed, not streamed: what no program has is refused there, too.
+#[test]
+fn zero_bytes_and_endless_lines_are_refused_behind_an_o_word() {
+    let long = "(".to_owned() + &"x".repeat(1 << 20) + ")";
+    for (line, expected) in [
+        ("G1 X1 F1 \0", "line 3: byte 0x00 at column 10"),
+        (long.as_str(), "line 3: longer than"),
+    ] {
+        let program = format!("G0 X0\no<a> sub\n{line}\no<a> endsub\nM2\n");
+        let error = compensated("", program.as_bytes()).expect_err(expected);
+        assert!(error.to_string().starts_with(expected), "{error}");
+    }
+}
+
+/// A percent sign ends a program, with O-words and without them.
+#[test]
+fn a_program_ends_by_its_second_percent_sign() {
+    for (program, ends) in [
+        ("%\nG0 X1\n%\nwhat ever\n", true),
+        (
+            "%\no<a> repeat [2]\nG0 X1\no<a> endrepeat\n%\nwhat ever\n",
+            true,
+        ),
+        ("%\no<a> repeat [2]\nG0 X1\no<a> endrepeat\n", false),
+        ("%\nG0 X1\n", false),
+    ] {
+        let (out, summary) = compensated("", program.as_bytes()).expect("taken");
+        assert_eq!(out, program.as_bytes());
+        assert_eq!(summary.ended, ends, "{program}");
+    }
 }
