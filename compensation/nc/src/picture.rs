@@ -9,6 +9,8 @@ const ENLARGED: f64 = 1000.0;
 /// The larger side of the drawing, and its margin, in units of the picture.
 const SIZE: f64 = 720.0;
 const MARGIN: f64 = 60.0;
+/// The radius by which a hole is drawn.
+const HOLE: f64 = 3.0;
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// A line of the picture: its colour, its name, and which deviation of a place it shows, µm.
@@ -57,15 +59,26 @@ pub fn picture(of: &Verification) -> String {
     );
     for (colour, _, deviation) in &kinds {
         let mut path = String::new();
+        let mut holes = String::new();
+        let mut before = [f64::INFINITY; 2];
         for (i, place) in of.path.iter().enumerate() {
             let [x, y] = on_page(at(place, &deviation(place)));
             let verb = if i == 0 || place.begins { 'M' } else { 'L' };
             // Writing to a text does not fail.
             let _ = write!(path, "{verb}{x:.1} {y:.1}");
+            let begins = i > 0 && of.path[i - 1].begins && !place.begins;
+            if begins && (x - before[0]).hypot(y - before[1]) < HOLE {
+                // A hole seen along its axis: a line without a length.
+                let _ = write!(
+                    holes,
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{HOLE}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.4\"/>"
+                );
+            }
+            before = [x, y];
         }
         let _ = writeln!(
             svg,
-            "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.4\"/>"
+            "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.4\"/>{holes}"
         );
     }
     let deviations = [(&of.before, kinds[1].0), (&of.after, kinds[2].0)];

@@ -281,6 +281,12 @@ fn answer(
         .map(|note| format!("line {}: {}", note.line, note.text))
         .collect();
     notes.extend(more);
+    if document.motions == 0 {
+        notes.push(format!(
+            "no motion was found in {} lines, and nothing was changed: is this an NC program in the language {}? (--dialect)",
+            document.lines, document.dialect
+        ));
+    }
     Answer::new(&document, text, notes)
 }
 

@@ -8,7 +8,7 @@ use std::{
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Alignment, Decimals, Deviation, Part, SetUp, Verification, Virtual, picture, verify,
+    Alignment, Decimals, Deviation, Note, Part, SetUp, Verification, Virtual, picture, verify,
     verify_average,
 };
 
@@ -51,7 +51,7 @@ impl OnTruth<'_> {
                 .map_err(|e| Failure::in_file(path, e))?;
             file.finish()?;
         }
-        notes.extend(is_better(&found, arguments)?);
+        notes.extend(is_better(&found, arguments, &left_out(made))?);
         Ok(Verified {
             motions: found.motions,
             places: found.places,
@@ -99,7 +99,11 @@ impl OnTruth<'_> {
 /// further off by the root of the mean square, or in one place by more than twice as much. A model with another zero moves the part as a
 /// whole, which is no error of the part; where the tool is further off as a whole, the form must be better for it. Less than the tolerance
 /// and two steps of the words does not count.
-fn is_better(found: &Verification, arguments: &Arguments) -> Result<Option<String>, Failure> {
+fn is_better(
+    found: &Verification,
+    arguments: &Arguments,
+    left_out: &str,
+) -> Result<Option<String>, Failure> {
     let Decimals { mm, inch, .. } = arguments.decimals;
     let Verification { before, after, .. } = found;
     let (unit_um, decimals) = if found.in_inches {
@@ -127,7 +131,7 @@ fn is_better(found: &Verification, arguments: &Arguments) -> Result<Option<Strin
         }));
     }
     Err(Failure::Work(format!(
-        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm; beside the best rigid motion of the part at most {:.2} µm, RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm",
+        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm; beside the best rigid motion of the part at most {:.2} µm, RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm{left_out}",
         arguments.output.display(),
         after.max_um,
         after.line,
@@ -139,6 +143,27 @@ fn is_better(found: &Verification, arguments: &Arguments) -> Result<Option<Strin
         before.form_max_um,
         before.form_rms_um
     )))
+}
+
+/// What a result lacks where it was not known where an axis stands, which may be why it is worse.
+fn left_out(made: &Written) -> String {
+    let Written::Compensated(summary) = made else {
+        return String::new();
+    };
+    let notes = summary.notes.by_line();
+    let axes: Vec<String> = (notes.iter())
+        .filter_map(|(line, note)| match note {
+            Note::LeftOut(axis) => Some(format!("{axis} from line {line} on")),
+            _ => None,
+        })
+        .collect();
+    if axes.is_empty() {
+        return String::new();
+    }
+    format!(
+        "; corrections are left out while it is not known where an axis stands ({}): [start] of the set-up file says it",
+        axes.join(", ")
+    )
 }
 
 /// A form that is better by less does not make up for a part that lies elsewhere: one or two places have no form.
